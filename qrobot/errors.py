@@ -1,0 +1,92 @@
+"""One exception tree; a user can catch `QRobotError` and miss nothing of ours.
+
+QRobotError
+├── ConfigError            a file, option or key is wrong: names the key, the value and what is allowed
+├── LinkError              the other side of a bus or socket
+│   ├── LinkTimeout        it did not answer in time
+│   ├── LinkLost           it was there and went away
+│   └── LinkBusy           somebody else holds it (port, board, servo, the commander's lease)
+├── ProtocolError          a packet or a call breaks the wire protocol
+│   ├── LocalProtocolError     our side misused the connection object
+│   └── RemoteProtocolError    the far end sent something malformed or out of turn
+├── MotionError            a motion cannot be done
+│   ├── Unreachable        the pose is outside the workspace
+│   ├── JointLimit         a joint would leave its range
+│   └── Singular           the pose is singular for this arm
+├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
+└── LogError               a log is missing, torn or of another format
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class QRobotError(Exception):
+    """Base of every error this project raises on purpose."""
+
+
+class ConfigError(QRobotError):
+    """A configuration file, option or key is wrong."""
+
+
+class LinkError(QRobotError):
+    """The other side of a bus or a socket failed us."""
+
+
+class LinkTimeout(LinkError):
+    """The far end did not answer in time."""
+
+
+class LinkLost(LinkError):
+    """The far end was there and went away."""
+
+
+class LinkBusy(LinkError):
+    """Somebody else holds the port, the board, the servo or the commander's lease."""
+
+
+class ProtocolError(QRobotError):
+    """A packet or a call breaks the wire protocol."""
+
+
+class LocalProtocolError(ProtocolError):
+    """Our own side misused the connection."""
+
+
+class RemoteProtocolError(ProtocolError):
+    """The far end sent something malformed or out of turn."""
+
+
+class MotionError(QRobotError):
+    """A motion cannot be done as asked."""
+
+
+class Unreachable(MotionError):
+    """The pose lies outside the arm's workspace."""
+
+
+class JointLimit(MotionError):
+    """A joint would leave its range."""
+
+
+class Singular(MotionError):
+    """The pose is singular for this arm, so the branch is not determined."""
+
+
+class LogError(QRobotError):
+    """A log is missing, torn or of a format this version does not read."""
+
+
+class ServoFault(QRobotError):
+    """The servo stopped the arm.
+
+    Attributes:
+        code: value of `qrobot.faultcodes.FaultCode`.
+        trace: the last samples before the stop, newest last; may be empty when only the code is known.
+    """
+
+    def __init__(self, code: int, message: str, trace: Any = ()) -> None:
+        super().__init__(message)
+        self.code = code
+        self.trace = trace
