@@ -1,0 +1,93 @@
+"""Codes of everything that stops an arm or is worth counting: one number, one name, one sentence, one way out.
+
+The numbers travel on the wire and stand in logs: never renumber, only add.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class FaultCode(IntEnum):
+    """Why the servo stopped, or refused to start."""
+
+    NONE = 0
+    # feedback
+    ENC_STUCK = 1
+    ENC_JUMP = 2
+    ENC_SIGN = 3
+    BOARD_GONE = 9
+    VEL_LIMIT = 10
+    # actuators and power
+    DAC_STUCK = 11
+    RUNAWAY = 12
+    POWER_LOST = 14
+    POWER_NO_ACK = 15
+    BRAKE_STUCK = 16
+    BRAKE_SLIP = 17
+    SATURATED = 18
+    COLLISION = 19
+    # timing and processes
+    OVERRUN = 21
+    GUARD_TRIP = 22
+    GUARD_LOST = 36
+    MOVING_AT_START = 39
+    LAW_NAN = 41
+    LAW_SLOW = 42
+    # the stream of setpoints
+    STREAM_LOST = 28
+    SP_INVALID = 53
+    SP_LIMIT = 54
+    SP_STEP = 55
+    START_POSE = 50
+    # the arm against its limits
+    JOINT_LIMIT = 65
+    FOLLOWING = 66
+    TORQUE_LIMIT = 67
+    # operator
+    ESTOP = 47
+    RESET_DENIED = 49
+
+
+EXPLANATION: dict[FaultCode, tuple[str, str]] = {
+    FaultCode.NONE: ("no fault", "nothing to do"),
+    FaultCode.ENC_STUCK: ("an encoder does not move although its motor is driven", "check the encoder cable, then reset"),
+    FaultCode.ENC_JUMP: ("encoder counts jumped further than the joint can move", "check the encoder cable, then reset"),
+    FaultCode.ENC_SIGN: ("a joint accelerates against its torque", "check encoder and motor polarity"),
+    FaultCode.BOARD_GONE: ("the board does not answer or its data are stale", "check the board or its process, then reset"),
+    FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "reset; lower the commanded speed"),
+    FaultCode.DAC_STUCK: ("a motor does not follow its command", "check the amplifier, then reset"),
+    FaultCode.RUNAWAY: ("a joint runs away from its command", "check DAC and amplifier before powering again"),
+    FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then reset and power on"),
+    FaultCode.POWER_NO_ACK: ("arm power did not come on in time", "press ARM POWER, release the E-stop, try again"),
+    FaultCode.BRAKE_STUCK: ("a brake did not release", "check the brake supply, then reset"),
+    FaultCode.BRAKE_SLIP: ("the arm moved with closed brakes", "support the arm and service the brake"),
+    FaultCode.SATURATED: ("torque stayed at its limit for too long", "reset; lower acceleration or payload"),
+    FaultCode.COLLISION: ("an external force exceeded its threshold", "clear the obstacle, then reset"),
+    FaultCode.OVERRUN: ("too many late cycles", "see `qrobot doctor`, lower the rate, then reset"),
+    FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "reset"),
+    FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then reset"),
+    FaultCode.MOVING_AT_START: ("the arm moves although it should be at rest", "wait until it stands still, then reset"),
+    FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then reset"),
+    FaultCode.LAW_SLOW: ("the control law took longer than the cycle", "make the law faster or lower the rate"),
+    FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
+    FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),
+    FaultCode.SP_LIMIT: ("a setpoint lies outside the joint's range", "correct the program"),
+    FaultCode.SP_STEP: ("a setpoint asks for more speed or acceleration than the joint has", "correct the program"),
+    FaultCode.START_POSE: ("the first setpoint is far from where the arm stands", "start from the measured position"),
+    FaultCode.JOINT_LIMIT: ("a joint left its range", "move it back by hand with brakes released, or reset and jog back"),
+    FaultCode.FOLLOWING: ("a joint lags behind its setpoint by more than allowed", "clear obstacles, then reset"),
+    FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then reset"),
+    FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
+    FaultCode.RESET_DENIED: ("the cause of the fault persists", "remove the cause first"),
+}
+
+
+def explain(code: int) -> str:
+    """One line for people: name, what happened, what to do."""
+    try:
+        fault = FaultCode(code)
+    except ValueError:
+        return f"fault {code} (unknown to this version)"
+    what, remedy = EXPLANATION[fault]
+    return f"{fault.name}: {what}; {remedy}"

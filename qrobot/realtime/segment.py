@@ -1,0 +1,159 @@
+"""Named shared memory: a file of 64-bit words in /dev/shm, with one living owner.
+
+The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and a
+crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping and
+see the generation count rise. (`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached
+process exits, hence our own mmap.)
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.errors import ConfigError, LinkBusy, LinkError
+
+DIRECTORY: Final = Path("/dev/shm")
+WORD_BYTES: Final = 8
+
+# The first words of every segment.
+MAGIC, LAYOUT, OWNER_PID, GENERATION = range(4)
+HEADER_WORDS: Final = 8
+MAGIC_VALUE: Final = 0x51524F424F54  # "QROBOT"
+
+Words = NDArray[np.int64]
+
+
+def segment_path(name: str) -> Path:
+    """File behind segment `name`. Raises ConfigError for a name that is no plain file name."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith("."):
+        raise ConfigError(f"{name!r} cannot name shared memory: use letters, digits, '-', '_' and '.'")
+    return DIRECTORY / f"qrobot-{name}"
+
+
+class Segment:
+    """A mapped file of int64 words; `words` is the array, `owner` tells whether we hold the lock."""
+
+    def __init__(self, path: Path, fd: int, n_words: int, owner: bool) -> None:
+        self.path = path
+        self.owner = owner
+        self._fd: int | None = fd
+        self._map = mmap.mmap(fd, n_words * WORD_BYTES)
+        self.words: Words = np.frombuffer(self._map, dtype=np.int64)
+
+    @classmethod
+    def create(cls, name: str, layout: int, n_words: int) -> Segment:
+        """Own segment `name`, made or taken over from a dead owner, zeroed but for the header.
+
+        Args:
+            name: instance name, see `segment_path`.
+            layout: version of what the words mean; `attach` refuses another one.
+            n_words: size in 64-bit words, header included.
+
+        Raises:
+            LinkBusy: a living process owns it.
+        """
+        path = segment_path(name)
+        fd = _open_locked(path, n_words)
+        segment = cls(path, fd, n_words, owner=True)
+        words = segment.words
+        generation = int(words[GENERATION]) if words[MAGIC] == MAGIC_VALUE else 0
+        words[HEADER_WORDS:] = 0
+        words[LAYOUT], words[OWNER_PID], words[GENERATION] = layout, os.getpid(), generation + 1
+        words[MAGIC] = MAGIC_VALUE
+        return segment
+
+    @classmethod
+    def attach(cls, name: str, layout: int) -> Segment:
+        """Map an existing segment. Raises LinkError when it is missing or has another layout."""
+        path = segment_path(name)
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError:
+            raise LinkError(f"no shared memory {path.name!r}: is the process that serves it running?") from None
+        n_words = os.fstat(fd).st_size // WORD_BYTES
+        if n_words < HEADER_WORDS:
+            os.close(fd)
+            raise LinkError(f"shared memory {path.name!r} is empty: its owner is just starting or has failed")
+        segment = cls(path, fd, n_words, owner=False)
+        if segment.words[MAGIC] != MAGIC_VALUE or segment.words[LAYOUT] != layout:
+            found = int(segment.words[LAYOUT])
+            segment.close()
+            raise LinkError(f"shared memory {path.name!r} has layout {found}, this version expects {layout}")
+        return segment
+
+    @property
+    def is_current(self) -> bool:
+        """False when the file was unlinked or replaced since we mapped it."""
+        if self._fd is None:
+            return False
+        try:
+            return os.stat(self.path).st_ino == os.fstat(self._fd).st_ino
+        except FileNotFoundError:
+            return False
+
+    @property
+    def owner_alive(self) -> bool:
+        """True while some process (this one included) holds the owner's lock."""
+        if self.owner:
+            return self._fd is not None
+        try:
+            fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return False
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(fd)
+        return False
+
+    def close(self, unlink: bool = False) -> None:
+        """Let go; with `unlink` the owner also removes the file (an orderly end)."""
+        if self._fd is None:
+            return
+        if unlink and self.owner and self.is_current:
+            self.path.unlink(missing_ok=True)
+        os.close(self._fd)  # the mapping lives as long as somebody holds `words`
+        self._fd = None
+
+    def __enter__(self) -> Segment:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close(unlink=self.owner)
+
+
+def _open_locked(path: Path, n_words: int) -> int:
+    while True:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name") from None
+        if not _same_file(fd, path):  # unlinked by its owner between our open and our lock
+            os.close(fd)
+            continue
+        size = os.fstat(fd).st_size
+        if size not in (0, n_words * WORD_BYTES):  # another version's: peers of that version keep the old file
+            path.unlink()
+            os.close(fd)
+            continue
+        os.ftruncate(fd, n_words * WORD_BYTES)
+        return fd
+
+
+def _same_file(fd: int, path: Path) -> bool:
+    try:
+        return os.stat(path).st_ino == os.fstat(fd).st_ino
+    except FileNotFoundError:
+        return False
