@@ -1,0 +1,176 @@
+"""Board memory: the one layout through which every controller meets every board.
+
+Process image in, ordered operation list out:
+
+* the board side publishes the sixteen input words (offsets 0x00-0x1E) with a time stamp and a count, under a seqlock;
+* a controller posts register operations into its *lane*, a single-producer single-consumer ring; the board applies them
+  strictly in the order posted. A read with a side effect (ADC_START on revision E) is an operation too;
+* every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring.
+
+The words live in a NumPy array of one process (lock-step, tests) or in a `Segment` shared by several: the kernels below do
+not know. All words are int64; times are CLOCK_MONOTONIC nanoseconds, or virtual ones in lock-step.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.hwif.registers import DAC, DISCRETE, N_DACS, N_INPUT_WORDS
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
+from qrobot.realtime.seqlock import seqlock_read, seqlock_write
+
+LAYOUT: Final = 1
+
+
+class Lane(IntEnum):
+    """Who posts operations; the board drains the lanes in this order, so the guardian has the last word."""
+
+    SERVO = 0
+    TOOL = 1
+    GUARDIAN = 2
+
+
+OP_READ: Final = 0
+OP_WRITE: Final = 1
+OP_FIELDS: Final = 3  # kind, offset, value
+
+# Facts about the board, set by its side at start.
+BOARD_PERIOD_NS: Final = HEADER_WORDS
+BOARD_JOINTS: Final = HEADER_WORDS + 1
+BOARD_REVISION: Final = HEADER_WORDS + 2  # ord("E") or ord("F")
+BOARD_ILLEGAL_OPS: Final = HEADER_WORDS + 3  # operations on offsets of the wrong direction: ignored and counted [A]
+
+# The image: sequence, then time stamp, count and the input words as one seqlocked block.
+IMAGE_SEQ: Final = 16
+IMAGE_START: Final = 24
+IMAGE_T_NS: Final = 0
+IMAGE_COUNT: Final = 1
+IMAGE_INPUTS: Final = 2
+IMAGE_WORDS: Final = IMAGE_INPUTS + N_INPUT_WORDS
+
+# Lanes: head and tail a cache line apart, then the ring.
+LANE_CAPACITY: Final = 512
+_LANE_HEAD, _LANE_TAIL, _LANE_RING = 0, 8, 16
+LANE_WORDS: Final = _LANE_RING + LANE_CAPACITY * OP_FIELDS
+LANES_START: Final = 48
+
+# The trace of DAC and DISCRETE writes.
+TRACE_CAPACITY: Final = 1 << 16
+TRACE_FIELDS: Final = 4  # t_ns, lane, offset, value
+TRACE_HEAD: Final = LANES_START + len(Lane) * LANE_WORDS
+TRACE_START: Final = TRACE_HEAD + 8
+N_WORDS: Final = TRACE_START + TRACE_CAPACITY * TRACE_FIELDS
+
+
+def create_board_memory(arm: str) -> Segment:
+    """Own the board memory of `arm` (the board side). Raises LinkBusy when another board serves that arm."""
+    return Segment.create(f"{arm}-board", LAYOUT, N_WORDS)
+
+
+def attach_board_memory(arm: str) -> Segment:
+    """Map the board memory of `arm` (a controller). Raises LinkError when no board serves it."""
+    return Segment.attach(f"{arm}-board", LAYOUT)
+
+
+def local_board_memory() -> Words:
+    """Board memory inside this process: the in-process bus."""
+    return np.zeros(N_WORDS, dtype=np.int64)
+
+
+@kernel
+def publish_image(memory: Any, image: Any) -> None:
+    """Board side: publish `image` (int64[IMAGE_WORDS]: time stamp, count, input words)."""
+    seqlock_write(memory, IMAGE_SEQ, IMAGE_START, image, IMAGE_WORDS)
+
+
+@kernel
+def fetch_image(memory: Any, image: Any) -> bool:
+    """Controller side: copy the newest whole image into `image` (int64[IMAGE_WORDS]); False when none could be had."""
+    return seqlock_read(memory, IMAGE_SEQ, IMAGE_START, image, IMAGE_WORDS)
+
+
+@kernel
+def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
+    """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full."""
+    base = LANES_START + lane * LANE_WORDS
+    head = memory[base + _LANE_HEAD]
+    tail = load_acquire(memory, base + _LANE_TAIL)
+    if head + n - tail > LANE_CAPACITY:
+        return False
+    for i in range(n):
+        slot = base + _LANE_RING + ((head + i) % LANE_CAPACITY) * OP_FIELDS
+        for field in range(OP_FIELDS):
+            memory[slot + field] = operations[i, field]
+    store_release(memory, base + _LANE_HEAD, head + n)
+    return True
+
+
+@kernel
+def take_operation(memory: Any, lane: int, operation: Any) -> bool:
+    """Board side: move the oldest operation of a lane into `operation` (int64[OP_FIELDS]); False when there is none."""
+    base = LANES_START + lane * LANE_WORDS
+    tail = memory[base + _LANE_TAIL]
+    if tail == load_acquire(memory, base + _LANE_HEAD):
+        return False
+    slot = base + _LANE_RING + (tail % LANE_CAPACITY) * OP_FIELDS
+    for field in range(OP_FIELDS):
+        operation[field] = memory[slot + field]
+    store_release(memory, base + _LANE_TAIL, tail + 1)
+    return True
+
+
+@kernel
+def pending_operations(memory: Any, lane: int) -> int:
+    """Operations posted to a lane that the board has not applied yet."""
+    base = LANES_START + lane * LANE_WORDS
+    return load_acquire(memory, base + _LANE_HEAD) - load_acquire(memory, base + _LANE_TAIL)
+
+
+@kernel
+def discard_operations(memory: Any, lane: int) -> None:
+    """Controller side after a restart: forget what a dead predecessor posted and the board has not applied.
+
+    Only for a lane whose producer is gone and whose board is not draining it now, or where losing the race to the board
+    merely applies an old operation: the caller posts safe outputs right after.
+    """
+    base = LANES_START + lane * LANE_WORDS
+    store_release(memory, base + _LANE_HEAD, load_acquire(memory, base + _LANE_TAIL))
+
+
+@kernel
+def trace_write(memory: Any, t_ns: int, lane: int, offset: int, value: int) -> None:
+    """Board side: record an applied DAC or DISCRETE write."""
+    if offset != DISCRETE and not DAC <= offset < DAC + 2 * N_DACS:
+        return
+    head = memory[TRACE_HEAD]
+    slot = TRACE_START + (head % TRACE_CAPACITY) * TRACE_FIELDS
+    memory[slot] = t_ns
+    memory[slot + 1] = lane
+    memory[slot + 2] = offset
+    memory[slot + 3] = value
+    store_release(memory, TRACE_HEAD, head + 1)
+
+
+def read_trace(memory: Words) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    """The recorded DAC and DISCRETE writes, oldest first. Shape (k, 4): t_ns, lane, offset, value.
+
+    Takes a copy; a board that runs meanwhile may overwrite the oldest rows while they are copied, so rows that the
+    writer reached during the copy are dropped.
+    """
+    head = int(load_head(memory))
+    first = max(0, head - TRACE_CAPACITY)
+    ring = memory[TRACE_START : TRACE_START + TRACE_CAPACITY * TRACE_FIELDS].reshape(TRACE_CAPACITY, TRACE_FIELDS)
+    rows = ring[np.arange(first, head) % TRACE_CAPACITY].copy()
+    overwritten = max(0, int(load_head(memory)) - TRACE_CAPACITY - first)
+    return rows[overwritten:]
+
+
+@kernel
+def load_head(memory: Any) -> int:
+    """Number of writes traced since the board started."""
+    return load_acquire(memory, TRACE_HEAD)
