@@ -13,11 +13,16 @@ from typing import Any, TypeVar
 import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 def kernel(function: F) -> F:
     """Compile `function` lazily for the cycle; the plain function stays reachable as `.py_func`."""
-    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    compiled: F
+    try:
+        compiled = numba.njit(cache=True, **_OPTIONS)(function)
+    except RuntimeError:  # no source file to keep a cache beside: a notebook or a prompt
+        compiled = numba.njit(**_OPTIONS)(function)
     return compiled
 
 
