@@ -5,10 +5,12 @@ Process image in, ordered operation list out:
 * the board side publishes the sixteen input words (offsets 0x00-0x1E) with a time stamp and a count, under a seqlock;
 * a controller posts register operations into its *lane*, a single-producer single-consumer ring; the board applies them
   strictly in the order posted. A read with a side effect (ADC_START on revision E) is an operation too;
-* every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring.
+* every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring;
+* an emulated board has an operator's panel as well: emergency stop, ARM POWER button, discrete and analogue inputs, a
+  push on each joint. A controller never touches it; tests, the pendant and a person at the command line do.
 
-The words live in a NumPy array of one process (lock-step, tests) or in a `Segment` shared by several: the kernels below do
-not know. All words are int64; times are CLOCK_MONOTONIC nanoseconds, or virtual ones in lock-step.
+The words live in a NumPy array of one process (lock-step, tests) or in a `Segment` shared by several: the kernels below
+do not know. All words are int64; times are CLOCK_MONOTONIC nanoseconds, or virtual ones in lock-step.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.hwif.registers import DAC, DISCRETE, N_DACS, N_INPUT_WORDS
+from qrobot.hwif.registers import DAC, DISCRETE, N_ADCS, N_DACS, N_ENCODERS, N_INPUT_WORDS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
@@ -44,6 +46,7 @@ BOARD_PERIOD_NS: Final = HEADER_WORDS
 BOARD_JOINTS: Final = HEADER_WORDS + 1
 BOARD_REVISION: Final = HEADER_WORDS + 2  # ord("E") or ord("F")
 BOARD_ILLEGAL_OPS: Final = HEADER_WORDS + 3  # operations on offsets of the wrong direction: ignored and counted [A]
+BOARD_SKIPPED: Final = HEADER_WORDS + 4  # periods an emulated board gave up because it was too late to catch up
 
 # The image: sequence, then time stamp, count and the input words as one seqlocked block.
 IMAGE_SEQ: Final = 16
@@ -53,9 +56,9 @@ IMAGE_COUNT: Final = 1
 IMAGE_INPUTS: Final = 2
 IMAGE_WORDS: Final = IMAGE_INPUTS + N_INPUT_WORDS
 
-# Lanes: head and tail a cache line apart, then the ring.
+# Lanes: the producer's words (head, where to forget to) and the board's (tail) a cache line apart, then the ring.
 LANE_CAPACITY: Final = 512
-_LANE_HEAD, _LANE_TAIL, _LANE_RING = 0, 8, 16
+_LANE_HEAD, _LANE_FORGET, _LANE_TAIL, _LANE_RING = 0, 1, 8, 16
 LANE_WORDS: Final = _LANE_RING + LANE_CAPACITY * OP_FIELDS
 LANES_START: Final = 48
 
@@ -64,7 +67,16 @@ TRACE_CAPACITY: Final = 1 << 16
 TRACE_FIELDS: Final = 4  # t_ns, lane, offset, value
 TRACE_HEAD: Final = LANES_START + len(Lane) * LANE_WORDS
 TRACE_START: Final = TRACE_HEAD + 8
-N_WORDS: Final = TRACE_START + TRACE_CAPACITY * TRACE_FIELDS
+
+# The operator's panel of an emulated board; zero everywhere is a healthy, untouched panel.
+PANEL_START: Final = TRACE_START + TRACE_CAPACITY * TRACE_FIELDS
+PANEL_ESTOP: Final = PANEL_START  # 1: the emergency stop is pressed (a level)
+PANEL_PRESSES: Final = PANEL_START + 1  # times ARM POWER was pressed: add one to press it
+PANEL_INPUTS: Final = PANEL_START + 2  # levels of discrete inputs 1-5 in their STATUS bits; bit 0 is the E-stop's
+PANEL_ANALOG: Final = PANEL_START + 8  # microvolts at the eight ADC channels; those with a potentiometer ignore it
+PANEL_PUSH: Final = PANEL_ANALOG + N_ADCS  # micro-N.m (micro-N for prismatic joints) somebody applies to each joint
+PANEL_MICRO: Final = 1_000_000
+N_WORDS: Final = PANEL_PUSH + N_ENCODERS
 
 
 def create_board_memory(arm: str) -> Segment:
@@ -111,16 +123,28 @@ def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
 
 
 @kernel
+def _next_operation(memory: Any, base: Any) -> Any:
+    """Position of the oldest operation the board may take, or -1."""
+    head = load_acquire(memory, base + _LANE_HEAD)
+    tail = max(memory[base + _LANE_TAIL], load_acquire(memory, base + _LANE_FORGET))
+    if 0 < head - tail <= LANE_CAPACITY:
+        return tail
+    # Empty; or, beyond the capacity, a new board owner zeroed the memory under a producer that was just posting.
+    store_release(memory, base + _LANE_TAIL, head)
+    return -1
+
+
+@kernel
 def take_operation(memory: Any, lane: int, operation: Any) -> bool:
     """Board side: move the oldest operation of a lane into `operation` (int64[OP_FIELDS]); False when there is none."""
     base = LANES_START + lane * LANE_WORDS
-    tail = memory[base + _LANE_TAIL]
-    if tail == load_acquire(memory, base + _LANE_HEAD):
+    position = _next_operation(memory, base)
+    if position < 0:
         return False
-    slot = base + _LANE_RING + (tail % LANE_CAPACITY) * OP_FIELDS
+    slot = base + _LANE_RING + (position % LANE_CAPACITY) * OP_FIELDS
     for field in range(OP_FIELDS):
         operation[field] = memory[slot + field]
-    store_release(memory, base + _LANE_TAIL, tail + 1)
+    store_release(memory, base + _LANE_TAIL, position + 1)
     return True
 
 
@@ -128,18 +152,19 @@ def take_operation(memory: Any, lane: int, operation: Any) -> bool:
 def pending_operations(memory: Any, lane: int) -> int:
     """Operations posted to a lane that the board has not applied yet."""
     base = LANES_START + lane * LANE_WORDS
-    return load_acquire(memory, base + _LANE_HEAD) - load_acquire(memory, base + _LANE_TAIL)
+    done = max(load_acquire(memory, base + _LANE_TAIL), load_acquire(memory, base + _LANE_FORGET))
+    return max(0, load_acquire(memory, base + _LANE_HEAD) - done)
 
 
 @kernel
 def discard_operations(memory: Any, lane: int) -> None:
     """Controller side after a restart: forget what a dead predecessor posted and the board has not applied.
 
-    Only for a lane whose producer is gone and whose board is not draining it now, or where losing the race to the board
-    merely applies an old operation: the caller posts safe outputs right after.
+    Safe beside a running board: at worst it is just applying one of the old operations. What is posted from now on is
+    never lost, so the caller posts safe outputs right after.
     """
     base = LANES_START + lane * LANE_WORDS
-    store_release(memory, base + _LANE_HEAD, load_acquire(memory, base + _LANE_TAIL))
+    store_release(memory, base + _LANE_FORGET, memory[base + _LANE_HEAD])
 
 
 @kernel
@@ -166,7 +191,7 @@ def read_trace(memory: Words) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]
     first = max(0, head - TRACE_CAPACITY)
     ring = memory[TRACE_START : TRACE_START + TRACE_CAPACITY * TRACE_FIELDS].reshape(TRACE_CAPACITY, TRACE_FIELDS)
     rows = ring[np.arange(first, head) % TRACE_CAPACITY].copy()
-    overwritten = max(0, int(load_head(memory)) - TRACE_CAPACITY - first)
+    overwritten = max(0, int(load_head(memory)) + 1 - TRACE_CAPACITY - first)  # + 1: the row just being written
     return rows[overwritten:]
 
 

@@ -1,12 +1,13 @@
 """Register map of the TRC004 board behind a TRC006 card: 64 bytes of I/O space, 16-bit words at even offsets.
 
 Source documents: the board vendor's published C driver, version 4.3 (tag V: offsets, masks, access sequences), the
-QRobot paper, section 5 (tag Q: channel counts, the 64-byte window), access sequences read as a specification (tag I), and
-our own choice for the emulator where no source speaks (tag A).
+QRobot paper, section 5 (tag Q: channel counts, the 64-byte window), access sequences read as a specification (tag I),
+and our own choice for the emulator where no source speaks (tag A).
 
 Reads live at 0x00-0x1E and writes at 0x20-0x3E; no offset is used in both directions [V]. Everything else in this
 package, the emulated board and the documentation page derive from the rows below.
 """
+# ruff: noqa: E501 (a table reads best one row to a line)
 
 from __future__ import annotations
 

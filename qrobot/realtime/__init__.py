@@ -1,1 +1,1 @@
-"""What compiled code needs from the machine: JIT options, atomics, shared memory, the monotonic clock, real-time set-up."""
+"""What compiled code needs from the machine: JIT options, atomics, shared memory, the clock, real-time set-up."""

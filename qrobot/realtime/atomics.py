@@ -4,6 +4,7 @@ Numba hoists plain array loads out of spin loops and has no fences, so a mailbox
 or torn data. These intrinsics become single LLVM atomic instructions. With the JIT off they are plain accesses, which
 is right for one thread.
 """
+# ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
 
 from __future__ import annotations
 

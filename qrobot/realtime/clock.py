@@ -3,6 +3,7 @@
 Only the monotonic clock is ever used for control: a jump of the wall clock has no effect. The C calls are resolved by
 name at link time, so kernels that use them stay cacheable. With the JIT off the `time` module serves.
 """
+# ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def sleep_until_ns(typing_context: Any, deadline_ns: Any) -> Any:
-        """Sleep until CLOCK_MONOTONIC reaches `deadline_ns`; returns at once when it has passed."""
+        """Sleep until CLOCK_MONOTONIC reaches `deadline_ns`, or a signal arrives; at once when it has passed."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             timespec = cgutils.alloca_once(builder, _TIMESPEC)

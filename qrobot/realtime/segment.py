@@ -1,9 +1,9 @@
 """Named shared memory: a file of 64-bit words in /dev/shm, with one living owner.
 
-The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and a
-crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping and
-see the generation count rise. (`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached
-process exits, hence our own mmap.)
+The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and
+a crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping
+and see the generation count rise. A forked child shares its parent's lock: an owner starts others by `spawn` or exec.
+(`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached process exits, hence our own.)
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -22,6 +23,8 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError
 
 DIRECTORY: Final = Path("/dev/shm")
 WORD_BYTES: Final = 8
+_LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
+_LOCK_PAUSE_S: Final = 0.005
 
 # The first words of every segment.
 MAGIC, LAYOUT, OWNER_PID, GENERATION = range(4)
@@ -59,6 +62,7 @@ class Segment:
 
         Raises:
             LinkBusy: a living process owns it.
+            LinkError: there is no room for it in shared memory.
         """
         path = segment_path(name)
         fd = _open_locked(path, n_words)
@@ -122,24 +126,26 @@ class Segment:
             return
         if unlink and self.owner and self.is_current:
             self.path.unlink(missing_ok=True)
+        if self.owner:
+            fcntl.flock(self._fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
         self._fd = None
 
     def __enter__(self) -> Segment:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close(unlink=self.owner)
 
 
 def _open_locked(path: Path, n_words: int) -> int:
     while True:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not _lock(fd):
             os.close(fd)
-            raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name") from None
+            raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name")
         if not _same_file(fd, path):  # unlinked by its owner between our open and our lock
             os.close(fd)
             continue
@@ -148,8 +154,30 @@ def _open_locked(path: Path, n_words: int) -> int:
             path.unlink()
             os.close(fd)
             continue
-        os.ftruncate(fd, n_words * WORD_BYTES)
+        _reserve(fd, path, n_words)
         return fd
+
+
+def _lock(fd: int) -> bool:
+    for attempt in range(_LOCK_TRIES):
+        if attempt:
+            time.sleep(_LOCK_PAUSE_S)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            continue
+        return True
+    return False
+
+
+def _reserve(fd: int, path: Path, n_words: int) -> None:
+    """Claim the pages now: a full /dev/shm would otherwise kill the owner with SIGBUS at some later store."""
+    try:
+        os.posix_fallocate(fd, 0, n_words * WORD_BYTES)
+    except OSError as error:
+        os.ftruncate(fd, 0)
+        os.close(fd)
+        raise LinkError(f"no room in {path.parent} for {path.name!r} ({n_words * WORD_BYTES} bytes): {error}") from None
 
 
 def _same_file(fd: int, path: Path) -> bool:
