@@ -1,0 +1,102 @@
+"""A deployment: which arms run on this machine, on which board, how fast, and who may reach them.
+
+One `[[arm]]` table per arm. Every process, mailbox and log carries the arm's name, so two arms of the same kind run
+side by side from one file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from qrobot.config.document import Table, check_document, config_path, read_document
+
+FIRST_PORT = 1024
+
+
+class BoardChoice(Table):
+    """The board of an arm; `emulator` is the only kind that needs no hardware.
+
+    `revision` defaults to the robot file's. `plant` is the physics behind the emulated board: the robot file's own
+    (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and stiction (`mismatched`). `calibrated` is
+    the state of the counters at chassis power-up.
+    """
+
+    kind: Literal["emulator"] = "emulator"
+    plant: Literal["nominal", "mismatched"] = "nominal"
+    calibrated: bool = True
+    revision: Literal["E", "F"] | None = None
+    start_pose: str = "park"
+    seed: int = Field(default=0, ge=0)
+
+
+class ServoChoice(Table):
+    """The servo of an arm: rate, control law, processor, and how soon the guardian takes over."""
+
+    rate_hz: int = Field(default=1000, ge=100, le=10_000)
+    law: str = "qrobot"
+    cpu: int | None = Field(default=None, ge=0)
+    guardian_timeout_ms: float = Field(default=5.0, gt=0, le=1000, allow_inf_nan=False)
+    require_realtime: bool = False
+
+
+class BridgeChoice(Table):
+    """Where programs connect, and the default sample period."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(ge=FIRST_PORT, le=65535)
+    period_ms: float = Field(default=28.0, ge=1, le=100, allow_inf_nan=False)
+
+
+class LogChoice(Table):
+    """Where logs go; an empty directory name switches them off."""
+
+    directory: str = "out"
+
+
+class Arm(Table):
+    """One arm: its instance name, its robot file and its processes."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)
+    robot: str
+    board: BoardChoice = BoardChoice()
+    servo: ServoChoice = ServoChoice()
+    bridge: BridgeChoice
+    log: LogChoice = LogChoice()
+
+
+class Deployment(Table):
+    """All arms of one machine."""
+
+    arm: tuple[Arm, ...] = Field(strict=False, min_length=1)
+
+    @model_validator(mode="after")
+    def _do_not_collide(self) -> Deployment:
+        names = [arm.name for arm in self.arm]
+        if len(set(names)) != len(names):
+            raise ValueError("two arms have the same name")
+        ports = [arm.bridge.port for arm in self.arm]
+        if len(set(ports)) != len(ports):
+            raise ValueError("two arms have the same bridge.port")
+        return self
+
+
+def deployment_path(name_or_path: str | Path) -> Path:
+    """Path of a deployment file, packaged (by name) or given (ending in `.toml`).
+
+    Raises:
+        ConfigError: there is none; names the nearest known one.
+    """
+    return config_path(name_or_path)
+
+
+def load_deployment(name_or_path: str | Path) -> Deployment:
+    """Load and validate a deployment.
+
+    Raises:
+        ConfigError: no such file, or every mistake in it with its path in the file.
+    """
+    path = deployment_path(name_or_path)
+    return check_document(Deployment, read_document(path), path.name)

@@ -1,0 +1,142 @@
+"""A TOML document checked against a model: every mistake at once, each with its path in the file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from qrobot.errors import ConfigError
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Table(BaseModel):
+    """A TOML table: frozen once read, and closed, so that a misspelt key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, strict=True)
+
+
+class Section(Table):
+    """A table whose every value names its source in the `[<section>.source]` table beside it."""
+
+    source: dict[str, str]
+
+
+def config_path(name_or_path: str | Path, folder: str = "") -> Path:
+    """Find a configuration file: a path to a `.toml`, or the name of a packaged one.
+
+    Packaged files are in `qrobot/_config` of an installed wheel and in `config/` of a checkout.
+
+    Raises:
+        ConfigError: there is no such file; names those that exist.
+    """
+    if str(name_or_path).endswith(".toml"):
+        path = Path(name_or_path)
+        if path.is_file():
+            return path
+        raise ConfigError(f"no configuration file {path}")
+    directory = _packaged() / folder
+    path = directory / f"{name_or_path}.toml"
+    if path.is_file():
+        return path
+    known = sorted(p.stem for p in directory.glob("*.toml"))
+    raise ConfigError(f"no configuration named {str(name_or_path)!r}{_nearest(str(name_or_path), known)}")
+
+
+def _packaged() -> Path:
+    package = Path(str(files("qrobot")))
+    installed = package / "_config"
+    return installed if installed.is_dir() else package.parent / "config"
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        ConfigError: it cannot be read or is not TOML; says where.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def check_document(model: type[M], document: Mapping[str, Any], label: str, context: Any = None) -> M:
+    """Make a `model` of `document`.
+
+    Raises:
+        ConfigError: lists every mistake, one a line, as `path.in.file: what is wrong`.
+    """
+    faults = list(_unsourced(model, document))
+    try:
+        made = model.model_validate(document, context=context)
+    except ValidationError as error:
+        faults += [_fault(model, e["loc"], e["type"], e["msg"]) for e in error.errors(include_url=False)]
+    if faults:
+        raise ConfigError("\n  ".join([f"{label}: {len(faults)} mistake{'s' * (len(faults) > 1)}", *faults]))
+    return made
+
+
+def _fault(model: type[BaseModel], loc: tuple[int | str, ...], kind: str, message: str) -> str:
+    path = ".".join(str(part) for part in loc) or "file"
+    if kind == "extra_forbidden":
+        return f"{path}: unknown key{_nearest(str(loc[-1]), _keys(_model_at(model, loc[:-1])))}"
+    if kind == "missing":
+        return f"{path}: missing"
+    return f"{path}: {message.removeprefix('Value error, ')}"
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    close = get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known) or 'none'}"
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _model_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> type[BaseModel]:
+    """The model of the table at `loc`, passing through lists and dictionaries of tables."""
+    for part in loc:
+        model = _child(model, part) or model
+    return model
+
+
+def _annotation(model: type[BaseModel], key: int | str) -> Any:
+    return next((f.annotation for name, f in model.model_fields.items() if key == (f.alias or name)), None)
+
+
+def _child(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
+    """The model of the table, or of the tables, that `model` keeps under `key`."""
+    annotation = _annotation(model, key)
+    candidates = (annotation, *get_args(annotation))
+    return next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def _unsourced(model: type[BaseModel], table: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    """Values without a source and sources without a value, in every `Section` of the document."""
+    if issubclass(model, Section):
+        yield from _source_faults(table, path)
+        return
+    for key, value in table.items():
+        child = _child(model, key)
+        if child is None or not isinstance(value, Mapping):
+            continue
+        named_tables = get_origin(_annotation(model, key)) is dict
+        for name, member in value.items() if named_tables else [("", value)]:
+            if isinstance(member, Mapping):
+                yield from _unsourced(child, member, ".".join(part for part in (path, key, name) if part))
+
+
+def _source_faults(section: Mapping[str, Any], path: str) -> Iterator[str]:
+    if not isinstance(sources := section.get("source"), Mapping):
+        return  # the model says that it is missing
+    values = set(section) - {"source"}
+    yield from (f"{path}.source: {key!r} has no source" for key in sorted(values - set(sources)))
+    yield from (f"{path}.source: {key!r} is not a value of [{path}]" for key in sorted(set(sources) - values))

@@ -1,0 +1,299 @@
+"""A robot as data: the sections of `config/robots/*.toml`, each value with its source, and what holds between them.
+
+Arrays are read-only float64 in SI units with one entry per joint (shape (n,)) unless said otherwise; a joint unit is
+rad for a revolute joint and m for a prismatic one. Nothing here assumes six joints or revolute ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from qrobot.config.document import Section, Table, check_document, config_path, read_document
+from qrobot.config.values import (
+    Bools,
+    Coupling,
+    Degrees,
+    Floats,
+    JointDegrees,
+    JointDegreesPositive,
+    JointKinds,
+    PerJoint,
+    PerJointCounts,
+    PerJointFlags,
+    PerJointInertia,
+    PerJointInts,
+    PerJointNonzero,
+    PerJointNotNegative,
+    PerJointPositive,
+    PerJointSigns,
+    PerJointVectors,
+    Vector,
+    frozen,
+)
+from qrobot.errors import ConfigError
+
+DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
+NEEDED_POSES = ("park", "ready", "end")
+
+
+class Joints(Table):
+    """Names and kinds of the joints, base to flange; their number is the robot's n."""
+
+    names: tuple[str, ...] = Field(strict=False, min_length=1)
+    kinds: tuple[Literal["revolute", "prismatic"], ...] = Field(strict=False, min_length=1)
+
+    @model_validator(mode="after")
+    def _as_many_kinds(self) -> Joints:
+        if len(self.names) != len(self.kinds):
+            raise ValueError(f"{len(self.names)} names but {len(self.kinds)} kinds")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError("two joints have the same name")
+        return self
+
+    @property
+    def prismatic(self) -> Bools:
+        """True where the joint slides. Shape (n,)."""
+        return np.array([kind == "prismatic" for kind in self.kinds])
+
+
+class Geometry(Section):
+    """Modified Denavit-Hartenberg rows (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint adds to theta or to d.
+
+    The base frame of the kinematics is frame 0 of the table; `base_height_m` lifts it above the floor. `flange_m` is
+    the distance from the last frame to the mounting flange, along its z.
+    """
+
+    family: Literal["puma", "generic"]
+    alpha_rad: Degrees = Field(alias="alpha_deg")
+    a_m: PerJoint
+    d_m: PerJoint
+    theta_rad: Degrees = Field(alias="theta_deg")
+    base_height_m: float = Field(ge=0, allow_inf_nan=False)
+    flange_m: float = Field(allow_inf_nan=False)
+    gravity_m_s2: Vector
+
+
+class Limits(Section):
+    """Joint range, speed and acceleration that no command may exceed."""
+
+    q_min: JointDegrees = Field(alias="q_min_deg")
+    q_max: JointDegrees = Field(alias="q_max_deg")
+    v_max: JointDegreesPositive = Field(alias="v_max_deg_s")
+    a_max: PerJointPositive
+
+    @model_validator(mode="after")
+    def _range_not_empty(self) -> Limits:
+        if not (self.q_min < self.q_max).all():
+            raise ValueError("q_min_deg must be below q_max_deg on every joint")
+        return self
+
+
+class Poses(Section, extra="allow"):
+    """Named joint positions; every robot has `park`, `ready` and `end`."""
+
+    __pydantic_extra__: dict[str, JointDegrees]
+
+    @model_validator(mode="after")
+    def _complete(self) -> Poses:
+        if missing := [name for name in NEEDED_POSES if name not in self.by_name]:
+            raise ValueError(f"missing pose {', '.join(missing)}")
+        return self
+
+    @property
+    def by_name(self) -> dict[str, Floats]:
+        """Pose name to joint positions."""
+        return dict(self.__pydantic_extra__)
+
+
+class Transmission(Section):
+    """From motor and encoder to joint, and from joint torque to DAC.
+
+    `gear` is motor radians per joint unit. `coupling` is C of r = C (q - q_offset): motor displacements in joint units.
+    `dac_per_Nm` is signed; on a prismatic joint it is DAC counts per newton. `count_offset` is what the host adds to a
+    counter so that the joint's range fits a signed 16-bit word. `pot_at_zero` and `pot_per_rev` are ADC units of
+    20 V/65536 at encoder zero and per motor turn in the direction of rising counts. With `scales = "vendor"`
+    the board vendor's radians per count replace those that follow from `gear` (shape (n,), signed).
+    """
+
+    gear: PerJointPositive
+    rotor_inertia: PerJointPositive
+    coupling: Coupling
+    counts_per_rev: PerJointCounts
+    count_sign: PerJointSigns
+    count_offset: PerJointInts
+    q_offset: JointDegrees = Field(alias="q_offset_deg")
+    dac_per_Nm: PerJointNonzero  # noqa: N815 (newton-metre)
+    brake: PerJointFlags
+    index_phase: PerJointInts
+    pot_at_zero: PerJointPositive
+    pot_per_rev: float = Field(allow_inf_nan=False)
+    scales: Literal["gear", "vendor"]
+    vendor_rad_per_count: PerJointNonzero | None = None
+
+    @model_validator(mode="after")
+    def _vendor_scales_given(self) -> Transmission:
+        if self.scales == "vendor" and self.vendor_rad_per_count is None:
+            raise ValueError('scales = "vendor" needs vendor_rad_per_count')
+        return self
+
+    @property
+    def rad_per_count(self) -> Floats:
+        """Signed motor-side joint units per encoder count, by the scales chosen. Shape (n,)."""
+        if self.scales == "vendor" and self.vendor_rad_per_count is not None:
+            return self.vendor_rad_per_count
+        return frozen(self.count_sign * 2.0 * np.pi / (self.counts_per_rev * self.gear))
+
+
+class Links(Section):
+    """Rigid bodies: mass in kg, centre of mass in m, principal inertia about it in kg·m², axes of the link frame."""
+
+    mass: PerJointNotNegative
+    com: PerJointVectors
+    inertia: PerJointInertia
+
+
+class Friction(Section):
+    """Joint-side friction: viscous (N·m·s/rad), Coulomb in each direction (N·m, magnitude), break-away over Coulomb."""
+
+    viscous: PerJointNotNegative
+    coulomb_pos: PerJointNotNegative
+    coulomb_neg: PerJointNotNegative
+    stiction_factor: float = Field(ge=1, allow_inf_nan=False)
+
+
+class Control(Section):
+    """Gains and choices of the control law.
+
+    `inertia` is the constant M0 of the acceleration feed-forward; `friction_velocity` the speed within which the
+    friction compensation passes smoothly through zero.
+    """
+
+    kp: PerJointPositive
+    kv: PerJointNotNegative
+    inertia: PerJointPositive
+    velocity_filter_hz: float = Field(gt=0, allow_inf_nan=False)
+    gravity_joints: PerJointFlags
+    friction_preset: str
+    friction_velocity: PerJointPositive
+
+
+class Guard(Section):
+    """What the guard allows: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint."""
+
+    tau_max: PerJointPositive
+    velocity_factor: float = Field(ge=1, le=1.5, allow_inf_nan=False)
+    following_error: PerJointPositive
+    start_tolerance: float = Field(gt=0, allow_inf_nan=False)
+    range_margin: PerJointNotNegative
+    a_stop: PerJointPositive
+
+
+class Board(Section):
+    """Which interface board drives the arm."""
+
+    revision: Literal["E", "F"]
+
+
+class Robot(Table):
+    """One robot. Immutable; arrays are read-only."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    about: str = ""
+    joints: Joints
+    geometry: Geometry
+    limits: Limits
+    pose_section: Poses = Field(alias="poses")
+    transmission: Transmission
+    links: Links
+    friction: dict[str, Friction] = Field(min_length=1)
+    control: Control
+    guard: Guard
+    board: Board
+
+    @model_validator(mode="after")
+    def _sections_agree(self) -> Robot:
+        if faults := list(_disagreements(self)):
+            raise ValueError("; ".join(faults))
+        return self
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints.names)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, base to flange."""
+        return self.joints.names
+
+    @property
+    def prismatic(self) -> Bools:
+        """True where the joint slides. Shape (n,)."""
+        return self.joints.prismatic
+
+    @property
+    def poses(self) -> dict[str, Floats]:
+        """Named joint positions, internal (VAL) convention."""
+        return self.pose_section.by_name
+
+
+def _disagreements(robot: Robot) -> Iterator[str]:
+    """What holds between sections and does not."""
+    low, high = robot.limits.q_min, robot.limits.q_max
+    for name, pose in robot.poses.items():
+        if not ((low <= pose) & (pose <= high)).all():
+            yield f"poses.{name} lies outside limits"
+    if robot.control.friction_preset not in robot.friction:
+        yield f"control.friction_preset must be one of {', '.join(robot.friction)}"
+    if (robot.guard.tau_max > DAC_HALF_RANGE / np.abs(robot.transmission.dac_per_Nm)).any():
+        yield "guard.tau_max exceeds what the DAC can ask for"
+    if (robot.guard.a_stop > robot.limits.a_max).any():
+        yield "guard.a_stop exceeds limits.a_max"
+    if robot.geometry.family == "puma" and not _is_puma(robot):
+        yield 'geometry.family = "puma" needs the link twists and the zero offsets of a PUMA (modified DH)'
+
+
+def _is_puma(robot: Robot) -> bool:
+    """Six revolute joints with AKB's twists and every length zero that the closed-form inverse takes for zero."""
+    if robot.n != 6 or robot.prismatic.any():
+        return False
+    g = robot.geometry
+    twists = np.radians([0, -90, 0, 90, -90, 90])
+    zeros = [*g.theta_rad, *g.a_m[[0, 1, 4, 5]], *g.d_m[[0, 4, 5]]]
+    return bool(np.allclose(g.alpha_rad, twists) and np.all(np.array(zeros) == 0))
+
+
+def robot_path(name_or_path: str | Path) -> Path:
+    """Path of a robot file: of a packaged robot by name, or the path given if it ends in `.toml`.
+
+    Raises:
+        ConfigError: no such robot; names the nearest known one.
+    """
+    return config_path(name_or_path, "robots")
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """Load and validate a robot.
+
+    Raises:
+        ConfigError: no such file, or every mistake in it with its path in the file.
+    """
+    path = robot_path(name_or_path)
+    return robot_of(read_document(path), path.name)
+
+
+def robot_of(document: dict[str, Any], label: str) -> Robot:
+    """Make a robot of a parsed document; `label` stands in front of the mistakes.
+
+    Raises:
+        ConfigError: lists every mistake.
+    """
+    if not isinstance(document.get("joints"), dict):
+        raise ConfigError(f"{label}: joints: missing")
+    joints = check_document(Joints, document["joints"], f"{label}: [joints]")
+    return check_document(Robot, document, label, JointKinds(joints.prismatic))

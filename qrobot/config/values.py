@@ -1,0 +1,161 @@
+"""Typed values of the robot files: lists in TOML, read-only float64 arrays in Python.
+
+How long a list must be and which of its entries are angles depends on the robot's joints, which reach the validators
+as the validation context (`JointKinds`). Joint quantities in degrees (`JointDegrees`) are degrees on revolute joints
+and metres on prismatic ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, PlainValidator, ValidationInfo
+
+from qrobot.units import RAD_PER_DEG
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class JointKinds:
+    """Validation context: which joints are prismatic. Shape (n,)."""
+
+    prismatic: Bools
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.prismatic.size
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The same array, contiguous and read-only."""
+    array = np.ascontiguousarray(array)
+    array.flags.writeable = False
+    return array
+
+
+def _array(value: Any, shape: tuple[int, ...], kinds: str, what: str) -> NDArray[Any]:
+    """An array of that shape whose entries are of one of NumPy's `kinds`."""
+    wanted = f"must be {' rows of '.join(str(size) for size in shape)} {what}"
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of unequal length
+        raise ValueError(wanted) from error
+    if array.dtype.kind not in kinds:
+        raise ValueError(wanted)
+    if array.shape != shape:
+        raise ValueError(f"{wanted}, is {' x '.join(str(size) for size in array.shape) or 'one value'}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ValueError("must be finite")
+    return array
+
+
+def _n(info: ValidationInfo) -> int:
+    return _kinds(info).n
+
+
+def _kinds(info: ValidationInfo) -> JointKinds:
+    if not isinstance(info.context, JointKinds):
+        raise TypeError("robot sections are validated with a JointKinds context")
+    return info.context
+
+
+def _numbers(*shape: int) -> Callable[[Any, ValidationInfo], Floats]:
+    """Validator for float64 of shape (n, *shape)."""
+
+    def validate(value: Any, info: ValidationInfo) -> Floats:
+        return frozen(_array(value, (_n(info), *shape), "iuf", "numbers").astype(np.float64))
+
+    return validate
+
+
+def _degrees(value: Any, info: ValidationInfo) -> Floats:
+    return frozen(_array(value, (_n(info),), "iuf", "numbers") * RAD_PER_DEG)
+
+
+def _joint_degrees(value: Any, info: ValidationInfo) -> Floats:
+    numbers = _array(value, (_n(info),), "iuf", "numbers")
+    return frozen(np.where(_kinds(info).prismatic, numbers, numbers * RAD_PER_DEG))
+
+
+def _vector(value: Any) -> Floats:
+    return frozen(_array(value, (3,), "iuf", "numbers").astype(np.float64))
+
+
+def _integers(value: Any, info: ValidationInfo) -> Ints:
+    return frozen(_array(value, (_n(info),), "iu", "whole numbers").astype(np.int64))
+
+
+def _flags(value: Any, info: ValidationInfo) -> Bools:
+    return frozen(_array(value, (_n(info),), "b", "of true or false"))
+
+
+def _coupling(value: Any, info: ValidationInfo) -> Floats:
+    """C of r = C q, from the coefficients of its inverse: q_j = r_j - sum over i of k_ij r_i, as `{ k45 = 0.0139 }`."""
+    n = _n(info)
+    if not isinstance(value, dict):
+        raise ValueError("must be a table of coefficients such as { k45 = 0.0139037 }")
+    decoupling = np.eye(n)
+    for key, k in value.items():
+        motor, joint = _coupled(key, n)
+        decoupling[joint, motor] = -float(_array(k, (), "iuf", "number"))
+    if abs(np.linalg.det(decoupling)) < 1e-6:
+        raise ValueError("the coupling cannot be inverted")
+    return frozen(np.linalg.inv(decoupling))
+
+
+def _coupled(key: str, n: int) -> tuple[int, int]:
+    match = re.fullmatch(r"k([1-9])([1-9])", key)
+    motor, joint = (int(digit) - 1 for digit in match.groups()) if match else (0, 0)
+    if motor == joint or max(motor, joint) >= n:
+        raise ValueError(f"{key!r} is not k<motor><joint> with two different joints of this robot")
+    return motor, joint
+
+
+def _positive(array: NDArray[Any]) -> NDArray[Any]:
+    if not (array > 0).all():
+        raise ValueError("every entry must be above zero")
+    return array
+
+
+def _not_negative(array: NDArray[Any]) -> NDArray[Any]:
+    if not (array >= 0).all():
+        raise ValueError("no entry may be below zero")
+    return array
+
+
+def _nonzero(array: NDArray[Any]) -> NDArray[Any]:
+    if (array == 0).any():
+        raise ValueError("no entry may be zero")
+    return array
+
+
+def _signs(array: Ints) -> Ints:
+    if not (np.abs(array) == 1).all():
+        raise ValueError("every entry must be 1 or -1")
+    return array
+
+
+PerJoint = Annotated[Floats, PlainValidator(_numbers())]
+PerJointPositive = Annotated[PerJoint, AfterValidator(_positive)]
+PerJointNotNegative = Annotated[PerJoint, AfterValidator(_not_negative)]
+PerJointNonzero = Annotated[PerJoint, AfterValidator(_nonzero)]
+PerJointVectors = Annotated[Floats, PlainValidator(_numbers(3))]
+PerJointInertia = Annotated[PerJointVectors, AfterValidator(_not_negative)]
+PerJointInts = Annotated[Ints, PlainValidator(_integers)]
+PerJointCounts = Annotated[PerJointInts, AfterValidator(_positive)]
+PerJointSigns = Annotated[PerJointInts, AfterValidator(_signs)]
+PerJointFlags = Annotated[Bools, PlainValidator(_flags)]
+Degrees = Annotated[Floats, PlainValidator(_degrees)]
+JointDegrees = Annotated[Floats, PlainValidator(_joint_degrees)]
+JointDegreesPositive = Annotated[JointDegrees, AfterValidator(_positive)]
+Vector = Annotated[Floats, PlainValidator(_vector)]
+Coupling = Annotated[Floats, PlainValidator(_coupling)]

@@ -1,0 +1,73 @@
+"""Deployment files: defaults, two arms, and what must not collide."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from qrobot.config import Deployment, load_deployment, load_robot
+from qrobot.errors import ConfigError
+
+ONE = '[[arm]]\nname = "left"\nrobot = "puma560"\nbridge = { port = 5600 }\n'
+
+
+def load(tmp_path: Path, text: str) -> Deployment:
+    path = tmp_path / "here.toml"
+    path.write_text(text)
+    return load_deployment(path)
+
+
+@pytest.mark.parametrize("name", ["emulator", "two_arms"])
+def test_packaged_deployments_load_and_name_packaged_robots(name: str) -> None:
+    for arm in load_deployment(name).arm:
+        assert load_robot(arm.robot).poses[arm.board.start_pose].size
+
+
+def test_defaults_are_those_of_the_papers(tmp_path: Path) -> None:
+    [arm] = load(tmp_path, ONE).arm
+    assert (arm.servo.rate_hz, arm.bridge.period_ms, arm.bridge.host) == (1000, 28.0, "127.0.0.1")
+    assert arm.servo.guardian_timeout_ms == 5.0
+    assert (arm.board.kind, arm.board.plant, arm.board.calibrated) == ("emulator", "nominal", True)
+
+
+def test_two_arms_have_names_and_ports_of_their_own() -> None:
+    left, right = load_deployment("two_arms").arm
+    assert left.name != right.name
+    assert left.bridge.port != right.bridge.port
+
+
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [(ONE.replace("5600", "5601"), "same name"), (ONE.replace("left", "right"), "same bridge.port")],
+)
+def test_arms_may_not_collide(tmp_path: Path, second: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        load(tmp_path, ONE + second)
+
+
+@pytest.mark.parametrize(
+    ("extra", "says"),
+    [
+        ("servo = { rate_hz = 50 }", r"arm\.0\.servo\.rate_hz: .*greater than or equal to 100"),
+        ("servo = { rate = 1000 }", r"arm\.0\.servo\.rate: unknown key; did you mean 'rate_hz'"),
+        ("servo = { require_realtime = 1 }", r"arm\.0\.servo\.require_realtime: .*valid boolean"),
+        ("servo = { guardian_timeout_ms = nan }", r"arm\.0\.servo\.guardian_timeout_ms: .*finite"),
+        ('board = { plant = "perfect" }', r"arm\.0\.board\.plant: .*'nominal' or 'mismatched'"),
+        ('colour = "red"', r"arm\.0\.colour: unknown key; known: name, robot"),
+    ],
+)
+def test_mistakes_carry_their_path(tmp_path: Path, extra: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        load(tmp_path, ONE + extra)
+
+
+@pytest.mark.parametrize("name", ["Left", "a/b", "", "../x", "x" * 33])
+def test_an_arm_name_is_fit_for_a_file_name(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=r"arm\.0\.name"):
+        load(tmp_path, ONE.replace("left", name))
+
+
+def test_a_deployment_without_arms_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="arm: missing"):
+        load(tmp_path, "")
