@@ -37,6 +37,8 @@ class Lane(IntEnum):
     GUARDIAN = 2
 
 
+N_LANES: Final = len(Lane)
+
 OP_READ: Final = 0
 OP_WRITE: Final = 1
 OP_FIELDS: Final = 3  # kind, offset, value
@@ -65,7 +67,7 @@ LANES_START: Final = 48
 # The trace of DAC and DISCRETE writes.
 TRACE_CAPACITY: Final = 1 << 16
 TRACE_FIELDS: Final = 4  # t_ns, lane, offset, value
-TRACE_HEAD: Final = LANES_START + len(Lane) * LANE_WORDS
+TRACE_HEAD: Final = LANES_START + N_LANES * LANE_WORDS
 TRACE_START: Final = TRACE_HEAD + 8
 
 # The operator's panel of an emulated board; zero everywhere is a healthy, untouched panel.

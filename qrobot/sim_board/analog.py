@@ -1,0 +1,116 @@
+"""Analogue inputs of the board: a potentiometer behind each motor, free inputs, and two kinds of converter.
+
+The potentiometer of a joint hangs on its motor through a reducer: 109 motor revolutions span 5 V [V, from the vendor's
+pot table]. What the table shows beyond a straight line is slow waviness; noise is our own choice [A]:
+
+    units = zero + slope * revolutions + wave * sin(2 pi revolutions / WAVE_LENGTH + phase) + noise * N(0, 1)
+
+in units of the revision F converter, 20 V / 65536.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.hwif.memory import PANEL_ANALOG, PANEL_MICRO
+from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ENCODERS
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import Words
+
+WAVE_UNITS: Final = 20.0  # [A] amplitude; 14 rms against 11-22 in the vendor's table
+WAVE_LENGTH_REVS: Final = 37.0  # [A] slow, and not a divisor of the range
+NOISE_UNITS: Final = 5.0  # [A]
+
+_F_FULL_SCALE: Final = 32767
+_E_FULL_SCALE: Final = 255
+# Park and Miller's minimal standard generator, 1993 multiplier: exact in 64-bit integers, so runs are bit-identical.
+_LEHMER_MULTIPLIER: Final = 48271
+_LEHMER_MODULUS: Final = 2147483647
+
+
+class Analog(NamedTuple):
+    """Potentiometers of joints 1..n on channels 0..n-1; the channels above are free inputs."""
+
+    wiper: NDArray[np.float64]  # [6] position of the pot's train, motor revolutions from the encoder zero
+    zero: NDArray[np.float64]  # [6] units at the encoder zero
+    slope: NDArray[np.float64]  # [6] units per motor revolution in the direction of rising counts
+    wave: NDArray[np.float64]  # [6] units
+    wave_phase: NDArray[np.float64]  # [6] rad
+    random: NDArray[np.int64]  # [1] state of the generator, 1..2^31-2
+    n_pots: int
+    noise: float  # units
+    backlash: float  # motor revolutions lost at a reversal of the pot's train
+
+
+def make_analog(
+    zero: NDArray[np.float64],
+    slope: float,
+    seed: int,
+    noise: float = NOISE_UNITS,
+    wave: float = WAVE_UNITS,
+    backlash: float = 0.0,
+) -> Analog:
+    """Potentiometers with the given readings at encoder zero. The seed draws their waviness and all later noise."""
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, N_ENCODERS)
+    zeros = np.zeros(N_ENCODERS)
+    zeros[: zero.size] = zero
+    state = np.array([1 + seed % (_LEHMER_MODULUS - 1)])
+    slopes, waves = np.full(N_ENCODERS, slope), np.full(N_ENCODERS, wave)
+    return Analog(np.zeros(N_ENCODERS), zeros, slopes, waves, phases, state, zero.size, noise, backlash)
+
+
+@kernel
+def uniform(random: NDArray[np.int64]) -> float:
+    """Next number of the generator, in (0, 1)."""
+    random[0] = random[0] * _LEHMER_MULTIPLIER % _LEHMER_MODULUS
+    return float(random[0] / _LEHMER_MODULUS)
+
+
+@kernel
+def normal(random: NDArray[np.int64]) -> float:
+    """Standard normal to within the tails: twelve uniforms less six (bounded by 6, as noise of a converter is)."""
+    total = -6.0
+    for _ in range(12):
+        total += uniform(random)
+    return total
+
+
+@kernel
+def turn_wiper(analog: Analog, joint: int, revolutions: float) -> None:
+    """Drag a pot's train along with its motor, through the backlash."""
+    slack = 0.5 * analog.backlash
+    analog.wiper[joint] = min(max(analog.wiper[joint], revolutions - slack), revolutions + slack)
+
+
+@kernel
+def pot_units(analog: Analog, joint: int) -> float:
+    """Reading of a potentiometer now, converter units of revision F before rounding; draws fresh noise."""
+    turns = analog.wiper[joint]
+    wave = math.sin(2.0 * math.pi * turns / WAVE_LENGTH_REVS + analog.wave_phase[joint])
+    smooth = analog.zero[joint] + analog.slope[joint] * turns + analog.wave[joint] * wave
+    return float(smooth + analog.noise * normal(analog.random))
+
+
+@kernel
+def input_volts(analog: Analog, memory: Words, channel: int) -> float:
+    """Voltage at ADC channel 0..7: a potentiometer, or what the panel sets at a free channel."""
+    if channel < analog.n_pots:
+        return pot_units(analog, channel) * ADC_F_VOLT_PER_COUNT
+    return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO)
+
+
+@kernel
+def convert_f(volts: float) -> int:
+    """Revision F: 12 bits of +-10 V, left-justified in a two's complement 16-bit word [V]."""
+    rounded = math.floor(volts / ADC_F_VOLT_PER_COUNT / 16.0 + 0.5) * 16
+    return int(min(max(rounded, -_F_FULL_SCALE - 1), _F_FULL_SCALE)) & ADC_F_MASK
+
+
+@kernel
+def convert_e(volts: float) -> int:
+    """Revision E and before: 8 bits of 0-5 V [V]."""
+    return int(min(max(math.floor(volts / ADC_E_VOLT_PER_COUNT + 0.5), 0), _E_FULL_SCALE))

@@ -1,0 +1,278 @@
+"""What the TRC004 does with its registers, as two kernels a board's tick is made of.
+
+`accept_operations` applies what controllers posted, strictly in order, and decides about power and brakes;
+`publish_sample` takes the shafts' positions, runs encoders and converter, and publishes the input words. Time is an
+argument; nothing here knows of motors or of who posts.
+
+Tags as in `hwif.registers`: [V] the vendor's driver, [I] inferred from its sequences, [A] our choice.
+
+* DACs keep their last word: the board has no watchdog. `BoardOptions.watchdog_ns` adds one (our extension, off).
+* A flip-flop in STATUS (index seen, conversion done) is held at 1 while its DISCRETE mask bit is 0 [A], armed by mask
+  bit 1, and dropped to 0 by its event [V]. An event while the mask is 0 is lost: on revision E the mask is set after
+  the conversion was started, in the same burst of operations [V].
+* Power is on while DISCRETE bit 0 is set, the emergency stop is healthy, and ARM POWER was pressed after the bit was
+  set; whatever drops it has to be followed by a new press [I].
+* Brakes are fail-safe: they release some time after power came on and engage some time after it dropped.
+* Counters, latches and the CALIB and J6 overflow bits live here, not in the host: they survive its death [I].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.hwif.memory import (
+    BOARD_ILLEGAL_OPS,
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    IMAGE_T_NS,
+    IMAGE_WORDS,
+    LANE_CAPACITY,
+    N_LANES,
+    OP_FIELDS,
+    OP_READ,
+    OP_WRITE,
+    PANEL_ESTOP,
+    PANEL_INPUTS,
+    PANEL_PRESSES,
+    publish_image,
+    take_operation,
+    trace_write,
+)
+from qrobot.hwif.registers import (
+    ADC_F_CHANNEL_SHIFT,
+    ADC_MUX,
+    ADC_START,
+    ADC_VALUE,
+    DAC,
+    DAC_MASK,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_J6_OVERFLOW,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_INDEX,
+    ENC_LOAD,
+    INDEX_BIT_0,
+    N_DACS,
+    N_ENCODERS,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_ESTOP_OK,
+    STATUS_INDEX,
+    STATUS_INPUTS,
+    STATUS_POWER,
+    WINDOW_BYTES,
+)
+from qrobot.realtime.atomics import load_acquire
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import Words
+from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wiper
+from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, count_edges
+
+CONVERSION_NS: Final = 20_000  # [A] longer than one I/O cycle, as the revision E sequence needs
+BRAKE_RELEASE_NS: Final = 30_000_000  # [A]
+BRAKE_ENGAGE_NS: Final = 20_000_000  # [A]
+
+# STATUS flip-flops; their masks in DISCRETE are the same bits [V].
+FLIP_FLOPS: Final = STATUS_INDEX | STATUS_ADC_BUSY
+_SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
+_ADC_F_CONVERT: Final = 0x40  # SWCONV bit of the AD7891's control word
+_WORD: Final = 0xFFFF
+
+# Words of `Board.register`.
+REG_DISCRETE, REG_FLAGS, REG_POWER, REG_PRESSED, REG_PRESSES, REG_ESTOP_OK, REG_BRAKED, REG_SWITCHED_NS = range(8)
+REG_ADC_CHANNEL, REG_ADC_SAMPLE, REG_ADC_DONE_NS, REG_ADC_VALUE, REG_COUNT, REG_WRITTEN_NS = range(8, 14)
+N_REGISTERS: Final = 14
+_ADC_IDLE: Final = -1
+
+
+class BoardOptions(NamedTuple):
+    """What differs between boards and what no source tells."""
+
+    revision_f: bool = True
+    relatch: bool = True  # a further index pulse replaces the latched count
+    auto_panel: bool = True  # somebody presses ARM POWER whenever the host enables power
+    conversion_ns: int = CONVERSION_NS
+    brake_release_ns: int = BRAKE_RELEASE_NS
+    brake_engage_ns: int = BRAKE_ENGAGE_NS
+    watchdog_ns: int = 0  # without a write for this long all DACs go to zero torque; 0: no watchdog, as on the TRC004
+
+
+class Board(NamedTuple):
+    """State of the board's chips."""
+
+    encoders: Encoders
+    analog: Analog
+    dac: NDArray[np.int64]  # [8] 12-bit words
+    register: NDArray[np.int64]  # [N_REGISTERS]
+    image: NDArray[np.int64]  # [IMAGE_WORDS] scratch
+    operation: NDArray[np.int64]  # [OP_FIELDS] scratch
+    options: BoardOptions
+
+
+def make_board(encoders: Encoders, analog: Analog, options: BoardOptions) -> Board:
+    """A board just powered up: zero torque, everything off, brakes closed, not calibrated."""
+    register = np.zeros(N_REGISTERS, np.int64)
+    register[REG_FLAGS] = FLIP_FLOPS
+    register[REG_BRAKED] = 1
+    register[REG_ESTOP_OK] = 1
+    register[REG_ADC_DONE_NS] = _ADC_IDLE
+    dac = np.full(N_DACS, DAC_ZERO, np.int64)
+    return Board(
+        encoders, analog, dac, register, np.zeros(IMAGE_WORDS, np.int64), np.zeros(OP_FIELDS, np.int64), options
+    )
+
+
+@kernel
+def _write_discrete(board: Board, value: int) -> None:
+    """Latch the word; a mask bit at 0 presets its flip-flop, and power enable at 0 drops power."""
+    register = board.register
+    risen = value & ~register[REG_DISCRETE]
+    register[REG_DISCRETE] = value & _WORD
+    register[REG_FLAGS] |= ~value & FLIP_FLOPS
+    if not value & DISCRETE_POWER:
+        register[REG_POWER] = 0
+    elif board.options.auto_panel and risen & DISCRETE_POWER:
+        register[REG_PRESSED] = 1
+
+
+@kernel
+def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
+    """Sample the selected channel; its code shows `conversion_ns` later."""
+    register = board.register
+    volts = input_volts(board.analog, memory, register[REG_ADC_CHANNEL])
+    register[REG_ADC_SAMPLE] = convert_f(volts) if board.options.revision_f else convert_e(volts)
+    register[REG_ADC_DONE_NS] = t_ns + board.options.conversion_ns
+
+
+@kernel
+def _write_mux(board: Board, memory: Words, value: int, t_ns: int) -> None:
+    """Revision F: channel and start bit in one word; revision E: the channel only."""
+    if board.options.revision_f:
+        board.register[REG_ADC_CHANNEL] = value >> ADC_F_CHANNEL_SHIFT & 7
+        if value & _ADC_F_CONVERT:
+            _start_conversion(board, memory, t_ns)
+    else:
+        board.register[REG_ADC_CHANNEL] = value & 7
+
+
+@kernel
+def _write(board: Board, memory: Words, offset: int, value: int, t_ns: int) -> None:
+    """A legal write: 0x20-0x3E."""
+    if offset >= DAC:
+        board.dac[(offset - DAC) // 2] = value & DAC_MASK
+    elif offset == DISCRETE:
+        _write_discrete(board, value)
+    elif offset == ADC_MUX:
+        _write_mux(board, memory, value, t_ns)
+    else:
+        board.encoders.counter[(offset - ENC_LOAD) // 2] = value & COUNTER_MASK
+
+
+@kernel
+def _apply(board: Board, memory: Words, lane: int, t_ns: int) -> None:
+    """Apply `board.operation`; one on an offset of the wrong direction is ignored and counted [A]."""
+    kind, offset, value = board.operation[0], board.operation[1], board.operation[2]
+    even = offset % 2 == 0
+    if kind == OP_WRITE and even and ENC_LOAD <= offset < WINDOW_BYTES:
+        _write(board, memory, offset, value, t_ns)
+        board.register[REG_WRITTEN_NS] = t_ns
+        trace_write(memory, t_ns, lane, offset, value)
+    elif kind == OP_READ and even and 0 <= offset < ENC_LOAD:
+        if offset == ADC_START and not board.options.revision_f:
+            _start_conversion(board, memory, t_ns)
+    else:
+        memory[BOARD_ILLEGAL_OPS] += 1
+
+
+@kernel
+def _watch(board: Board, t_ns: int) -> None:
+    """The optional watchdog."""
+    if 0 < board.options.watchdog_ns < t_ns - board.register[REG_WRITTEN_NS]:
+        board.dac[:] = DAC_ZERO
+
+
+@kernel
+def _update_power(board: Board, memory: Words, t_ns: int) -> None:
+    """Arm power from enable bit, panel and emergency stop; brakes follow with their delays."""
+    register, options = board.register, board.options
+    presses = load_acquire(memory, PANEL_PRESSES)
+    pressed = register[REG_PRESSED] == 1 or presses != register[REG_PRESSES]
+    register[REG_PRESSED], register[REG_PRESSES] = 0, presses
+    register[REG_ESTOP_OK] = 1 if load_acquire(memory, PANEL_ESTOP) == 0 else 0
+    allowed = register[REG_DISCRETE] & DISCRETE_POWER != 0 and register[REG_ESTOP_OK] == 1
+    register[REG_POWER] = 1 if allowed and (register[REG_POWER] == 1 or pressed) else 0
+    if register[REG_BRAKED] != register[REG_POWER]:  # as they should be
+        register[REG_SWITCHED_NS] = t_ns
+    elif t_ns - register[REG_SWITCHED_NS] >= (
+        options.brake_release_ns if register[REG_POWER] else options.brake_engage_ns
+    ):
+        register[REG_BRAKED] = 1 - register[REG_POWER]
+
+
+@kernel
+def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
+    """Apply everything posted so far, lane by lane in order, at board time `t_ns`; then settle power and brakes."""
+    for lane in range(N_LANES):
+        for _ in range(LANE_CAPACITY):
+            if not take_operation(memory, lane, board.operation):
+                break
+            _apply(board, memory, lane, t_ns)
+    _watch(board, t_ns)
+    _update_power(board, memory, t_ns)
+
+
+@kernel
+def _count(board: Board, shaft: NDArray[np.float64]) -> None:
+    """Move the encoders to the shafts' positions and latch index pulses passed on the way."""
+    register, encoders = board.register, board.encoders
+    for channel in range(N_ENCODERS):
+        bit = INDEX_BIT_0 << channel
+        armed = register[REG_DISCRETE] & bit != 0
+        pending = armed and register[REG_FLAGS] & bit != 0
+        new = math.floor(shaft[channel] + 0.5)
+        if count_edges(encoders, channel, new, pending, armed and board.options.relatch):
+            register[REG_FLAGS] &= ~bit
+        turn_wiper(board.analog, channel, shaft[channel] / encoders.counts_per_rev[channel])
+
+
+@kernel
+def _finish_conversion(board: Board, t_ns: int) -> None:
+    """Show the code when its time has come; the done flip-flop drops when it is armed."""
+    register = board.register
+    if register[REG_ADC_DONE_NS] == _ADC_IDLE or t_ns < register[REG_ADC_DONE_NS]:
+        return
+    register[REG_ADC_VALUE] = register[REG_ADC_SAMPLE]
+    register[REG_ADC_DONE_NS] = _ADC_IDLE
+    register[REG_FLAGS] &= ~(register[REG_DISCRETE] & STATUS_ADC_BUSY)
+
+
+@kernel
+def _status(board: Board, memory: Words) -> int:
+    """The STATUS word."""
+    register = board.register
+    inputs = memory[PANEL_INPUTS] & STATUS_INPUTS & ~STATUS_ESTOP_OK
+    estop = STATUS_ESTOP_OK if register[REG_ESTOP_OK] else 0
+    power = STATUS_POWER if register[REG_POWER] else 0
+    return int(power | register[REG_FLAGS] | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
+
+
+@kernel
+def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
+    """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
+    _count(board, shaft)
+    _finish_conversion(board, t_ns)
+    image = board.image
+    board.register[REG_COUNT] += 1
+    image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, board.register[REG_COUNT]
+    for channel in range(N_ENCODERS):
+        image[IMAGE_INPUTS + ENC_INDEX // 2 + channel] = board.encoders.latch[channel]
+        image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = board.encoders.counter[channel]
+    image[IMAGE_INPUTS + STATUS // 2] = _status(board, memory)
+    image[IMAGE_INPUTS + ADC_VALUE // 2] = board.register[REG_ADC_VALUE]
+    publish_image(memory, image)

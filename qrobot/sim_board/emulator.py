@@ -1,0 +1,199 @@
+"""Board, drives and plant together: one call per plant step, in lock-step or behind a clock."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.hwif.memory import BOARD_JOINTS, BOARD_PERIOD_NS, BOARD_REVISION, PANEL_MICRO, PANEL_PRESSES, PANEL_PUSH
+from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import Words
+from qrobot.sim_board.analog import make_analog
+from qrobot.sim_board.board import (
+    REG_BRAKED,
+    REG_DISCRETE,
+    REG_POWER,
+    REG_PRESSES,
+    Board,
+    BoardOptions,
+    accept_operations,
+    make_board,
+    publish_sample,
+)
+from qrobot.sim_board.drive import Drive, drive_torque, make_drive
+from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
+from qrobot.sim_board.mismatch import PlantMismatch
+from qrobot.sim_board.mujoco_plant import MujocoPlant, Scene, load_plant, step_plant
+
+PLANT_HZ: Final = 4000
+NS_PER_S: Final = 1_000_000_000
+
+Floats = NDArray[np.float64]
+
+
+class EmulatorBundle(NamedTuple):
+    """Everything a plant step needs, as plain arrays and numbers: an argument for other kernels."""
+
+    board: Board
+    drive: Drive
+    plant: MujocoPlant
+    counts_per_unit: Floats  # [n] counts per rad (or m) of motor-side position, signed
+    q_offset: Floats  # [n] joint position at encoder zero
+    shaft: Floats  # [6] encoder shafts, counts from encoder zero
+    period_ns: int
+
+
+@kernel
+def turn_shafts(bundle: EmulatorBundle) -> None:
+    """Encoder shafts from joint positions: counts of r = C (q - q_offset)."""
+    coupling, n = bundle.drive.coupling, bundle.q_offset.size
+    for i in range(n):
+        r = 0.0
+        for j in range(n):
+            r += coupling[i, j] * (bundle.plant.q[j] - bundle.q_offset[j])
+        bundle.shaft[i] = bundle.counts_per_unit[i] * r
+
+
+@kernel
+def advance(bundle: EmulatorBundle, memory: Words, now_ns: int, sample_ns: int) -> None:
+    """One plant step: apply what was posted until `now_ns`, move the arm, publish the image of `sample_ns`."""
+    board, plant = bundle.board, bundle.plant
+    accept_operations(board, memory, now_ns)
+    powered, braked = board.register[REG_POWER] == 1, board.register[REG_BRAKED] == 1
+    drive_torque(bundle.drive, board.dac, powered, braked, plant.v, plant.torque)
+    for i in range(plant.torque.size):
+        plant.torque[i] += memory[PANEL_PUSH + i] / PANEL_MICRO
+    step_plant(plant)
+    turn_shafts(bundle)
+    publish_sample(board, memory, bundle.shaft, sample_ns)
+
+
+@kernel
+def emulator_step(bundle: EmulatorBundle, memory: Words, t_ns: int) -> None:
+    """Lock-step: operations posted by virtual time `t_ns` act at once; the image is that of `t_ns` + one period."""
+    advance(bundle, memory, t_ns, t_ns + bundle.period_ns)
+
+
+@kernel
+def emulator_run(bundle: EmulatorBundle, memory: Words, t_ns: int, steps: int) -> int:
+    """So many steps in a row from virtual time `t_ns`; returns the time reached."""
+    for _ in range(steps):
+        emulator_step(bundle, memory, t_ns)
+        t_ns += bundle.period_ns
+    return t_ns
+
+
+class Emulator:
+    """An emulated robot in this process: owns the state `bundle` refers to.
+
+    Args:
+        robot: the arm.
+        mismatch: how the true plant differs from the robot file; default not at all.
+        start: name of a pose of the robot file, or joint positions, shape (n,).
+        calibrated: counters hold the true position and CALIB is set, as a host left them; otherwise the counters were
+            zeroed where the arm stands.
+        friction: friction preset of the plant; default the one the robot's controller uses.
+        plant_hz: plant and board steps per second.
+        options: the board's; default those of the robot file's revision.
+        seed: of potentiometer waviness and noise.
+        scene: what stands around the arm.
+
+    Raises:
+        ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        mismatch: PlantMismatch | None = None,
+        start: str | Floats = "park",
+        calibrated: bool = True,
+        friction: str | None = None,
+        plant_hz: int = PLANT_HZ,
+        options: BoardOptions | None = None,
+        seed: int = 0,
+        scene: Scene = "empty",
+    ) -> None:
+        if robot.n > N_ENCODERS:
+            raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
+        self.robot = robot
+        self.mismatch = mismatch or PlantMismatch.nominal(robot.n)
+        period_ns = NS_PER_S // plant_hz
+        dt = period_ns / NS_PER_S
+        self.memory = load_plant(robot, dt, self.mismatch.gravity, scene)
+        transmission = robot.transmission
+        self.bundle = EmulatorBundle(
+            board=_make_board(robot, options or BoardOptions(revision_f=robot.board.revision == "F"), seed),
+            drive=make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt),
+            plant=self.memory.plant,
+            counts_per_unit=1.0 / transmission.rad_per_count,
+            q_offset=np.array(transmission.q_offset),
+            shaft=np.zeros(N_ENCODERS),
+            period_ns=period_ns,
+        )
+        self._power_up(_pose(robot, start), calibrated)
+
+    def _power_up(self, q: Floats, calibrated: bool) -> None:
+        self.memory.place(q)
+        turn_shafts(self.bundle)
+        board, n = self.bundle.board, self.robot.n
+        edge = np.floor(self.bundle.shaft + 0.5).astype(np.int64)
+        board.encoders.edge[:] = edge
+        board.analog.wiper[:] = self.bundle.shaft / board.encoders.counts_per_rev
+        if calibrated:
+            board.encoders.counter[:n] = edge[:n] + self.robot.transmission.count_offset & COUNTER_MASK
+            board.register[REG_DISCRETE] = DISCRETE_CALIBRATED
+
+    def connect(self, memory: Words, t_ns: int = 0) -> None:
+        """Meet controllers through `memory`: state the board's facts and publish the image of `t_ns`."""
+        memory[BOARD_PERIOD_NS] = self.bundle.period_ns
+        memory[BOARD_JOINTS] = self.robot.n
+        memory[BOARD_REVISION] = ord("F" if self.bundle.board.options.revision_f else "E")
+        self.bundle.board.register[REG_PRESSES] = memory[PANEL_PRESSES]  # presses of the past
+        publish_sample(self.bundle.board, memory, self.bundle.shaft, t_ns)
+
+    @property
+    def q(self) -> Floats:
+        """True joint positions now. Shape (n,)."""
+        return self.bundle.plant.q.copy()
+
+    @property
+    def v(self) -> Floats:
+        """True joint velocities now. Shape (n,)."""
+        return self.bundle.plant.v.copy()
+
+    @property
+    def torque(self) -> Floats:
+        """Torques on the joints during the last step, friction and pushes included. Shape (n,)."""
+        return self.bundle.plant.torque.copy()
+
+    @property
+    def powered(self) -> bool:
+        """Arm power is on."""
+        return bool(self.bundle.board.register[REG_POWER])
+
+    @property
+    def braked(self) -> bool:
+        """The brakes are closed."""
+        return bool(self.bundle.board.register[REG_BRAKED])
+
+
+def _make_board(robot: Robot, options: BoardOptions, seed: int) -> Board:
+    transmission = robot.transmission
+    encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
+    analog = make_analog(transmission.pot_at_zero, transmission.pot_per_rev, seed)
+    return make_board(encoders, analog, options)
+
+
+def _pose(robot: Robot, start: str | Floats) -> Floats:
+    if not isinstance(start, str):
+        return np.asarray(start, dtype=np.float64)
+    if start not in robot.poses:
+        raise ConfigError(f"{robot.name} has no pose {start!r}, only {', '.join(robot.poses)}")
+    return robot.poses[start]

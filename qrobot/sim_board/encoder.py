@@ -1,0 +1,77 @@
+"""Quadrature counters and index latches of the TRC004.
+
+A shaft position is an integer: the number of the last quadrature edge passed, counted from the robot's encoder zero.
+The counter is 16 bits wide, wraps, and counts from whatever was loaded into it. Once per motor revolution, at edge
+number `phase` modulo `counts_per_rev`, the encoder gives an index pulse [V: index spacing of the vendor's table].
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.hwif.registers import N_ENCODERS
+from qrobot.realtime.jit import kernel
+
+COUNTER_MASK: Final = 0xFFFF
+
+
+class Encoders(NamedTuple):
+    """Six channels; every array int64[6]. Channels without an encoder stand still."""
+
+    counter: NDArray[np.int64]  # 0..65535, what ENC_COUNT shows
+    edge: NDArray[np.int64]  # shaft position at the last sample, counts
+    latch: NDArray[np.int64]  # 0..65535, what ENC_INDEX shows
+    counts_per_rev: NDArray[np.int64]  # per motor revolution; joint 6 has half since revision E [V]
+    phase: NDArray[np.int64]  # position of the index pulse, modulo counts_per_rev
+
+
+def make_encoders(counts_per_rev: NDArray[np.int64], phase: NDArray[np.int64]) -> Encoders:
+    """Counters at zero for the given joints (at most six); the channels left over never move."""
+    revolution, index = np.ones(N_ENCODERS, np.int64), np.zeros(N_ENCODERS, np.int64)
+    revolution[: counts_per_rev.size] = counts_per_rev
+    index[: phase.size] = phase
+    counter, edge, latch = np.zeros((3, N_ENCODERS), np.int64)
+    return Encoders(counter, edge, latch, revolution, index)
+
+
+@kernel
+def first_index(old: int, new: int, period: int, phase: int) -> int:
+    """First position congruent to `phase` met on the way from `old` (not met) to `new` (met); may lie beyond `new`."""
+    if new > old:
+        return old + 1 + (phase - old - 1) % period
+    return old - 1 - (old - 1 - phase) % period
+
+
+@kernel
+def last_index(old: int, new: int, period: int, phase: int) -> int:
+    """Last position congruent to `phase` met on the way from `old` to `new`; may lie before the way begins."""
+    if new > old:
+        return new - (new - phase) % period
+    return new + (phase - new) % period
+
+
+@kernel
+def count_edges(encoders: Encoders, channel: int, new: int, pending: bool, relatch: bool) -> bool:
+    """Move a channel's shaft to edge `new`; True when an index pulse was latched on the way.
+
+    Args:
+        encoders: the channels.
+        channel: 0..5.
+        new: shaft position now, counts.
+        pending: the latch is armed and has seen no index yet.
+        relatch: a further index is latched although one was seen (which of the two the board does is unknown [A]).
+    """
+    old, period, phase = encoders.edge[channel], encoders.counts_per_rev[channel], encoders.phase[channel]
+    if new == old:
+        return False
+    first = first_index(old, new, period, phase)
+    seen = (pending or relatch) and abs(first - old) <= abs(new - old)
+    if seen:
+        at = last_index(old, new, period, phase) if relatch else first
+        encoders.latch[channel] = (encoders.counter[channel] + at - old) & COUNTER_MASK
+    encoders.counter[channel] = (encoders.counter[channel] + new - old) & COUNTER_MASK
+    encoders.edge[channel] = new
+    return seen

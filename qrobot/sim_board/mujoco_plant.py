@@ -1,0 +1,211 @@
+"""The arm as a rigid-body plant in MuJoCo, stepped from compiled code. The only importer of `mujoco`, lazily.
+
+The model is built from the robot file for any serial arm in modified DH: body i sits at
+(a, -sin(alpha) d, cos(alpha) d), turned by alpha about x and theta about z, and its joint is the z axis; the joint
+variable is the robot file's (VAL for the PUMA), so qpos is q. A motor that turns one joint is that joint's armature;
+one that turns several is a fixed tendon with armature, which gives M + C^T diag(G^2 Jm) C. Friction, brakes and motors
+are not MuJoCo's: `drive` computes them and applies joint torques. With constraints and all else that is not needed
+switched off a step of the PUMA takes half the time it takes with frictionloss.
+
+An `mju_error` under a call from compiled code ends the process, so a model is stepped once from Python before use.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+import llvmlite.binding
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.realtime.jit import jit_disabled, kernel
+
+if TYPE_CHECKING:
+    import mujoco
+
+Scene = Literal["empty", "floor", "table"]
+
+# Half sizes and centre of the table top in the base frame, m [A]: in front of the arm, below its shoulder.
+_TABLE_SIZE: Final = (0.3, 0.5, 0.02)
+_TABLE_CENTRE: Final = (0.6, 0.0, 0.2)
+_TIP_RADIUS: Final = 0.02  # m, ball at the flange that touches things [A]
+
+
+class MujocoPlant(NamedTuple):
+    """A plant compiled code can step; its arrays are views of MuJoCo's memory, which a `PlantMemory` keeps alive."""
+
+    model: int  # address of mjModel
+    data: int  # address of mjData
+    q: NDArray[np.float64]  # [n] joint positions
+    v: NDArray[np.float64]  # [n] joint velocities
+    torque: NDArray[np.float64]  # [n] torques applied to the joints until the next step
+
+
+class PlantMemory:
+    """Owner of the MuJoCo objects behind a plant."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.model = model
+        self.data = data
+
+    @property
+    def plant(self) -> MujocoPlant:
+        """Addresses and views for compiled code; valid while this object lives."""
+        data = self.data
+        return MujocoPlant(self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied)
+
+    @property
+    def warnings(self) -> int:
+        """How often MuJoCo warned (a state that is not finite or huge, ...) since the last `place`."""
+        return int(sum(warning.number for warning in self.data.warning))
+
+    def place(self, q: NDArray[np.float64]) -> None:
+        """Put the arm at `q` at rest."""
+        import mujoco
+
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = q
+        mujoco.mj_forward(self.model, self.data)
+
+
+def load_plant(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty") -> PlantMemory:
+    """Build the plant of `robot` and try it. Raises ConfigError when MuJoCo refuses the robot's masses or inertias."""
+    import mujoco
+
+    spec = robot_spec(robot, dt, gravity_factor, scene)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{robot.name} cannot be simulated: {error}") from error
+    memory = PlantMemory(model, mujoco.MjData(model))
+    memory.place(robot.poses["zero"] if "zero" in robot.poses else np.zeros(robot.n))
+    mujoco.mj_step(model, memory.data)
+    if memory.warnings:
+        raise ConfigError(f"{robot.name} cannot be simulated: its first step is not finite")
+    link_library()
+    return memory
+
+
+def robot_spec(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty") -> mujoco.MjSpec:
+    """The MuJoCo model of a robot; `.to_xml()` gives MJCF."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    spec.compiler.degree = False
+    _set_options(spec, dt, robot.geometry.gravity_m_s2 * gravity_factor, scene)
+    body = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, robot.geometry.base_height_m])
+    for i in range(robot.n):
+        body = _add_link(body, robot, i)
+    _add_coupled_motors(spec, robot)
+    if scene != "empty":
+        _add_scene(spec, body, robot.geometry.flange_m, scene)
+    return spec
+
+
+def _set_options(spec: mujoco.MjSpec, dt: float, gravity: NDArray[np.float64], scene: Scene) -> None:
+    import mujoco
+
+    off = mujoco.mjtDisableBit
+    flags = off.mjDSBL_FRICTIONLOSS | off.mjDSBL_LIMIT | off.mjDSBL_EQUALITY | off.mjDSBL_SPRING | off.mjDSBL_DAMPER
+    flags |= off.mjDSBL_ACTUATION | off.mjDSBL_SENSOR | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
+    if scene == "empty":
+        flags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT
+    spec.option.disableflags = int(flags)
+    spec.option.timestep = dt
+    spec.option.gravity = gravity
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _add_link(parent: Any, robot: Robot, i: int) -> Any:
+    """Body and joint i below `parent`."""
+    import mujoco
+
+    geometry, links = robot.geometry, robot.links
+    alpha, a, d = geometry.alpha_rad[i], geometry.a_m[i], geometry.d_m[i]
+    body = parent.add_body(name=robot.joint_names[i], explicitinertial=True)
+    body.pos = [a, -np.sin(alpha) * d, np.cos(alpha) * d]
+    body.quat = _about_x_then_z(alpha, geometry.theta_rad[i])
+    body.mass, body.ipos, body.inertia = links.mass[i], links.com[i], links.inertia[i]
+    slides = robot.prismatic[i]
+    joint = body.add_joint(name=robot.joint_names[i], axis=[0.0, 0.0, 1.0])
+    joint.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+    if not _turns_several(robot, i):
+        joint.armature = robot.transmission.gear[i] ** 2 * robot.transmission.rotor_inertia[i]
+    return body
+
+
+def _about_x_then_z(alpha: float, theta: float) -> list[float]:
+    """Quaternion of Rx(alpha) Rz(theta)."""
+    cx, sx, cz, sz = np.cos(alpha / 2), np.sin(alpha / 2), np.cos(theta / 2), np.sin(theta / 2)
+    return [cx * cz, sx * cz, -sx * sz, cx * sz]
+
+
+def _turns_several(robot: Robot, motor: int) -> bool:
+    """True when motor i's position depends on other joints than joint i."""
+    row = robot.transmission.coupling[motor].copy()
+    row[motor] -= 1.0
+    return bool(row.any())
+
+
+def _add_coupled_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
+    transmission = robot.transmission
+    for motor in range(robot.n):
+        if not _turns_several(robot, motor):
+            continue
+        tendon = spec.add_tendon(name=f"motor_{robot.joint_names[motor]}")
+        tendon.armature = transmission.gear[motor] ** 2 * transmission.rotor_inertia[motor]
+        for name, coefficient in zip(robot.joint_names, transmission.coupling[motor], strict=True):
+            if coefficient != 0.0:
+                tendon.wrap_joint(name, coefficient)
+
+
+def _add_scene(spec: mujoco.MjSpec, last_link: Any, flange_m: float, scene: Scene) -> None:
+    """Something to touch and a ball at the flange to touch it with."""
+    import mujoco
+
+    box, ball, plane = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(name="floor", type=plane, size=[2.0, 2.0, 0.1])
+    if scene == "table":
+        spec.worldbody.add_geom(name="table", type=box, size=_TABLE_SIZE, pos=_TABLE_CENTRE)
+    last_link.add_geom(name="tip", type=ball, size=[_TIP_RADIUS, 0.0, 0.0], pos=[0.0, 0.0, flange_m])
+
+
+def _library() -> Path:
+    """MuJoCo's shared library beside its Python package."""
+    found = importlib.util.find_spec("mujoco")
+    if found is None or found.origin is None:
+        raise ConfigError("the emulator's plant needs the package mujoco-core")
+    libraries = sorted(Path(found.origin).parent.glob("libmujoco.*"))
+    if not libraries:
+        raise ConfigError(f"no MuJoCo library beside {Path(found.origin).name}: reinstall mujoco-core")
+    return libraries[0]
+
+
+def link_library() -> None:
+    """Make MuJoCo's functions known to the JIT's linker; needed once per process before a kernel steps a plant."""
+    llvmlite.binding.load_library_permanently(str(_library()))
+
+
+if jit_disabled():
+
+    def mj_step(model: int, data: int) -> None:
+        """MuJoCo's step by addresses."""
+        ctypes.CDLL(str(_library())).mj_step(ctypes.c_void_p(model), ctypes.c_void_p(data))
+
+else:
+    # Resolved by name at link time, so kernels that call it can be cached; a ctypes pointer could not.
+    mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
+
+
+@kernel
+def step_plant(plant: MujocoPlant) -> None:
+    """Advance the plant by its time step under `plant.torque`."""
+    mj_step(plant.model, plant.data)
