@@ -1,0 +1,171 @@
+"""Telemetry: one row per cycle, in a ring of shared memory that never makes the servo wait.
+
+A row is a fixed sequence of 8-byte fields, so the same bytes are a row of the ring, a NumPy record and, behind a
+four-byte header, a ROS 2 message in CDR (OMG DDS-XTYPES 7.4, plain CDR little-endian: 8-byte fields are never padded).
+The ring is `words[base]`, the number of rows ever written, then from `base + 8` the rows. The writer overwrites the
+oldest row; a reader that was too slow is told how many it lost and never gets a torn one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.realtime.atomics import fence, load_acquire, store_release
+from qrobot.realtime.jit import kernel
+
+RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
+READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
+CDR_HEADER: Final = b"\x00\x01\x00\x00"
+
+# name, meaning
+SCALARS: Final = (
+    ("tick", "cycles since the servo started"),
+    ("t_ns", "planned time of the cycle, ns on the servo's clock"),
+    ("late_ns", "wake-up error, ns"),
+    ("busy_ns", "computing time of the previous cycle, ns"),
+    ("mode", "servo.modes.Mode"),
+    ("fault", "faultcodes.FaultCode, the newest event"),
+    ("setpoint_seq", "sequence number of the setpoint being played"),
+    ("flags", "servo.mailbox FLAG_* bits; joints at their torque limit << 8; frames missed in a row << 16"),
+)
+VECTORS: Final = (
+    ("q_ref", "desired position, rad or m"),
+    ("v_ref", "desired velocity, rad/s or m/s"),
+    ("a_ref", "desired acceleration, rad/s2 or m/s2"),
+    ("q", "measured position, rad or m"),
+    ("v", "estimated velocity, rad/s or m/s"),
+    ("tau", "commanded torque or force, N m or N"),
+)
+COUNTERS: Final = (
+    ("counts", "encoder counts, unwrapped"),
+    ("dac", "DAC words written"),
+)
+
+Rows = NDArray[Any]  # structured, one record per cycle: dtype of a `TelemetryLayout`
+
+
+@dataclass(frozen=True)
+class TelemetryLayout:
+    """Where each field of a row of `n` joints stands, in the three views of it."""
+
+    n: int
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """NumPy record of one row; vectors have shape (n,)."""
+        fields: list[Any] = [(name, "<i8") for name, _ in SCALARS]
+        fields += [(name, "<f8", (self.n,)) for name, _ in VECTORS]
+        fields += [(name, "<i8", (self.n,)) for name, _ in COUNTERS]
+        return np.dtype(fields)
+
+    @property
+    def row_words(self) -> int:
+        """64-bit words of one row."""
+        return len(SCALARS) + (len(VECTORS) + len(COUNTERS)) * self.n
+
+    def offset(self, name: str) -> int:
+        """Index of the first word of field `name`. Raises KeyError for an unknown name."""
+        fields = self.dtype.fields
+        assert fields is not None
+        return int(fields[name][1]) // 8
+
+    @property
+    def schema_name(self) -> str:
+        """ROS 2 type of the message; one type per joint count, since its arrays have fixed length."""
+        return f"qrobot_msgs/msg/ServoTick{self.n}"
+
+    def ros2msg(self) -> str:
+        """ROS 2 message definition of one row."""
+        lines = [f"int64 {name}  # {meaning}" for name, meaning in SCALARS]
+        lines += [f"float64[{self.n}] {name}  # {meaning}" for name, meaning in VECTORS]
+        lines += [f"int64[{self.n}] {name}  # {meaning}" for name, meaning in COUNTERS]
+        return "\n".join(lines) + "\n"
+
+    def empty(self, rows: int) -> Rows:
+        """Zeroed rows, shape (rows,)."""
+        return np.zeros(rows, dtype=self.dtype)
+
+
+def ring_words(row_words: int, capacity: int) -> int:
+    """Size in words of a ring of `capacity` rows, its head included."""
+    return RING_HEADER_WORDS + capacity * row_words
+
+
+@kernel
+def append_row(words: Any, base: int, capacity: int, row_words: int, row: Any) -> None:
+    """Writer: append `row`, int64[row_words]; the oldest row gives way. `capacity` is a power of two."""
+    head = words[base]
+    slot = base + RING_HEADER_WORDS + (head & (capacity - 1)) * row_words
+    fence()  # the head that made the overwritten row old is seen before the row changes
+    for i in range(row_words):
+        words[slot + i] = row[i]
+    store_release(words, base, head + 1)
+
+
+@kernel
+def head_row(words: Any, base: int) -> int:
+    """Number of rows ever written."""
+    return load_acquire(words, base)
+
+
+@kernel
+def oldest_row(head: int, capacity: int) -> int:
+    """Index of the oldest row that is certainly whole: the one before it may be giving way right now."""
+    return max(0, head - capacity + 1)
+
+
+@kernel
+def copy_rows(words: Any, base: int, capacity: int, row_words: int, first: int, out: Any) -> tuple[int, int]:
+    """Reader: copy rows from index `first` on into `out`, int64[m, row_words].
+
+    Returns the number of rows copied and the number lost because they were overwritten before they could be had; the
+    next row to ask for is `first + copied + lost`. Both are 0 when the ring was reset meanwhile (a new servo).
+    """
+    head = load_acquire(words, base)
+    start = max(first, oldest_row(head, capacity))
+    n = min(head - start, out.shape[0])
+    if n <= 0:
+        return 0, 0
+    for k in range(n):
+        slot = base + RING_HEADER_WORDS + ((start + k) & (capacity - 1)) * row_words
+        for i in range(row_words):
+            out[k, i] = words[slot + i]
+    fence()
+    after = load_acquire(words, base)
+    if after < head:
+        return 0, 0
+    torn = min(n, max(0, oldest_row(after, capacity) - start))
+    for k in range(torn, n):
+        for i in range(row_words):
+            out[k - torn, i] = out[k, i]
+    return n - torn, start + torn - first
+
+
+class TelemetryReader:
+    """Follows a ring from Python; each reader keeps its own place.
+
+    Attributes:
+        next_row: index of the next row to read.
+        lost: rows overwritten before this reader got to them.
+    """
+
+    def __init__(self, words: NDArray[np.int64], base: int, capacity: int, n: int, from_oldest: bool = True) -> None:
+        self.layout = TelemetryLayout(n)
+        self._words, self._base, self._capacity = words, base, capacity
+        self._raw = np.zeros((min(capacity, READ_ROWS), self.layout.row_words), dtype=np.int64)
+        head = int(head_row(words, base))
+        self.next_row = int(oldest_row(head, capacity)) if from_oldest else head
+        self.lost = 0
+
+    def read(self, max_rows: int = READ_ROWS) -> Rows:
+        """New rows since the last call, oldest first, at most `max_rows` of them; a copy, shape (rows,)."""
+        out, row_words = self._raw[:max_rows], self.layout.row_words
+        copied, lost = copy_rows(self._words, self._base, self._capacity, row_words, self.next_row, out)
+        self.next_row += copied + lost
+        self.lost += lost
+        return out[:copied].copy().view(self.layout.dtype).reshape(copied)
