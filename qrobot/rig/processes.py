@@ -1,0 +1,157 @@
+"""The processes of one deployment: started in order, watched, ended in reverse order.
+
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. Ending goes the other
+way, so the servo can make a controlled stop while the board still lives. Every process is a session of its own: a Ctrl-C
+at the terminal reaches only the supervisor, which ends the rest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+from qrobot.errors import LinkError, LinkTimeout, QRobotError
+from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
+from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
+
+START_PATIENCE_S = 120.0  # a first start compiles everything
+STOP_PATIENCE_S = 6.0
+POLL_S = 0.02
+DIE_WITH_PARENT = "QROBOT_DIE_WITH_PARENT"
+
+
+@dataclass
+class Child:
+    """One supervised process."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    output: Path
+    killed: bool = field(default=False)
+
+    @property
+    def alive(self) -> bool:
+        """True while the process runs."""
+        return self.process.poll() is None
+
+    def complaint(self) -> str:
+        """What it said last, for an error message."""
+        with contextlib.suppress(OSError):
+            lines = [line for line in self.output.read_text(errors="replace").splitlines() if line.strip()]
+            if lines:
+                return lines[-1].removeprefix("qrobot: ")
+        return "it said nothing"
+
+    def end(self, patience_s: float = STOP_PATIENCE_S) -> None:
+        """SIGTERM, and SIGKILL for one that does not listen."""
+        if self.alive:
+            self.process.send_signal(signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(patience_s)
+            return
+        self.killed = True
+        self.process.kill()
+        self.process.wait()
+
+
+class ProcessRig:
+    """Starts `qrobot` subcommands as processes and ends them all when the `with` block does."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.children: dict[str, Child] = {}
+        directory.mkdir(parents=True, exist_ok=True)
+
+    def start(self, name: str, arguments: Sequence[str], ready: Callable[[], bool]) -> Child:
+        """Start `qrobot ARGUMENTS` under `name` and wait until it is ready.
+
+        Raises:
+            LinkError: it ended instead of getting ready; the message is the process's own.
+            LinkTimeout: it did not get ready in time.
+        """
+        output = self.directory / f"{name}.txt"
+        with output.open("wb") as file:
+            child = Child(name, _spawn(arguments, file), output)
+        self.children[name] = child
+        deadline = time.monotonic() + START_PATIENCE_S
+        while not ready():
+            if not child.alive:
+                raise LinkError(f"{name} did not start: {child.complaint()}")
+            if time.monotonic() > deadline:
+                raise LinkTimeout(f"{name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
+            time.sleep(POLL_S)
+        return child
+
+    def first_dead(self) -> Child | None:
+        """A child that has ended although nobody asked it to."""
+        return next((child for child in self.children.values() if not child.alive), None)
+
+    def close(self) -> None:
+        """End all children, last started first."""
+        for child in reversed(self.children.values()):
+            child.end()
+
+    def __enter__(self) -> ProcessRig:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def _spawn(arguments: Sequence[str], output: IO[bytes]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "qrobot", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        env={**os.environ, DIE_WITH_PARENT: str(os.getpid())},
+    )
+
+
+def board_ready(arm: str) -> bool:
+    """A board serves this arm and has published an image."""
+    try:
+        segment = attach_board_memory(arm)
+    except QRobotError:
+        return False
+    ready = segment.owner_alive and bool(segment.words[BOARD_PERIOD_NS]) and segment.words[IMAGE_SEQ] > 0
+    segment.close()
+    return bool(ready)
+
+
+def _servo_word(arm: str, index: int) -> int:
+    try:
+        segment = attach_servo_memory(arm)
+    except QRobotError:
+        return 0
+    value = int(segment.words[index]) if segment.owner_alive else 0
+    segment.close()
+    return value
+
+
+def servo_ready(arm: str) -> bool:
+    """The servo of this arm runs its loop."""
+    return _servo_word(arm, INFO_READY) == 1
+
+
+def guardian_ready(arm: str) -> bool:
+    """The guardian of this arm has looked at its servo."""
+    return _servo_word(arm, GUARD_T_NS) > 0
+
+
+def bridge_ready(host: str, port: int) -> bool:
+    """Something accepts connections at the bridge's address."""
+    with contextlib.suppress(OSError), socket.create_connection((host, port), timeout=0.2):
+        return True
+    return False

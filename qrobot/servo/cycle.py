@@ -1,0 +1,412 @@
+"""One servo cycle, from register image to register writes.
+
+    read -> estimate -> watch -> obey -> refer -> law -> guard -> write -> tell
+
+`cycle` is pure: it works on the arrays it is given, with the time as an argument, and every path ends in a list of
+register writes that carries either the guarded torque of the law or zero torque. The loops that own a clock
+(`servo.loop`, the lock-step rig) and the tests all call this one function.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_HAND_CLOSE,
+    DISCRETE_HAND_OPEN,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    N_DACS,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_INPUTS,
+    STATUS_POWER,
+)
+from qrobot.hwif.registers import STATUS as STATUS_REGISTER
+from qrobot.model.dynamics import friction_torque, gravity_torque
+from qrobot.model.transmission import counts_to_joint, torque_to_dac, unwrap_counts
+from qrobot.realtime.jit import kernel
+from qrobot.servo.guard import (
+    check_following,
+    check_image,
+    check_range,
+    check_velocity,
+    limit_torque,
+)
+from qrobot.servo.interpolator import reference, stop_profile
+from qrobot.servo.law import KP, KV
+from qrobot.servo.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    BEAT_T_NS,
+    COMMAND_HAND,
+    FLAG_AT_REST,
+    FLAG_CALIBRATED,
+    FLAG_ESTOP_OK,
+    FLAG_GUARDED,
+    FLAG_POWERED,
+    GUARD_TAKEOVER,
+    STATE_EVENT,
+    STATE_FAULT,
+    STATE_FLAGS,
+    STATE_HAND,
+    STATE_INPUTS,
+    STATE_JOINT,
+    STATE_LATE,
+    STATE_MISSED,
+    STATE_MODE,
+    STATE_SEQ,
+    STATE_T_NS,
+    STATE_TICK,
+    STATE_VECTORS,
+    TORQUE_SETPOINT,
+    publish_state,
+)
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    BUSY_NS,
+    CLIPPED,
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    DT,
+    EVENT,
+    FAULT,
+    FLAGS,
+    GLITCHES,
+    IMAGE_OK,
+    JOINT,
+    LAST_NOW_NS,
+    LATE,
+    LAW_FAILED,
+    MISSED,
+    MISSES,
+    MODE,
+    NEXT_SEQ,
+    PHASE,
+    RATE,
+    RATE_AT_STOP,
+    RATE_SLOPE,
+    STARTED,
+    STATUS,
+    STOP_SECONDS,
+    STOP_SINCE_NS,
+    TICK,
+    ServoState,
+)
+from qrobot.servo.stream import advance_phase, take_frame
+from qrobot.servo.interpolator import shift_extrapolated
+from qrobot.servo.supervisor import (
+    finish_stop,
+    guardian_alive,
+    obey_requests,
+    raise_code,
+    react,
+    watch_surroundings,
+)
+from qrobot.faultcodes import FaultCode
+
+TRACKING: Final = int(Mode.TRACKING)
+STOPPING: Final = int(Mode.STOPPING)
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
+LAW_NAN: Final = int(FaultCode.LAW_NAN)
+GLITCHES_TO_FAULT: Final = 3
+
+
+@kernel
+def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int, law: Any) -> int:
+    """Run one cycle on `state.image` and leave the register writes in `state.ops`.
+
+    Args:
+        params: numbers of robot and servo.
+        state: everything remembered; `state.image` holds the newest image of the board, `IMAGE_OK` whether it was whole.
+        mail: servo memory, see `servo.mailbox`.
+        now_ns: planned time of this cycle.
+        late_ns: how much later it really runs.
+        law: control law of `LAW_TYPE`.
+
+    Returns:
+        Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
+    """
+    tick(params, state, now_ns, late_ns)
+    read(params, state, now_ns)
+    estimate(params, state)
+    watch_surroundings(params, state, mail, now_ns)
+    watch_arm(params, state)
+    obey_requests(params, state, mail, now_ns)
+    refer(params, state, mail, now_ns)
+    react(params, state, mail, now_ns)
+    drive(params, state, law)
+    react(params, state, mail, now_ns)
+    n_ops = write(params, state, mail)
+    tell(params, state, mail, now_ns, late_ns)
+    return n_ops
+
+
+@kernel
+def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) -> None:
+    """Count the cycle and take its true duration, a whole number of periods."""
+    if state.i[STARTED] == 0:
+        state.i[LAST_NOW_NS] = now_ns - params.period_ns
+    state.f[DT] = (now_ns - state.i[LAST_NOW_NS]) * 1e-9
+    state.i[LAST_NOW_NS] = now_ns
+    state.i[TICK] += 1
+    if late_ns > params.late_ns:
+        state.i[LATE] += 1
+
+
+@kernel
+def read(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+    """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
+    state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+    age_ns = now_ns - state.image[IMAGE_T_NS]
+    whole = state.i[IMAGE_OK] != 0
+    code = check_image(age_ns, params.oldest_image_ns, state.image[IMAGE_COUNT] - 1, state.i[STATUS])
+    state.i[IMAGE_OK] = 1 if whole and code == 0 else 0
+    if state.i[IMAGE_OK] == 0:
+        return
+    first = IMAGE_INPUTS + ENC_COUNT // 2
+    words = state.image[first : first + state.raw.size]
+    if state.i[STARTED] == 0:
+        adopt(params, state, words)
+    joint = unwrap_counts(words, state.raw, state.counts, params.jump_counts)
+    if joint < 0:
+        state.i[GLITCHES] = 0
+        return
+    state.i[GLITCHES] += 1
+    if state.i[GLITCHES] >= GLITCHES_TO_FAULT:
+        raise_code(state, ENC_JUMP, joint)
+
+
+@kernel
+def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
+    """First image: take counters and scratch bits as the board kept them, and move nothing."""
+    for j in range(words.size):
+        state.raw[j] = words[j]
+        state.counts[j] = words[j] - 65536 if words[j] >= 32768 else words[j]
+    counts_to_joint(state.counts, params.transmission, state.q_before)
+    state.i[DISCRETE_WORD] = (state.i[STATUS] & params.scratch_bits) | DISCRETE_HAND_RELAXED
+    state.i[STARTED] = 1
+
+
+@kernel
+def estimate(params: ServoParameters, state: ServoState) -> None:
+    """Joint positions from counts; velocity by backward difference and first-order low pass."""
+    if state.i[STARTED] == 0:
+        return
+    counts_to_joint(state.counts, params.transmission, state.q)
+    dt = state.f[DT]
+    share = 1.0 - math.exp(-params.filter_rad_s * dt)
+    for j in range(state.q.size):
+        state.v[j] += share * ((state.q[j] - state.q_before[j]) / dt - state.v[j])
+        state.q_before[j] = state.q[j]
+
+
+@kernel
+def watch_arm(params: ServoParameters, state: ServoState) -> None:
+    """Raise what the measured motion calls for while the motors carry torque."""
+    if not gives_torque(state.i[MODE]):
+        return
+    code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
+    raise_code(state, code, joint)
+    code, joint = check_following(state.q_ref, state.q, params.following_error)
+    raise_code(state, code, joint)
+    if state.i[MODE] != UNCALIBRATED:
+        code, joint = check_range(state.q, params.q_min, params.q_max, params.range_margin)
+        raise_code(state, code, joint)
+
+
+@kernel
+def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Advance the reference along the setpoints, or along the path of a stop."""
+    mode = state.i[MODE]
+    if mode == TRACKING:
+        if advance_phase(state):
+            code, joint = take_frame(params, state, mail, now_ns)
+            raise_code(state, code, joint)
+        reference(state.knots, state.f[PHASE], state.f[RATE], 0.0, state.q_ref, state.v_ref, state.a_ref)
+        follow_torque_joints(state)
+    elif mode == STOPPING:
+        left, slope = stop_profile((now_ns - state.i[STOP_SINCE_NS]) * 1e-9, state.f[STOP_SECONDS])
+        state.f[RATE] = left * state.f[RATE_AT_STOP]
+        state.f[RATE_SLOPE] = slope * state.f[RATE_AT_STOP]
+        if advance_phase(state):
+            shift_extrapolated(state.knots, params.q_min, params.q_max)
+        reference(
+            state.knots, state.f[PHASE], state.f[RATE], state.f[RATE_SLOPE], state.q_ref, state.v_ref, state.a_ref
+        )
+        if left == 0.0:
+            finish_stop(state)
+
+
+@kernel
+def follow_torque_joints(state: ServoState) -> None:
+    """The reference of a torque-driven joint is where it is, so its feedback vanishes and only compensation is left."""
+    for j in range(state.q.size):
+        if state.joint_modes[j] == TORQUE_SETPOINT:
+            state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], state.v[j], 0.0
+
+
+@kernel
+def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
+    """Torque of the law, guarded; zero where the mode gives none."""
+    state.i[CLIPPED] = 0
+    if not gives_torque(state.i[MODE]):
+        for j in range(state.tau.size):
+            state.tau[j] = 0.0
+        return
+    model_terms(params, state)
+    if state.i[LAW_FAILED] != 0:
+        built_in_law(params, state)
+    else:
+        law(
+            state.q_ref, state.v_ref, state.a_ref, state.q, state.v, state.gravity, state.friction,
+            state.sensors, params.gains, state.memory, state.tau,
+        )  # fmt: skip
+    add_torque_setpoints(state)
+    code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    if code == LAW_NAN:
+        state.i[LAW_FAILED] = 1
+        raise_code(state, code, joint)
+        built_in_law(params, state)
+        code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    state.i[CLIPPED] = clipped
+
+
+@kernel
+def model_terms(params: ServoParameters, state: ServoState) -> None:
+    """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
+    if state.i[MODE] == UNCALIBRATED:  # the pose is not known: no model can help
+        for j in range(state.q.size):
+            state.gravity[j], state.friction[j] = 0.0, 0.0
+        return
+    gravity_torque(state.q, params.dynamics, state.gravity)
+    for j in range(state.q.size):
+        state.gravity[j] *= params.gravity_share[j]
+    friction_torque(state.v_ref, params.friction, state.friction)
+
+
+@kernel
+def built_in_law(params: ServoParameters, state: ServoState) -> None:
+    """What replaces a law that failed: PD with gravity compensation."""
+    for j in range(state.tau.size):
+        feedback = params.gains[KP, j] * (state.q_ref[j] - state.q[j]) + params.gains[KV, j] * (
+            state.v_ref[j] - state.v[j]
+        )
+        state.tau[j] = feedback + state.gravity[j]
+
+
+@kernel
+def add_torque_setpoints(state: ServoState) -> None:
+    """Joints in torque mode: the setpoint comes on top of what carries the arm."""
+    for j in range(state.tau.size):
+        state.tau[j] += state.torque_setpoint[j]
+
+
+@kernel
+def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
+    """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
+    torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
+    compose_discrete(state, mail[COMMAND_HAND])
+    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD]
+    mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
+    if mail[GUARD_TAKEOVER] != 0 or state.i[STARTED] == 0:
+        state.i[DISCRETE_SENT] = -1
+        return 0
+    n = 0
+    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and not wants_power(state.i[MODE]):
+        n = put(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
+    for channel in range(N_DACS):
+        code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
+        n = put(state.ops, n, DAC + 2 * channel, code)
+    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
+        n = put(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+    return n
+
+
+@kernel
+def put(ops: Any, n: int, offset: int, value: int) -> int:
+    """Append a register write; returns the new length."""
+    ops[n, 0], ops[n, 1], ops[n, 2] = OP_WRITE, offset, value
+    return n + 1
+
+
+@kernel
+def compose_discrete(state: ServoState, hand: int) -> None:
+    """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
+    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED)
+    if wants_power(state.i[MODE]):
+        word |= DISCRETE_POWER
+    if hand == 1:
+        word |= DISCRETE_HAND_CLOSE
+    elif hand == 2:
+        word |= DISCRETE_HAND_OPEN
+    else:
+        word |= DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_WORD] = word
+
+
+@kernel
+def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
+    """FLAG_* of this tick."""
+    status, flags = state.i[STATUS], 0
+    if state.i[IMAGE_OK] != 0 and status & STATUS_POWER != 0:
+        flags |= FLAG_POWERED
+    if status & STATUS_CALIBRATED != 0:
+        flags |= FLAG_CALIBRATED
+    if status & STATUS_ESTOP_OK != 0:
+        flags |= FLAG_ESTOP_OK
+    if guardian_alive(params, mail, now_ns):
+        flags |= FLAG_GUARDED
+    at_rest = True
+    for j in range(state.v_ref.size):
+        at_rest = at_rest and state.v_ref[j] == 0.0
+    return flags | FLAG_AT_REST if at_rest else flags
+
+
+@kernel
+def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
+    """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
+    n = state.q.size
+    state.i[FLAGS] = compose_flags(params, state, mail, now_ns)
+    block, vectors = state.block, state.block_f
+    block[STATE_T_NS], block[STATE_TICK] = now_ns, state.i[TICK]
+    block[STATE_MODE], block[STATE_FAULT] = state.i[MODE], state.i[FAULT]
+    block[STATE_EVENT], block[STATE_JOINT] = state.i[EVENT], state.i[JOINT]
+    block[STATE_FLAGS], block[STATE_SEQ] = state.i[FLAGS], state.i[NEXT_SEQ] - 1
+    block[STATE_MISSED], block[STATE_LATE] = state.i[MISSED], state.i[LATE]
+    block[STATE_INPUTS], block[STATE_HAND] = state.i[STATUS] & STATUS_INPUTS, mail[COMMAND_HAND]
+    for j in range(n):
+        vectors[STATE_VECTORS + j] = state.q[j]
+        vectors[STATE_VECTORS + n + j] = state.v[j]
+        vectors[STATE_VECTORS + 2 * n + j] = state.tau[j]
+        vectors[STATE_VECTORS + 3 * n + j] = state.q_ref[j]
+    publish_state(mail, n, block)
+    mail[BEAT_T_NS] = now_ns
+    fill_row(state, now_ns, late_ns)
+
+
+@kernel
+def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
+    """The telemetry row, in the order of `servo.telemetry`."""
+    row, floats, n = state.row, state.row_f, state.q.size
+    row[0], row[1], row[2], row[3] = state.i[TICK], now_ns, late_ns, state.i[BUSY_NS]
+    row[4], row[5] = state.i[MODE], state.i[EVENT]
+    row[6], row[7] = state.i[NEXT_SEQ] - 1, state.i[FLAGS] | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
+    for j in range(n):
+        floats[8 + j] = state.q_ref[j]
+        floats[8 + n + j] = state.v_ref[j]
+        floats[8 + 2 * n + j] = state.a_ref[j]
+        floats[8 + 3 * n + j] = state.q[j]
+        floats[8 + 4 * n + j] = state.v[j]
+        floats[8 + 5 * n + j] = state.tau[j]
+        row[8 + 6 * n + j] = state.counts[j]
+        row[8 + 7 * n + j] = state.dac[j]

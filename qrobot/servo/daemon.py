@@ -1,0 +1,166 @@
+"""The servo process: owns the servo memory, runs the loop in a thread of its own, tells people what happens.
+
+The loop never returns to Python while it runs; the main thread only sleeps, watches for mode changes worth a line, and
+turns signals into an orderly shutdown: controlled stop, torque off, power off, memory removed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+from qrobot.config import Robot
+from qrobot.errors import LinkError
+from qrobot.faultcodes import explain
+from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
+from qrobot.realtime.segment import Segment, Words
+from qrobot.realtime.setup import Step, prepare_loop_thread
+from qrobot.servo.law import Law, find_law
+from qrobot.servo.loop import BOARD_AWAY, ENDED, MARGIN_MAX_NS, one_cycle, run
+from qrobot.servo.mailbox import (
+    COMMAND_SHUTDOWN,
+    INFO_READY,
+    STATE_EVENT,
+    STATE_JOINT,
+    STATE_MODE,
+    create_servo_memory,
+    local_servo_memory,
+)
+from qrobot.servo.modes import mode_name
+from qrobot.servo.parameters import ServoParameters, servo_parameters
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.state import ServoState, make_state
+
+BOARD_AWAY_NS = 1_000_000_000
+POLL_S = 0.05
+SMALLEST_RING = 16
+
+Report = Callable[[str], None]
+
+
+def warm_up(robot: Robot, settings: ServoSettings) -> None:
+    """Compile, or load from the cache, everything the loop calls, on memory of its own."""
+    params, state = servo_parameters(robot, settings), make_state(robot.n)
+    mail = local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING)
+    board = local_board_memory()
+    one_cycle(params, state, find_law(settings.law), mail, board, settings.period_ns, 0)
+    mail[COMMAND_SHUTDOWN] = 1
+    run(params, make_state(robot.n), find_law(settings.law), mail, board, 0, BOARD_AWAY_NS)
+
+
+@dataclass
+class ServoProcess:
+    """One running servo: its memory, its parameters and its loop."""
+
+    arm: str
+    robot: Robot
+    settings: ServoSettings
+    report: Report
+    memory: Segment
+    board: Segment
+    params: ServoParameters
+    state: ServoState
+    law: Law
+    steps: tuple[Step, ...] = ()
+    error: BaseException | None = None
+
+    def loop(self) -> None:
+        """Body of the loop thread: set it up, then stay compiled until shutdown or until the board goes away."""
+        try:
+            self.steps = tuple(prepare_loop_thread(self.settings.cpu, self.settings.priority))
+            margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
+            self.memory.words[INFO_READY] = 1
+            while True:
+                ended = run(
+                    self.params, self.state, self.law, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS
+                )
+                if ended == ENDED:
+                    return
+                self._find_board_again(ended)
+        except BaseException as error:  # the thread's only way to tell the main one
+            self.error = error
+
+    def _find_board_again(self, ended: int) -> None:
+        if ended != BOARD_AWAY or self.board.is_current:
+            return
+        with contextlib.suppress(LinkError):
+            successor = attach_board_memory(self.arm)
+            self.board.close()
+            self.board = successor
+            self.report("the board is back: its memory is mapped anew")
+
+    @property
+    def told(self) -> tuple[int, int, int]:
+        """Mode, newest event and its joint, as last published."""
+        block = self.state.block
+        return int(block[STATE_MODE]), int(block[STATE_EVENT]), int(block[STATE_JOINT])
+
+
+def _announce(process: ServoProcess, before: tuple[int, int, int], now: tuple[int, int, int]) -> None:
+    if now[0] != before[0]:
+        process.report(f"{mode_name(before[0])} -> {mode_name(now[0])}")
+    if now[1] != before[1] and now[1] != 0:
+        process.report(f"joint {now[2] + 1}: {explain(now[1])}" if now[2] else explain(now[1]))
+
+
+@contextlib.contextmanager
+def shutdown_on_signals(words: Words) -> Iterator[None]:
+    """SIGTERM and SIGINT ask the loop for an orderly end."""
+
+    def ask(_signal: int, _frame: FrameType | None) -> None:
+        words[COMMAND_SHUTDOWN] = 1
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def serve(arm: str, robot: Robot, settings: ServoSettings, report: Report, started: Callable[[], Any]) -> None:
+    """Run the servo of `arm` until SIGTERM or SIGINT.
+
+    Args:
+        started: called once the servo memory exists and the loop is about to run (to start the guardian).
+
+    Raises:
+        LinkError: no board serves this arm.
+        LinkBusy: another servo runs this arm.
+    """
+    attach_board_memory(arm).close()  # say so at once when there is none: compiling takes a while
+    warm_up(robot, settings)
+    board = attach_board_memory(arm)
+    with create_servo_memory(
+        arm, robot.name, settings.law, robot.n, settings.period_ns, settings.telemetry_capacity
+    ) as memory:
+        discard_operations(board.words, int(Lane.SERVO))
+        process = ServoProcess(
+            arm, robot, settings, report, memory, board,
+            servo_parameters(robot, settings), make_state(robot.n), find_law(settings.law),
+        )  # fmt: skip
+        with shutdown_on_signals(memory.words):
+            started()
+            _run_and_watch(process)
+    process.board.close()
+
+
+def _run_and_watch(process: ServoProcess) -> None:
+    thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
+    gc.collect()
+    gc.freeze()
+    thread.start()
+    before = process.told
+    while thread.is_alive():
+        thread.join(POLL_S)
+        now = process.told
+        _announce(process, before, now)
+        before = now
+    if process.error is not None:
+        raise process.error

@@ -1,0 +1,148 @@
+"""The guardian: a second, smaller process that takes the board away from a servo whose heartbeat stops.
+
+The real board has no watchdog and its DACs hold the last torque, so a dead servo would leave the motors driven. The
+guardian maps servo and board memory on its own. When an armed servo's heartbeat is older than the bound it marks the
+takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to all
+DACs, again and again, until a servo has cleared the fault. The servo in turn stops the arm when the guardian's heartbeat
+is gone.
+
+What it cannot do: a kernel panic or a power cut of the PC needs hardware (a charge pump and a relay).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.errors import LinkError
+from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, post_operations
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import Segment
+from qrobot.servo.cycle import put
+from qrobot.servo.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    BEAT_T_NS,
+    BEAT_TRIPS_SEEN,
+    GUARD_T_NS,
+    GUARD_TAKEOVER,
+    GUARD_TRIPS,
+    attach_servo_memory,
+)
+
+GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
+N_SAFE_OPS: Final = 1 + N_DACS
+DEFAULT_TIMEOUT_MS: Final = 5.0
+LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
+SLICE_NS: Final = NS_PER_S // 5
+
+TRIPPED, TRIPS = range(2)  # the guardian's own memory
+
+
+@kernel
+def make_safe(mail: Any, board: Any, ops: Any) -> bool:
+    """Arm power off, then zero torque on every DAC; False when the board takes no more operations."""
+    n = put(ops, 0, DISCRETE, mail[BEAT_DISCRETE] & ~DISCRETE_POWER)
+    for channel in range(N_DACS):
+        n = put(ops, n, DAC + 2 * channel, DAC_ZERO)
+    return post_operations(board, GUARDIAN_LANE, ops, n)
+
+
+@kernel
+def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
+    """One look at the servo: trip, keep the board safe, or hand it back.
+
+    Args:
+        own: int64[2], TRIPPED and TRIPS; outlives servo restarts.
+        ops: scratch, int64[N_SAFE_OPS, 3].
+    """
+    fresh = now_ns - load_acquire(mail, BEAT_T_NS) <= timeout_ns
+    if own[TRIPPED] == 0 and not fresh and load_acquire(mail, BEAT_ARMED) != 0:
+        own[TRIPPED] = 1
+        own[TRIPS] += 1
+    elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
+        own[TRIPPED] = 0
+    store_release(mail, GUARD_TRIPS, own[TRIPS])
+    store_release(mail, GUARD_TAKEOVER, own[TRIPPED])
+    store_release(mail, GUARD_T_NS, now_ns)
+    if own[TRIPPED] != 0:
+        make_safe(mail, board, ops)
+
+
+@kernel
+def watch(own: Any, mail: Any, board: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int) -> None:
+    """Look again and again until `until_ns`, or until `stop[0]` is set."""
+    period_ns = timeout_ns // LOOKS_PER_TIMEOUT
+    deadline = monotonic_ns()
+    while load_acquire(stop, 0) == 0 and deadline < until_ns:
+        look(own, mail, board, ops, monotonic_ns(), timeout_ns)
+        deadline = max(deadline + period_ns, monotonic_ns())
+        sleep_until_ns(deadline)
+
+
+class Guardian:
+    """Watches one arm; follows restarts of its servo and its board."""
+
+    def __init__(self, arm: str, timeout_ms: float = DEFAULT_TIMEOUT_MS) -> None:
+        self.arm = arm
+        self.timeout_ns = int(timeout_ms * 1e6)
+        self.stop = np.zeros(1, dtype=np.int64)
+        self._own = np.zeros(2, dtype=np.int64)
+        self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+        self._servo = attach_servo_memory(arm)
+        self._board = attach_board_memory(arm)
+
+    @property
+    def trips(self) -> int:
+        """How often the guardian had to take the board."""
+        return int(self._own[TRIPS])
+
+    @property
+    def tripped(self) -> bool:
+        """True while the guardian holds the board."""
+        return bool(self._own[TRIPPED])
+
+    def run(self, linger_s: float) -> None:
+        """Watch until stopped, or until there has been no servo process for `linger_s` seconds."""
+        alone_since: int | None = None
+        while not self.stop[0]:
+            watch(
+                self._own, self._servo.words, self._board.words, self._ops, self.stop,
+                self.timeout_ns, monotonic_now() + SLICE_NS,
+            )  # fmt: skip
+            self._servo = _follow(self._servo, attach_servo_memory, self.arm)
+            self._board = _follow(self._board, attach_board_memory, self.arm)
+            if self._servo.owner_alive:
+                alone_since = None
+                continue
+            now_ns = monotonic_now()
+            alone_since = now_ns if alone_since is None else alone_since
+            if now_ns - alone_since > linger_s * NS_PER_S:
+                return
+
+    def close(self) -> None:
+        """Unmap both memories."""
+        self._servo.close()
+        self._board.close()
+
+
+def _follow(segment: Segment, attach: Any, arm: str) -> Segment:
+    """The segment itself, or its successor when the file behind it was replaced."""
+    if segment.is_current:
+        return segment
+    try:
+        successor: Segment = attach(arm)
+    except LinkError:
+        return segment  # nobody there yet: keep the old mapping and look again
+    segment.close()
+    return successor
+
+
+@kernel
+def monotonic_now() -> int:
+    """CLOCK_MONOTONIC in nanoseconds, for the Python side."""
+    return monotonic_ns()

@@ -1,0 +1,321 @@
+"""Servo memory: how the servo, its guardian, the bridge and the log meet, without locks.
+
+One writer per block:
+
+* INFO, HEARTBEAT, STATE and the telemetry ring are written by the servo;
+* GUARDIAN is written by the guardian (its heartbeat and the takeover mark);
+* COMMAND and the setpoint queue are written by whoever commands (the bridge on behalf of the lease holder).
+
+Requests are counters: raising one asks once, however often the servo looks. Floats travel as their bit patterns in int64
+words; `Words.view(np.float64)` is the other view of the same memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.errors import ConfigError, LinkError
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.jit import kernel
+from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
+from qrobot.realtime.seqlock import seqlock_read, seqlock_write
+from qrobot.servo.telemetry import TelemetryLayout, ring_words
+
+LAYOUT: Final = 1
+MAX_JOINTS: Final = 32
+FORCE_AXES: Final = 6
+
+# INFO: constant while a servo runs
+INFO_JOINTS: Final = HEADER_WORDS
+INFO_PERIOD_NS: Final = HEADER_WORDS + 1
+INFO_TELEMETRY_BASE: Final = HEADER_WORDS + 2
+INFO_TELEMETRY_CAPACITY: Final = HEADER_WORDS + 3
+INFO_READY: Final = HEADER_WORDS + 4  # 1 once the loop runs
+INFO_NAME: Final = HEADER_WORDS + 8  # 64 bytes of UTF-8
+INFO_LAW: Final = INFO_NAME + 8  # 64 bytes of UTF-8
+NAME_BYTES: Final = 64
+
+# HEARTBEAT of the servo
+BEAT_T_NS: Final = 40  # time of the last cycle
+BEAT_ARMED: Final = 41  # 1 while the DACs may carry torque or power is requested
+BEAT_DISCRETE: Final = 42  # shadow of the DISCRETE register, for the guardian
+BEAT_TRIPS_SEEN: Final = 43  # trips of the guardian that a clear has acknowledged
+
+# GUARDIAN
+GUARD_T_NS: Final = 48  # heartbeat of the guardian
+GUARD_TAKEOVER: Final = 49  # 1: the guardian has taken the board; the servo writes nothing more
+GUARD_TRIPS: Final = 50  # how often it had to, since it started
+
+# COMMAND
+COMMAND_POWER: Final = 56  # 1: the commander wants arm power
+COMMAND_CLEARS: Final = 57  # raised to clear a fault
+COMMAND_STOPS: Final = 58  # raised to ask for a category 2 stop
+COMMAND_SHUTDOWN: Final = 59  # 1: end the daemon after a controlled stop
+COMMAND_HAND: Final = 60  # 0 relaxed, 1 open, 2 closed
+
+# Setpoint queue: single producer, single consumer
+QUEUE_HEAD: Final = 64
+QUEUE_TAIL: Final = 72
+QUEUE_START: Final = 80
+QUEUE_CAPACITY: Final = 64
+FRAME_STREAM, FRAME_SEQ, FRAME_T_NS, FRAME_PERIOD_NS, FRAME_JOINTS = range(5)  # then mode[n], value[n]
+
+POSITION_SETPOINT: Final = 1
+TORQUE_SETPOINT: Final = 2
+
+# STATE: one seqlocked block
+(
+    STATE_T_NS,
+    STATE_TICK,
+    STATE_MODE,
+    STATE_FAULT,
+    STATE_EVENT,
+    STATE_JOINT,
+    STATE_FLAGS,
+    STATE_SEQ,
+    STATE_MISSED,
+    STATE_LATE,
+    STATE_INPUTS,
+    STATE_HAND,
+    STATE_VECTORS,
+) = range(13)
+FLAG_POWERED: Final = 1
+FLAG_CALIBRATED: Final = 2
+FLAG_ESTOP_OK: Final = 4
+FLAG_GUARDED: Final = 8
+FLAG_AT_REST: Final = 16
+
+
+def frame_words(n: int) -> int:
+    """Words of one setpoint frame of `n` joints."""
+    return FRAME_JOINTS + 2 * n
+
+
+def state_words(n: int) -> int:
+    """Words of the state block: integers, then q, v, tau, q_ref of `n` joints, then the force sensor's six axes."""
+    return STATE_VECTORS + 4 * n + FORCE_AXES
+
+
+def _state_seq(n: int) -> int:
+    return QUEUE_START + QUEUE_CAPACITY * frame_words(n)
+
+
+def _telemetry_base(n: int) -> int:
+    return _state_seq(n) + 8 + state_words(n) + 8
+
+
+def memory_words(n: int, telemetry_capacity: int) -> int:
+    """Size of the servo memory for `n` joints and a ring of `telemetry_capacity` rows."""
+    return _telemetry_base(n) + ring_words(TelemetryLayout(n).row_words, telemetry_capacity)
+
+
+@dataclass(frozen=True)
+class ServoInfo:
+    """What a reader has to know before it can read anything else."""
+
+    robot_name: str
+    law: str
+    n: int
+    period_ns: int
+    generation: int
+    telemetry_base: int
+    telemetry_capacity: int
+    ready: bool
+
+    @property
+    def rate_hz(self) -> float:
+        """Servo rate in hertz."""
+        return 1e9 / self.period_ns
+
+
+def _write_text(words: Words, at: int, text: str) -> None:
+    data = text.encode()
+    if len(data) > NAME_BYTES:
+        raise ConfigError(f"name {text!r} is longer than {NAME_BYTES} bytes")
+    words[at : at + NAME_BYTES // 8] = np.frombuffer(data.ljust(NAME_BYTES, b"\0"), dtype=np.int64)
+
+
+def _read_text(words: Words, at: int) -> str:
+    return words[at : at + NAME_BYTES // 8].tobytes().rstrip(b"\0").decode(errors="replace")
+
+
+def describe_servo(words: Words, robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> None:
+    """Fill the INFO block. Raises ConfigError for names or joint counts that do not fit."""
+    if not 1 <= n <= MAX_JOINTS:
+        raise ConfigError(f"{n} joints: this servo takes 1 to {MAX_JOINTS}")
+    words[INFO_JOINTS], words[INFO_PERIOD_NS] = n, period_ns
+    words[INFO_TELEMETRY_BASE], words[INFO_TELEMETRY_CAPACITY] = _telemetry_base(n), telemetry_capacity
+    _write_text(words, INFO_NAME, robot_name)
+    _write_text(words, INFO_LAW, law)
+
+
+def create_servo_memory(
+    arm: str, robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int
+) -> Segment:
+    """Own the servo memory of `arm`. Raises LinkBusy when another servo runs that arm."""
+    segment = Segment.create(f"{arm}-servo", LAYOUT, memory_words(n, telemetry_capacity))
+    describe_servo(segment.words, robot_name, law, n, period_ns, telemetry_capacity)
+    return segment
+
+
+def attach_servo_memory(arm: str) -> Segment:
+    """Map the servo memory of `arm`. Raises LinkError when no servo serves it."""
+    return Segment.attach(f"{arm}-servo", LAYOUT)
+
+
+def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> Words:
+    """Servo memory inside this process, for lock-step and tests."""
+    words = np.zeros(memory_words(n, telemetry_capacity), dtype=np.int64)
+    words[MAGIC], words[GENERATION] = MAGIC_VALUE, 1
+    describe_servo(words, robot_name, law, n, period_ns, telemetry_capacity)
+    return words
+
+
+def servo_info(words: Words) -> ServoInfo:
+    """Read the INFO block."""
+    return ServoInfo(
+        robot_name=_read_text(words, INFO_NAME),
+        law=_read_text(words, INFO_LAW),
+        n=int(words[INFO_JOINTS]),
+        period_ns=int(words[INFO_PERIOD_NS]),
+        generation=int(words[GENERATION]),
+        telemetry_base=int(words[INFO_TELEMETRY_BASE]),
+        telemetry_capacity=int(words[INFO_TELEMETRY_CAPACITY]),
+        ready=bool(words[INFO_READY]),
+    )
+
+
+@dataclass(frozen=True)
+class ServoSnapshot:
+    """The servo's state at one tick. Vectors have shape (n,), SI units; `force` has shape (6,), N and N m."""
+
+    t_ns: int
+    tick: int
+    mode: int
+    fault: int
+    event: int
+    joint: int
+    flags: int
+    setpoint_seq: int
+    missed_frames: int
+    late_cycles: int
+    inputs: int
+    hand: int
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    tau: NDArray[np.float64]
+    q_ref: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+class ServoMailbox:
+    """The commander's and the readers' side of the servo memory, in Python."""
+
+    def __init__(self, words: Words) -> None:
+        self.words = words
+        self.info = servo_info(words)
+        n = self.info.n
+        self._state = np.zeros(state_words(n), dtype=np.int64)
+        self._state_f = self._state.view(np.float64)
+        self._frame = np.zeros(frame_words(n), dtype=np.int64)
+        self._frame_f = self._frame.view(np.float64)
+
+    def push_setpoint(
+        self, stream: int, seq: int, t_ns: int, period_ns: int, modes: Sequence[int], values: Sequence[float]
+    ) -> bool:
+        """Queue one frame for the servo; False when the queue is full (the servo does not take them).
+
+        Args:
+            stream: names one run of setpoints; after a stop the servo follows only a new stream.
+            seq: counts up by one per sample period of the stream.
+            t_ns: time of arrival, on the servo's clock.
+            period_ns: sample period of the stream.
+            modes: POSITION_SETPOINT, TORQUE_SETPOINT or 0 (hold). Shape (n,).
+            values: rad or m for positions, N m or N for torques. Shape (n,).
+        """
+        frame, n = self._frame, self.info.n
+        frame[:FRAME_JOINTS] = stream, seq, t_ns, period_ns
+        frame[FRAME_JOINTS : FRAME_JOINTS + n] = modes
+        self._frame_f[FRAME_JOINTS + n :] = values
+        return bool(push_frame(self.words, frame, frame.size))
+
+    def request_power(self, on: bool) -> None:
+        """Ask for arm power, or for a controlled stop and power off."""
+        self.words[COMMAND_POWER] = int(on)
+
+    def request_clear(self) -> None:
+        """Ask to leave FAULT for OFF; refused while the cause persists."""
+        self.words[COMMAND_CLEARS] += 1
+
+    def request_stop(self) -> None:
+        """Ask for a category 2 stop on the path."""
+        self.words[COMMAND_STOPS] += 1
+
+    def request_hand(self, hand: int) -> None:
+        """0 relaxes, 1 opens, 2 closes the hand."""
+        self.words[COMMAND_HAND] = hand
+
+    def snapshot(self) -> ServoSnapshot:
+        """Newest state. Raises LinkError when the servo died while writing it."""
+        n, words = self.info.n, self._state
+        if not read_state(self.words, n, words):
+            raise LinkError("the servo's state cannot be read: it died while writing")
+        vectors = self._state_f[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
+        force = self._state_f[STATE_VECTORS + 4 * n :].copy()
+        return ServoSnapshot(*words[:STATE_VECTORS].tolist(), *vectors, force)
+
+
+@kernel
+def push_frame(words: Any, frame: Any, size: int) -> bool:
+    """Producer: append `frame[:size]` to the setpoint queue; False when it is full."""
+    head = words[QUEUE_HEAD]
+    if head - load_acquire(words, QUEUE_TAIL) >= QUEUE_CAPACITY:
+        return False
+    slot = QUEUE_START + (head % QUEUE_CAPACITY) * size
+    for i in range(size):
+        words[slot + i] = frame[i]
+    store_release(words, QUEUE_HEAD, head + 1)
+    return True
+
+
+@kernel
+def peek_frame(words: Any, frame: Any, size: int) -> bool:
+    """Consumer: copy the oldest frame without removing it; False when there is none."""
+    tail = words[QUEUE_TAIL]
+    if tail == load_acquire(words, QUEUE_HEAD):
+        return False
+    slot = QUEUE_START + (tail % QUEUE_CAPACITY) * size
+    for i in range(size):
+        frame[i] = words[slot + i]
+    return True
+
+
+@kernel
+def drop_frame(words: Any) -> None:
+    """Consumer: remove the oldest frame, which `peek_frame` has shown to exist."""
+    store_release(words, QUEUE_TAIL, words[QUEUE_TAIL] + 1)
+
+
+@kernel
+def drop_all_frames(words: Any) -> None:
+    """Consumer: empty the queue."""
+    store_release(words, QUEUE_TAIL, load_acquire(words, QUEUE_HEAD))
+
+
+@kernel
+def publish_state(words: Any, n: int, state: Any) -> None:
+    """Servo: publish the state block, int64[state_words(n)]."""
+    seq = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n)
+    seqlock_write(words, seq, seq + 8, state, STATE_VECTORS + 4 * n + FORCE_AXES)
+
+
+@kernel
+def read_state(words: Any, n: int, out: Any) -> bool:
+    """Reader: copy the newest whole state block into `out`; False when none could be had."""
+    seq = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n)
+    return seqlock_read(words, seq, seq + 8, out, STATE_VECTORS + 4 * n + FORCE_AXES)

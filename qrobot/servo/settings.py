@@ -1,0 +1,50 @@
+"""How a servo is to run: what the deployment file says of it, independent of the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from qrobot.errors import ConfigError
+from qrobot.servo.guardian import DEFAULT_TIMEOUT_MS
+from qrobot.servo.law import DEFAULT_LAW, find_law
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """Choices of one servo daemon.
+
+    Attributes:
+        rate_hz: cycles per second; the period is rounded to whole nanoseconds.
+        law: name of the control law, see `servo.law.LAWS`.
+        guarded: a guardian is required; without one the servo refuses power.
+        guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
+        spin: sleep short of each deadline and spin the rest; costs CPU, gains precision.
+        cpu: processor for the loop thread, None for the last one allowed.
+        priority: SCHED_FIFO priority of the loop thread.
+        telemetry_capacity: rows of the telemetry ring, a power of two.
+    """
+
+    rate_hz: float = 1000.0
+    law: str = DEFAULT_LAW
+    guarded: bool = True
+    guardian_timeout_ms: float = DEFAULT_TIMEOUT_MS
+    spin: bool = True
+    cpu: int | None = None
+    priority: int = 80
+    telemetry_capacity: int = 1 << 15
+
+    def __post_init__(self) -> None:
+        if not 50.0 <= self.rate_hz <= 20_000.0:
+            raise ConfigError(f"servo rate {self.rate_hz} Hz: allowed are 50 to 20000 Hz")
+        if not 0.5 <= self.guardian_timeout_ms <= 1000.0:
+            raise ConfigError(f"guardian time-out {self.guardian_timeout_ms} ms: allowed are 0.5 to 1000 ms")
+        if self.telemetry_capacity < 16 or self.telemetry_capacity & (self.telemetry_capacity - 1):
+            raise ConfigError(f"telemetry ring of {self.telemetry_capacity} rows: a power of two from 16 is needed")
+        find_law(self.law)
+
+    @property
+    def period_ns(self) -> int:
+        """Length of a cycle in nanoseconds."""
+        return round(NS_PER_S / self.rate_hz)

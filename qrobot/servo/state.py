@@ -1,0 +1,123 @@
+"""Everything the cycle remembers, in preallocated arrays; nothing else survives from one tick to the next.
+
+Single numbers live in two small arrays, `i` (int64) and `f` (float64), under the names below.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
+from qrobot.hwif.registers import N_ADCS
+from qrobot.servo.interpolator import N_KNOTS
+from qrobot.servo.law import MEMORY_WORDS
+from qrobot.servo.mailbox import frame_words, state_words
+from qrobot.servo.telemetry import TelemetryLayout
+
+# indexes into `i`
+(
+    MODE,
+    FAULT,  # code that latched the FAULT mode
+    EVENT,  # newest code of any kind
+    JOINT,  # joint the newest code speaks of
+    TICK,
+    STARTED,  # 0 until the first whole image was seen
+    LAST_NOW_NS,
+    STATUS,  # STATUS register of this tick's image
+    IMAGE_OK,
+    PENDING,  # worst code raised in this tick
+    PENDING_JOINT,
+    POWER_SEEN,  # level of the power request at the last tick
+    CLEARS_SEEN,
+    STOPS_SEEN,
+    POWERING_SINCE_NS,
+    CLEAR_UNTIL_NS,
+    AFTER_STOP,  # mode that follows STOPPING
+    STOP_SINCE_NS,
+    STREAM,  # stream being followed
+    DEAD_STREAM,  # stream that a stop has ended
+    NEXT_SEQ,
+    LAST_ARRIVAL_NS,
+    PLAY_AT_NS,  # when a waiting stream starts
+    FRAME_NS,  # its sample period
+    MISSES,  # frames missed in a row
+    MISSED,  # frames missed in all
+    LATE,  # late cycles
+    GLITCHES,  # encoder jumps held back in a row
+    LAW_FAILED,  # 1: the built-in law has replaced the user's
+    CLIPPED,  # joints at their torque limit in this tick
+    DISCRETE_WORD,  # shadow of the DISCRETE register
+    DISCRETE_SENT,  # last one posted, -1 for none
+    BUSY_NS,  # computing time of the previous cycle, told by the loop
+    FLAGS,
+    N_OPS,
+    N_INTEGERS,
+) = range(36)
+
+# indexes into `f`
+(DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(7)
+
+MAX_OPS: Final = 32
+
+
+class ServoState(NamedTuple):
+    """Mutable arrays of one servo. Vectors have shape (n,) and SI units."""
+
+    i: Any
+    f: Any
+    image: Any  # int64[IMAGE_WORDS], as fetched
+    raw: Any  # encoder words of the last tick, int64
+    counts: Any  # unwrapped, int64
+    q: Any
+    q_before: Any
+    v: Any
+    q_ref: Any
+    v_ref: Any
+    a_ref: Any
+    gravity: Any
+    friction: Any
+    tau: Any
+    tau_motor: Any
+    scratch: Any
+    dac: Any  # int64
+    knots: Any  # (4, n)
+    setpoint: Any
+    setpoint_modes: Any  # of the frame being looked at, int64
+    joint_modes: Any  # in force, int64
+    torque_setpoint: Any
+    frame: Any
+    frame_f: Any
+    sensors: Any  # (8,)
+    memory: Any  # (64,), the law's own
+    ops: Any  # (MAX_OPS, 3)
+    block: Any
+    block_f: Any
+    row: Any
+    row_f: Any
+
+
+def make_state(n: int) -> ServoState:
+    """Fresh state for `n` joints: mode OFF, nothing seen yet."""
+
+    def vector() -> Any:
+        return np.zeros(n)
+
+    def integers() -> Any:
+        return np.zeros(n, dtype=np.int64)
+
+    frame = np.zeros(frame_words(n), dtype=np.int64)
+    block = np.zeros(state_words(n), dtype=np.int64)
+    row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
+    numbers = np.zeros(N_INTEGERS, dtype=np.int64)
+    numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT]] = -1
+    return ServoState(
+        i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
+        q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
+        gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
+        knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
+        torque_setpoint=vector(), frame=frame, frame_f=frame.view(np.float64), sensors=np.zeros(N_ADCS),
+        memory=np.zeros(MEMORY_WORDS), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64), block=block,
+        block_f=block.view(np.float64), row=row, row_f=row.view(np.float64),
+    )  # fmt: skip

@@ -1,0 +1,180 @@
+"""Taking setpoints: when a stream starts, what each frame has to satisfy, what a missing one becomes, when it is lost.
+
+A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
+late. From then on one frame is taken per frame period. A frame that is not there is replaced by going on at constant
+velocity, once; silence for two periods, or a second missing frame in a row, ends the stream in a stop on the path. After
+any stop the servo follows only a new stream.
+
+The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows it
+by at most `MAX_RATE_SHIFT`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.realtime.jit import kernel
+from qrobot.servo.guard import check_first_setpoint, check_setpoint
+from qrobot.servo.interpolator import rest_at, shift_extrapolated, shift_in
+from qrobot.servo.mailbox import (
+    FRAME_JOINTS,
+    FRAME_PERIOD_NS,
+    FRAME_SEQ,
+    FRAME_STREAM,
+    FRAME_T_NS,
+    POSITION_SETPOINT,
+    TORQUE_SETPOINT,
+    drop_all_frames,
+    drop_frame,
+    peek_frame,
+)
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    DEAD_STREAM,
+    DT,
+    FRAME_NS,
+    LAST_ARRIVAL_NS,
+    MISSED,
+    MISSES,
+    NEXT_SEQ,
+    PHASE,
+    PLAY_AT_NS,
+    RATE,
+    RATE_SLOPE,
+    STREAM,
+    ServoState,
+)
+
+PLAYOUT_FRAMES: Final = 0.5
+LOST_AFTER_FRAMES: Final = 2
+MAX_RATE_SHIFT: Final = 0.02
+PHASE_GAIN: Final = 0.05
+_PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever the sum of k rounded fractions
+
+STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
+SHORTEST_FRAME_NS: Final = 1_000_000
+LONGEST_FRAME_NS: Final = 100_000_000
+
+
+@kernel
+def look_at_frame(state: ServoState, mail: Any) -> bool:
+    """Copy the oldest waiting frame of a living stream into the state, discarding what a stop has outdated."""
+    n = state.q.size
+    while peek_frame(mail, state.frame, state.frame.size):
+        if state.frame[FRAME_STREAM] != state.i[DEAD_STREAM]:
+            for j in range(n):
+                state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
+                state.setpoint[j] = state.frame_f[FRAME_JOINTS + n + j]
+            return True
+        drop_frame(mail)
+    return False
+
+
+@kernel
+def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[bool, int, int]:
+    """(play now, code, joint): while holding, watch for a stream that begins where the reference stands."""
+    if not look_at_frame(state, mail):
+        return False, 0, 0
+    frame_ns = state.frame[FRAME_PERIOD_NS]
+    code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
+    if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
+        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+        return False, code if code != 0 else FaultCode.SP_INVALID, joint
+    state.i[FRAME_NS] = frame_ns
+    state.i[PLAY_AT_NS] = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
+    return now_ns >= state.i[PLAY_AT_NS], 0, 0
+
+
+@kernel
+def start_stream(state: ServoState, now_ns: int) -> None:
+    """Begin to play the stream whose first frame `stream_ready` has shown."""
+    state.i[STREAM] = state.frame[FRAME_STREAM]
+    state.i[NEXT_SEQ] = state.frame[FRAME_SEQ]
+    state.i[LAST_ARRIVAL_NS] = now_ns
+    state.i[MISSES] = 0
+    rest_at(state.knots, state.q_ref)
+    state.f[PHASE] = 1.0
+    state.f[RATE] = 1e9 / state.i[FRAME_NS]
+    state.f[RATE_SLOPE] = 0.0
+
+
+@kernel
+def end_stream(state: ServoState, mail: Any) -> None:
+    """Follow no frame of the present stream any more."""
+    state.i[DEAD_STREAM] = state.i[STREAM]
+    state.i[MISSES] = 0
+    drop_all_frames(mail)
+
+
+@kernel
+def _follow_phase(state: ServoState, now_ns: int) -> None:
+    """Let the playing rate follow the sender's clock: a frame should have waited half a period."""
+    frame_ns = state.i[FRAME_NS]
+    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - PLAYOUT_FRAMES
+    shift = min(max(PHASE_GAIN * waited, -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
+    state.f[RATE] = (1.0 + shift) * 1e9 / frame_ns
+
+
+@kernel
+def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
+    """(code, joint): make the next frame, or its substitute, the newest knot."""
+    while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.i[STREAM]:
+        if state.frame[FRAME_SEQ] < state.i[NEXT_SEQ]:  # came after its substitute, or twice
+            drop_frame(mail)
+            continue
+        if state.frame[FRAME_SEQ] > state.i[NEXT_SEQ]:  # the frame before it is lost
+            break
+        return _accept_frame(params, state, mail, now_ns)
+    state.i[NEXT_SEQ] += 1
+    state.i[MISSES] += 1
+    state.i[MISSED] += 1
+    shift_extrapolated(state.knots, params.q_min, params.q_max)
+    return (STREAM_LOST, 0) if state.i[MISSES] >= LOST_AFTER_FRAMES else (0, 0)
+
+
+@kernel
+def _accept_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
+    period_s = state.i[FRAME_NS] * 1e-9
+    for j in range(state.q.size):
+        if state.setpoint_modes[j] == 0:  # hold: stay at the newest knot
+            state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
+    code, joint = check_setpoint(
+        state.setpoint, state.setpoint_modes, state.knots, params.q_min, params.q_max,
+        params.v_setpoint, params.a_setpoint, params.tau_max, period_s, 1.0 if state.i[MISSES] == 0 else 3.0,
+    )  # fmt: skip
+    if code != 0:
+        return code, joint
+    for j in range(state.q.size):
+        state.joint_modes[j] = state.setpoint_modes[j]
+        if state.setpoint_modes[j] == TORQUE_SETPOINT:
+            state.torque_setpoint[j] = state.setpoint[j]
+            state.setpoint[j] = state.q[j]
+        else:
+            state.torque_setpoint[j] = 0.0
+    shift_in(state.knots, state.setpoint)
+    _follow_phase(state, now_ns)
+    state.i[LAST_ARRIVAL_NS] = state.frame[FRAME_T_NS]
+    state.i[NEXT_SEQ] += 1
+    state.i[MISSES] = 0
+    drop_frame(mail)
+    return 0, 0
+
+
+@kernel
+def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
+    """True when nothing has arrived for two frame periods."""
+    newest = state.i[LAST_ARRIVAL_NS]
+    if peek_frame(mail, state.frame, state.frame.size):
+        newest = max(newest, state.frame[FRAME_T_NS])
+    return now_ns - newest >= LOST_AFTER_FRAMES * state.i[FRAME_NS]
+
+
+@kernel
+def advance_phase(state: ServoState) -> bool:
+    """Move along the path by one tick; True when a frame boundary was passed."""
+    state.f[PHASE] += state.f[RATE] * state.f[DT]
+    if state.f[PHASE] >= 1.0 - _PHASE_ROUNDING:
+        state.f[PHASE] -= 1.0
+        return True
+    return False

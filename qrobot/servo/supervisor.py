@@ -1,0 +1,290 @@
+"""Which mode follows: requests, faults and the end of stops, judged once a tick against the table in `modes`.
+
+Every fault is raised as a pending code during the tick; the worst one (lowest stop category) is acted on at its end, in
+the same tick, before anything is written to the board.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.realtime.jit import kernel
+from qrobot.servo.guard import category_of
+from qrobot.servo.interpolator import rest_at, stop_duration
+from qrobot.servo.mailbox import (
+    BEAT_TRIPS_SEEN,
+    COMMAND_CLEARS,
+    COMMAND_POWER,
+    COMMAND_SHUTDOWN,
+    COMMAND_STOPS,
+    GUARD_T_NS,
+    GUARD_TAKEOVER,
+    GUARD_TRIPS,
+    POSITION_SETPOINT,
+    TORQUE_SETPOINT,
+    drop_all_frames,
+)
+from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    AFTER_STOP,
+    CLEAR_UNTIL_NS,
+    CLEARS_SEEN,
+    EVENT,
+    FAULT,
+    IMAGE_OK,
+    JOINT,
+    LAW_FAILED,
+    MODE,
+    PENDING,
+    PENDING_JOINT,
+    POWER_SEEN,
+    POWERING_SINCE_NS,
+    RATE,
+    RATE_AT_STOP,
+    STATUS,
+    STOP_SECONDS,
+    STOP_SINCE_NS,
+    STOPS_SEEN,
+    ServoState,
+)
+from qrobot.servo.stream import end_stream, start_stream, stream_ready, stream_silent
+
+OFF: Final = int(Mode.OFF)
+POWERING: Final = int(Mode.POWERING)
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+HOLDING: Final = int(Mode.HOLDING)
+TRACKING: Final = int(Mode.TRACKING)
+STOPPING: Final = int(Mode.STOPPING)
+FAULTED: Final = int(Mode.FAULT)
+
+ESTOP: Final = int(FaultCode.ESTOP)
+BOARD_GONE: Final = int(FaultCode.BOARD_GONE)
+POWER_LOST: Final = int(FaultCode.POWER_LOST)
+POWER_NO_ACK: Final = int(FaultCode.POWER_NO_ACK)
+GUARD_LOST: Final = int(FaultCode.GUARD_LOST)
+GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
+STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
+RESET_DENIED: Final = int(FaultCode.RESET_DENIED)
+MOVING_AT_START: Final = int(FaultCode.MOVING_AT_START)
+
+# A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
+CLEAR_PATIENCE_NS: Final = 100_000_000
+STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power
+
+
+@kernel
+def raise_code(state: ServoState, code: int, joint: int) -> None:
+    """Note a code for this tick; of several the one with the lowest stop category counts, then the first."""
+    if code == 0:
+        return
+    if state.i[PENDING] == 0 or category_of(code) < category_of(state.i[PENDING]):
+        state.i[PENDING] = code
+        state.i[PENDING_JOINT] = joint
+
+
+@kernel
+def enter(state: ServoState, mode: int) -> None:
+    """Change mode, if the table has such a transition."""
+    if may_follow(state.i[MODE], mode):
+        state.i[MODE] = mode
+
+
+@kernel
+def hold_here(state: ServoState) -> None:
+    """Make the measured position the reference, at rest."""
+    for j in range(state.q.size):
+        state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
+        state.joint_modes[j] = POSITION_SETPOINT
+        state.torque_setpoint[j] = 0.0
+    rest_at(state.knots, state.q_ref)
+
+
+@kernel
+def _end_torque_mode(state: ServoState) -> None:
+    """Joints driven by torque setpoints are held where they are from now on."""
+    for j in range(state.q.size):
+        if state.joint_modes[j] == TORQUE_SETPOINT:
+            state.joint_modes[j] = POSITION_SETPOINT
+            state.torque_setpoint[j] = 0.0
+            state.v_ref[j] = 0.0
+            for k in range(state.knots.shape[0]):
+                state.knots[k, j] = state.q[j]
+
+
+@kernel
+def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, after: int) -> None:
+    """Start a controlled stop on the path; `after` is the mode it ends in. A worse end replaces a milder one."""
+    if state.i[MODE] == STOPPING:
+        if after == FAULTED or state.i[AFTER_STOP] == HOLDING:
+            state.i[AFTER_STOP] = after
+        return
+    end_stream(state, mail)
+    _end_torque_mode(state)
+    state.i[AFTER_STOP] = after
+    state.i[STOP_SINCE_NS] = now_ns
+    state.f[RATE_AT_STOP] = state.f[RATE]
+    state.f[STOP_SECONDS] = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
+    enter(state, STOPPING)
+
+
+@kernel
+def guardian_alive(params: ServoParameters, mail: Any, now_ns: int) -> bool:
+    """The guardian's heartbeat is fresh, or none is required."""
+    return params.guardian_timeout_ns == 0 or now_ns - mail[GUARD_T_NS] <= params.guardian_timeout_ns
+
+
+@kernel
+def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Raise what the board, the guardian and the operator's chain call for."""
+    mode, status = state.i[MODE], state.i[STATUS]
+    if mail[GUARD_TAKEOVER] != 0:
+        raise_code(state, GUARD_TRIP, 0)
+    if state.i[IMAGE_OK] == 0:
+        raise_code(state, BOARD_GONE, 0)
+    elif wants_power(mode):
+        if status & STATUS_ESTOP_OK == 0:
+            raise_code(state, ESTOP, 0)
+        if gives_torque(mode) and status & STATUS_POWER == 0:
+            raise_code(state, POWER_LOST, 0)
+    if wants_power(mode) and not guardian_alive(params, mail, now_ns):
+        raise_code(state, GUARD_LOST, 0)
+
+
+@kernel
+def _at_rest(state: ServoState) -> bool:
+    for j in range(state.v.size):
+        if not abs(state.v[j]) <= STANDSTILL_RAD_S:
+            return False
+    return True
+
+
+@kernel
+def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Power is wanted: grant the request or say why not."""
+    if state.i[STATUS] & STATUS_ESTOP_OK == 0:
+        state.i[EVENT] = ESTOP
+    elif not guardian_alive(params, mail, now_ns):
+        state.i[EVENT] = GUARD_LOST
+    elif not _at_rest(state):
+        state.i[EVENT] = MOVING_AT_START
+    else:
+        state.i[EVENT] = 0
+        state.i[POWERING_SINCE_NS] = now_ns
+        enter(state, POWERING)
+
+
+@kernel
+def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    if state.i[STATUS] & STATUS_POWER != 0:
+        hold_here(state)
+        for k in range(state.memory.size):
+            state.memory[k] = 0.0
+        drop_all_frames(mail)
+        enter(state, HOLDING if state.i[STATUS] & STATUS_CALIBRATED != 0 else UNCALIBRATED)
+    elif now_ns - state.i[POWERING_SINCE_NS] > params.power_timeout_ns:
+        state.i[EVENT] = POWER_NO_ACK
+        enter(state, OFF)
+
+
+@kernel
+def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    play, code, joint = stream_ready(params, state, mail, now_ns)
+    if code != 0:
+        state.i[EVENT], state.i[JOINT] = code, joint
+    elif play:
+        start_stream(state, now_ns)
+        enter(state, TRACKING)
+
+
+@kernel
+def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Grant a clear once the cause is gone; say so when it does not go."""
+    if state.i[CLEAR_UNTIL_NS] == 0:
+        return
+    mail[BEAT_TRIPS_SEEN] = mail[GUARD_TRIPS]  # asks the guardian to hand the board back
+    estop_ok = state.i[STATUS] & STATUS_ESTOP_OK != 0
+    if state.i[IMAGE_OK] != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
+        state.i[FAULT], state.i[EVENT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0, 0
+        enter(state, OFF)
+    elif now_ns > state.i[CLEAR_UNTIL_NS]:
+        state.i[EVENT] = RESET_DENIED
+        state.i[CLEAR_UNTIL_NS] = 0
+
+
+@kernel
+def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """The power request is gone: stop first when moving."""
+    if state.i[MODE] == TRACKING or state.i[MODE] == STOPPING:
+        begin_stop(params, state, mail, now_ns, OFF)
+    elif state.i[MODE] != FAULTED:
+        enter(state, OFF)
+
+
+@kernel
+def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Act on what the commander asks and on what the present mode waits for."""
+    power = 1 if mail[COMMAND_POWER] != 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
+    asked_now = power == 1 and state.i[POWER_SEEN] == 0
+    cleared = mail[COMMAND_CLEARS] != state.i[CLEARS_SEEN]
+    stopped = mail[COMMAND_STOPS] != state.i[STOPS_SEEN]
+    state.i[POWER_SEEN], state.i[CLEARS_SEEN] = power, mail[COMMAND_CLEARS]
+    state.i[STOPS_SEEN] = mail[COMMAND_STOPS]
+    mode = state.i[MODE]
+    if power == 0 and wants_power(mode):
+        _power_off(params, state, mail, now_ns)
+    elif mode == OFF:
+        if asked_now:
+            _leave_off(params, state, mail, now_ns)
+    elif mode == POWERING:
+        _watch_power_up(params, state, mail, now_ns)
+    elif mode == HOLDING:
+        if stopped:
+            drop_all_frames(mail)
+        else:
+            _watch_stream(params, state, mail, now_ns)
+    elif mode == TRACKING:
+        if stopped:
+            begin_stop(params, state, mail, now_ns, HOLDING)
+        elif stream_silent(state, mail, now_ns):
+            raise_code(state, STREAM_LOST, 0)
+    elif mode == FAULTED:
+        if cleared:
+            state.i[CLEAR_UNTIL_NS] = now_ns + CLEAR_PATIENCE_NS
+        _leave_fault(params, state, mail, now_ns)
+
+
+@kernel
+def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """Act on the worst code of this tick."""
+    code = state.i[PENDING]
+    if code == 0:
+        return
+    state.i[EVENT], state.i[JOINT] = code, state.i[PENDING_JOINT]
+    state.i[PENDING] = 0
+    mode, category = state.i[MODE], category_of(code)
+    if mode == FAULTED:
+        return
+    if category == 0 or (category == 1 and mode != TRACKING and mode != STOPPING):
+        state.i[FAULT] = code
+        end_stream(state, mail)
+        enter(state, FAULTED)
+    elif category == 1:
+        state.i[FAULT] = code
+        begin_stop(params, state, mail, now_ns, FAULTED)
+    elif mode == TRACKING:
+        begin_stop(params, state, mail, now_ns, HOLDING)
+
+
+@kernel
+def finish_stop(state: ServoState) -> None:
+    """The stop has come to rest: go where it was meant to end."""
+    if state.i[AFTER_STOP] == HOLDING:
+        for j in range(state.q.size):
+            state.v_ref[j], state.a_ref[j] = 0.0, 0.0
+            state.joint_modes[j] = POSITION_SETPOINT
+            state.torque_setpoint[j] = 0.0
+        rest_at(state.knots, state.q_ref)
+    enter(state, state.i[AFTER_STOP])
