@@ -1,0 +1,196 @@
+"""Where every byte of a packet lies: one table per packet, from which codec, documentation and C structs derive.
+
+Little endian throughout. Every number is aligned to its own size, so that a C compiler lays out the same struct without
+packing. Every packet ends in the CRC-32 (IEEE 802.3, as in zlib) of all its bytes before it, at a multiple of four.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from struct import Struct
+from typing import Final
+
+MAGIC: Final = b"QROB"
+HEADER_BYTES: Final = 24
+CRC_BYTES: Final = 4
+MAX_PACKET_BYTES: Final = 4096
+NAME_BYTES: Final = 64
+
+C_TYPES: Final = {
+    "B": "uint8_t",
+    "H": "uint16_t",
+    "I": "uint32_t",
+    "q": "int64_t",
+    "d": "double",
+    "s": "char",
+    "x": "uint8_t",
+}
+
+
+@dataclass(frozen=True)
+class Field:
+    """One row: `count` numbers of the struct code `code`; "n" of them means one per joint, "rest" up to the CRC."""
+
+    name: str
+    code: str
+    unit: str
+    meaning: str
+    count: int | str = 1
+
+    @property
+    def size(self) -> int:
+        """Bytes of one number."""
+        return Struct(f"<{self.code}").size
+
+    def length(self, n: int) -> int:
+        """How many numbers there are for `n` joints; a rest of unknown length counts as none."""
+        if self.count == "rest":
+            return 0
+        return n if self.count == "n" else int(self.count)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The rows of one kind of packet, behind the header."""
+
+    kind: int
+    name: str
+    sender: str
+    meaning: str
+    fields: tuple[Field, ...]
+
+    def rows(self, n: int) -> Iterator[tuple[int, Field]]:
+        """(offset, field) of header and payload for `n` joints."""
+        offset = 0
+        for field in HEADER_FIELDS + self.fields:
+            yield offset, field
+            offset += field.size * field.length(n)
+
+    def size(self, n: int) -> int:
+        """Bytes for `n` joints, padding and CRC included, without a rest."""
+        return self.struct(n).size + CRC_BYTES
+
+    def struct(self, n: int) -> Struct:
+        """Codec of header and fixed payload for `n` joints, padded to a multiple of four; the CRC follows it."""
+        return _struct(self.fields, n)
+
+
+@cache
+def _struct(fields: tuple[Field, ...], n: int) -> Struct:
+    codes = "".join(f"{field.length(n)}{field.code}" for field in HEADER_FIELDS + fields)
+    padding = -Struct("<" + codes).size % 4
+    return Struct(f"<{codes}{padding}x")
+
+
+HEADER_FIELDS: Final = (
+    Field("magic", "s", "-", 'the bytes "QROB"', 4),
+    Field("version", "B", "-", "1; this header, HELLO and ERROR keep their layout in every version"),
+    Field("kind", "B", "-", "which packet"),
+    Field("length", "H", "byte", "of the whole packet, header and CRC included; at most 4096"),
+    Field("seq", "I", "-", "counts sample periods; wraps (see Sequence numbers)"),
+    Field("ack", "I", "-", "seq of the newest packet received from the other side; 0 before the first"),
+    Field("t_ns", "q", "ns", "the sender's monotonic clock"),
+)
+
+HELLO: Final = Layout(
+    1,
+    "HELLO",
+    "client",
+    "first packet of a client",
+    (
+        Field("role", "B", "-", "1 commander, 2 observer"),
+        Field("reserved", "x", "-", "send 0, ignore"),
+        Field("auth_length", "H", "byte", "of auth; 0 to 1024"),
+        Field("period_us", "I", "µs", "wanted sample period, 1000 to 100000; 0 takes the server's"),
+        Field("robot", "s", "-", "name of the robot, UTF-8, padded with 0; an observer may leave it empty", NAME_BYTES),
+        Field("program", "s", "-", "name of the client for people, UTF-8, padded with 0", NAME_BYTES),
+        Field("auth", "s", "-", "authentication, padded with 0 to a multiple of 4; empty on loopback", "rest"),
+    ),
+)
+
+WELCOME: Final = Layout(
+    2,
+    "WELCOME",
+    "server",
+    "the client is accepted; STATE packets follow",
+    (
+        Field("role", "B", "-", "granted: 1 commander, 2 observer"),
+        Field("joints", "B", "-", "n, 1 to 32"),
+        Field("reserved", "x", "-", "send 0, ignore", 2),
+        Field("period_us", "I", "µs", "sample period of this connection"),
+        Field("robot", "s", "-", "name of the robot, UTF-8, padded with 0", NAME_BYTES),
+    ),
+)
+
+COMMAND: Final = Layout(
+    3,
+    "COMMAND",
+    "client",
+    "setpoints and requests for one sample period, in answer to a STATE",
+    (
+        Field("joints", "B", "-", "n of WELCOME"),
+        Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
+        Field("requests", "H", "bits", "1 power, 2 clear fault, 4 stop"),
+        Field("stream", "I", "-", "names one run of setpoints; after any stop the arm follows only a new one"),
+        Field("outputs", "I", "bits", "binary outputs"),
+        Field("reserved", "x", "-", "send 0, ignore", 4),
+        Field("setpoint", "d", "rad, m, N·m or N", "per joint, as its mode says", "n"),
+        Field("mode", "B", "-", "per joint: 0 hold, 1 position, 2 torque", "n"),
+    ),
+)
+
+STATE: Final = Layout(
+    4,
+    "STATE",
+    "server",
+    "the robot at one sample; t_ns is when it was sampled, ack the newest COMMAND taken",
+    (
+        Field("joints", "B", "-", "n of WELCOME"),
+        Field("mode", "B", "-", "of the servo (see Modes)"),
+        Field("fault", "H", "-", "code that latched the fault mode, 0 for none"),
+        Field("event", "H", "-", "newest code of any kind, 0 for none"),
+        Field("event_joint", "H", "-", "joint the event speaks of, from 0"),
+        Field("flags", "I", "bits", "see Flags"),
+        Field("late_cycles", "I", "-", "servo cycles that came late, since it started; wraps"),
+        Field("missed_frames", "I", "-", "sample periods without a usable COMMAND, since the servo started; wraps"),
+        Field(
+            "dropped",
+            "I",
+            "-",
+            "COMMANDs of this connection that were refused: repeated, out of order or invalid; wraps",
+        ),
+        Field("inputs", "I", "bits", "binary inputs"),
+        Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
+        Field("reserved", "x", "-", "send 0, ignore", 7),
+        Field("q", "d", "rad or m", "measured joint positions", "n"),
+        Field("v", "d", "rad/s or m/s", "measured joint velocities", "n"),
+        Field("tau", "d", "N·m or N", "commanded joint torques", "n"),
+        Field("q_setpoint", "d", "rad or m", "where the servo wants the joints at this instant", "n"),
+        Field("force", "d", "N, N·m", "wrist sensor: fx fy fz mx my mz", 6),
+    ),
+)
+
+ERROR: Final = Layout(
+    5,
+    "ERROR",
+    "server",
+    "something is wrong with the connection (faults of the robot travel in STATE)",
+    (
+        Field("code", "H", "-", "see Errors"),
+        Field("fatal", "B", "-", "1: the server closes the connection after this packet"),
+        Field("reserved", "x", "-", "send 0, ignore"),
+        Field("text", "s", "-", "one line for people, UTF-8, padded with 0 to a multiple of 4", "rest"),
+    ),
+)
+
+BYE: Final = Layout(
+    6,
+    "BYE",
+    "both",
+    "orderly end; the sender closes the connection after it",
+    (Field("text", "s", "-", "why, UTF-8, padded with 0 to a multiple of 4", "rest"),),
+)
+
+LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE)

@@ -1,0 +1,266 @@
+"""What the packets say. Bytes are the business of `codec`, order that of `states`.
+
+Joint vectors are tuples of n floats, SI units (rad or m, rad/s or m/s, N m or N). `seq`, `ack` and `t_ns` are those of
+the header (see `layout`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Final, TypeAlias
+
+VERSION: Final = 1
+MAX_JOINTS: Final = 32
+SHORTEST_PERIOD_US: Final = 1_000
+LONGEST_PERIOD_US: Final = 100_000
+DEFAULT_PERIOD_US: Final = 28_000  # RCCL's sample period on the Mark II controller, 28 ms
+
+# No joint of any robot is driven by a larger number; a larger one is a mistake of the program, like NaN.
+LARGEST_SETPOINT: Final = 1e6
+
+Vector: TypeAlias = tuple[float, ...]
+
+
+class ClientRole(IntEnum):
+    """What a client may do: one commander at a time, any number of observers."""
+
+    COMMANDER = 1
+    OBSERVER = 2
+
+
+class JointMode(IntEnum):
+    """What a joint's setpoint means."""
+
+    HOLD = 0
+    POSITION = 1
+    TORQUE = 2
+
+
+class Hand(IntEnum):
+    """Command of the pneumatic hand."""
+
+    RELAXED = 0
+    OPEN = 1
+    CLOSED = 2
+
+
+class RobotMode(IntEnum):
+    """What the servo does with the arm; the numbers of the servo's mode table."""
+
+    OFF = 0
+    POWERING = 1
+    UNCALIBRATED = 2
+    CALIBRATING = 3
+    HOLDING = 4
+    TRACKING = 5
+    STOPPING = 6
+    FAULT = 7
+
+
+class RobotFlag(IntFlag):
+    """Flags of a STATE; the low byte is the servo's, the next one the bridge's."""
+
+    POWERED = 1
+    CALIBRATED = 2
+    ESTOP_OK = 4
+    GUARDED = 8
+    AT_REST = 16
+    YOU_COMMAND = 0x100
+    COMMANDED = 0x200  # somebody commands
+
+
+class Request(IntFlag):
+    """Requests of a COMMAND."""
+
+    POWER = 1
+    CLEAR_FAULT = 2
+    STOP = 4
+
+
+class ErrorCode(IntEnum):
+    """Why the bridge complains. Never renumber, only add."""
+
+    MALFORMED = 1
+    VERSION = 2
+    WRONG_ROBOT = 3
+    COMMANDER_BUSY = 4
+    BAD_PERIOD = 5
+    AUTHENTICATION = 6
+    FULL = 7
+    TIMEOUT = 8
+    SERVO_GONE = 9
+    INVALID_SETPOINT = 10
+    SLOW_READER = 11
+
+
+ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
+    ErrorCode.MALFORMED: (True, "bytes that are no packet, or a packet out of turn"),
+    ErrorCode.VERSION: (True, "the client speaks another version of the protocol"),
+    ErrorCode.WRONG_ROBOT: (True, "the client named another robot, or, being a commander, none"),
+    ErrorCode.COMMANDER_BUSY: (True, "somebody else commands; the text says who"),
+    ErrorCode.BAD_PERIOD: (True, "sample period outside 1 to 100 ms"),
+    ErrorCode.AUTHENTICATION: (True, "the client may not do this from where it is"),
+    ErrorCode.FULL: (True, "too many clients"),
+    ErrorCode.TIMEOUT: (True, "no HELLO within 2 s, or no COMMAND from the commander for 1 s"),
+    ErrorCode.SERVO_GONE: (False, "the servo does not run; STATE packets resume when it does"),
+    ErrorCode.INVALID_SETPOINT: (False, "a setpoint is not a finite number of sane size; the frame counts as missing"),
+    ErrorCode.SLOW_READER: (True, "the client has read nothing for 10 s"),
+}
+"""Code to (does the connection end, what it means)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """First packet of a client; `period_us` 0 takes the server's period.
+
+    A commander names the robot it was written for; an observer may leave the name empty.
+    """
+
+    role: ClientRole
+    robot: str
+    program: str = ""
+    period_us: int = 0
+    auth: bytes = b""
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Welcome:
+    """The client is in: `role` granted, joint count, sample period and name of the robot."""
+
+    role: ClientRole
+    robot: str
+    n: int
+    period_us: int
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Setpoints and requests for one sample period.
+
+    Attributes:
+        seq: sample period it is for: the seq of the STATE it answers, or a count of the client's own periods.
+        modes: values of `JointMode`. Shape (n,).
+        setpoints: rad or m in position mode, N m or N in torque mode. Shape (n,).
+        power: level of the request for arm power; begin with what STATE says to leave it as it is.
+        clear_fault, stop: act once each time they are raised.
+        stream: names one run of setpoints; after any stop the arm follows only a new one.
+        ack: seq of the newest STATE received.
+        t_ns: the client's clock.
+    """
+
+    seq: int
+    modes: tuple[int, ...]
+    setpoints: Vector
+    power: bool = False
+    clear_fault: bool = False
+    stop: bool = False
+    stream: int = 0
+    hand: int = 0
+    outputs: int = 0
+    ack: int = 0
+    t_ns: int = 0
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.modes)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """One sample of the robot, as the servo tells it.
+
+    Attributes:
+        t_ns: time of the sample on the server's monotonic clock.
+        mode: a `RobotMode`; plain int, so that a mode of a newer servo gets through.
+        fault: `FaultCode` that latched the FAULT mode, 0 for none.
+        event, event_joint: newest code of any kind and the joint (from 0) it speaks of.
+        flags: `RobotFlag` bits of the servo.
+        q, v, tau, q_setpoint: measured position and velocity, commanded torque, momentary setpoint. Shape (n,).
+        force: wrist sensor fx fy fz mx my mz, N and N m. Shape (6,).
+    """
+
+    t_ns: int
+    mode: int
+    q: Vector
+    v: Vector
+    tau: Vector
+    q_setpoint: Vector
+    fault: int = 0
+    event: int = 0
+    event_joint: int = 0
+    flags: int = 0
+    late_cycles: int = 0
+    missed_frames: int = 0
+    inputs: int = 0
+    hand: int = 0
+    force: Vector = (0.0,) * 6
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.q)
+
+    @property
+    def powered(self) -> bool:
+        """Arm power is on."""
+        return bool(self.flags & RobotFlag.POWERED)
+
+    @property
+    def calibrated(self) -> bool:
+        """The counters are calibrated."""
+        return bool(self.flags & RobotFlag.CALIBRATED)
+
+    @property
+    def estop_ok(self) -> bool:
+        """The emergency stop is released."""
+        return bool(self.flags & RobotFlag.ESTOP_OK)
+
+    @property
+    def at_rest(self) -> bool:
+        """The arm stands still and no motion is pending."""
+        return bool(self.flags & RobotFlag.AT_REST)
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A sample of the robot on its way to one client; the header's t_ns is `robot.t_ns`.
+
+    Attributes:
+        seq: sample period since the connection began; a gap means that samples were left out.
+        ack: seq of the newest COMMAND of this client that was taken.
+        dropped: COMMANDs of this client that were refused: repeated, out of order or invalid.
+        you_command: this client holds the commander's lease.
+        commanded: somebody does.
+    """
+
+    seq: int
+    robot: RobotState
+    ack: int = 0
+    dropped: int = 0
+    you_command: bool = False
+    commanded: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class WireError:
+    """Something is wrong with the connection; when `fatal`, the server closes it."""
+
+    code: int
+    text: str
+    fatal: bool
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Bye:
+    """Orderly end."""
+
+    text: str = ""
+    t_ns: int = 0
+
+
+Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye

@@ -1,0 +1,111 @@
+"""Who may say what, when. The table below *is* the state machine; its picture in the docs is generated from it.
+
+Rules:
+
+* both ends run the same table on the same conversation; what matters is which side speaks and what it says;
+* the client greets, the server welcomes it as commander or observer, or refuses it with a fatal error;
+* STATE flows from the server to everybody who is in; COMMAND only from the commander;
+* an error that is not fatal changes nothing, a fatal one or a BYE ends the conversation for both;
+* what is not in the table is a protocol error: a local one for the speaker, a remote one for the listener;
+* after the end nothing may be sent, and what still arrives (it was under way) is ignored.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final
+
+from qrobot.wire.packets import Bye, ClientRole, Command, Hello, Packet, State, Welcome, WireError
+
+
+class Side(Enum):
+    """The two ends of a conversation."""
+
+    CLIENT = "client"
+    SERVER = "server"
+
+    @property
+    def other(self) -> Side:
+        """The far end."""
+        return Side.SERVER if self is Side.CLIENT else Side.CLIENT
+
+
+class Conversation(Enum):
+    """Where a conversation stands."""
+
+    GREETING = "greeting"
+    ANSWERING = "answering"
+    COMMANDING = "commanding"
+    OBSERVING = "observing"
+    ENDED = "ended"
+
+
+class Word(Enum):
+    """What the table tells apart: kinds of packets, and of two of them what they say."""
+
+    HELLO = "HELLO"
+    WELCOME_COMMANDER = "WELCOME as commander"
+    WELCOME_OBSERVER = "WELCOME as observer"
+    COMMAND = "COMMAND"
+    STATE = "STATE"
+    WARNING = "ERROR"
+    REFUSAL = "fatal ERROR"
+    BYE = "BYE"
+
+
+_CLIENT_LEAVES: Final = {(Side.CLIENT, Word.BYE): Conversation.ENDED}
+_SERVER_ENDS: Final = {
+    (Side.SERVER, Word.REFUSAL): Conversation.ENDED,
+    (Side.SERVER, Word.BYE): Conversation.ENDED,
+}
+_EITHER_ENDS: Final = _CLIENT_LEAVES | _SERVER_ENDS
+
+TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, Word], Conversation]]] = {
+    Conversation.GREETING: {
+        (Side.CLIENT, Word.HELLO): Conversation.ANSWERING,
+        **_EITHER_ENDS,
+    },
+    Conversation.ANSWERING: {
+        (Side.SERVER, Word.WELCOME_COMMANDER): Conversation.COMMANDING,
+        (Side.SERVER, Word.WELCOME_OBSERVER): Conversation.OBSERVING,
+        **_EITHER_ENDS,
+    },
+    Conversation.COMMANDING: {
+        (Side.SERVER, Word.STATE): Conversation.COMMANDING,
+        (Side.CLIENT, Word.COMMAND): Conversation.COMMANDING,
+        (Side.SERVER, Word.WARNING): Conversation.COMMANDING,
+        **_EITHER_ENDS,
+    },
+    Conversation.OBSERVING: {
+        (Side.SERVER, Word.STATE): Conversation.OBSERVING,
+        (Side.SERVER, Word.WARNING): Conversation.OBSERVING,
+        **_EITHER_ENDS,
+    },
+    Conversation.ENDED: {},
+}
+
+_PLAIN_WORDS: Final[dict[type, Word]] = {
+    State: Word.STATE,
+    Command: Word.COMMAND,
+    Hello: Word.HELLO,
+    Bye: Word.BYE,
+}
+
+
+def word_of(packet: Packet) -> Word:
+    """What a packet says to the table."""
+    if isinstance(packet, Welcome):
+        return Word.WELCOME_COMMANDER if packet.role is ClientRole.COMMANDER else Word.WELCOME_OBSERVER
+    if isinstance(packet, WireError):
+        return Word.REFUSAL if packet.fatal else Word.WARNING
+    return _PLAIN_WORDS[type(packet)]
+
+
+def mermaid() -> str:
+    """The state diagram of the documentation."""
+    lines = ["stateDiagram-v2", f"    [*] --> {Conversation.GREETING.name}"]
+    for origin, row in TRANSITIONS.items():
+        lines += [
+            f"    {origin.name} --> {target.name}: {side.value} {word.value}" for (side, word), target in row.items()
+        ]
+    return "\n".join([*lines, f"    {Conversation.ENDED.name} --> [*]"]) + "\n"
