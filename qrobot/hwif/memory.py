@@ -22,7 +22,7 @@ import numpy as np
 
 from qrobot.hwif.registers import DAC, DISCRETE, N_ADCS, N_DACS, N_ENCODERS, N_INPUT_WORDS
 from qrobot.realtime.atomics import load_acquire, store_release
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 
@@ -96,19 +96,19 @@ def local_board_memory() -> Words:
     return np.zeros(N_WORDS, dtype=np.int64)
 
 
-@kernel
+@lean_kernel
 def publish_image(memory: Any, image: Any) -> None:
     """Board side: publish `image` (int64[IMAGE_WORDS]: time stamp, count, input words)."""
     seqlock_write(memory, IMAGE_SEQ, IMAGE_START, image, IMAGE_WORDS)
 
 
-@kernel
+@lean_kernel
 def fetch_image(memory: Any, image: Any) -> bool:
     """Controller side: copy the newest whole image into `image` (int64[IMAGE_WORDS]); False when none could be had."""
     return seqlock_read(memory, IMAGE_SEQ, IMAGE_START, image, IMAGE_WORDS)
 
 
-@kernel
+@lean_kernel
 def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
     """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full."""
     base = LANES_START + lane * LANE_WORDS
@@ -124,7 +124,7 @@ def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def _next_operation(memory: Any, base: Any) -> Any:
     """Position of the oldest operation the board may take, or -1."""
     head = load_acquire(memory, base + _LANE_HEAD)
@@ -136,7 +136,7 @@ def _next_operation(memory: Any, base: Any) -> Any:
     return -1
 
 
-@kernel
+@lean_kernel
 def take_operation(memory: Any, lane: int, operation: Any) -> bool:
     """Board side: move the oldest operation of a lane into `operation` (int64[OP_FIELDS]); False when there is none."""
     base = LANES_START + lane * LANE_WORDS
@@ -150,7 +150,7 @@ def take_operation(memory: Any, lane: int, operation: Any) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def pending_operations(memory: Any, lane: int) -> int:
     """Operations posted to a lane that the board has not applied yet."""
     base = LANES_START + lane * LANE_WORDS
@@ -158,7 +158,7 @@ def pending_operations(memory: Any, lane: int) -> int:
     return max(0, load_acquire(memory, base + _LANE_HEAD) - done)
 
 
-@kernel
+@lean_kernel
 def discard_operations(memory: Any, lane: int) -> None:
     """Controller side after a restart: forget what a dead predecessor posted and the board has not applied.
 
@@ -169,7 +169,7 @@ def discard_operations(memory: Any, lane: int) -> None:
     store_release(memory, base + _LANE_FORGET, memory[base + _LANE_HEAD])
 
 
-@kernel
+@lean_kernel
 def trace_write(memory: Any, t_ns: int, lane: int, offset: int, value: int) -> None:
     """Board side: record an applied DAC or DISCRETE write."""
     if offset != DISCRETE and not DAC <= offset < DAC + 2 * N_DACS:
@@ -197,7 +197,7 @@ def read_trace(memory: Words) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]
     return rows[overwritten:]
 
 
-@kernel
+@lean_kernel
 def load_head(memory: Any) -> int:
     """Number of writes traced since the board started."""
     return load_acquire(memory, TRACE_HEAD)

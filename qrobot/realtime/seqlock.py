@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 from qrobot.realtime.atomics import fence, load_acquire, store_release
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 MAX_TRIES = 64
 
 
-@kernel
+@lean_kernel
 def seqlock_write(words: Any, seq: int, start: int, source: Any, n: int) -> None:
     """Publish `source[:n]` at `words[start:start+n]`; `words[seq]` is the sequence. Arrays are int64[::1]."""
     before = words[seq]
@@ -26,7 +26,7 @@ def seqlock_write(words: Any, seq: int, start: int, source: Any, n: int) -> None
     store_release(words, seq, before + 2 if before % 2 == 0 else before + 1)
 
 
-@kernel
+@lean_kernel
 def seqlock_read(words: Any, seq: int, start: int, out: Any, n: int) -> bool:
     """Copy the block into `out[:n]`; False when every try met a writer (or one that died inside)."""
     for _ in range(MAX_TRIES):

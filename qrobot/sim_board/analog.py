@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from qrobot.hwif.memory import PANEL_ANALOG, PANEL_MICRO
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ENCODERS
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
 
 WAVE_UNITS: Final = 20.0  # [A] amplitude; 14 rms against 11-22 in the vendor's table
@@ -63,14 +63,14 @@ def make_analog(
     return Analog(np.zeros(N_ENCODERS), zeros, slopes, waves, phases, state, zero.size, noise, backlash)
 
 
-@kernel
+@lean_kernel
 def uniform(random: NDArray[np.int64]) -> float:
     """Next number of the generator, in (0, 1)."""
     random[0] = random[0] * _LEHMER_MULTIPLIER % _LEHMER_MODULUS
     return float(random[0] / _LEHMER_MODULUS)
 
 
-@kernel
+@lean_kernel
 def normal(random: NDArray[np.int64]) -> float:
     """Standard normal to within the tails: twelve uniforms less six (bounded by 6, as noise of a converter is)."""
     total = -6.0
@@ -79,14 +79,16 @@ def normal(random: NDArray[np.int64]) -> float:
     return total
 
 
-@kernel
-def turn_wiper(analog: Analog, joint: int, revolutions: float) -> None:
-    """Drag a pot's train along with its motor, through the backlash."""
-    slack = 0.5 * analog.backlash
-    analog.wiper[joint] = min(max(analog.wiper[joint], revolutions - slack), revolutions + slack)
+@lean_kernel
+def turn_wipers(analog: Analog, shaft: NDArray[np.float64], counts_per_rev: NDArray[np.int64]) -> None:
+    """Drag the pots' trains along with their motors, at `shaft` counts, through the backlash."""
+    wiper, slack = analog.wiper, 0.5 * analog.backlash
+    for joint in range(analog.n_pots):
+        revolutions = shaft[joint] / counts_per_rev[joint]
+        wiper[joint] = min(max(wiper[joint], revolutions - slack), revolutions + slack)
 
 
-@kernel
+@lean_kernel
 def pot_units(analog: Analog, joint: int) -> float:
     """Reading of a potentiometer now, converter units of revision F before rounding; draws fresh noise."""
     turns = analog.wiper[joint]
@@ -95,7 +97,7 @@ def pot_units(analog: Analog, joint: int) -> float:
     return float(smooth + analog.noise * normal(analog.random))
 
 
-@kernel
+@lean_kernel
 def input_volts(analog: Analog, memory: Words, channel: int) -> float:
     """Voltage at ADC channel 0..7: a potentiometer, or what the panel sets at a free channel."""
     if channel < analog.n_pots:
@@ -103,14 +105,14 @@ def input_volts(analog: Analog, memory: Words, channel: int) -> float:
     return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO)
 
 
-@kernel
+@lean_kernel
 def convert_f(volts: float) -> int:
     """Revision F: 12 bits of +-10 V, left-justified in a two's complement 16-bit word [V]."""
     rounded = math.floor(volts / ADC_F_VOLT_PER_COUNT / 16.0 + 0.5) * 16
     return int(min(max(rounded, -_F_FULL_SCALE - 1), _F_FULL_SCALE)) & ADC_F_MASK
 
 
-@kernel
+@lean_kernel
 def convert_e(volts: float) -> int:
     """Revision E and before: 8 bits of 0-5 V [V]."""
     return int(min(max(math.floor(volts / ADC_E_VOLT_PER_COUNT + 0.5), 0), _E_FULL_SCALE))

@@ -18,7 +18,6 @@ Tags as in `hwif.registers`: [V] the vendor's driver, [I] inferred from its sequ
 
 from __future__ import annotations
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -69,10 +68,10 @@ from qrobot.hwif.registers import (
     WINDOW_BYTES,
 )
 from qrobot.realtime.atomics import load_acquire
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
-from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wiper
-from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, count_edges
+from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wipers
+from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, sample_encoders
 
 CONVERSION_NS: Final = 20_000  # [A] longer than one I/O cycle, as the revision E sequence needs
 BRAKE_RELEASE_NS: Final = 30_000_000  # [A]
@@ -128,7 +127,7 @@ def make_board(encoders: Encoders, analog: Analog, options: BoardOptions) -> Boa
     )
 
 
-@kernel
+@lean_kernel
 def _write_discrete(board: Board, value: int) -> None:
     """Latch the word; a mask bit at 0 presets its flip-flop, and power enable at 0 drops power."""
     register = board.register
@@ -141,7 +140,7 @@ def _write_discrete(board: Board, value: int) -> None:
         register[REG_PRESSED] = 1
 
 
-@kernel
+@lean_kernel
 def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
     """Sample the selected channel; its code shows `conversion_ns` later."""
     register = board.register
@@ -150,7 +149,7 @@ def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
     register[REG_ADC_DONE_NS] = t_ns + board.options.conversion_ns
 
 
-@kernel
+@lean_kernel
 def _write_mux(board: Board, memory: Words, value: int, t_ns: int) -> None:
     """Revision F: channel and start bit in one word; revision E: the channel only."""
     if board.options.revision_f:
@@ -161,7 +160,7 @@ def _write_mux(board: Board, memory: Words, value: int, t_ns: int) -> None:
         board.register[REG_ADC_CHANNEL] = value & 7
 
 
-@kernel
+@lean_kernel
 def _write(board: Board, memory: Words, offset: int, value: int, t_ns: int) -> None:
     """A legal write: 0x20-0x3E."""
     if offset >= DAC:
@@ -174,7 +173,7 @@ def _write(board: Board, memory: Words, offset: int, value: int, t_ns: int) -> N
         board.encoders.counter[(offset - ENC_LOAD) // 2] = value & COUNTER_MASK
 
 
-@kernel
+@lean_kernel
 def _apply(board: Board, memory: Words, lane: int, t_ns: int) -> None:
     """Apply `board.operation`; one on an offset of the wrong direction is ignored and counted [A]."""
     kind, offset, value = board.operation[0], board.operation[1], board.operation[2]
@@ -190,17 +189,16 @@ def _apply(board: Board, memory: Words, lane: int, t_ns: int) -> None:
         memory[BOARD_ILLEGAL_OPS] += 1
 
 
-@kernel
-def _watch(board: Board, t_ns: int) -> None:
+@lean_kernel
+def _watch(register: Words, dac: Words, watchdog_ns: int, t_ns: int) -> None:
     """The optional watchdog."""
-    if 0 < board.options.watchdog_ns < t_ns - board.register[REG_WRITTEN_NS]:
-        board.dac[:] = DAC_ZERO
+    if 0 < watchdog_ns < t_ns - register[REG_WRITTEN_NS]:
+        dac[:] = DAC_ZERO
 
 
-@kernel
-def _update_power(board: Board, memory: Words, t_ns: int) -> None:
+@lean_kernel
+def _update_power(register: Words, options: BoardOptions, memory: Words, t_ns: int) -> None:
     """Arm power from enable bit, panel and emergency stop; brakes follow with their delays."""
-    register, options = board.register, board.options
     presses = load_acquire(memory, PANEL_PRESSES)
     pressed = register[REG_PRESSED] == 1 or presses != register[REG_PRESSES]
     register[REG_PRESSED], register[REG_PRESSES] = 0, presses
@@ -215,7 +213,7 @@ def _update_power(board: Board, memory: Words, t_ns: int) -> None:
         register[REG_BRAKED] = 1 - register[REG_POWER]
 
 
-@kernel
+@lean_kernel
 def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
     """Apply everything posted so far, lane by lane in order, at board time `t_ns`; then settle power and brakes."""
     for lane in range(N_LANES):
@@ -223,28 +221,25 @@ def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
             if not take_operation(memory, lane, board.operation):
                 break
             _apply(board, memory, lane, t_ns)
-    _watch(board, t_ns)
-    _update_power(board, memory, t_ns)
+    _watch(board.register, board.dac, board.options.watchdog_ns, t_ns)
+    _update_power(board.register, board.options, memory, t_ns)
 
 
-@kernel
+@lean_kernel
 def _count(board: Board, shaft: NDArray[np.float64]) -> None:
-    """Move the encoders to the shafts' positions and latch index pulses passed on the way."""
-    register, encoders = board.register, board.encoders
-    for channel in range(N_ENCODERS):
-        bit = INDEX_BIT_0 << channel
-        armed = register[REG_DISCRETE] & bit != 0
-        pending = armed and register[REG_FLAGS] & bit != 0
-        new = math.floor(shaft[channel] + 0.5)
-        if count_edges(encoders, channel, new, pending, armed and board.options.relatch):
-            register[REG_FLAGS] &= ~bit
-        turn_wiper(board.analog, channel, shaft[channel] / encoders.counts_per_rev[channel])
-
-
-@kernel
-def _finish_conversion(board: Board, t_ns: int) -> None:
-    """Show the code when its time has come; the done flip-flop drops when it is armed."""
+    """Move the encoders to the shafts' positions; an index latched drops its flip-flop."""
     register = board.register
+    armed = register[REG_DISCRETE] & STATUS_INDEX
+    pending = armed & register[REG_FLAGS]
+    repeated = armed if board.options.relatch else 0
+    latched = sample_encoders(board.encoders, shaft, pending // INDEX_BIT_0, repeated // INDEX_BIT_0)
+    register[REG_FLAGS] &= ~(latched * INDEX_BIT_0)
+    turn_wipers(board.analog, shaft, board.encoders.counts_per_rev)
+
+
+@lean_kernel
+def _finish_conversion(register: Words, t_ns: int) -> None:
+    """Show the code when its time has come; the done flip-flop drops when it is armed."""
     if register[REG_ADC_DONE_NS] == _ADC_IDLE or t_ns < register[REG_ADC_DONE_NS]:
         return
     register[REG_ADC_VALUE] = register[REG_ADC_SAMPLE]
@@ -252,27 +247,26 @@ def _finish_conversion(board: Board, t_ns: int) -> None:
     register[REG_FLAGS] &= ~(register[REG_DISCRETE] & STATUS_ADC_BUSY)
 
 
-@kernel
-def _status(board: Board, memory: Words) -> int:
+@lean_kernel
+def _status(register: Words, memory: Words) -> int:
     """The STATUS word."""
-    register = board.register
     inputs = memory[PANEL_INPUTS] & STATUS_INPUTS & ~STATUS_ESTOP_OK
     estop = STATUS_ESTOP_OK if register[REG_ESTOP_OK] else 0
     power = STATUS_POWER if register[REG_POWER] else 0
     return int(power | register[REG_FLAGS] | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
 
 
-@kernel
+@lean_kernel
 def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
     _count(board, shaft)
-    _finish_conversion(board, t_ns)
-    image = board.image
-    board.register[REG_COUNT] += 1
-    image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, board.register[REG_COUNT]
+    _finish_conversion(board.register, t_ns)
+    image, register, latch, counter = board.image, board.register, board.encoders.latch, board.encoders.counter
+    register[REG_COUNT] += 1
+    image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, register[REG_COUNT]
     for channel in range(N_ENCODERS):
-        image[IMAGE_INPUTS + ENC_INDEX // 2 + channel] = board.encoders.latch[channel]
-        image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = board.encoders.counter[channel]
-    image[IMAGE_INPUTS + STATUS // 2] = _status(board, memory)
-    image[IMAGE_INPUTS + ADC_VALUE // 2] = board.register[REG_ADC_VALUE]
+        image[IMAGE_INPUTS + ENC_INDEX // 2 + channel] = latch[channel]
+        image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = counter[channel]
+    image[IMAGE_INPUTS + STATUS // 2] = _status(register, memory)
+    image[IMAGE_INPUTS + ADC_VALUE // 2] = register[REG_ADC_VALUE]
     publish_image(memory, image)

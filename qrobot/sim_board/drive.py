@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import DAC_ZERO
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.mismatch import PlantMismatch
 
 STRIBECK_FRACTION: Final = 0.02  # [A] Stribeck velocity over the joint's maximum speed
@@ -80,7 +80,7 @@ def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) 
     )
 
 
-@kernel
+@lean_kernel
 def friction_torque(drive: Drive, joint: int, velocity: float, brakes_closed: bool) -> float:
     """Torque friction takes from a motor at `velocity`, N.m in joint units; advances the bristle by one step."""
     slowness = velocity / drive.stribeck_velocity[joint]
@@ -95,7 +95,7 @@ def friction_torque(drive: Drive, joint: int, velocity: float, brakes_closed: bo
     return float(min(max(rubbing, lower), upper) + drive.viscous[joint] * velocity)
 
 
-@kernel
+@lean_kernel
 def drive_torque(
     drive: Drive, dac: NDArray[np.int64], powered: bool, brakes_closed: bool, velocity: Floats, tau_joint: Floats
 ) -> None:

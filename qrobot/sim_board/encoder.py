@@ -7,13 +7,14 @@ number `phase` modulo `counts_per_rev`, the encoder gives an index pulse [V: ind
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.hwif.registers import N_ENCODERS
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 COUNTER_MASK: Final = 0xFFFF
 
@@ -37,7 +38,7 @@ def make_encoders(counts_per_rev: NDArray[np.int64], phase: NDArray[np.int64]) -
     return Encoders(counter, edge, latch, revolution, index)
 
 
-@kernel
+@lean_kernel
 def first_index(old: int, new: int, period: int, phase: int) -> int:
     """First position congruent to `phase` met on the way from `old` (not met) to `new` (met); may lie beyond `new`."""
     if new > old:
@@ -45,7 +46,7 @@ def first_index(old: int, new: int, period: int, phase: int) -> int:
     return old - 1 - (old - 1 - phase) % period
 
 
-@kernel
+@lean_kernel
 def last_index(old: int, new: int, period: int, phase: int) -> int:
     """Last position congruent to `phase` met on the way from `old` to `new`; may lie before the way begins."""
     if new > old:
@@ -53,25 +54,33 @@ def last_index(old: int, new: int, period: int, phase: int) -> int:
     return new + (phase - new) % period
 
 
-@kernel
-def count_edges(encoders: Encoders, channel: int, new: int, pending: bool, relatch: bool) -> bool:
-    """Move a channel's shaft to edge `new`; True when an index pulse was latched on the way.
+@lean_kernel
+def sample_encoders(encoders: Encoders, shaft: NDArray[np.float64], pending: int, armed: int) -> int:
+    """Move all shafts to `shaft` (float64[6], counts) and latch the counts at index pulses passed on the way.
 
     Args:
         encoders: the channels.
-        channel: 0..5.
-        new: shaft position now, counts.
-        pending: the latch is armed and has seen no index yet.
-        relatch: a further index is latched although one was seen (which of the two the board does is unknown [A]).
+        shaft: positions now; the edge counted is the nearest integer.
+        pending: bit per channel whose latch waits for its first index: it keeps the first one met.
+        armed: bit per channel whose latch takes every index: it keeps the last one met. Whether a latch that has seen
+            its index takes another is unknown [A].
+
+    Returns:
+        Bit per channel that latched.
     """
-    old, period, phase = encoders.edge[channel], encoders.counts_per_rev[channel], encoders.phase[channel]
-    if new == old:
-        return False
-    first = first_index(old, new, period, phase)
-    seen = (pending or relatch) and abs(first - old) <= abs(new - old)
-    if seen:
-        at = last_index(old, new, period, phase) if relatch else first
-        encoders.latch[channel] = (encoders.counter[channel] + at - old) & COUNTER_MASK
-    encoders.counter[channel] = (encoders.counter[channel] + new - old) & COUNTER_MASK
-    encoders.edge[channel] = new
-    return seen
+    counter, edge, latch = encoders.counter, encoders.edge, encoders.latch
+    latched = 0
+    for channel in range(N_ENCODERS):
+        old, new = edge[channel], math.floor(shaft[channel] + 0.5)
+        if new == old:
+            continue
+        if (pending | armed) >> channel & 1:
+            period, phase = encoders.counts_per_rev[channel], encoders.phase[channel]
+            first = first_index(old, new, period, phase)
+            if abs(first - old) <= abs(new - old):
+                at = last_index(old, new, period, phase) if armed >> channel & 1 else first
+                latch[channel] = (counter[channel] + at - old) & COUNTER_MASK
+                latched |= 1 << channel
+        counter[channel] = (counter[channel] + new - old) & COUNTER_MASK
+        edge[channel] = new
+    return latched

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.realtime.jit import jit_disabled, kernel
+from qrobot.realtime.jit import jit_disabled, lean_kernel
 
 if TYPE_CHECKING:
     import mujoco
@@ -205,7 +205,7 @@ else:
     mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 
 
-@kernel
+@lean_kernel
 def step_plant(plant: MujocoPlant) -> None:
     """Advance the plant by its time step under `plant.torque`."""
     mj_step(plant.model, plant.data)

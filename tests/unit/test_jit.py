@@ -1,0 +1,68 @@
+"""The two kinds of kernel: one may allocate, the other is refused when it would."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.errors import NumbaError
+from numpy.typing import NDArray
+
+from qrobot.realtime.jit import jit_disabled, kernel, lean_kernel
+
+
+class Pair(NamedTuple):
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+
+
+@kernel
+def total(pair: Pair) -> float:
+    scratch = np.zeros(pair.a.size)
+    for i in range(scratch.size):
+        scratch[i] = pair.a[i] * pair.b[i]
+    return float(scratch.sum())
+
+
+@lean_kernel
+def dot(pair: Pair) -> float:
+    result = 0.0
+    for i in range(pair.a.size):
+        result += pair.a[i] * pair.b[i]
+    return result
+
+
+@lean_kernel
+def allocating(n: int) -> float:
+    return float(np.zeros(n).sum())
+
+
+@kernel
+def ratio(a: float, b: float) -> float:
+    return a / b
+
+
+def test_both_kinds_take_arrays_out_of_named_tuples() -> None:
+    pair = Pair(np.arange(4.0), np.ones(4))
+    assert total(pair) == dot(pair) == 6.0
+
+
+def test_arrays_survive_many_calls_of_a_kernel_that_does_not_count_references() -> None:
+    pair = Pair(np.arange(4.0), np.ones(4))
+    results = {dot(Pair(pair.a.copy(), pair.b)) for _ in range(1000)}
+    assert results == {6.0}
+    assert pair.b.tolist() == [1.0] * 4
+
+
+def test_a_lean_kernel_that_allocates_is_refused_by_the_compiler() -> None:
+    if jit_disabled():
+        assert allocating(3) == 0.0
+        return
+    with pytest.raises(NumbaError):
+        allocating(3)
+
+
+def test_a_division_by_zero_is_an_infinity_not_an_exception() -> None:
+    with np.errstate(divide="ignore"):
+        assert ratio(np.float64(1.0), np.float64(0.0)) == np.inf
