@@ -163,7 +163,7 @@ STATE: Final = Layout(
         ),
         Field("inputs", "I", "bits", "binary inputs"),
         Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
-        Field("reserved", "x", "-", "send 0, ignore", 7),
+        Field("reserved", "x", "-", "send 0, ignore", 3),
         Field("q", "d", "rad or m", "measured joint positions", "n"),
         Field("v", "d", "rad/s or m/s", "measured joint velocities", "n"),
         Field("tau", "d", "N·m or N", "commanded joint torques", "n"),
