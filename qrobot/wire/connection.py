@@ -6,8 +6,8 @@ A reader loops::
     while (event := connection.next_event()) is not None:
         ...
 
-RemoteProtocolError means that the far end broke the protocol: the conversation has ended, nothing it says counts any
-more, and the owner closes the socket (a server first sends what `send` makes of a fatal `WireError`).
+RemoteProtocolError means that the far end broke the protocol: nothing it says counts any more, and the owner ends the
+conversation (a server says why, with a fatal `WireError`; a client says BYE) and closes the socket.
 """
 
 from __future__ import annotations
@@ -55,6 +55,7 @@ class Connection:
         n: joint count, 0 before WELCOME.
         peer_version: protocol version of the far end's newest packet, None before the first.
         received: sequence of the numbered packets from the far end (STATE or COMMAND).
+        listening: False once the far end broke the protocol, or the conversation has ended.
     """
 
     def __init__(self, side: Side) -> None:
@@ -63,12 +64,13 @@ class Connection:
         self.n = 0
         self.peer_version: int | None = None
         self.received = Sequence()
+        self.listening = True
         self._sent = Sequence()
         self._buffer = bytearray()
 
     @property
     def ended(self) -> bool:
-        """Nothing more may be sent, and nothing more will be told."""
+        """Nothing more may be sent."""
         return self.conversation is Conversation.ENDED
 
     def receive_data(self, data: bytes) -> None:
@@ -76,10 +78,10 @@ class Connection:
 
         Raises RemoteProtocolError when more than `MAX_BUFFER_BYTES` wait to be asked for.
         """
-        if self.ended:
+        if not self.listening:
             return
         if len(self._buffer) + len(data) > MAX_BUFFER_BYTES:
-            self._end()
+            self._stop_listening()
             raise RemoteProtocolError(f"more than {MAX_BUFFER_BYTES} bytes at once")
         self._buffer += data
 
@@ -91,7 +93,7 @@ class Connection:
         try:
             return self._next_event()
         except RemoteProtocolError:
-            self._end()
+            self._stop_listening()
             raise
 
     def send(self, packet: Packet) -> bytes:
@@ -146,10 +148,10 @@ class Connection:
             self.n = packet.n
         self.conversation = target
         if self.ended:
-            self._buffer.clear()
+            self._stop_listening()
 
-    def _end(self) -> None:
-        self.conversation = Conversation.ENDED
+    def _stop_listening(self) -> None:
+        self.listening = False
         self._buffer.clear()
 
     @property
