@@ -1,0 +1,154 @@
+"""The emulated board as a process: on the wall clock, alone in serving its arm, gone cleanly."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.errors import LinkBusy
+from qrobot.hwif.memory import (
+    BOARD_JOINTS,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    BOARD_SKIPPED,
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    IMAGE_T_NS,
+    IMAGE_WORDS,
+    OP_WRITE,
+    PANEL_ESTOP,
+    Lane,
+    attach_board_memory,
+    fetch_image,
+    post_operations,
+    read_trace,
+)
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS, STATUS_POWER
+from qrobot.realtime.segment import segment_path
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.server import BoardServer
+
+pytestmark = pytest.mark.realtime
+
+SERVE = """
+import sys
+from qrobot.config import load_robot
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.server import serve
+serve(sys.argv[1], Emulator(load_robot("puma560")), lambda: print("ready", flush=True))
+"""
+
+
+@pytest.fixture
+def arm() -> Iterator[str]:
+    name = f"test{uuid.uuid4().hex[:12]}"
+    yield name
+    segment_path(f"{name}-board").unlink(missing_ok=True)
+
+
+def start_board(arm: str) -> subprocess.Popen[str]:
+    board = subprocess.Popen([sys.executable, "-c", SERVE, arm], stdout=subprocess.PIPE, text=True)
+    assert board.stdout is not None
+    assert board.stdout.readline() == "ready\n"
+    return board
+
+
+def image_of(memory: Any) -> Any:
+    image = np.zeros(IMAGE_WORDS, np.int64)
+    assert fetch_image(memory, image)
+    return image
+
+
+def status_of(memory: Any) -> int:
+    return int(image_of(memory)[IMAGE_INPUTS + STATUS // 2])
+
+
+def write(memory: Any, offset: int, value: int) -> None:
+    assert post_operations(memory, Lane.TOOL, np.array([(OP_WRITE, offset, value)]), 1)
+
+
+def wait_for(condition: Any) -> None:
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> None:
+    with BoardServer(arm, Emulator(load_robot("puma560"))) as server:
+        memory = server.segment.words
+        first, t_first = image_of(memory), time.monotonic_ns()
+        time.sleep(0.5)
+        last, t_last = image_of(memory), time.monotonic_ns()
+        skipped = int(memory[BOARD_SKIPPED])
+    period_ns = int(memory[BOARD_PERIOD_NS])
+    steps = int(last[IMAGE_COUNT] - first[IMAGE_COUNT])
+    assert last[IMAGE_T_NS] - first[IMAGE_T_NS] == (steps + skipped) * period_ns
+    assert first[IMAGE_T_NS] <= t_first
+    assert 0 <= t_last - last[IMAGE_T_NS] < 100_000_000
+    assert (memory[BOARD_JOINTS], chr(int(memory[BOARD_REVISION]))) == (6, "F")
+
+
+def test_a_second_board_for_the_same_arm_is_refused(arm: str) -> None:
+    emulator = Emulator(load_robot("puma560"))
+    with BoardServer(arm, emulator), pytest.raises(LinkBusy, match=arm):
+        BoardServer(arm, emulator)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_process_and_removes_its_memory(arm: str, number: signal.Signals) -> None:
+    board = start_board(arm)
+    assert segment_path(f"{arm}-board").exists()
+    board.send_signal(number)
+    board.communicate(timeout=10)
+    assert board.returncode == 0
+    assert not segment_path(f"{arm}-board").exists()
+
+
+def test_writes_from_another_process_act_and_are_stamped_with_the_boards_clock(arm: str) -> None:
+    board = start_board(arm)
+    try:
+        with attach_board_memory(arm) as segment:
+            memory = segment.words
+            before = time.monotonic_ns()
+            write(memory, DAC, DAC_ZERO + 1)
+            write(memory, DISCRETE, DISCRETE_POWER)
+            wait_for(lambda: status_of(memory) & STATUS_POWER)
+            after = time.monotonic_ns()
+            rows = read_trace(memory)
+            assert rows[:, 2:].tolist() == [[DAC, DAC_ZERO + 1], [DISCRETE, DISCRETE_POWER]]
+            assert (rows[:, 1] == Lane.TOOL).all()
+            assert before <= rows[0, 0] <= rows[1, 0] <= after
+            memory[PANEL_ESTOP] = 1
+            wait_for(lambda: not status_of(memory) & STATUS_POWER)
+    finally:
+        board.send_signal(signal.SIGTERM)
+        board.communicate(timeout=10)
+
+
+def test_a_killed_board_is_replaced_and_peers_see_the_new_one_in_the_memory_they_have(arm: str) -> None:
+    board = start_board(arm)
+    with attach_board_memory(arm) as segment:
+        board.kill()
+        board.communicate()
+        assert not segment.owner_alive
+        stopped = int(image_of(segment.words)[IMAGE_COUNT])
+        second = start_board(arm)
+        try:
+            assert segment.is_current
+            assert segment.owner_alive
+            wait_for(lambda: image_of(segment.words)[IMAGE_COUNT] not in (0, stopped))
+            write(segment.words, DISCRETE, DISCRETE_POWER)
+            wait_for(lambda: status_of(segment.words) & STATUS_POWER)
+        finally:
+            second.send_signal(signal.SIGTERM)
+            second.communicate(timeout=10)
