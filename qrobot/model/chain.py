@@ -5,13 +5,17 @@ Frame i-1 to frame i is Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint adds to theta
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from qrobot.config.robot import Robot
 from qrobot.config.values import Bools, Floats
+from qrobot.model.vec import Vec
 from qrobot.realtime.jit import kernel
+
+Turn = tuple[float, float, float, float]
 
 
 class ChainParams(NamedTuple):
@@ -39,26 +43,30 @@ def chain_params(robot: Robot) -> ChainParams:
 
 
 @kernel
-def joint_angle(q: Floats, chain: ChainParams, i: int) -> float:
-    """Angle about z between the frames of joint i, rad."""
-    return float(chain.theta[i] if chain.prismatic[i] else chain.theta[i] + q[i])
+def link_turn(q: Floats, chain: ChainParams, i: int) -> Turn:
+    """The rotation of frame i in frame i-1, as cosine and sine of theta and of alpha."""
+    theta = chain.theta[i] if chain.prismatic[i] else chain.theta[i] + q[i]
+    return math.cos(theta), math.sin(theta), chain.cos_alpha[i], chain.sin_alpha[i]
 
 
 @kernel
-def joint_slide(q: Floats, chain: ChainParams, i: int) -> float:
-    """Distance along z between the frames of joint i, m."""
-    return float(chain.d[i] + q[i] if chain.prismatic[i] else chain.d[i])
+def link_origin(q: Floats, chain: ChainParams, i: int) -> Vec:
+    """The origin of frame i in frame i-1, m."""
+    d = chain.d[i] + q[i] if chain.prismatic[i] else chain.d[i]
+    return chain.a[i], -chain.sin_alpha[i] * d, chain.cos_alpha[i] * d
 
 
 @kernel
-def to_link(c: float, s: float, ca: float, sa: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of frame i-1 in frame i: Rz(theta)' Rx(alpha)' v, from the cosines and sines of theta and alpha."""
-    lifted = ca * y + sa * z
-    return c * x + s * lifted, c * lifted - s * x, ca * z - sa * y
+def to_link(turn: Turn, v: Vec) -> Vec:
+    """A vector of frame i-1 in frame i: Rz(theta)' Rx(alpha)' v."""
+    c, s, ca, sa = turn
+    lifted = ca * v[1] + sa * v[2]
+    return c * v[0] + s * lifted, c * lifted - s * v[0], ca * v[2] - sa * v[1]
 
 
 @kernel
-def to_parent(c: float, s: float, ca: float, sa: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+def to_parent(turn: Turn, v: Vec) -> Vec:
     """A vector of frame i in frame i-1: Rx(alpha) Rz(theta) v; the inverse of `to_link`."""
-    lifted = s * x + c * y
-    return c * x - s * y, ca * lifted - sa * z, sa * lifted + ca * z
+    c, s, ca, sa = turn
+    lifted = s * v[0] + c * v[1]
+    return c * v[0] - s * v[1], ca * lifted - sa * v[2], sa * lifted + ca * v[2]

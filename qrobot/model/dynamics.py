@@ -9,15 +9,15 @@ moment and turns g back: no storage, so it runs in the servo cycle as it is.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from qrobot.config.robot import Robot
 from qrobot.config.values import Floats
-from qrobot.model.chain import ChainParams, chain_params, joint_angle, joint_slide, to_link, to_parent
-from qrobot.realtime.jit import kernel
+from qrobot.model.chain import ChainParams, chain_params, link_origin, link_turn, to_link, to_parent
+from qrobot.model.vec import Vec, add, cross, row, scale
+from qrobot.realtime.jit import lean_kernel
 
 
 class DynamicsParams(NamedTuple):
@@ -92,31 +92,84 @@ def with_payload(params: DynamicsParams, mass: float, com: Floats) -> DynamicsPa
     return params._replace(mass=masses, moment=moment, inertia=inertia)
 
 
-@kernel
+@lean_kernel
 def gravity_torque(q: Floats, p: DynamicsParams, tau: Floats) -> None:
     """Torques that hold the arm still at `q` against gravity. Shapes (n,), N·m (N)."""
-    chain = p.chain
-    gx, gy, gz = p.gravity[0], p.gravity[1], p.gravity[2]
+    g = (p.gravity[0], p.gravity[1], p.gravity[2])
     for i in range(q.size):
-        angle = joint_angle(q, chain, i)
-        gx, gy, gz = to_link(math.cos(angle), math.sin(angle), chain.cos_alpha[i], chain.sin_alpha[i], gx, gy, gz)
-    m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of everything outwards of joint i, in frame i
+        g = to_link(link_turn(q, p.chain, i), g)
+    mass, moment = 0.0, (0.0, 0.0, 0.0)  # of everything outwards of joint i, in frame i
     for i in range(q.size - 1, -1, -1):
-        m += p.mass[i]
-        hx += p.moment[i, 0]
-        hy += p.moment[i, 1]
-        hz += p.moment[i, 2]
-        tau[i] = -m * gz if chain.prismatic[i] else hy * gx - hx * gy
-        angle, slide = joint_angle(q, chain, i), joint_slide(q, chain, i)
-        c, s, ca, sa = math.cos(angle), math.sin(angle), chain.cos_alpha[i], chain.sin_alpha[i]
-        gx, gy, gz = to_parent(c, s, ca, sa, gx, gy, gz)
-        hx, hy, hz = to_parent(c, s, ca, sa, hx, hy, hz)
-        hx += m * chain.a[i]
-        hy -= m * sa * slide
-        hz += m * ca * slide
+        mass += p.mass[i]
+        moment = add(moment, row(p.moment, i))
+        tau[i] = -mass * g[2] if p.chain.prismatic[i] else moment[1] * g[0] - moment[0] * g[1]
+        turn = link_turn(q, p.chain, i)
+        g = to_parent(turn, g)
+        moment = add(to_parent(turn, moment), scale(mass, link_origin(q, p.chain, i)))
 
 
-@kernel
+def dynamics_work(n: int) -> Floats:
+    """Scratch space for `inverse_dynamics`: angular velocity, angular and linear acceleration of each link. (3n, 3)."""
+    return np.zeros((3 * n, 3))
+
+
+@lean_kernel
+def inverse_dynamics(q: Floats, v: Floats, a: Floats, p: DynamicsParams, work: Floats, tau: Floats) -> None:
+    """Torques for velocities `v` and accelerations `a` at `q`: recursive Newton-Euler, rotors included. Shapes (n,).
+
+    The rotors count with the inertia they add at the joints (`p.armature`), not with their gyroscopic torques.
+    """
+    _move_links(q, v, a, p, work)
+    _gather_forces(q, p, work, tau)
+    for i in range(q.size):
+        for j in range(q.size):
+            tau[i] += p.armature[i, j] * a[j]
+
+
+@lean_kernel
+def _move_links(q: Floats, v: Floats, a: Floats, p: DynamicsParams, work: Floats) -> None:
+    """Outwards: motion of each link in its own frame, with the base accelerating against gravity."""
+    still = (0.0, 0.0, 0.0)
+    omega, alpha, accel = still, still, (-p.gravity[0], -p.gravity[1], -p.gravity[2])
+    for i in range(q.size):
+        turn, origin = link_turn(q, p.chain, i), link_origin(q, p.chain, i)
+        accel = to_link(turn, add(accel, add(cross(alpha, origin), cross(omega, cross(omega, origin)))))
+        omega, alpha = to_link(turn, omega), to_link(turn, alpha)
+        rate, push = (0.0, 0.0, v[i]), (0.0, 0.0, a[i])
+        if p.chain.prismatic[i]:
+            accel = add(accel, add(push, scale(2.0, cross(omega, rate))))
+        else:
+            alpha = add(alpha, add(push, cross(omega, rate)))
+            omega = add(omega, rate)
+        for axis in range(3):
+            work[3 * i, axis], work[3 * i + 1, axis], work[3 * i + 2, axis] = omega[axis], alpha[axis], accel[axis]
+
+
+@lean_kernel
+def _gather_forces(q: Floats, p: DynamicsParams, work: Floats, tau: Floats) -> None:
+    """Inwards: force and torque that each joint passes on to everything outwards of it."""
+    force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(q.size - 1, -1, -1):
+        omega, alpha, accel = row(work, 3 * i), row(work, 3 * i + 1), row(work, 3 * i + 2)
+        moment = row(p.moment, i)
+        force = add(force, add(scale(p.mass[i], accel), cross(alpha, moment)))
+        force = add(force, cross(omega, cross(omega, moment)))
+        torque = add(torque, add(_times_inertia(p, i, alpha), cross(moment, accel)))
+        torque = add(torque, cross(omega, _times_inertia(p, i, omega)))
+        tau[i] = force[2] if p.chain.prismatic[i] else torque[2]
+        turn = link_turn(q, p.chain, i)
+        force = to_parent(turn, force)
+        torque = add(to_parent(turn, torque), cross(link_origin(q, p.chain, i), force))
+
+
+@lean_kernel
+def _times_inertia(p: DynamicsParams, i: int, v: Vec) -> Vec:
+    xx, yy, zz = p.inertia[i, 0], p.inertia[i, 1], p.inertia[i, 2]
+    xy, xz, yz = p.inertia[i, 3], p.inertia[i, 4], p.inertia[i, 5]
+    return xx * v[0] + xy * v[1] + xz * v[2], xy * v[0] + yy * v[1] + yz * v[2], xz * v[0] + yz * v[1] + zz * v[2]
+
+
+@lean_kernel
 def friction_torque(v: Floats, p: FrictionParams, tau: Floats) -> None:
     """Torques that keep the joints moving at `v` against friction. Shapes (n,).
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from qrobot.config.robot import Robot
 from qrobot.config.values import Floats, Ints
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 DAC_ZERO: Final = 0x800  # 12-bit offset binary: 0 V, no torque [V]
 DAC_MAX: Final = 0xFFF
@@ -75,7 +75,7 @@ def transmission_params(robot: Robot) -> TransmissionParams:
     )
 
 
-@kernel
+@lean_kernel
 def counts_to_joint(counts: Ints, p: TransmissionParams, q: Floats) -> None:
     """Joint positions from counters as read, offset included. Shapes (n,)."""
     for j in range(q.size):
@@ -85,7 +85,7 @@ def counts_to_joint(counts: Ints, p: TransmissionParams, q: Floats) -> None:
         q[j] = position
 
 
-@kernel
+@lean_kernel
 def joint_to_counts(q: Floats, p: TransmissionParams, counts: Ints) -> None:
     """Nearest counters for joint positions, offset included; the inverse of `counts_to_joint`. Shapes (n,)."""
     for i in range(q.size):
@@ -95,7 +95,7 @@ def joint_to_counts(q: Floats, p: TransmissionParams, counts: Ints) -> None:
         counts[i] = math.floor(turned + 0.5) + p.count_offset[i]
 
 
-@kernel
+@lean_kernel
 def joint_to_motor(q: Floats, p: TransmissionParams, r: Floats) -> None:
     """Motor displacements r = C (q - q_offset) in joint units. Shapes (n,)."""
     for i in range(q.size):
@@ -105,7 +105,7 @@ def joint_to_motor(q: Floats, p: TransmissionParams, r: Floats) -> None:
         r[i] = turned
 
 
-@kernel
+@lean_kernel
 def motor_to_joint(r: Floats, p: TransmissionParams, q: Floats) -> None:
     """Joint positions q = q_offset + C^-1 r. Shapes (n,)."""
     for j in range(q.size):
@@ -115,20 +115,20 @@ def motor_to_joint(r: Floats, p: TransmissionParams, q: Floats) -> None:
         q[j] = position
 
 
-@kernel
+@lean_kernel
 def signed_word(word: int) -> int:
     """A 16-bit register word as the signed number it stands for."""
     word = word & (WORD - 1)
     return word - WORD if word >= WORD // 2 else word
 
 
-@kernel
+@lean_kernel
 def count_word(counts: int) -> int:
     """The 16-bit word that a counter shows at `counts`."""
     return counts & (WORD - 1)
 
 
-@kernel
+@lean_kernel
 def unwrap_counts(words: Ints, raw: Ints, counts: Ints, jump_counts: Ints) -> int:
     """Carry the positions `counts` on by the difference of the new `words` to the last accepted ones, `raw`.
 
@@ -149,7 +149,7 @@ def unwrap_counts(words: Ints, raw: Ints, counts: Ints, jump_counts: Ints) -> in
     return held
 
 
-@kernel
+@lean_kernel
 def dac_code(tau_motor: float, dac_per_Nm: float) -> int:
     """`trunc(tau scale) + 0x800`, clamped to 0..0xFFF (TRC004 driver v4.3); NaN asks for no torque."""
     steps = tau_motor * dac_per_Nm
@@ -162,7 +162,7 @@ def dac_code(tau_motor: float, dac_per_Nm: float) -> int:
     return int(steps) + DAC_ZERO
 
 
-@kernel
+@lean_kernel
 def torque_to_motor(tau: Floats, p: TransmissionParams, tau_motor: Floats) -> None:
     """Motor torques C^-T tau, in joint units. Shapes (n,)."""
     for i in range(tau.size):
@@ -172,7 +172,7 @@ def torque_to_motor(tau: Floats, p: TransmissionParams, tau_motor: Floats) -> No
         tau_motor[i] = torque
 
 
-@kernel
+@lean_kernel
 def motor_to_torque(tau_motor: Floats, p: TransmissionParams, tau: Floats) -> None:
     """Joint torques C^T tau_motor. Shapes (n,)."""
     for j in range(tau.size):
@@ -182,7 +182,7 @@ def motor_to_torque(tau_motor: Floats, p: TransmissionParams, tau: Floats) -> No
         tau[j] = torque
 
 
-@kernel
+@lean_kernel
 def torque_to_dac(tau: Floats, p: TransmissionParams, tau_motor: Floats, dac: Ints) -> None:
     """DAC codes for joint torques; leaves the motor torques in `tau_motor`. Shapes (n,)."""
     torque_to_motor(tau, p, tau_motor)
@@ -190,21 +190,21 @@ def torque_to_dac(tau: Floats, p: TransmissionParams, tau_motor: Floats, dac: In
         dac[i] = dac_code(tau_motor[i], p.dac_per_Nm[i])
 
 
-@kernel
+@lean_kernel
 def dac_to_motor_torque(dac: Ints, p: TransmissionParams, tau_motor: Floats) -> None:
     """Motor torques that DAC codes ask for, (n - 0x800) / dac_per_Nm. Shapes (n,)."""
     for i in range(dac.size):
         tau_motor[i] = (dac[i] - DAC_ZERO) / p.dac_per_Nm[i]
 
 
-@kernel
+@lean_kernel
 def motor_to_pot(r: Floats, p: TransmissionParams, pot: Floats) -> None:
     """Potentiometers in ADC units of 20 V/65536 for motor displacements r: straight, without waviness. Shapes (n,)."""
     for i in range(r.size):
         pot[i] = p.pot_at_zero[i] + p.pot_per_count[i] * r[i] / p.rad_per_count[i]
 
 
-@kernel
+@lean_kernel
 def pot_to_motor(pot: Floats, p: TransmissionParams, r: Floats) -> None:
     """Motor displacements that potentiometers show; the inverse of `motor_to_pot`, good to a fraction of a turn."""
     for i in range(r.size):

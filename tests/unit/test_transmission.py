@@ -117,7 +117,7 @@ def test_a_torque_on_joint_6_takes_a_counter_torque_on_motor_5() -> None:
         (np.inf, 0xFFF),
         (-np.inf, 0),
         (1e300, 0xFFF),
-    ],  # fmt: skip
+    ],
 )
 def test_dac_codes_of_joint_1_truncate_towards_zero_and_clamp(torque: float, code: int) -> None:
     assert dac_code(torque, 19.99) == code
