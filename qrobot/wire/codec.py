@@ -39,7 +39,8 @@ _CRC: Final = Struct("<I")
 _FIRST: Final = 7  # fields of the header
 _POWER, _CLEAR, _STOP = int(Request.POWER), int(Request.CLEAR_FAULT), int(Request.STOP)
 _YOU, _SOMEBODY = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED)
-_SERVO_FLAGS: Final = 0xFFFFFFFF & ~(_YOU | _SOMEBODY)
+_U32: Final = 0xFFFFFFFF
+_SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY)
 
 
 def frame_length(start: bytes | bytearray) -> int | None:
@@ -222,9 +223,10 @@ def _encode_state(packet: State) -> bytes:
     ):
         raise LocalProtocolError(f"STATE whose vectors are not all of {n} joints, or whose force is not of 6 axes")
     flags = robot.flags & _SERVO_FLAGS | _YOU * packet.you_command | _SOMEBODY * packet.commanded
+    counters = robot.late_cycles & _U32, robot.missed_frames & _U32, packet.dropped & _U32
     return _pack(
         layout.STATE, n, packet.seq, packet.ack, robot.t_ns, n, robot.mode, robot.fault, robot.event,
-        robot.event_joint, flags, robot.late_cycles, robot.missed_frames, packet.dropped, robot.inputs, robot.hand,
+        robot.event_joint, flags, *counters, robot.inputs, robot.hand,
         *robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force,
     )  # fmt: skip
 

@@ -8,6 +8,11 @@ _MODULUS: Final = 1 << 32
 _HALF: Final = 1 << 31
 
 
+def wrapped(number: int) -> int:
+    """An ever growing number as it travels, modulo 2^32."""
+    return number % _MODULUS
+
+
 class Sequence:
     """Accepts only newer numbers, and counts on where they wrap.
 

@@ -1,0 +1,31 @@
+"""The bridge: user programs on one side over TCP, the servo on the other behind a small port.
+
+It plays the part of the QRobot paper's "RCCL interface" (section 6): packets flow both ways at the sample period,
+setpoints in, the robot's state out. `session` decides without I/O, `server` moves bytes, `port` is all it knows of the
+servo.
+"""
+
+from qrobot.rccl_bridge.actions import Action, Close, Forward, Outcome, Send, Stop, carry_out
+from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.port import RobotPort, RobotState, SetpointFrame
+from qrobot.rccl_bridge.server import BridgeServer, run_bridge
+from qrobot.rccl_bridge.session import Session
+from qrobot.rccl_bridge.settings import BridgeSettings
+
+__all__ = [
+    "Action",
+    "BridgeServer",
+    "BridgeSettings",
+    "Close",
+    "Forward",
+    "Lease",
+    "Outcome",
+    "RobotPort",
+    "RobotState",
+    "Send",
+    "Session",
+    "SetpointFrame",
+    "Stop",
+    "carry_out",
+    "run_bridge",
+]

@@ -1,0 +1,76 @@
+"""What a session wants done. Sessions decide, `carry_out` does it, for the server and for lock-step alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from qrobot.errors import LinkError
+from qrobot.rccl_bridge.port import RobotPort, SetpointFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Bytes for the client."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Forward:
+    """A frame for the servo."""
+
+    frame: SetpointFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A controlled stop, and why."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Close:
+    """The end of the client's connection, and why."""
+
+    reason: str
+
+
+Action: TypeAlias = Send | Forward | Stop | Close
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What is left for the owner of the connection: bytes to write, then, unless `closed` is "", to close it."""
+
+    data: bytes
+    closed: str
+
+
+def carry_out(actions: Iterable[Action], port: RobotPort) -> Outcome:
+    """Do what concerns the servo, return what concerns the client.
+
+    A servo that went away in between is no error here: the next tick finds out and tells the client.
+    """
+    data, closed = b"", ""
+    for action in actions:
+        match action:
+            case Send():
+                data += action.data
+            case Close():
+                closed = action.reason
+            case _:
+                _tell_servo(action, port)
+    return Outcome(data, closed)
+
+
+def _tell_servo(action: Forward | Stop, port: RobotPort) -> None:
+    try:
+        if isinstance(action, Forward):
+            port.write_setpoint(action.frame)
+        else:
+            port.request_stop()
+    except LinkError:
+        return

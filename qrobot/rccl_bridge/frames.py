@@ -1,0 +1,55 @@
+"""From a client's COMMANDs to frames for the servo: streams get lasting numbers, requests become edges."""
+
+from __future__ import annotations
+
+from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.port import SetpointFrame
+from qrobot.wire import Command
+
+
+class FrameMaker:
+    """Remembers what one commander said last.
+
+    After the servo was away the commander has to drop its power request once before anything is forwarded, and its
+    next frame begins a new stream: nothing moves because somebody restarted something.
+    """
+
+    def __init__(self, lease: Lease, period_ns: int) -> None:
+        self._lease = lease
+        self._period_ns = period_ns
+        self._last: Command | None = None
+        self._client_stream: int | None = None
+        self._stream = 0
+        self._power_locked = False
+
+    @property
+    def acknowledged(self) -> int:
+        """Seq of the newest COMMAND, 0 before the first."""
+        return 0 if self._last is None else self._last.seq
+
+    def lose_servo(self) -> None:
+        """The servo is away: what comes now goes nowhere."""
+        self._power_locked = True
+        self._client_stream = None
+
+    def make(self, command: Command, seq: int, now_ns: int) -> SetpointFrame | None:
+        """The frame of `command`, whose unwrapped sequence number is `seq`; None while the power request is locked."""
+        last, self._last = self._last, command
+        self._power_locked = self._power_locked and command.power
+        if self._power_locked:
+            return None
+        if command.stream != self._client_stream:
+            self._client_stream, self._stream = command.stream, self._lease.new_stream(now_ns)
+        return SetpointFrame(
+            stream=self._stream,
+            seq=seq,
+            t_ns=now_ns,
+            period_ns=self._period_ns,
+            modes=command.modes,
+            setpoints=command.setpoints,
+            power=command.power,
+            clear_fault=command.clear_fault and not (last is not None and last.clear_fault),
+            stop=command.stop and not (last is not None and last.stop),
+            hand=command.hand,
+            outputs=command.outputs,
+        )

@@ -1,0 +1,71 @@
+"""May this client come in, and as what? Each rule is one function; the first that objects decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Final
+
+from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, ClientRole, ErrorCode, Hello
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """Who greets, and whom: the HELLO, the address it came from, and the robot that is here."""
+
+    hello: Hello
+    host: str
+    robot_name: str
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why not."""
+
+    code: ErrorCode
+    text: str
+
+
+def judge_robot(visitor: Visitor) -> Refusal | None:
+    """A commander has to name this robot; an observer may name none."""
+    asked, here = visitor.hello.robot, visitor.robot_name
+    if asked == here or (not asked and visitor.hello.role is ClientRole.OBSERVER):
+        return None
+    return Refusal(ErrorCode.WRONG_ROBOT, f"this is {here!r}, not {asked!r}")
+
+
+def judge_period(visitor: Visitor) -> Refusal | None:
+    """Sample periods run from 1 to 100 ms; 0 takes the bridge's."""
+    period_us = visitor.hello.period_us
+    if period_us == 0 or SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
+        return None
+    allowed = f"{SHORTEST_PERIOD_US} to {LONGEST_PERIOD_US}"
+    return Refusal(ErrorCode.BAD_PERIOD, f"sample period {period_us} µs: {allowed} are possible, 0 takes the server's")
+
+
+def judge_authentication(visitor: Visitor) -> Refusal | None:
+    """On loopback nobody is asked; elsewhere nobody is let in, as long as there is no authentication."""
+    if is_loopback(visitor.host):
+        return None
+    return Refusal(
+        ErrorCode.AUTHENTICATION, f"{visitor.host} is not this machine; come through a tunnel to its loopback interface"
+    )
+
+
+RULES: Final[tuple[Callable[[Visitor], Refusal | None], ...]] = (judge_authentication, judge_robot, judge_period)
+
+
+def judge(visitor: Visitor) -> Refusal | None:
+    """First objection, or None."""
+    return next((refusal for rule in RULES if (refusal := rule(visitor)) is not None), None)
+
+
+def is_loopback(host: str) -> bool:
+    """True for an address of the loopback interface; anything that is no IP address is not."""
+    try:
+        address = ip_address(host)
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return address.is_loopback or (mapped is not None and mapped.is_loopback)

@@ -1,0 +1,64 @@
+"""All the bridge knows of the servo: where setpoints go and where the state comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from qrobot.wire import RobotState
+
+__all__ = ["RobotPort", "RobotState", "SetpointFrame"]
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointFrame:
+    """What the commander wants in one sample period.
+
+    Attributes:
+        stream: names one run of setpoints; grows with every new one, also across sessions and restarts of the bridge.
+        seq: counts sample periods; a gap within a stream means missing frames. Never repeats, never wraps.
+        t_ns: time of arrival, CLOCK_MONOTONIC.
+        period_ns: sample period of the stream.
+        modes: values of `qrobot.wire.JointMode`. Shape (n,).
+        setpoints: rad or m in position mode, N m or N in torque mode; finite. Shape (n,).
+        power: level of the request for arm power.
+        clear_fault, stop: true only in the frame that raises the request.
+        hand: 0 relaxed, 1 open, 2 closed.
+        outputs: bits of the binary outputs.
+    """
+
+    stream: int
+    seq: int
+    t_ns: int
+    period_ns: int
+    modes: tuple[int, ...]
+    setpoints: tuple[float, ...]
+    power: bool
+    clear_fault: bool
+    stop: bool
+    hand: int
+    outputs: int
+
+
+class RobotPort(Protocol):
+    """The way to the servo. None of its methods waits."""
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot, as clients have to give it."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+
+    def alive(self) -> bool:
+        """The servo runs and its state is fresh."""
+
+    def read_state(self) -> RobotState:
+        """Newest state of the robot. Raises LinkError when the servo is gone."""
+
+    def write_setpoint(self, frame: SetpointFrame) -> None:
+        """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""
+
+    def request_stop(self) -> None:
+        """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""

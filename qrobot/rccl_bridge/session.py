@@ -1,0 +1,214 @@
+"""One client of the bridge, without I/O: bytes and the time in, actions out.
+
+Rules:
+
+* STATE goes out on an absolute grid of the session's period; a grid point that was missed is left out, never made good;
+* its `seq` is the number of the grid point, so that a client that copies it into its COMMAND counts sample periods;
+* setpoints are the commander's alone, and the lease is given back, with a stop, however the session ends;
+* while the servo is away the client is told once, stays connected, and what it commands is dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from qrobot.errors import RemoteProtocolError
+from qrobot.rccl_bridge.actions import Action, Close, Forward, Send, Stop
+from qrobot.rccl_bridge.frames import FrameMaker
+from qrobot.rccl_bridge.handshake import Visitor, judge
+from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.port import RobotState
+from qrobot.rccl_bridge.settings import BridgeSettings
+from qrobot.rccl_bridge.throttle import Throttle
+from qrobot.wire import (
+    VERSION,
+    Bye,
+    ClientRole,
+    Command,
+    Connection,
+    ErrorCode,
+    Event,
+    Hello,
+    InvalidSetpoint,
+    Side,
+    State,
+    Welcome,
+    WireError,
+)
+from qrobot.wire.sequence import wrapped
+
+
+@dataclass(frozen=True)
+class Peer:
+    """The far end of a socket."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+class Session:
+    """What one client may do, and what it gets.
+
+    Attributes:
+        label: the client in words for people.
+        due_ns: when `tick` wants to be called next.
+        invalid: COMMANDs with impossible setpoints.
+        left_out: STATEs not sent because the client did not read.
+    """
+
+    def __init__(
+        self, robot_name: str, n: int, lease: Lease, settings: BridgeSettings, peer: Peer, now_ns: int
+    ) -> None:
+        self.label = str(peer)
+        self.due_ns = now_ns + settings.handshake_ns
+        self.invalid = 0
+        self.left_out = 0
+        self._robot_name, self._n = robot_name, n
+        self._lease, self._settings, self._peer = lease, settings, peer
+        self._connection = Connection(Side.SERVER)
+        self._frames: FrameMaker | None = None  # the commander's
+        self._origin_ns = 0
+        self._period_ns = 0
+        self._heard_ns = now_ns
+        self._blocked_since_ns: int | None = None
+        self._servo_gone = False
+        self._warnings = Throttle()
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come of this session."""
+        return self._connection.ended
+
+    def receive(self, data: bytes, now_ns: int) -> list[Action]:
+        """Bytes came from the client."""
+        actions: list[Action] = []
+        try:
+            self._connection.receive_data(data)
+            while (event := self._connection.next_event()) is not None:
+                actions += self._take(event, now_ns)
+        except RemoteProtocolError as error:
+            foreign = self._connection.peer_version not in (None, VERSION)
+            actions += self.refuse(ErrorCode.VERSION if foreign else ErrorCode.MALFORMED, str(error), now_ns)
+        return actions
+
+    def tick(self, now_ns: int, robot: RobotState | None) -> list[Action]:
+        """Time has come to `now_ns`; `robot` is the newest sample, None while the servo is away."""
+        if self.ended or now_ns < self.due_ns:
+            return []
+        if self._period_ns == 0:
+            return self.refuse(ErrorCode.TIMEOUT, "no HELLO in time", now_ns)
+        number = (now_ns - self._origin_ns) // self._period_ns + 1
+        self.due_ns = self._origin_ns + number * self._period_ns
+        if self._frames is not None and now_ns - self._heard_ns > self._settings.silence_ns:
+            return self.refuse(ErrorCode.TIMEOUT, "the commander has fallen silent", now_ns)
+        if self._blocked_since_ns is not None:
+            return self._leave_out(now_ns, self._blocked_since_ns)
+        return self._tell(number, robot, now_ns)
+
+    def block(self, now_ns: int) -> None:
+        """The client does not read: leave out STATEs from now on."""
+        self._blocked_since_ns = now_ns
+
+    def unblock(self) -> None:
+        """The client reads again."""
+        self._blocked_since_ns = None
+
+    def lose(self) -> list[Action]:
+        """The client's socket is gone."""
+        return self._give_up_command("the commander's connection was lost")
+
+    def dismiss(self, reason: str, now_ns: int) -> list[Action]:
+        """End the session from our side in good order."""
+        if self.ended:
+            return []
+        farewell = Send(self._connection.send(Bye(reason, now_ns)))
+        return [*self._give_up_command(reason), farewell, Close(reason)]
+
+    def refuse(self, code: ErrorCode, text: str, now_ns: int) -> list[Action]:
+        """End the session because of something the client did, or did not do."""
+        if self.ended:
+            return []
+        complaint = Send(self._connection.send(WireError(code, text, True, now_ns)))
+        return [*self._give_up_command(text), complaint, Close(text)]
+
+    def _take(self, event: Event, now_ns: int) -> list[Action]:
+        match event:
+            case Command():
+                return self._take_command(event, now_ns)
+            case InvalidSetpoint():
+                return self._take_invalid(event, now_ns)
+            case Hello():
+                return self._greet(event, now_ns)
+            case Bye():
+                reason = event.text or "the client said BYE"
+                return [*self._give_up_command(reason), Close(reason)]
+            case _:
+                return []
+
+    def _greet(self, hello: Hello, now_ns: int) -> list[Action]:
+        refusal = judge(Visitor(hello, self._peer.host, self._robot_name))
+        if refusal is not None:
+            return self.refuse(refusal.code, refusal.text, now_ns)
+        self.label = f"{hello.program or 'a program'} at {self._peer}"
+        commands = hello.role is ClientRole.COMMANDER
+        if commands and not self._lease.take(self, self.label):
+            busy = f"{self._robot_name} is commanded by {self._lease.label}"
+            return self.refuse(ErrorCode.COMMANDER_BUSY, busy, now_ns)
+        period_us = hello.period_us or self._settings.period_us
+        self._period_ns = period_us * 1000
+        self._origin_ns = self.due_ns = self._heard_ns = now_ns
+        self._frames = FrameMaker(self._lease, self._period_ns) if commands else None
+        return [Send(self._connection.send(Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)))]
+
+    def _take_command(self, command: Command, now_ns: int) -> list[Action]:
+        self._heard_ns = now_ns
+        if self._frames is None or self._servo_gone:
+            return []
+        frame = self._frames.make(command, self._connection.received.newest or 0, now_ns)
+        return [] if frame is None else [Forward(frame)]
+
+    def _take_invalid(self, event: InvalidSetpoint, now_ns: int) -> list[Action]:
+        self.invalid += 1
+        self._heard_ns = now_ns
+        actions: list[Action] = [Stop("asked for")] if event.command.stop else []
+        if self._warnings.allows(now_ns):
+            setpoint = event.command.setpoints[event.joint]
+            text = f"setpoint {setpoint} of joint {event.joint + 1} in frame {event.command.seq}"
+            warning = WireError(ErrorCode.INVALID_SETPOINT, text, False, now_ns)
+            actions.append(Send(self._connection.send(warning)))
+        return actions
+
+    def _tell(self, number: int, robot: RobotState | None, now_ns: int) -> list[Action]:
+        if robot is None:
+            return self._miss_servo(now_ns)
+        self._servo_gone = False
+        state = State(
+            seq=wrapped(number),
+            robot=robot,
+            ack=0 if self._frames is None else self._frames.acknowledged,
+            dropped=self._connection.received.refused + self.invalid,
+            you_command=self._frames is not None,
+            commanded=self._lease.taken,
+        )
+        return [Send(self._connection.send(state))]
+
+    def _miss_servo(self, now_ns: int) -> list[Action]:
+        if self._servo_gone:
+            return []
+        self._servo_gone = True
+        if self._frames is not None:
+            self._frames.lose_servo()
+        text = f"the servo of {self._robot_name} does not run; this connection waits for it"
+        return [Send(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
+
+    def _leave_out(self, now_ns: int, since_ns: int) -> list[Action]:
+        self.left_out += 1
+        if now_ns - since_ns <= self._settings.blocked_ns:
+            return []
+        return self.refuse(ErrorCode.SLOW_READER, "the client does not read", now_ns)
+
+    def _give_up_command(self, reason: str) -> list[Action]:
+        return [Stop(reason)] if self._lease.release(self) else []

@@ -1,0 +1,41 @@
+"""What a bridge may be told. The limits are those of the fault table: few clients, short patience, bounded memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from qrobot.errors import ConfigError
+from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+from qrobot.wire.packets import DEFAULT_PERIOD_US
+
+DEFAULT_PORT: Final = 5600
+SECOND_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class BridgeSettings:
+    """Raises ConfigError when the default period cannot be served.
+
+    Attributes:
+        host, port: where to listen; port 0 takes a free one.
+        period_us: sample period of clients that ask for none.
+        max_clients: commander and observers together.
+        handshake_ns: a client that has not greeted by then is sent away.
+        silence_ns: a commander that sends nothing for so long is taken for dead.
+        blocked_ns: a client that reads nothing for so long is sent away.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = DEFAULT_PORT
+    period_us: int = DEFAULT_PERIOD_US
+    max_clients: int = 8
+    handshake_ns: int = 2 * SECOND_NS
+    silence_ns: int = SECOND_NS
+    blocked_ns: int = 10 * SECOND_NS
+
+    def __post_init__(self) -> None:
+        if not SHORTEST_PERIOD_US <= self.period_us <= LONGEST_PERIOD_US:
+            raise ConfigError(
+                f"bridge period {self.period_us} µs: {SHORTEST_PERIOD_US} to {LONGEST_PERIOD_US} are possible"
+            )

@@ -1,0 +1,25 @@
+"""So that a flood of trouble does not become a flood of messages."""
+
+from __future__ import annotations
+
+_SECOND_NS = 1_000_000_000
+
+
+class Throttle:
+    """Lets `per_second` events through in each second; counts the rest in `held_back`."""
+
+    def __init__(self, per_second: int = 10) -> None:
+        self.held_back = 0
+        self._per_second = per_second
+        self._second = -1
+        self._used = 0
+
+    def allows(self, now_ns: int) -> bool:
+        """True when one more event may pass."""
+        second = now_ns // _SECOND_NS
+        if second != self._second:
+            self._second, self._used = second, 0
+        self._used += 1
+        passes = self._used <= self._per_second
+        self.held_back += not passes
+        return passes
