@@ -8,21 +8,36 @@ With NUMBA_DISABLE_JIT=1 a kernel is the plain Python function: the oracle of th
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+
+from qrobot.realtime.stamp import source_stamp
 
 F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 def _compile(function: F, **extra: Any) -> F:
+    options: dict[str, Any] = _OPTIONS | extra
     compiled: F
     try:
-        compiled = numba.njit(cache=True, **_OPTIONS, **extra)(function)
-    except RuntimeError:  # no source file to keep a cache beside: a notebook or a prompt
-        compiled = numba.njit(**_OPTIONS, **extra)(function)
+        compiled = numba.njit(cache=True, **options)(function)
+        _cover_imports(compiled, Path(function.__code__.co_filename))
+    except (
+        RuntimeError,
+        OSError,
+        AttributeError,
+    ):  # no source file (a notebook, a prompt) or another Numba's internals
+        compiled = numba.njit(**options)(function)
     return compiled
+
+
+def _cover_imports(compiled: Any, path: Path) -> None:
+    """Let the cached code go stale with everything it was made of, see `stamp`. Raises AttributeError or OSError."""
+    if not jit_disabled():
+        compiled._cache._cache_file._source_stamp = source_stamp(path)
 
 
 def kernel(function: F) -> F:
