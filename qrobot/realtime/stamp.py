@@ -1,8 +1,8 @@
 """When compiled code in the cache is still that of the sources.
 
 Numba looks only at the file a kernel stands in, but a kernel carries the code of every kernel it calls: after a change
-in `board.py` it would go on running the old board inside the cached loop of `server.py`. Here the stamp of a file covers
-the contents of everything of this package it imports, directly or not.
+in `board.py` it would go on running the old board inside the cached loop of `server.py`. Here the stamp of a file
+covers the contents of everything of this package it imports, directly or not.
 """
 
 from __future__ import annotations
