@@ -1,0 +1,60 @@
+# Every target builds its own .venv when it is missing or when pyproject.toml or constraints.txt changed.
+# Needed beforehand: make, and Python 3.11 or later with its venv module (Debian: apt install make python3-venv).
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# Matplotlib keeps its font list here instead of in the home directory.
+export MPLCONFIGDIR := $(CURDIR)/$(VENV)/matplotlib
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint unit bench docs clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 16
+
+demo: $(VENV)/dev.stamp ## move the emulated PUMA 560 through the paper's experiment
+	$(BIN)/qrobot demo
+
+test: lint unit ## all checks: lint, then the test suite
+
+# The order-only prerequisite makes pytest's summary the last thing `make test` prints, also under `make -j`.
+unit: $(VENV)/dev.stamp | lint
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
+	$(BIN)/mypy
+	$(BIN)/codespell
+
+bench: $(VENV)/dev.stamp ## measure this machine (wants a quiet one)
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/docs.stamp ## build docs/_build/html; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+clean: ## remove everything the targets made, .venv included
+	rm -rf $(VENV) out dist build docs/_build docs/api .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+	    .import_linter_cache .coverage
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	    || { echo "$(PYTHON) is missing or older than 3.11: apt install python3 (or make PYTHON=python3.12 ...)" >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 \
+	    || { rm -rf $(VENV); echo "$(PYTHON) cannot create .venv: apt install python3-venv" >&2; exit 1; }
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing into $(VENV) ..."
+	@$(PIP) -e '.[dev]'
+	@touch $@
+
+$(VENV)/docs.stamp: $(VENV)/dev.stamp
+	@$(PIP) -e '.[dev,docs]'
+	@touch $@
