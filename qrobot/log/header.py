@@ -1,0 +1,102 @@
+"""What a log says about itself: which arm, which servo, which clock, on what kind of machine."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
+
+from qrobot.errors import LogError
+from qrobot.realtime.setup import Step
+from qrobot.servo.telemetry import TelemetryLayout
+
+METADATA_NAME: Final = "qrobot"
+FORMAT: Final = "1"
+REALTIME: Final = "realtime"
+LOCKSTEP: Final = "lockstep"
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A file carried inside the log, such as the robot's TOML."""
+
+    name: str
+    data: bytes
+    media_type: str = "application/toml"
+
+
+@dataclass(frozen=True)
+class LogHeader:
+    """Constant facts of one log, equal in all its parts but for `part`.
+
+    Attributes:
+        robot: name of the robot.
+        joint_names: one per joint; their number is the joint count.
+        period_ns: length of a servo cycle, ns.
+        prismatic: per joint, True when it slides (m, N) instead of turning (rad, N m); empty means none does.
+        law: name of the control law.
+        clock: REALTIME or LOCKSTEP.
+        plant: what stood behind the board, e.g. "nominal" or "mismatched"; empty when unknown.
+        wall_offset_ns: add it to a row's t_ns for the time since 1970, ns; 0 when time is virtual.
+        part: number of this part of a rotated log, from 1.
+        version: of the program that wrote it.
+        setup: the real-time measures in force when recording began, and those refused.
+    """
+
+    robot: str
+    joint_names: tuple[str, ...]
+    period_ns: int
+    prismatic: tuple[bool, ...] = ()
+    law: str = ""
+    clock: str = REALTIME
+    plant: str = ""
+    wall_offset_ns: int = 0
+    part: int = 1
+    version: str = ""
+    setup: tuple[Step, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.joint_names or self.period_ns <= 0:
+            raise LogError(f"a log needs joints and a positive period, not {self.joint_names} and {self.period_ns} ns")
+        if self.prismatic and len(self.prismatic) != self.n:
+            raise LogError(f"{self.n} joints, but {len(self.prismatic)} entries say which are prismatic")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def rate_hz(self) -> float:
+        """Servo rate in hertz."""
+        return 1e9 / self.period_ns
+
+    @property
+    def layout(self) -> TelemetryLayout:
+        """Layout of the rows."""
+        return TelemetryLayout(self.n)
+
+    def is_prismatic(self, joint: int) -> bool:
+        """True when joint `joint`, from 0, slides."""
+        return bool(self.prismatic) and self.prismatic[joint]
+
+    def to_metadata(self) -> dict[str, str]:
+        """The header as MCAP metadata: JSON values under the names above, and `format`."""
+        return {"format": FORMAT} | {key: json.dumps(value) for key, value in asdict(self).items()}
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str]) -> LogHeader:
+        """Inverse of `to_metadata`. Raises LogError when the log is of another format."""
+        if metadata.get("format") != FORMAT:
+            raise LogError(f"the log has format {metadata.get('format')!r}, this version reads {FORMAT!r}")
+        try:
+            values = {field.name: json.loads(metadata[field.name]) for field in fields(cls)}
+            return cls(**_frozen(values))
+        except (KeyError, TypeError, ValueError) as error:
+            raise LogError(f"the log's header is damaged: {error}") from None
+
+
+def _frozen(values: dict[str, Any]) -> dict[str, Any]:
+    setup = tuple(Step(**step) for step in values.pop("setup"))
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()} | {"setup": setup}

@@ -1,0 +1,90 @@
+"""From the telemetry ring to log files: every cycle, or a count of those that were lost.
+
+The recorder only reads the ring, so a full or hanging disk never reaches the servo: data wait in memory up to
+`BACKLOG_BYTES`, then in the ring, and what the ring overwrites is counted. Time is an argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from qrobot.errors import LogError
+from qrobot.log.header import Attachment, LogHeader
+from qrobot.log.status import LogStatus
+from qrobot.log.writer import LogWriter
+from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
+
+FLUSH_NS: Final = 200_000_000  # what a kill -9 of the recorder can cost, and the ring has it still
+SYNC_NS: Final = 1_000_000_000  # what a power cut can cost
+BACKLOG_BYTES: Final = 16 << 20
+
+
+class Recorder:
+    """Follows one ring and writes it down.
+
+    Args:
+        reader: of the ring.
+        writer: of the log.
+    """
+
+    def __init__(self, reader: TelemetryReader, writer: LogWriter) -> None:
+        self._reader, self._writer = reader, writer
+        self._lost = 0
+        self._flush_at_ns = self._sync_at_ns = 0
+
+    @property
+    def status(self) -> LogStatus:
+        """How complete the log is."""
+        return self._writer.status
+
+    @property
+    def last_error(self) -> str:
+        """What the disk said when it last refused; empty when it never did."""
+        return self._writer.last_error
+
+    def poll(self, now_ns: int) -> int:
+        """Write what the ring has, flush when it is time; returns the number of rows taken."""
+        taken = self._take()
+        if now_ns >= self._flush_at_ns:
+            self._flush_at_ns = now_ns + FLUSH_NS
+            self._writer.flush()
+        if now_ns >= self._sync_at_ns:
+            self._sync_at_ns = now_ns + SYNC_NS
+            self._writer.sync()
+        return taken
+
+    def close(self) -> None:
+        """Write what is left in the ring and end the log."""
+        while self._take():
+            pass
+        self._writer.close()
+
+    def _take(self) -> int:
+        if self._writer.backlog > BACKLOG_BYTES:  # let the rows wait in the ring
+            self._writer.drain()
+            return 0
+        rows = self._reader.read()
+        if rows.size or self._reader.lost > self._lost:
+            self._writer.append(rows, self._reader.lost - self._lost)
+            self._lost = self._reader.lost
+        return int(rows.size)
+
+
+def write_log(
+    path: Path,
+    rows: Rows,
+    header: LogHeader,
+    attachments: Iterable[Attachment] = (),
+    max_bytes: int | None = None,
+) -> list[Path]:
+    """Write rows already in memory, shape (m,); returns the files. Raises LogError when the disk does not take them."""
+    writer = LogWriter(path, header, attachments, max_bytes)
+    for start in range(0, rows.size, READ_ROWS):
+        writer.append(rows[start : start + READ_ROWS])
+        writer.flush()
+    writer.close()
+    if writer.backlog:
+        raise LogError(f"the log {path} is incomplete: {writer.last_error}")
+    return writer.parts

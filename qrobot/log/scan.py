@@ -1,0 +1,171 @@
+"""Take one file of a log apart.
+
+A file is a sequence of records, each with its length in front (MCAP specification, "Records"), so one that was cut
+short yields every record that is whole. Rows have one length: a run of them becomes one array copy.
+"""
+
+from __future__ import annotations
+
+import io
+import mmap
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.stream_reader import get_chunk_data_stream
+
+from qrobot.errors import LogError
+from qrobot.log.header import METADATA_NAME, LogHeader
+from qrobot.log.status import LogStatus
+from qrobot.log.topics import STATUS_TOPIC, TICK_TOPIC
+from qrobot.servo.telemetry import Rows, TelemetryLayout
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, length of what follows
+_MESSAGE_HEAD: Final = [
+    ("opcode", "u1"),
+    ("length", "<u8"),
+    ("channel", "<u2"),
+    ("sequence", "<u4"),
+    ("log_time", "<u8"),
+    ("publish_time", "<u8"),
+]
+_MESSAGE_AT: Final = np.dtype(_MESSAGE_HEAD).itemsize  # where a message's own bytes begin
+# what damaged bytes make of a record; CRCValidationError and UnicodeDecodeError are ValueErrors
+_DAMAGE: Final = (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError, MemoryError)
+
+
+@dataclass
+class Contents:
+    """What the records of one file have said so far.
+
+    Attributes:
+        header: None as long as the file has not told whose log it is.
+        rows: blocks of rows, in order.
+        ended: the writer came to a regular end.
+    """
+
+    header: LogHeader | None = None
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    schemas: dict[int, records.Schema] = field(default_factory=dict)
+    topics: dict[int, str] = field(default_factory=dict)
+    rows: list[Rows] = field(default_factory=list)
+    status: LogStatus = field(default_factory=LogStatus)
+    ended: bool = False
+
+
+def scan_file(path: Path) -> Contents:
+    """Contents of one file, up to its end or to the first damage.
+
+    Raises LogError when it cannot be read, is no MCAP file, or its rows are not those of its header.
+    """
+    found = Contents()
+    for opcode, body in _walk(_map_file(path), len(MAGIC)):
+        try:
+            _take_record(found, opcode, body)
+        except _DAMAGE:
+            break
+        if found.ended:
+            break
+    return found
+
+
+def _map_file(path: Path) -> memoryview:
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, io.SEEK_END)
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+    except OSError as error:
+        raise LogError(f"cannot read the log {path}: {error.strerror}") from None
+    if data[: len(MAGIC)].tobytes() != MAGIC:
+        raise LogError(f"{path} is not an MCAP file")
+    return data
+
+
+def _walk(data: memoryview, at: int) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and body of each whole record from offset `at` on."""
+    while at + _RECORD_HEAD.size <= len(data):
+        opcode, length = _RECORD_HEAD.unpack_from(data, at)
+        at += _RECORD_HEAD.size
+        if at + length > len(data):
+            return
+        yield opcode, data[at : at + length]
+        at += length
+
+
+def _stream(body: memoryview) -> ReadDataStream:
+    return ReadDataStream(io.BytesIO(body))
+
+
+def _take_record(found: Contents, opcode: int, body: memoryview) -> None:
+    """A record outside of chunks."""
+    if opcode == Opcode.METADATA:
+        metadata = records.Metadata.read(_stream(body))
+        if metadata.name == METADATA_NAME:
+            found.header = LogHeader.from_metadata(metadata.metadata)
+    elif opcode == Opcode.ATTACHMENT:
+        attachment = records.Attachment.read(_stream(body))
+        found.attachments[attachment.name] = attachment.data
+    elif opcode == Opcode.CHUNK and found.header is not None:
+        stream, length = get_chunk_data_stream(records.Chunk.read(_stream(body)), validate_crc=True)
+        _take_chunk(found, found.header.layout, stream.read(length))
+    elif opcode == Opcode.DATA_END:
+        found.ended = True
+
+
+def _take_chunk(found: Contents, layout: TelemetryLayout, data: bytes) -> None:
+    view, at = memoryview(data), 0
+    while at < len(data):
+        opcode, length = _RECORD_HEAD.unpack_from(data, at)
+        body = view[at + _RECORD_HEAD.size : at + _RECORD_HEAD.size + length]
+        topic = found.topics.get(int.from_bytes(body[:2], "little")) if opcode == Opcode.MESSAGE else None
+        if topic == TICK_TOPIC:
+            rows = _run_of_rows(data, at, layout)
+            found.rows.append(rows)
+            at += rows.size * _row_record(layout).itemsize
+            continue
+        if topic == STATUS_TOPIC:
+            found.status = LogStatus.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :])
+        elif opcode == Opcode.SCHEMA:
+            schema = records.Schema.read(_stream(body))
+            found.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            _take_channel(found, layout, records.Channel.read(_stream(body)))
+        at += _RECORD_HEAD.size + length
+
+
+def _take_channel(found: Contents, layout: TelemetryLayout, channel: records.Channel) -> None:
+    found.topics[channel.id] = channel.topic
+    if channel.topic == TICK_TOPIC:
+        definition = found.schemas[channel.schema_id].data.decode()
+        if _fields(definition) != _fields(layout.ros2msg()):
+            raise LogError("the rows of this log have other fields than this version knows")
+
+
+def _fields(definition: str) -> list[str]:
+    return [line.split("#")[0].strip() for line in definition.splitlines()]
+
+
+def _row_record(layout: TelemetryLayout) -> np.dtype[Any]:
+    return np.dtype([*_MESSAGE_HEAD, ("cdr", "<u4"), ("row", layout.dtype)])
+
+
+def _run_of_rows(data: bytes, at: int, layout: TelemetryLayout) -> Rows:
+    """The rows of all messages from offset `at` on that are like the first: same channel, same length."""
+    record = _row_record(layout)
+    messages = np.frombuffer(data, dtype=record, count=(len(data) - at) // record.itemsize, offset=at)
+    if not messages.size or messages["length"][0] != record.itemsize - _RECORD_HEAD.size:
+        raise LogError("the rows of this log have another length than its header says")
+    like_first = np.logical_and.reduce(
+        [messages[name] == messages[name][0] for name in ("opcode", "length", "channel")]
+    )
+    n = messages.size if like_first.all() else int(np.argmin(like_first))
+    return messages["row"][:n].copy()

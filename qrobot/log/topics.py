@@ -1,0 +1,14 @@
+"""Names inside and around log files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+TICK_TOPIC: Final = "/servo/tick"
+STATUS_TOPIC: Final = "/servo/log_status"
+
+
+def part_path(path: Path, part: int) -> Path:
+    """File of part `part`, from 1, of the log `path`: run.mcap, run.0002.mcap, run.0003.mcap."""
+    return path if part == 1 else path.with_name(f"{path.stem}.{part:04d}{path.suffix}")

@@ -1,0 +1,123 @@
+"""Write one log, in one or several files, on a disk that may refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from qrobot.errors import LogError
+from qrobot.log.header import Attachment, LogHeader
+from qrobot.log.part import LogPart, LogStream
+from qrobot.log.status import LogStatus
+from qrobot.log.topics import part_path
+from qrobot.servo.telemetry import Rows
+
+
+class LogWriter:
+    """Writes one log in parts of at most about `max_bytes`.
+
+    Args:
+        path: file of the first part, overwritten when it exists; see `part_path` for the others.
+        header: facts of the log; `part` is filled in here.
+        attachments: files to carry in each part.
+        max_bytes: size at which the next part begins; None for a single file.
+
+    Raises:
+        LogError: the first part cannot be opened, or an old one not be removed. Later trouble with the disk is counted in `status`.
+    """
+
+    def __init__(
+        self, path: Path, header: LogHeader, attachments: Iterable[Attachment] = (), max_bytes: int | None = None
+    ) -> None:
+        self.path = path
+        self._header, self._attachments, self._max_bytes = header, tuple(attachments), max_bytes
+        self._stream = LogStream(header)
+        _remove_parts_after_first(path)
+        self._part = self._open(1)
+        self._number = 1
+        self._t_ns = self._rows = self._lost = self._earlier_errors = 0
+        self._last_error = ""
+
+    def _open(self, number: int) -> LogPart:
+        header = replace(self._header, part=number)
+        return LogPart(self._stream, part_path(self.path, number), header, self._attachments)
+
+    @property
+    def parts(self) -> list[Path]:
+        """Files written so far."""
+        return [part_path(self.path, number) for number in range(1, self._number + 1)]
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that wait for the disk."""
+        return self._part.spool.backlog
+
+    @property
+    def status(self) -> LogStatus:
+        """How complete the log is."""
+        errors = self._earlier_errors + self._part.spool.errors
+        return LogStatus(self._t_ns, self._rows, self._lost, errors, self.backlog)
+
+    @property
+    def last_error(self) -> str:
+        """What the disk said when it last refused; empty when it never did."""
+        return self._part.spool.last_error or self._last_error
+
+    def append(self, rows: Rows, lost: int = 0) -> None:
+        """Add rows, shape (m,), in order; `lost` is the number missing before them."""
+        self._stream.log_rows(rows)
+        self._rows += rows.size
+        self._lost += lost
+        if rows.size:
+            self._t_ns = int(rows["t_ns"][-1])
+
+    def flush(self) -> None:
+        """Give the disk everything up to here, with the status behind it; begin a new part when this one is full."""
+        self._log_status()
+        self._part.flush()
+        if self._max_bytes is not None and self._part.spool.size >= self._max_bytes:
+            self._rotate()
+
+    def sync(self) -> None:
+        """Ask the disk to keep everything given to it so far."""
+        self._part.spool.sync()
+
+    def drain(self) -> None:
+        """Offer the disk what waits for it."""
+        self._part.spool.drain()
+
+    def close(self) -> None:
+        """Write the last status and the summary, and end the file."""
+        self._log_status()
+        self._part.close()
+
+    def _log_status(self) -> None:
+        if self._rows:  # there is no time to give it before the first row
+            self._stream.log_status(self.status)
+
+    def _rotate(self) -> None:
+        if self.backlog:  # the end of this part must reach the disk first
+            return
+        try:
+            following = self._open(self._number + 1)
+        except LogError as error:  # go on in this part and try again at the next flush
+            self._earlier_errors += 1
+            self._last_error = str(error)
+            return
+        self._part.close()
+        self._earlier_errors += self._part.spool.errors
+        self._last_error = self.last_error
+        self._part = following
+        self._number += 1
+
+
+def _remove_parts_after_first(path: Path) -> None:
+    """Parts of an earlier log of that name would be read as parts of this one."""
+    number = 2
+    while (old := part_path(path, number)).exists():
+        try:
+            old.unlink()
+        except OSError as error:
+            raise LogError(f"cannot remove {old}, a part of the log to be replaced: {error.strerror}") from None
+        number += 1
