@@ -85,8 +85,8 @@ _WORD: Final = 0xFFFF
 
 # Words of `Board.register`.
 REG_DISCRETE, REG_FLAGS, REG_POWER, REG_PRESSED, REG_PRESSES, REG_ESTOP_OK, REG_BRAKED, REG_SWITCHED_NS = range(8)
-REG_ADC_CHANNEL, REG_ADC_SAMPLE, REG_ADC_DONE_NS, REG_ADC_VALUE, REG_COUNT, REG_WRITTEN_NS = range(8, 14)
-N_REGISTERS: Final = 14
+REG_ADC_CHANNEL, REG_ADC_SAMPLE, REG_ADC_DONE_NS, REG_ADC_VALUE, REG_COUNT, REG_WRITTEN_NS, REG_DROPPED = range(8, 15)
+N_REGISTERS: Final = 15
 _ADC_IDLE: Final = -1
 
 
@@ -135,7 +135,8 @@ def _write_discrete(board: Board, value: int) -> None:
     register[REG_DISCRETE] = value & _WORD
     register[REG_FLAGS] |= ~value & FLIP_FLOPS
     if not value & DISCRETE_POWER:
-        register[REG_POWER] = 0
+        register[REG_DROPPED] = 1
+        register[REG_PRESSED] = 0
     elif board.options.auto_panel and risen & DISCRETE_POWER:
         register[REG_PRESSED] = 1
 
@@ -201,16 +202,16 @@ def _update_power(register: Words, options: BoardOptions, memory: Words, t_ns: i
     """Arm power from enable bit, panel and emergency stop; brakes follow with their delays."""
     presses = load_acquire(memory, PANEL_PRESSES)
     pressed = register[REG_PRESSED] == 1 or presses != register[REG_PRESSES]
-    register[REG_PRESSED], register[REG_PRESSES] = 0, presses
     register[REG_ESTOP_OK] = 1 if load_acquire(memory, PANEL_ESTOP) == 0 else 0
     allowed = register[REG_DISCRETE] & DISCRETE_POWER != 0 and register[REG_ESTOP_OK] == 1
-    register[REG_POWER] = 1 if allowed and (register[REG_POWER] == 1 or pressed) else 0
-    if register[REG_BRAKED] != register[REG_POWER]:  # as they should be
+    kept = register[REG_POWER] == 1 and register[REG_DROPPED] == 0
+    power = 1 if allowed and (kept or pressed) else 0
+    if power != register[REG_POWER]:
         register[REG_SWITCHED_NS] = t_ns
-    elif t_ns - register[REG_SWITCHED_NS] >= (
-        options.brake_release_ns if register[REG_POWER] else options.brake_engage_ns
-    ):
-        register[REG_BRAKED] = 1 - register[REG_POWER]
+    register[REG_POWER], register[REG_PRESSES], register[REG_PRESSED], register[REG_DROPPED] = power, presses, 0, 0
+    delay_ns = options.brake_release_ns if power else options.brake_engage_ns
+    if register[REG_BRAKED] == power and t_ns - register[REG_SWITCHED_NS] >= delay_ns:
+        register[REG_BRAKED] = 1 - power
 
 
 @lean_kernel
