@@ -162,7 +162,7 @@ class _Client(asyncio.Protocol):
             self._close()
 
     def _close(self) -> None:
-        """Say no more, but read on until the client hangs up: a close with unread input would destroy the last words."""
+        """Say no more, but read on until the client hangs up: to close with unread input would lose the last words."""
         if self._transport is not None:
             self._transport.write_eof()
             asyncio.get_running_loop().call_later(LINGER_S, self._transport.abort)

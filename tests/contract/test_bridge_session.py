@@ -1,0 +1,421 @@
+"""One client of the bridge on virtual time: who may do what, and what is left behind when it goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+
+from qrobot.rccl_bridge import BridgeSettings, Close, Forward, Lease, Send, Session, SetpointFrame, Stop, carry_out
+from qrobot.rccl_bridge.session import Peer
+from qrobot.wire import (
+    Bye,
+    ClientRole,
+    Command,
+    Connection,
+    ErrorCode,
+    Hello,
+    JointMode,
+    RobotMode,
+    Side,
+    State,
+    Welcome,
+    WireError,
+)
+from qrobot.wire.codec import encode
+from tests.support.fake_port import FakePort
+
+MS = 1_000_000
+PERIOD_NS = 28 * MS
+START_NS = 5_000 * MS
+COMMANDER = Hello(ClientRole.COMMANDER, "puma560", "boxes")
+OBSERVER = Hello(ClientRole.OBSERVER, "", "eyes")
+MOVE = Command(0, (JointMode.POSITION,) * 6, (0.1,) * 6, power=True)
+
+
+class Client:
+    """A client and its session, joined without a socket, on virtual time."""
+
+    def __init__(self, port: FakePort, lease: Lease, host: str = "127.0.0.1", **settings: int) -> None:
+        self.port = port
+        self.now_ns = START_NS
+        self.wire = Connection(Side.CLIENT)
+        self.session = Session("puma560", 6, lease, BridgeSettings(**settings), Peer(host, 40_000), START_NS)
+        self.closed = ""
+
+    def exchange(self, actions):
+        outcome = carry_out(actions, self.port)
+        self.closed = self.closed or outcome.closed
+        self.wire.receive_data(outcome.data)
+        events = []
+        while (event := self.wire.next_event()) is not None:
+            events.append(event)
+        return events
+
+    def say(self, packet):
+        return self.exchange(self.session.receive(self.wire.send(packet), self.now_ns))
+
+    def say_bytes(self, data: bytes):
+        return self.exchange(self.session.receive(data, self.now_ns))
+
+    def wait(self, duration_ns: int):
+        self.now_ns += duration_ns
+        state = self.port.read_state() if self.port.alive() else None
+        return self.exchange(self.session.tick(self.now_ns, state))
+
+    def join(self, hello: Hello = COMMANDER):
+        (welcome,) = self.say(hello)
+        assert isinstance(welcome, Welcome), welcome
+        self.wait(0)
+        return self
+
+
+@pytest.fixture
+def port() -> FakePort:
+    return FakePort()
+
+
+@pytest.fixture
+def lease() -> Lease:
+    return Lease()
+
+
+@pytest.fixture
+def client(port: FakePort, lease: Lease) -> Client:
+    return Client(port, lease)
+
+
+def test_a_commander_is_welcomed_with_robot_joints_and_period(client: Client) -> None:
+    assert client.say(COMMANDER) == [Welcome(ClientRole.COMMANDER, "puma560", 6, 28_000, START_NS)]
+
+
+def test_a_client_chooses_its_period(client: Client) -> None:
+    assert client.say(replace(COMMANDER, period_us=1_000)) == [
+        Welcome(ClientRole.COMMANDER, "puma560", 6, 1_000, START_NS)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("hello", "code", "words"),
+    [
+        (replace(COMMANDER, robot="stanford"), ErrorCode.WRONG_ROBOT, "'puma560', not 'stanford'"),
+        (replace(COMMANDER, robot=""), ErrorCode.WRONG_ROBOT, "not ''"),
+        (replace(OBSERVER, robot="stanford"), ErrorCode.WRONG_ROBOT, "not 'stanford'"),
+        (replace(COMMANDER, period_us=999), ErrorCode.BAD_PERIOD, "999 µs"),
+        (replace(OBSERVER, period_us=100_001), ErrorCode.BAD_PERIOD, "1000 to 100000"),
+    ],
+)
+def test_a_wrong_greeting_is_refused_with_its_reason(client: Client, hello, code, words) -> None:
+    (refusal,) = client.say(hello)
+    assert (refusal.code, refusal.fatal) == (code, True)
+    assert words in refusal.text
+    assert words in client.closed
+
+
+@pytest.mark.parametrize("host", ["192.168.1.7", "::ffff:10.0.0.1", "nonsense"])
+def test_nobody_comes_in_from_another_machine(port: FakePort, lease: Lease, host: str) -> None:
+    (refusal,) = Client(port, lease, host).say(OBSERVER)
+    assert refusal.code == ErrorCode.AUTHENTICATION
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
+def test_loopback_in_every_form_comes_in(port: FakePort, lease: Lease, host: str) -> None:
+    assert isinstance(Client(port, lease, host).say(OBSERVER)[0], Welcome)
+
+
+def test_a_client_that_does_not_greet_is_sent_away_after_two_seconds(client: Client) -> None:
+    assert client.wait(1_999 * MS) == []
+    (refusal,) = client.wait(MS)
+    assert (refusal.code, client.closed) == (ErrorCode.TIMEOUT, "no HELLO in time")
+
+
+def test_a_slow_loris_is_sent_away_although_it_keeps_talking(client: Client) -> None:
+    for byte in encode(COMMANDER)[:20]:
+        assert client.say_bytes(bytes([byte])) == []
+        answers = client.wait(100 * MS)
+    assert [answer.code for answer in answers] == [ErrorCode.TIMEOUT]
+
+
+# ------------------------------------------------------------------------------------------------------- STATE
+
+
+def test_states_flow_on_the_grid_and_count_the_sample_periods(client: Client) -> None:
+    client.say(COMMANDER)
+    (first,) = client.wait(0)
+    told = [client.wait(PERIOD_NS) for _ in range(3)]
+    assert [first.seq, *(state.seq for (state,) in told)] == [1, 2, 3, 4]
+
+
+def test_a_stalled_bridge_leaves_grid_points_out_instead_of_bursting(client: Client) -> None:
+    client.join(OBSERVER)
+    (late,) = client.wait(10 * PERIOD_NS + PERIOD_NS // 3)
+    assert late.seq == 11
+    assert client.wait(0) == []
+    assert client.session.due_ns == START_NS + 11 * PERIOD_NS
+    (next_one,) = client.wait(PERIOD_NS - PERIOD_NS // 3)
+    assert next_one.seq == 12
+
+
+def test_nothing_is_told_before_its_time(client: Client) -> None:
+    client.join()
+    assert client.wait(PERIOD_NS - 1) == []
+    assert len(client.wait(1)) == 1
+
+
+def test_a_state_says_who_commands(port: FakePort, lease: Lease) -> None:
+    observer = Client(port, lease).join(OBSERVER)
+    (alone,) = observer.wait(PERIOD_NS)
+    commander = Client(port, lease).join()
+    (watched,) = observer.wait(PERIOD_NS)
+    (own,) = commander.wait(PERIOD_NS)
+    assert [(state.you_command, state.commanded) for state in (alone, watched, own)] == [
+        (False, False), (False, True), (True, True),
+    ]  # fmt: skip
+
+
+def test_a_state_carries_the_sample_and_what_became_of_the_commands(client: Client, port: FakePort) -> None:
+    client.join()
+    client.say(replace(MOVE, seq=7))
+    client.say_bytes(encode(replace(MOVE, seq=6)) + encode(replace(MOVE, seq=8, setpoints=(nan,) * 6)))
+    (state,) = client.wait(PERIOD_NS)
+    assert isinstance(state, State)
+    assert state.robot == port.state
+    assert (state.ack, state.dropped) == (7, 2)
+
+
+# ----------------------------------------------------------------------------------------------------- COMMAND
+
+
+def test_a_command_becomes_a_frame_with_the_time_of_its_arrival(client: Client, port: FakePort) -> None:
+    client.join()
+    client.now_ns += 3 * MS
+    client.say(replace(MOVE, seq=1, hand=2, outputs=5, t_ns=-1))
+    assert port.frames == [
+        SetpointFrame(
+            stream=client.now_ns,
+            seq=1,
+            t_ns=client.now_ns,
+            period_ns=PERIOD_NS,
+            modes=MOVE.modes,
+            setpoints=MOVE.setpoints,
+            power=True,
+            clear_fault=False,
+            stop=False,
+            hand=2,
+            outputs=5,
+        )
+    ]
+
+
+def test_requests_act_when_they_are_raised_not_while_they_stay(client: Client, port: FakePort) -> None:
+    client.join()
+    for seq, raised in enumerate([True, True, False, True], start=1):
+        client.say(replace(MOVE, seq=seq, stop=raised, clear_fault=not raised))
+    assert [frame.stop for frame in port.frames] == [True, False, False, True]
+    assert [frame.clear_fault for frame in port.frames] == [False, False, True, False]
+
+
+def test_a_new_stream_of_the_client_is_one_never_used_before(client: Client, port: FakePort) -> None:
+    client.join()
+    for seq, stream in enumerate([0, 0, 1, 0], start=1):
+        client.say(replace(MOVE, seq=seq, stream=stream))
+    streams = [frame.stream for frame in port.frames]
+    assert streams[0] == streams[1] < streams[2] < streams[3]
+
+
+def test_the_next_commander_gets_another_stream(client: Client, port: FakePort, lease: Lease) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    client.say(Bye())
+    Client(port, lease).join().say(replace(MOVE, seq=1))
+    assert port.frames[0].stream < port.frames[1].stream
+
+
+def test_a_restarted_bridge_uses_later_streams_than_the_old_one(port: FakePort) -> None:
+    for start in (0, 1):
+        client = Client(port, Lease())
+        client.now_ns += start
+        client.join().say(replace(MOVE, seq=1))
+    assert port.frames[0].stream < port.frames[1].stream
+
+
+def test_sequence_numbers_go_on_where_the_wire_wraps(client: Client, port: FakePort) -> None:
+    client.join()
+    for seq in (0xFFFFFFFF, 0, 1):
+        client.say(replace(MOVE, seq=seq))
+    assert [frame.seq for frame in port.frames] == [0xFFFFFFFF, 1 << 32, (1 << 32) + 1]
+
+
+def test_an_impossible_setpoint_is_a_missing_frame_and_a_warning(client: Client, port: FakePort) -> None:
+    client.join()
+    bad = replace(MOVE, seq=1, setpoints=(0.0, nan, 0.0, 0.0, 0.0, 0.0))
+    (warning,) = client.say_bytes(encode(bad))
+    assert (warning.code, warning.fatal) == (ErrorCode.INVALID_SETPOINT, False)
+    assert "joint 2" in warning.text
+    client.say(replace(MOVE, seq=2))
+    assert [frame.seq for frame in port.frames] == [2]
+
+
+def test_a_stop_is_a_stop_whatever_the_setpoint_beside_it(client: Client, port: FakePort) -> None:
+    client.join()
+    client.say_bytes(encode(replace(MOVE, seq=1, setpoints=(nan,) * 6, stop=True)))
+    assert (port.frames, port.stops) == ([], 1)
+
+
+def test_a_flood_of_impossible_setpoints_is_not_answered_by_a_flood_of_warnings(client: Client) -> None:
+    client.join()
+    flood = b"".join(encode(replace(MOVE, seq=seq, setpoints=(nan,) * 6)) for seq in range(1, 501))
+    assert len(client.say_bytes(flood)) == 10
+    assert client.session.invalid == 500
+
+
+def test_observers_cannot_command(port: FakePort, lease: Lease) -> None:
+    observer = Client(port, lease).join(OBSERVER)
+    (refusal,) = observer.say_bytes(encode(replace(MOVE, seq=1)))
+    assert (refusal.code, refusal.fatal) == (ErrorCode.MALFORMED, True)
+    assert (port.frames, port.stops) == ([], 0)
+
+
+# ------------------------------------------------------------------------------------------------------- lease
+
+
+def test_a_second_commander_is_refused_and_told_who_commands(port: FakePort, lease: Lease) -> None:
+    first = Client(port, lease).join()
+    second = Client(port, lease)
+    (refusal,) = second.say(replace(COMMANDER, program="burglar"))
+    assert refusal.code == ErrorCode.COMMANDER_BUSY
+    assert "boxes at 127.0.0.1:40000" in refusal.text
+    assert port.stops == 0
+    first.say(replace(MOVE, seq=1))
+    assert len(port.frames) == 1
+
+
+def end_by_bye(client: Client) -> None:
+    client.say(Bye("done"))
+
+
+def end_by_a_lost_socket(client: Client) -> None:
+    client.exchange(client.session.lose())
+
+
+def end_by_silence(client: Client) -> None:
+    client.wait(1_001 * MS)
+
+
+def end_by_garbage(client: Client) -> None:
+    client.say_bytes(b"GET / HTTP/1.1\r\n")
+
+
+def end_by_the_bridge(client: Client) -> None:
+    client.exchange(client.session.dismiss("the bridge ends", client.now_ns))
+
+
+ENDS = [end_by_bye, end_by_a_lost_socket, end_by_silence, end_by_garbage, end_by_the_bridge]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_however_a_commander_goes_the_arm_is_stopped_once_and_the_lease_is_free(
+    client: Client, port: FakePort, lease: Lease, end
+) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    end(client)
+    client.exchange(client.session.lose())
+    assert (port.stops, lease.taken) == (1, False)
+    Client(port, lease).join()
+
+
+@pytest.mark.parametrize("end", [end_by_bye, end_by_a_lost_socket, end_by_garbage, end_by_the_bridge])
+def test_observers_come_and_go_without_a_trace(client: Client, port: FakePort, lease: Lease, end) -> None:
+    commander = Client(port, lease).join()
+    end(client.join(OBSERVER))
+    assert (port.stops, lease.taken) == (0, True)
+    assert len(commander.wait(PERIOD_NS)) == 1
+
+
+def test_a_commander_that_keeps_sending_is_not_silent(client: Client) -> None:
+    client.join()
+    for _ in range(100):
+        (state,) = client.wait(PERIOD_NS)
+        client.say(replace(MOVE, seq=state.seq))
+    assert client.closed == ""
+
+
+def test_an_observer_may_be_silent_for_ever(client: Client) -> None:
+    client.join(OBSERVER)
+    assert isinstance(client.wait(3_600_000 * MS)[0], State)
+
+
+def test_garbage_gets_one_clear_error_and_no_second_one(client: Client) -> None:
+    client.join()
+    (error,) = client.say_bytes(b"x" * 5_000)
+    assert isinstance(error, WireError)
+    assert (error.code, error.fatal) == (ErrorCode.MALFORMED, True)
+    assert client.session.receive(b"y" * 5_000, client.now_ns) == []
+    assert client.session.tick(client.now_ns + PERIOD_NS, client.port.state) == []
+
+
+# ------------------------------------------------------------------------------------------------ slow readers
+
+
+def test_a_reader_that_does_not_read_misses_states_and_then_the_connection(client: Client) -> None:
+    client.join(OBSERVER)
+    client.session.block(client.now_ns)
+    for _ in range(5):
+        assert client.wait(PERIOD_NS) == []
+    client.session.unblock()
+    (state,) = client.wait(PERIOD_NS)
+    assert (state.seq, client.session.left_out) == (7, 5)
+    client.session.block(client.now_ns)
+    (error,) = client.wait(10_001 * MS)
+    assert error.code == ErrorCode.SLOW_READER
+
+
+# ----------------------------------------------------------------------------------------- the servo goes away
+
+
+def test_a_servo_that_goes_away_is_reported_once_and_its_commands_go_nowhere(client: Client, port: FakePort) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    port.running = False
+    (warning,) = client.wait(PERIOD_NS)
+    assert (warning.code, warning.fatal) == (ErrorCode.SERVO_GONE, False)
+    for seq in range(2, 60):
+        assert client.wait(PERIOD_NS) == []
+        client.say(replace(MOVE, seq=seq))
+    assert (len(port.frames), client.closed) == (1, "")
+
+
+def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(client: Client, port: FakePort) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    port.running = False
+    client.wait(PERIOD_NS)
+    port.restart()
+    (state,) = client.wait(PERIOD_NS)
+    assert state.robot.mode == RobotMode.OFF
+    client.say(replace(MOVE, seq=2))
+    assert len(port.frames) == 1
+    client.say(replace(MOVE, seq=3, power=False))
+    client.say(replace(MOVE, seq=4))
+    assert [(frame.seq, frame.power) for frame in port.frames[1:]] == [(3, False), (4, True)]
+    assert port.frames[1].stream > port.frames[0].stream
+
+
+def test_a_client_that_joins_while_the_servo_is_away_is_told_so(client: Client, port: FakePort) -> None:
+    port.running = False
+    (welcome,) = client.say(OBSERVER)
+    (warning,) = client.wait(0)
+    assert isinstance(welcome, Welcome)
+    assert warning.code == ErrorCode.SERVO_GONE
+
+
+def test_a_servo_that_dies_between_two_ticks_does_not_take_the_bridge_along(client: Client, port: FakePort) -> None:
+    client.join()
+    port.running = False
+    assert client.say(replace(MOVE, seq=1)) == []
+    assert client.say(Bye()) == []
+
+
+def test_actions_are_carried_out_in_their_order(port: FakePort) -> None:
+    frame = SetpointFrame(1, 1, 0, PERIOD_NS, (0,) * 6, (0.0,) * 6, False, False, False, 0, 0)
+    outcome = carry_out([Send(b"a"), Forward(frame), Stop("why"), Send(b"b"), Close("end")], port)
+    assert (outcome.data, outcome.closed) == (b"ab", "end")
+    assert (port.frames, port.stops) == ([frame], 1)

@@ -1,0 +1,53 @@
+"""A servo that tracks perfectly and remembers what it was asked: a `RobotPort` for the tests of the bridge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from qrobot.errors import LinkError
+from qrobot.rccl_bridge import RobotState, SetpointFrame
+from qrobot.wire import JointMode, RobotFlag, RobotMode
+from tests.support.packets import resting
+
+
+class FakePort:
+    """Powered by the level of the frames, at each frame's position setpoints at once; stops where it stands."""
+
+    def __init__(self, n: int = 6, robot_name: str = "puma560") -> None:
+        self.robot_name = robot_name
+        self.n = n
+        self.frames: list[SetpointFrame] = []
+        self.stops = 0
+        self.running = True
+        self.state = resting((0.0,) * n, mode=RobotMode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
+
+    def alive(self) -> bool:
+        return self.running
+
+    def read_state(self) -> RobotState:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        return self.state
+
+    def write_setpoint(self, frame: SetpointFrame) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.frames.append(frame)
+        followed = zip(self.state.q, frame.setpoints, frame.modes, strict=True)
+        q = tuple(to if mode == JointMode.POSITION else at for at, to, mode in followed)
+        powered = RobotFlag.POWERED if frame.power else 0
+        flags = self.state.flags & ~RobotFlag.POWERED | powered
+        self.state = replace(
+            self.state, t_ns=frame.t_ns, q=q, q_setpoint=q, flags=flags, hand=frame.hand,
+            mode=RobotMode.TRACKING if frame.power else RobotMode.OFF,
+        )  # fmt: skip
+
+    def request_stop(self) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.stops += 1
+
+    def restart(self) -> None:
+        """As after `kill -9` and a new start: no power, nothing moves."""
+        self.running = True
+        self.state = replace(self.state, mode=RobotMode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
