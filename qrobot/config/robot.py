@@ -259,13 +259,14 @@ def _disagreements(robot: Robot) -> Iterator[str]:
 
 
 def _is_puma(robot: Robot) -> bool:
-    """Six revolute joints with AKB's twists and every length zero that the closed-form inverse takes for zero."""
+    """Six revolute joints, AKB's twists; lengths are zero where the inverse leaves them out, and only there."""
     if robot.n != 6 or robot.prismatic.any():
         return False
     g = robot.geometry
     twists = np.radians([0, -90, 0, 90, -90, 90])
     zeros = [*g.theta_rad, *g.a_m[[0, 1, 4, 5]], *g.d_m[[0, 4, 5]]]
-    return bool(np.allclose(g.alpha_rad, twists) and np.all(np.array(zeros) == 0))
+    lengths = [g.a_m[2], g.d_m[1] + g.d_m[2], g.d_m[3]]
+    return bool(np.allclose(g.alpha_rad, twists) and not np.any(zeros) and np.all(lengths))
 
 
 def robot_path(name_or_path: str | Path) -> Path:

@@ -36,3 +36,13 @@ def cross(u: Vec, v: Vec) -> Vec:
 def dot(u: Vec, v: Vec) -> float:
     """u · v."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@kernel
+def combine(x: Vec, y: Vec, z: Vec, v: Vec) -> Vec:
+    """v[0] x + v[1] y + v[2] z: v carried from a frame with those axes."""
+    return (
+        v[0] * x[0] + v[1] * y[0] + v[2] * z[0],
+        v[0] * x[1] + v[1] * y[1] + v[2] * z[1],
+        v[0] * x[2] + v[1] * y[2] + v[2] * z[2],
+    )

@@ -1,0 +1,143 @@
+"""Kinematics of a robot for everyday use: arrays in, arrays out, errors raised. The kernels are one layer below."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qrobot.config.robot import Robot
+from qrobot.config.values import Floats
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.model.branch import ALL_BRANCHES, Branch
+from qrobot.model.kinematics import forward, jacobian, kinematics_params
+from qrobot.model.puma import Status, nearest_solution, puma_branch, puma_inverse, puma_inverse_all
+from qrobot.model.transform import is_transform, transform
+
+SINGULAR = {
+    Status.SHOULDER_SINGULAR: "the wrist is on the shoulder's cylinder, where left and right are one",
+    Status.ELBOW_SINGULAR: "the arm is stretched or folded, where up and down are one",
+    Status.WRIST_SINGULAR: "joints 4 and 6 are in line, so only their sum is determined",
+}
+
+
+def _own(array: Floats) -> Floats:
+    """A writable float64 copy: the one type for which the kernels are compiled, whatever a caller has."""
+    return np.array(array, dtype=np.float64)
+
+
+class Arm:
+    """Kinematics of one robot. Poses are those of its last link frame (a PUMA's wrist centre) in its base frame."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.params = kinematics_params(robot)
+        self.T_last_flange = transform(translation=[0.0, 0.0, robot.geometry.flange_m])
+
+    def forward(self, q: Floats) -> Floats:
+        """Pose of the last frame at joint positions `q` (n,). Shape (4, 4)."""
+        T = np.empty((4, 4))
+        forward(self._joints(q), self.params, T)
+        return T
+
+    def flange(self, q: Floats) -> Floats:
+        """Pose of the mounting flange at joint positions `q` (n,). Shape (4, 4)."""
+        return self.forward(q) @ self.T_last_flange
+
+    def jacobian(self, q: Floats) -> Floats:
+        """`[v; w] = J qd`: velocity and angular velocity of the last frame in base axes. Shape (6, n)."""
+        J = np.empty((6, self.robot.n))
+        jacobian(self._joints(q), self.params, J)
+        return J
+
+    def branch(self, q: Floats) -> Branch:
+        """The branch on which the arm stands at `q` (n,).
+
+        Raises:
+            MotionError: branches are only defined for the PUMA family.
+        """
+        self._need_puma()
+        return Branch(puma_branch(self._joints(q), self.params))
+
+    def inverse(self, T: Floats, branch: Branch, near: Floats) -> Floats:
+        """Joint positions of `branch` that reach pose `T` (4, 4), by whole turns nearest to `near` (n,). Shape (n,).
+
+        Raises:
+            Unreachable: the wrist cannot get there.
+            Singular: two branches meet at the pose, or the wrist is straight.
+            JointLimit: the branch reaches the pose only outside a joint's range.
+            MotionError: `T` is no rigid transform, or the robot has no closed-form inverse.
+        """
+        self._need_pose(T)
+        q = np.empty(self.robot.n)
+        status = puma_inverse(_own(T), self.params, int(branch), self._joints(near), q)
+        self._judge(Status(status), T, branch, q)
+        return q
+
+    def inverses(self, T: Floats, near: Floats) -> dict[Branch, Floats]:
+        """The solutions of all branches that reach pose `T` (4, 4) within the joint ranges; empty if none does.
+
+        Raises:
+            MotionError: `T` is no rigid transform, or the robot has no closed-form inverse.
+        """
+        q, status = self._solve_all(T, near)
+        return {branch: q[branch] for branch in ALL_BRANCHES if status[branch] == Status.OK}
+
+    def nearest(self, T: Floats, near: Floats) -> Floats:
+        """The solution of any branch whose largest joint step from `near` (n,) is smallest. Shape (n,).
+
+        Raises:
+            Unreachable, Singular, JointLimit: why the branch on which `near` stands has no solution, if none has one.
+            MotionError: `T` is no rigid transform, or the robot has no closed-form inverse.
+        """
+        q, status = self._solve_all(T, near)
+        best = nearest_solution(q, status, self._joints(near))
+        if best < 0:
+            best = int(self.branch(near))
+            self._judge(Status(status[best]), T, Branch(best), q[best])
+        solution: Floats = q[best]
+        return solution
+
+    def _solve_all(self, T: Floats, near: Floats) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+        self._need_pose(T)
+        q, status = np.empty((8, self.robot.n)), np.empty(8, dtype=np.int64)
+        puma_inverse_all(_own(T), self.params, self._joints(near), q, status)
+        return q, status
+
+    def _joints(self, q: Floats) -> Floats:
+        """`q` for a kernel.
+
+        Raises:
+            MotionError: it is not n numbers.
+        """
+        if np.shape(q) != (self.robot.n,):
+            raise MotionError(f"robot {self.robot.name!r} has {self.robot.n} joints, not {np.shape(q)}")
+        return _own(q)
+
+    def _need_puma(self) -> None:
+        if self.robot.geometry.family != "puma":
+            raise MotionError(f"robot {self.robot.name!r} has no closed-form inverse: its family is not 'puma'")
+
+    def _need_pose(self, T: Floats) -> None:
+        self._need_puma()
+        if not is_transform(T):
+            raise MotionError("the pose is not a rigid transform: its rotation must be orthonormal and right-handed")
+
+    def _judge(self, status: Status, T: Floats, branch: Branch, q: Floats) -> None:
+        """Raise what `status` stands for."""
+        if status == Status.OK:
+            return
+        where = f"configuration {branch.letters!r}, wrist at {np.round(T[:3, 3], 4).tolist()} m"
+        if status == Status.UNREACHABLE:
+            raise Unreachable(f"{where}: outside the workspace")
+        if status == Status.JOINT_LIMIT:
+            raise JointLimit(f"{where}: {self._limits_passed(q)}")
+        raise Singular(f"{where}: {SINGULAR[status]}")
+
+    def _limits_passed(self, q: Floats) -> str:
+        low, high = self.robot.limits.q_min, self.robot.limits.q_max
+        names = self.robot.joint_names
+        passed = [
+            f"{names[j]} would be at {np.degrees(q[j]):.2f} of {np.degrees(low[j]):.0f}..{np.degrees(high[j]):.0f} deg"
+            for j in range(self.robot.n)
+            if not low[j] <= q[j] <= high[j]
+        ]
+        return ", ".join(passed)

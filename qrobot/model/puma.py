@@ -1,0 +1,189 @@
+"""Closed-form inverse kinematics of the PUMA family, by named branch.
+
+Paul's equations (Paul 1981; Paul, Shimano & Mayer 1981) in his angles, with the sines and cosines carried along instead
+of taken again, so that a solution costs six arc tangents. In VAL angles, which this project uses inside,
+
+    q_val = q_paul + (180, 180, 180, 0, 0, 180) deg,    a3_val = -a3_paul,
+
+and the base and wrist frames are the same. Every angle is then moved by whole turns into the joint's range, to the
+place nearest to where the arm is. Kernels give a status; what they fill in at a singular pose is a solution too.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final
+
+from qrobot.config.values import Floats, Ints
+from qrobot.model.branch import Branch
+from qrobot.model.kinematics import KinematicsParams
+from qrobot.realtime.jit import kernel
+
+
+class Status(IntEnum):
+    """What came of an inverse solution."""
+
+    OK = 0
+    UNREACHABLE = 1
+    SHOULDER_SINGULAR = 2  # the wrist on the shoulder's cylinder: left and right are one
+    ELBOW_SINGULAR = 3  # the arm stretched or folded: up and down are one
+    WRIST_SINGULAR = 4  # joints 4 and 6 in line: only their sum is determined, joint 4 stays where it was
+    JOINT_LIMIT = 5  # no turn brings some joint into its range
+
+
+OK: Final = int(Status.OK)
+UNREACHABLE: Final = int(Status.UNREACHABLE)
+SHOULDER_SINGULAR: Final = int(Status.SHOULDER_SINGULAR)
+ELBOW_SINGULAR: Final = int(Status.ELBOW_SINGULAR)
+WRIST_SINGULAR: Final = int(Status.WRIST_SINGULAR)
+JOINT_LIMIT: Final = int(Status.JOINT_LIMIT)
+LEFT: Final = int(Branch.LEFT)
+DOWN: Final = int(Branch.DOWN)
+FLIP: Final = int(Branch.FLIP)
+
+# What rounding can hide: 1 um of reach (squared), 1 urad of elbow and of wrist angle.
+REACH_SLACK_M2: Final = 1e-12
+COSINE_SLACK: Final = 5e-13
+WRIST_SLACK: Final = 1e-6
+TURN: Final = 2.0 * math.pi
+
+Sincos = tuple[float, float]  # sine, cosine
+
+
+@kernel
+def puma_inverse(T: Floats, p: KinematicsParams, branch: int, q_near: Floats, q: Floats) -> int:
+    """Joint angles of `branch` that put the wrist at `T`, nearest to `q_near` by whole turns.
+
+    Shapes (4, 4), (6,), (6,); VAL angles. `q` is untouched when the pose is unreachable.
+
+    Returns:
+        A `Status`.
+    """
+    status, shoulder, elbow, waist = _arm(T, p, branch)
+    if status == UNREACHABLE:
+        return status
+    q4, q5, q6 = _wrist(T, waist, shoulder, elbow, q_near[3])
+    q[0] = math.atan2(-waist[0], -waist[1])  # VAL is Paul plus half a turn
+    q[1] = math.atan2(-shoulder[0], -shoulder[1])
+    q[2] = math.atan2(-elbow[0], -elbow[1])
+    q[3], q[4], q[5] = q4, q5, q6 + math.pi
+    straight = q5 < WRIST_SLACK or q5 > math.pi - WRIST_SLACK
+    if branch & FLIP and not straight:
+        q[3], q[4], q[5] = q4 + math.pi, -q5, q6
+    if status == OK and straight:
+        status = WRIST_SINGULAR
+    in_range = wrap_into_range(q, p, q_near)
+    return status if status != OK or in_range else JOINT_LIMIT
+
+
+@kernel
+def puma_inverse_all(T: Floats, p: KinematicsParams, q_near: Floats, q: Floats, status: Ints) -> None:
+    """All eight branches, row i being `Branch(i)`. Shapes (4, 4), (6,), (8, 6), (8,)."""
+    for branch in range(8):
+        status[branch] = puma_inverse(T, p, branch, q_near, q[branch])
+
+
+@kernel
+def puma_branch(q: Floats, p: KinematicsParams) -> int:
+    """The branch on which the arm stands at `q` (6,), VAL angles; where two meet, right, up and no-flip."""
+    a, d = p.chain.a, p.chain.d
+    reach = -math.cos(q[1]) * a[2] - math.cos(q[1] + q[2]) * a[3] - math.sin(q[1] + q[2]) * d[3]
+    height = math.cos(q[1] + q[2]) * d[3] - math.sin(q[1] + q[2]) * a[3] - math.sin(q[1]) * a[2]
+    left = reach < 0.0
+    above = height * math.cos(q[1]) - reach * math.sin(q[1])  # of the elbow over the line from shoulder to wrist
+    branch = LEFT if left else 0
+    if (above < 0.0) != left:
+        branch |= DOWN
+    if math.sin(q[4]) < 0.0:
+        branch |= FLIP
+    return branch
+
+
+@kernel
+def _arm(T: Floats, p: KinematicsParams, branch: int) -> tuple[int, Sincos, Sincos, Sincos]:
+    """Status and (sine, cosine) of Paul's joints 2, 3 and 1 for the wrist's position."""
+    nowhere = (0.0, 1.0)
+    x, y, z = T[0, 3], T[1, 3], T[2, 3]
+    a2, a3, d3, d4 = p.chain.a[2], -p.chain.a[3], p.chain.d[1] + p.chain.d[2], p.chain.d[3]
+    side = -1.0 if branch & LEFT else 1.0
+    square = x * x + y * y
+    reach2 = square - d3 * d3
+    if not reach2 > -REACH_SLACK_M2:
+        return UNREACHABLE, nowhere, nowhere, nowhere
+    reach = side * math.sqrt(max(reach2, 0.0))  # V114 in Paul
+    waist = ((y * reach + x * d3) / square, (x * reach - y * d3) / square)
+    line2, forearm2 = reach * reach + z * z, a3 * a3 + d4 * d4
+    line = math.sqrt(line2)
+    cos_psi = (a2 * a2 - forearm2 + line2) / (2.0 * a2 * line)
+    if not abs(cos_psi) <= 1.0 + COSINE_SLACK:
+        return UNREACHABLE, nowhere, nowhere, nowhere
+    sin_psi = math.sqrt(max(1.0 - cos_psi * cos_psi, 0.0))
+    if branch & DOWN:
+        sin_psi = -sin_psi
+    sin_psi *= side
+    c2, s2 = (reach * cos_psi - z * sin_psi) / line, (z * cos_psi + reach * sin_psi) / line
+    along, across = c2 * reach + s2 * z - a2, c2 * z - s2 * reach
+    elbow = ((a3 * across - d4 * along) / forearm2, (a3 * along + d4 * across) / forearm2)
+    status = OK
+    if reach2 < REACH_SLACK_M2:
+        status = SHOULDER_SINGULAR
+    elif abs(cos_psi) > 1.0 - COSINE_SLACK:
+        status = ELBOW_SINGULAR
+    return status, (s2, c2), elbow, waist
+
+
+@kernel
+def _wrist(T: Floats, waist: Sincos, shoulder: Sincos, elbow: Sincos, q4_near: float) -> tuple[float, float, float]:
+    """Paul's joints 4, 5 and 6 without flip (joint 5 not negative) for the wrist's orientation; V names as in Paul."""
+    s1, c1 = waist
+    s23 = shoulder[0] * elbow[1] + shoulder[1] * elbow[0]
+    c23 = shoulder[1] * elbow[1] - shoulder[0] * elbow[0]
+    v113, v323 = c1 * T[0, 2] + s1 * T[1, 2], c1 * T[1, 2] - s1 * T[0, 2]
+    v313 = c23 * v113 + s23 * T[2, 2]
+    s5 = math.sqrt(v313 * v313 + v323 * v323)
+    c5 = c23 * T[2, 2] - s23 * v113
+    if s5 >= WRIST_SLACK:
+        s4, c4 = -v323 / s5, -v313 / s5
+    else:
+        s4, c4 = math.sin(q4_near), math.cos(q4_near)
+    v112, v132 = c1 * T[0, 1] + s1 * T[1, 1], s1 * T[0, 1] - c1 * T[1, 1]
+    v312, v332 = c23 * v112 + s23 * T[2, 1], c23 * T[2, 1] - s23 * v112
+    v412, v432 = c4 * v312 - s4 * v132, s4 * v312 + c4 * v132
+    s6, c6 = -c5 * v412 - s5 * v332, -v432
+    return math.atan2(s4, c4), math.atan2(s5, c5), math.atan2(s6, c6)
+
+
+@kernel
+def wrap_into_range(q: Floats, p: KinematicsParams, q_near: Floats) -> bool:
+    """Move each turning joint by whole turns into its range, nearest to `q_near`; false if one has no place there.
+
+    Such a joint is left at the turn nearest to `q_near`. Shapes (n,).
+    """
+    fits = True
+    for j in range(q.size):
+        if p.chain.prismatic[j]:
+            fits = fits and p.q_min[j] <= q[j] <= p.q_max[j]
+            continue
+        q[j] += TURN * math.floor((q_near[j] - q[j]) / TURN + 0.5)
+        if q[j] > p.q_max[j] and q[j] - TURN >= p.q_min[j]:
+            q[j] -= TURN
+        elif q[j] < p.q_min[j] and q[j] + TURN <= p.q_max[j]:
+            q[j] += TURN
+        fits = fits and p.q_min[j] <= q[j] <= p.q_max[j]
+    return fits
+
+
+@kernel
+def nearest_solution(q: Floats, status: Ints, q_near: Floats) -> int:
+    """The row of `q` (8, 6) with status OK whose largest joint step from `q_near` is smallest, or -1."""
+    best, smallest = -1, math.inf
+    for branch in range(status.size):
+        if status[branch] != OK:
+            continue
+        step = 0.0
+        for j in range(q_near.size):
+            step = max(step, abs(q[branch, j] - q_near[j]))
+        if step < smallest:
+            best, smallest = branch, step
+    return best
