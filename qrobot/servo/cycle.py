@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, put_write
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -30,8 +30,15 @@ from qrobot.hwif.registers import (
 )
 from qrobot.hwif.registers import STATUS as STATUS_REGISTER
 from qrobot.model.dynamics import friction_torque, gravity_torque
-from qrobot.model.transmission import counts_to_joint, torque_to_dac, unwrap_counts
-from qrobot.realtime.jit import kernel
+from qrobot.model.transmission import (
+    TransmissionParams,
+    counts_to_joint,
+    motor_to_torque,
+    signed_word,
+    torque_to_dac,
+    unwrap_counts,
+)
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard import (
     check_following,
     check_image,
@@ -120,7 +127,7 @@ LAW_NAN: Final = int(FaultCode.LAW_NAN)
 GLITCHES_TO_FAULT: Final = 3
 
 
-@kernel
+@lean_kernel
 def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int, law: Any) -> int:
     """Run one cycle on `state.image` and leave the register writes in `state.ops`.
 
@@ -130,7 +137,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
         mail: servo memory, see `servo.mailbox`.
         now_ns: planned time of this cycle.
         late_ns: how much later it really runs.
-        law: control law of `LAW_TYPE`.
+        law: pointer to the control law, a `servo.law.Law`.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
@@ -150,7 +157,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     return n_ops
 
 
-@kernel
+@lean_kernel
 def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) -> None:
     """Count the cycle and take its true duration, a whole number of periods."""
     if state.i[STARTED] == 0:
@@ -162,7 +169,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
         state.i[LATE] += 1
 
 
-@kernel
+@lean_kernel
 def read(params: ServoParameters, state: ServoState, now_ns: int) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
     state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
@@ -185,18 +192,18 @@ def read(params: ServoParameters, state: ServoState, now_ns: int) -> None:
         raise_code(state, ENC_JUMP, joint)
 
 
-@kernel
+@lean_kernel
 def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     """First image: take counters and scratch bits as the board kept them, and move nothing."""
     for j in range(words.size):
         state.raw[j] = words[j]
-        state.counts[j] = words[j] - 65536 if words[j] >= 32768 else words[j]
+        state.counts[j] = signed_word(words[j])
     counts_to_joint(state.counts, params.transmission, state.q_before)
     state.i[DISCRETE_WORD] = (state.i[STATUS] & params.scratch_bits) | DISCRETE_HAND_RELAXED
     state.i[STARTED] = 1
 
 
-@kernel
+@lean_kernel
 def estimate(params: ServoParameters, state: ServoState) -> None:
     """Joint positions from counts; velocity by backward difference and first-order low pass."""
     if state.i[STARTED] == 0:
@@ -209,7 +216,7 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
         state.q_before[j] = state.q[j]
 
 
-@kernel
+@lean_kernel
 def watch_arm(params: ServoParameters, state: ServoState) -> None:
     """Raise what the measured motion calls for while the motors carry torque."""
     if not gives_torque(state.i[MODE]):
@@ -223,7 +230,7 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
         raise_code(state, code, joint)
 
 
-@kernel
+@lean_kernel
 def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop."""
     mode = state.i[MODE]
@@ -246,7 +253,7 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
             finish_stop(state)
 
 
-@kernel
+@lean_kernel
 def follow_torque_joints(state: ServoState) -> None:
     """The reference of a torque-driven joint is where it is, so its feedback vanishes and only compensation is left."""
     for j in range(state.q.size):
@@ -254,7 +261,7 @@ def follow_torque_joints(state: ServoState) -> None:
             state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], state.v[j], 0.0
 
 
-@kernel
+@lean_kernel
 def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
     """Torque of the law, guarded; zero where the mode gives none."""
     state.i[CLIPPED] = 0
@@ -280,7 +287,7 @@ def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
     state.i[CLIPPED] = clipped
 
 
-@kernel
+@lean_kernel
 def model_terms(params: ServoParameters, state: ServoState) -> None:
     """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
     if state.i[MODE] == UNCALIBRATED:  # the pose is not known: no model can help
@@ -290,10 +297,22 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
     gravity_torque(state.q, params.dynamics, state.gravity)
     for j in range(state.q.size):
         state.gravity[j] *= params.gravity_share[j]
-    friction_torque(state.v_ref, params.friction, state.friction)
+    motor_rates(state.v_ref, params.transmission, state.scratch)
+    friction_torque(state.scratch, params.friction, state.tau_motor)
+    motor_to_torque(state.tau_motor, params.transmission, state.friction)
 
 
-@kernel
+@lean_kernel
+def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
+    """Motor speeds C v in joint units: friction acts where the motors are, not where the joints are. Shapes (n,)."""
+    for i in range(v.size):
+        speed = 0.0
+        for j in range(v.size):
+            speed += transmission.motor_per_joint[i, j] * v[j]
+        r_dot[i] = speed
+
+
+@lean_kernel
 def built_in_law(params: ServoParameters, state: ServoState) -> None:
     """What replaces a law that failed: PD with gravity compensation."""
     for j in range(state.tau.size):
@@ -303,14 +322,14 @@ def built_in_law(params: ServoParameters, state: ServoState) -> None:
         state.tau[j] = feedback + state.gravity[j]
 
 
-@kernel
+@lean_kernel
 def add_torque_setpoints(state: ServoState) -> None:
     """Joints in torque mode: the setpoint comes on top of what carries the arm."""
     for j in range(state.tau.size):
         state.tau[j] += state.torque_setpoint[j]
 
 
-@kernel
+@lean_kernel
 def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
@@ -322,24 +341,17 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
         return 0
     n = 0
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and not wants_power(state.i[MODE]):
-        n = put(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
     for channel in range(N_DACS):
         code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
-        n = put(state.ops, n, DAC + 2 * channel, code)
+        n = put_write(state.ops, n, DAC + 2 * channel, code)
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
-        n = put(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
     state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
     return n
 
 
-@kernel
-def put(ops: Any, n: int, offset: int, value: int) -> int:
-    """Append a register write; returns the new length."""
-    ops[n, 0], ops[n, 1], ops[n, 2] = OP_WRITE, offset, value
-    return n + 1
-
-
-@kernel
+@lean_kernel
 def compose_discrete(state: ServoState, hand: int) -> None:
     """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
     word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED)
@@ -354,7 +366,7 @@ def compose_discrete(state: ServoState, hand: int) -> None:
     state.i[DISCRETE_WORD] = word
 
 
-@kernel
+@lean_kernel
 def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
     """FLAG_* of this tick."""
     status, flags = state.i[STATUS], 0
@@ -372,7 +384,7 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     return flags | FLAG_AT_REST if at_rest else flags
 
 
-@kernel
+@lean_kernel
 def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
     """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
     n = state.q.size
@@ -394,7 +406,7 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
     fill_row(state, now_ns, late_ns)
 
 
-@kernel
+@lean_kernel
 def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     """The telemetry row, in the order of `servo.telemetry`."""
     row, floats, n = state.row, state.row_f, state.q.size

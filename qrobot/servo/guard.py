@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.faultcodes import FaultCode
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.mailbox import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.modes import Stop
 
@@ -61,7 +61,7 @@ for _code in FaultCode:
     _CATEGORY_BY_NUMBER[_code] = stop_category(_code)
 
 
-@kernel
+@lean_kernel
 def category_of(code: int) -> int:
     """Stop category of a code number; category 0 for a number out of range."""
     if 0 <= code < _CATEGORY_BY_NUMBER.size:
@@ -69,7 +69,7 @@ def category_of(code: int) -> int:
     return 0
 
 
-@kernel
+@lean_kernel
 def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
     """(code, joint): measured speed within `factor` times the limit; RUNAWAY beyond 1.5 times. Shapes (n,)."""
     for j in range(v.size):
@@ -80,7 +80,7 @@ def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
     return NONE, 0
 
 
-@kernel
+@lean_kernel
 def check_following(q_ref: Any, q: Any, allowed: Any) -> tuple[int, int]:
     """(code, joint): the arm is where it was told to be, within `allowed` rad. Shapes (n,)."""
     for j in range(q.size):
@@ -89,7 +89,7 @@ def check_following(q_ref: Any, q: Any, allowed: Any) -> tuple[int, int]:
     return NONE, 0
 
 
-@kernel
+@lean_kernel
 def check_range(q: Any, q_min: Any, q_max: Any, margin: Any) -> tuple[int, int]:
     """(code, joint): measured position inside its range widened by `margin`. Shapes (n,), rad or m."""
     for j in range(q.size):
@@ -98,7 +98,7 @@ def check_range(q: Any, q_min: Any, q_max: Any, margin: Any) -> tuple[int, int]:
     return NONE, 0
 
 
-@kernel
+@lean_kernel
 def check_image(age_ns: int, oldest_ns: int, count: int, status: int) -> int:
     """The image is fresh, whole and not the all-ones of an unplugged board."""
     if not 0 <= count:
@@ -110,7 +110,7 @@ def check_image(age_ns: int, oldest_ns: int, count: int, status: int) -> int:
     return NONE
 
 
-@kernel
+@lean_kernel
 def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
     """Clip `tau` in place to +-`tau_max`: (code, joint, number of joints clipped). A NaN becomes zero torque. Shapes (n,)."""
     code, joint, clipped = NONE, 0, 0
@@ -127,7 +127,7 @@ def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
     return code, joint, clipped
 
 
-@kernel
+@lean_kernel
 def check_first_setpoint(setpoint: Any, modes: Any, q_ref: Any, tolerance: float) -> tuple[int, int]:
     """(code, joint): a stream begins where the reference stands, within `tolerance` rad. Shapes (n,)."""
     for j in range(setpoint.size):
@@ -136,7 +136,7 @@ def check_first_setpoint(setpoint: Any, modes: Any, q_ref: Any, tolerance: float
     return NONE, 0
 
 
-@kernel
+@lean_kernel
 def check_setpoint(
     setpoint: Any,
     modes: Any,

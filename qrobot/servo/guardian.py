@@ -16,13 +16,12 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.errors import LinkError
-from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, post_operations
+from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, post_operations, put_write
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Segment
-from qrobot.servo.cycle import put
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
     BEAT_DISCRETE,
@@ -33,26 +32,26 @@ from qrobot.servo.mailbox import (
     GUARD_TRIPS,
     attach_servo_memory,
 )
+from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 1 + N_DACS
-DEFAULT_TIMEOUT_MS: Final = 5.0
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
 
 TRIPPED, TRIPS = range(2)  # the guardian's own memory
 
 
-@kernel
+@lean_kernel
 def make_safe(mail: Any, board: Any, ops: Any) -> bool:
     """Arm power off, then zero torque on every DAC; False when the board takes no more operations."""
-    n = put(ops, 0, DISCRETE, mail[BEAT_DISCRETE] & ~DISCRETE_POWER)
+    n = put_write(ops, 0, DISCRETE, mail[BEAT_DISCRETE] & ~DISCRETE_POWER)
     for channel in range(N_DACS):
-        n = put(ops, n, DAC + 2 * channel, DAC_ZERO)
+        n = put_write(ops, n, DAC + 2 * channel, DAC_ZERO)
     return post_operations(board, GUARDIAN_LANE, ops, n)
 
 
-@kernel
+@lean_kernel
 def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
     """One look at the servo: trip, keep the board safe, or hand it back.
 
@@ -73,7 +72,7 @@ def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int
         make_safe(mail, board, ops)
 
 
-@kernel
+@lean_kernel
 def watch(own: Any, mail: Any, board: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int) -> None:
     """Look again and again until `until_ns`, or until `stop[0]` is set."""
     period_ns = timeout_ns // LOOKS_PER_TIMEOUT
@@ -142,7 +141,7 @@ def _follow(segment: Segment, attach: Any, arm: str) -> Segment:
     return successor
 
 
-@kernel
+@lean_kernel
 def monotonic_now() -> int:
     """CLOCK_MONOTONIC in nanoseconds, for the Python side."""
     return monotonic_ns()

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 N_KNOTS: Final = 4
 LOOK_AHEAD_FRAMES: Final = 2.0  # from taking a setpoint to reaching it
@@ -26,7 +26,7 @@ LOOK_AHEAD_FRAMES: Final = 2.0  # from taking a setpoint to reaching it
 PEAK_SLOPE: Final = 1.875
 
 
-@kernel
+@lean_kernel
 def rest_at(knots: Any, q: Any) -> None:
     """Fill all knots with `q`: the reference stands there. Shapes (4, n) and (n,)."""
     for i in range(N_KNOTS):
@@ -34,7 +34,7 @@ def rest_at(knots: Any, q: Any) -> None:
             knots[i, j] = q[j]
 
 
-@kernel
+@lean_kernel
 def shift_in(knots: Any, setpoint: Any) -> None:
     """Take the next setpoint as the newest knot. Shapes (4, n) and (n,)."""
     for j in range(setpoint.size):
@@ -43,7 +43,7 @@ def shift_in(knots: Any, setpoint: Any) -> None:
         knots[N_KNOTS - 1, j] = setpoint[j]
 
 
-@kernel
+@lean_kernel
 def shift_extrapolated(knots: Any, q_min: Any, q_max: Any) -> None:
     """In place of a missing setpoint: go on at the last velocity, inside the joints' ranges."""
     for j in range(q_min.size):
@@ -53,7 +53,7 @@ def shift_extrapolated(knots: Any, q_min: Any, q_max: Any) -> None:
         knots[3, j] = min(max(following, q_min[j]), q_max[j])
 
 
-@kernel
+@lean_kernel
 def reference(knots: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any) -> None:
     """Position, velocity and acceleration at `phase`.
 
@@ -80,7 +80,7 @@ def reference(knots: Any, phase: float, rate: float, rate_slope: float, q: Any, 
         a[j] = curvature * rate * rate + slope * rate_slope
 
 
-@kernel
+@lean_kernel
 def stop_duration(v: Any, a_stop: Any, shortest: float) -> float:
     """Seconds for a smooth stop from velocities `v` in which no joint decelerates harder than `a_stop`. Shapes (n,)."""
     duration = shortest
@@ -89,7 +89,7 @@ def stop_duration(v: Any, a_stop: Any, shortest: float) -> float:
     return duration
 
 
-@kernel
+@lean_kernel
 def stop_profile(elapsed: float, duration: float) -> tuple[float, float]:
     """Share of the full rate left `elapsed` seconds into a stop, and its slope in 1/s; (0, 0) once it is over."""
     x = elapsed / duration

@@ -17,7 +17,7 @@ A law is called once a cycle, with arrays of shape (n,) in SI units unless said 
 | `tau`      | N m (N)         | the result, joint side                                                       |
 
 What a law returns goes through the guard: it cannot exceed the torque limits, and a NaN stops the arm. Laws are Numba
-first-class functions of one signature, hence swappable pointers: the compiled cycle need not know them.
+functions of one signature behind a pointer (`Law`), hence swappable: the compiled cycle need not know them.
 """
 
 from __future__ import annotations
@@ -37,21 +37,39 @@ MEMORY_WORDS: Final = 64
 _VECTOR = types.Array(types.float64, 1, "C")
 _MATRIX = types.Array(types.float64, 2, "C")
 LAW_SIGNATURE: Final = types.void(*[_VECTOR] * 8, _MATRIX, _VECTOR, _VECTOR)
-LAW_TYPE: Final = types.FunctionType(LAW_SIGNATURE)
 
-Law = Callable[..., None]
+Body = Callable[..., None]
 
 
-def law(function: Law) -> Law:
+class Law(types.WrapperAddressProtocol):  # type: ignore[misc]
+    """A compiled law as a pointer: the cycle that takes it is compiled once, for all laws, and cached on disk."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body  # the compiled function; plain Python with the JIT off
+        self.__doc__ = body.__doc__
+
+    def __call__(self, *arguments: Any) -> None:
+        """Run the law from Python."""
+        self.body(*arguments)
+
+    def signature(self) -> Any:
+        """Type of every law, for Numba."""
+        return LAW_SIGNATURE
+
+    def __wrapper_address__(self) -> int:
+        """Where the compiled code is, for Numba."""
+        result = self.body.get_compile_result(LAW_SIGNATURE)  # type: ignore[attr-defined]
+        return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+
+
+def law(function: Body) -> Law:
     """Compile a law for the cycle. Raises Numba's typing error when it does not fit `LAW_SIGNATURE`."""
     if jit_disabled():
-        return function
-    compiled: Law
+        return Law(function)
     try:
-        compiled = njit(LAW_SIGNATURE, cache=True, nogil=True, error_model="numpy")(function)
+        return Law(njit(LAW_SIGNATURE, cache=True, nogil=True, error_model="numpy")(function))
     except RuntimeError:  # no source file to keep a cache beside: a notebook or a prompt
-        compiled = njit(LAW_SIGNATURE, nogil=True, error_model="numpy")(function)
-    return compiled
+        return Law(njit(LAW_SIGNATURE, nogil=True, error_model="numpy")(function))
 
 
 @law

@@ -12,7 +12,7 @@ from typing import Any, Final
 from qrobot.hwif.memory import Lane, fetch_image, post_operations
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.cycle import cycle
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
 from qrobot.servo.modes import wants_power
@@ -31,20 +31,20 @@ ENDED: Final = 0
 BOARD_AWAY: Final = 1
 
 
-@kernel
+@lean_kernel
 def first_deadline(now_ns: int, period_ns: int) -> int:
     """The next point of the grid that leaves at least one period to get ready."""
     return (now_ns // period_ns + 2) * period_ns + period_ns // 2
 
 
-@kernel
+@lean_kernel
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> int:
     """The next point of the grid that is not past: whole periods are skipped, none is made up for."""
     skipped = max(0, (now_ns - deadline_ns) // period_ns)
     return deadline_ns + (1 + skipped) * period_ns
 
 
-@kernel
+@lean_kernel
 def wait_until(deadline_ns: int, margin_ns: int) -> int:
     """Sleep to `margin_ns` before the deadline and spin the rest (margin 0: sleep only). Returns the next margin."""
     sleep_until_ns(deadline_ns - margin_ns)
@@ -57,7 +57,7 @@ def wait_until(deadline_ns: int, margin_ns: int) -> int:
     return max(margin_ns - MARGIN_DOWN_NS, MARGIN_UP_NS)
 
 
-@kernel
+@lean_kernel
 def one_cycle(
     params: ServoParameters, state: ServoState, law: Any, mail: Any, board: Any, now_ns: int, late_ns: int
 ) -> None:
@@ -68,7 +68,7 @@ def one_cycle(
     append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
 
 
-@kernel
+@lean_kernel
 def run(
     params: ServoParameters, state: ServoState, law: Any, mail: Any, board: Any, margin_ns: int, away_ns: int
 ) -> int:

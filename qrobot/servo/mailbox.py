@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError, LinkError
 from qrobot.realtime.atomics import load_acquire, store_release
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 from qrobot.servo.telemetry import TelemetryLayout, ring_words
@@ -270,7 +270,7 @@ class ServoMailbox:
         return ServoSnapshot(*words[:STATE_VECTORS].tolist(), *vectors, force)
 
 
-@kernel
+@lean_kernel
 def push_frame(words: Any, frame: Any, size: int) -> bool:
     """Producer: append `frame[:size]` to the setpoint queue; False when it is full."""
     head = words[QUEUE_HEAD]
@@ -283,7 +283,7 @@ def push_frame(words: Any, frame: Any, size: int) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def peek_frame(words: Any, frame: Any, size: int) -> bool:
     """Consumer: copy the oldest frame without removing it; False when there is none."""
     tail = words[QUEUE_TAIL]
@@ -295,26 +295,26 @@ def peek_frame(words: Any, frame: Any, size: int) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def drop_frame(words: Any) -> None:
     """Consumer: remove the oldest frame, which `peek_frame` has shown to exist."""
     store_release(words, QUEUE_TAIL, words[QUEUE_TAIL] + 1)
 
 
-@kernel
+@lean_kernel
 def drop_all_frames(words: Any) -> None:
     """Consumer: empty the queue."""
     store_release(words, QUEUE_TAIL, load_acquire(words, QUEUE_HEAD))
 
 
-@kernel
+@lean_kernel
 def publish_state(words: Any, n: int, state: Any) -> None:
     """Servo: publish the state block, int64[state_words(n)]."""
     seq = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n)
     seqlock_write(words, seq, seq + 8, state, STATE_VECTORS + 4 * n + FORCE_AXES)
 
 
-@kernel
+@lean_kernel
 def read_state(words: Any, n: int, out: Any) -> bool:
     """Reader: copy the newest whole state block into `out`; False when none could be had."""
     seq = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n)

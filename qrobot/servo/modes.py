@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 
 class Mode(IntEnum):
@@ -101,19 +101,19 @@ _POWER: Final = np.array([mode in POWER_ON for mode in Mode])
 _TORQUE: Final = np.array([mode in TORQUE_ON for mode in Mode])
 
 
-@kernel
+@lean_kernel
 def may_follow(origin: int, target: int) -> bool:
     """True when the table lets `target` follow `origin`."""
     return bool(_ALLOWED[origin, target])
 
 
-@kernel
+@lean_kernel
 def wants_power(mode: int) -> bool:
     """True when arm power is to be enabled in this mode."""
     return bool(_POWER[mode])
 
 
-@kernel
+@lean_kernel
 def gives_torque(mode: int) -> bool:
     """True when the DACs may carry the law's torque in this mode."""
     return bool(_TORQUE[mode])

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.errors import ConfigError
-from qrobot.servo.guardian import DEFAULT_TIMEOUT_MS
 from qrobot.servo.law import DEFAULT_LAW, find_law
 
 NS_PER_S = 1_000_000_000
+DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard import check_first_setpoint, check_setpoint
 from qrobot.servo.interpolator import rest_at, shift_extrapolated, shift_in
 from qrobot.servo.mailbox import (
@@ -57,7 +57,7 @@ SHORTEST_FRAME_NS: Final = 1_000_000
 LONGEST_FRAME_NS: Final = 100_000_000
 
 
-@kernel
+@lean_kernel
 def look_at_frame(state: ServoState, mail: Any) -> bool:
     """Copy the oldest waiting frame of a living stream into the state, discarding what a stop has outdated."""
     n = state.q.size
@@ -71,7 +71,7 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
     return False
 
 
-@kernel
+@lean_kernel
 def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[bool, int, int]:
     """(play now, code, joint): while holding, watch for a stream that begins where the reference stands."""
     if not look_at_frame(state, mail):
@@ -86,7 +86,7 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     return now_ns >= state.i[PLAY_AT_NS], 0, 0
 
 
-@kernel
+@lean_kernel
 def start_stream(state: ServoState, now_ns: int) -> None:
     """Begin to play the stream whose first frame `stream_ready` has shown."""
     state.i[STREAM] = state.frame[FRAME_STREAM]
@@ -99,7 +99,7 @@ def start_stream(state: ServoState, now_ns: int) -> None:
     state.f[RATE_SLOPE] = 0.0
 
 
-@kernel
+@lean_kernel
 def end_stream(state: ServoState, mail: Any) -> None:
     """Follow no frame of the present stream any more."""
     state.i[DEAD_STREAM] = state.i[STREAM]
@@ -107,7 +107,7 @@ def end_stream(state: ServoState, mail: Any) -> None:
     drop_all_frames(mail)
 
 
-@kernel
+@lean_kernel
 def _follow_phase(state: ServoState, now_ns: int) -> None:
     """Let the playing rate follow the sender's clock: a frame should have waited half a period."""
     frame_ns = state.i[FRAME_NS]
@@ -116,7 +116,7 @@ def _follow_phase(state: ServoState, now_ns: int) -> None:
     state.f[RATE] = (1.0 + shift) * 1e9 / frame_ns
 
 
-@kernel
+@lean_kernel
 def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
     """(code, joint): make the next frame, or its substitute, the newest knot."""
     while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.i[STREAM]:
@@ -133,7 +133,7 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     return (STREAM_LOST, 0) if state.i[MISSES] >= LOST_AFTER_FRAMES else (0, 0)
 
 
-@kernel
+@lean_kernel
 def _accept_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
     period_s = state.i[FRAME_NS] * 1e-9
     for j in range(state.q.size):
@@ -161,7 +161,7 @@ def _accept_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     return 0, 0
 
 
-@kernel
+@lean_kernel
 def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
     """True when nothing has arrived for two frame periods."""
     newest = state.i[LAST_ARRIVAL_NS]
@@ -170,7 +170,7 @@ def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
     return now_ns - newest >= LOST_AFTER_FRAMES * state.i[FRAME_NS]
 
 
-@kernel
+@lean_kernel
 def advance_phase(state: ServoState) -> bool:
     """Move along the path by one tick; True when a frame boundary was passed."""
     state.f[PHASE] += state.f[RATE] * state.f[DT]

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard import category_of
 from qrobot.servo.interpolator import rest_at, stop_duration
 from qrobot.servo.mailbox import (
@@ -75,7 +75,7 @@ CLEAR_PATIENCE_NS: Final = 100_000_000
 STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power
 
 
-@kernel
+@lean_kernel
 def raise_code(state: ServoState, code: int, joint: int) -> None:
     """Note a code for this tick; of several the one with the lowest stop category counts, then the first."""
     if code == 0:
@@ -85,14 +85,14 @@ def raise_code(state: ServoState, code: int, joint: int) -> None:
         state.i[PENDING_JOINT] = joint
 
 
-@kernel
+@lean_kernel
 def enter(state: ServoState, mode: int) -> None:
     """Change mode, if the table has such a transition."""
     if may_follow(state.i[MODE], mode):
         state.i[MODE] = mode
 
 
-@kernel
+@lean_kernel
 def hold_here(state: ServoState) -> None:
     """Make the measured position the reference, at rest."""
     for j in range(state.q.size):
@@ -102,7 +102,7 @@ def hold_here(state: ServoState) -> None:
     rest_at(state.knots, state.q_ref)
 
 
-@kernel
+@lean_kernel
 def _end_torque_mode(state: ServoState) -> None:
     """Joints driven by torque setpoints are held where they are from now on."""
     for j in range(state.q.size):
@@ -114,7 +114,7 @@ def _end_torque_mode(state: ServoState) -> None:
                 state.knots[k, j] = state.q[j]
 
 
-@kernel
+@lean_kernel
 def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, after: int) -> None:
     """Start a controlled stop on the path; `after` is the mode it ends in. A worse end replaces a milder one."""
     if state.i[MODE] == STOPPING:
@@ -130,13 +130,13 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     enter(state, STOPPING)
 
 
-@kernel
+@lean_kernel
 def guardian_alive(params: ServoParameters, mail: Any, now_ns: int) -> bool:
     """The guardian's heartbeat is fresh, or none is required."""
     return params.guardian_timeout_ns == 0 or now_ns - mail[GUARD_T_NS] <= params.guardian_timeout_ns
 
 
-@kernel
+@lean_kernel
 def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Raise what the board, the guardian and the operator's chain call for."""
     mode, status = state.i[MODE], state.i[STATUS]
@@ -153,7 +153,7 @@ def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, no
         raise_code(state, GUARD_LOST, 0)
 
 
-@kernel
+@lean_kernel
 def _at_rest(state: ServoState) -> bool:
     for j in range(state.v.size):
         if not abs(state.v[j]) <= STANDSTILL_RAD_S:
@@ -161,7 +161,7 @@ def _at_rest(state: ServoState) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Power is wanted: grant the request or say why not."""
     if state.i[STATUS] & STATUS_ESTOP_OK == 0:
@@ -176,7 +176,7 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         enter(state, POWERING)
 
 
-@kernel
+@lean_kernel
 def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     if state.i[STATUS] & STATUS_POWER != 0:
         hold_here(state)
@@ -189,7 +189,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         enter(state, OFF)
 
 
-@kernel
+@lean_kernel
 def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     play, code, joint = stream_ready(params, state, mail, now_ns)
     if code != 0:
@@ -199,7 +199,7 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         enter(state, TRACKING)
 
 
-@kernel
+@lean_kernel
 def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Grant a clear once the cause is gone; say so when it does not go."""
     if state.i[CLEAR_UNTIL_NS] == 0:
@@ -214,7 +214,7 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
         state.i[CLEAR_UNTIL_NS] = 0
 
 
-@kernel
+@lean_kernel
 def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """The power request is gone: stop first when moving."""
     if state.i[MODE] == TRACKING or state.i[MODE] == STOPPING:
@@ -223,7 +223,7 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         enter(state, OFF)
 
 
-@kernel
+@lean_kernel
 def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for."""
     power = 1 if mail[COMMAND_POWER] != 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
@@ -256,7 +256,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         _leave_fault(params, state, mail, now_ns)
 
 
-@kernel
+@lean_kernel
 def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on the worst code of this tick."""
     code = state.i[PENDING]
@@ -278,7 +278,7 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         begin_stop(params, state, mail, now_ns, HOLDING)
 
 
-@kernel
+@lean_kernel
 def finish_stop(state: ServoState) -> None:
     """The stop has come to rest: go where it was meant to end."""
     if state.i[AFTER_STOP] == HOLDING:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.realtime.atomics import fence, load_acquire, store_release
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
@@ -96,7 +96,7 @@ def ring_words(row_words: int, capacity: int) -> int:
     return RING_HEADER_WORDS + capacity * row_words
 
 
-@kernel
+@lean_kernel
 def append_row(words: Any, base: int, capacity: int, row_words: int, row: Any) -> None:
     """Writer: append `row`, int64[row_words]; the oldest row gives way. `capacity` is a power of two."""
     head = words[base]
@@ -107,19 +107,19 @@ def append_row(words: Any, base: int, capacity: int, row_words: int, row: Any) -
     store_release(words, base, head + 1)
 
 
-@kernel
+@lean_kernel
 def head_row(words: Any, base: int) -> int:
     """Number of rows ever written."""
     return load_acquire(words, base)
 
 
-@kernel
+@lean_kernel
 def oldest_row(head: int, capacity: int) -> int:
     """Index of the oldest row that is certainly whole: the one before it may be giving way right now."""
     return max(0, head - capacity + 1)
 
 
-@kernel
+@lean_kernel
 def copy_rows(words: Any, base: int, capacity: int, row_words: int, first: int, out: Any) -> tuple[int, int]:
     """Reader: copy rows from index `first` on into `out`, int64[m, row_words].
 

@@ -1,0 +1,44 @@
+"""From a deployment file and command-line options to one arm and its settings."""
+
+from __future__ import annotations
+
+from qrobot.config import Robot, load_robot
+from qrobot.config.deployment import Arm, load_deployment
+from qrobot.errors import ConfigError
+from qrobot.servo.law import LAWS
+from qrobot.servo.settings import ServoSettings
+
+DEFAULT_DEPLOYMENT = "emulator"
+
+
+def choose_arm(deployment: str, name: str | None) -> Arm:
+    """The arm called `name`, or the only one. Raises ConfigError when that is not clear."""
+    arms = {arm.name: arm for arm in load_deployment(deployment).arm}
+    if name is None and len(arms) == 1:
+        return next(iter(arms.values()))
+    if name in arms:
+        return arms[name]
+    known = ", ".join(arms)
+    if name is None:
+        raise ConfigError(f"{deployment} has several arms: choose one with --arm ({known})")
+    raise ConfigError(f"{deployment} has no arm {name!r}; there are: {known}")
+
+
+def robot_of_arm(arm: Arm) -> Robot:
+    """The robot file an arm names."""
+    return load_robot(arm.robot)
+
+
+def servo_settings(arm: Arm, rate_hz: float | None = None, law: str | None = None) -> ServoSettings:
+    """Settings of the deployment file, with what the command line overrides."""
+    return ServoSettings(
+        rate_hz=rate_hz or arm.servo.rate_hz,
+        law=law or arm.servo.law,
+        guardian_timeout_ms=arm.servo.guardian_timeout_ms,
+        cpu=arm.servo.cpu,
+    )
+
+
+def law_names() -> str:
+    """Names of the shipped laws, for messages."""
+    return ", ".join(LAWS)

@@ -1,0 +1,118 @@
+"""The whole stack in one process on virtual time: deterministic, and as fast as the machine allows.
+
+One servo tick and the plant steps that belong to it alternate in one compiled loop; the bridge's session and the program
+see the same packets as over a socket. Nothing waits: virtual time moves only when somebody asks for the next frame.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.hwif.memory import local_board_memory
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.law import find_law
+from qrobot.servo.loop import one_cycle
+from qrobot.servo.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.parameters import ServoParameters, servo_parameters
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.state import ServoState, make_state
+from qrobot.servo.telemetry import Rows, TelemetryReader
+from qrobot.sim_board.emulator import Emulator, EmulatorBundle, emulator_run
+
+NS_PER_S: Final = 1_000_000_000
+START_NS: Final = NS_PER_S  # virtual time does not begin at zero: nothing may take 0 for "never"
+RING_ROWS: Final = 1 << 12
+
+
+@lean_kernel
+def run_ticks(
+    params: ServoParameters,
+    state: ServoState,
+    law: Any,
+    mail: Any,
+    board: Any,
+    emulator: EmulatorBundle,
+    now_ns: int,
+    n_ticks: int,
+    substeps: int,
+) -> int:
+    """Advance by `n_ticks` servo cycles from virtual time `now_ns`; returns the time reached.
+
+    Each cycle sees the image of its own instant; what it writes acts from then on.
+    """
+    for _ in range(n_ticks):
+        one_cycle(params, state, law, mail, board, now_ns, 0)
+        now_ns = emulator_run(emulator, board, now_ns, substeps)
+    return now_ns
+
+
+class LockstepRig:
+    """Emulated board and servo in lock-step.
+
+    Args:
+        robot: the arm.
+        settings: rate and law of the servo. Its period must be a multiple of the plant's.
+        emulator: board and plant; default the robot's nominal one at its start pose.
+        keep_telemetry: collect every row in `rows()`.
+
+    Raises:
+        ConfigError: the servo's period is no multiple of the plant's.
+    """
+
+    def __init__(
+        self, robot: Robot, settings: ServoSettings, emulator: Emulator | None = None, keep_telemetry: bool = True
+    ) -> None:
+        self.robot = robot
+        self.settings = settings
+        self.emulator = emulator or Emulator(robot)
+        period_ns = settings.period_ns
+        self.substeps, rest = divmod(period_ns, self.emulator.bundle.period_ns)
+        if rest or not self.substeps:
+            plant_hz = NS_PER_S / self.emulator.bundle.period_ns
+            raise ConfigError(f"{settings.rate_hz} Hz does not divide the plant's {plant_hz:.0f} Hz")
+        self.params = servo_parameters(robot, settings, guarded=False)
+        self.state = make_state(robot.n)
+        self.law = find_law(settings.law)
+        self.mail = local_servo_memory(robot.name, settings.law, robot.n, period_ns, RING_ROWS)
+        self.board = local_board_memory()
+        self.mailbox = ServoMailbox(self.mail)
+        self.now_ns = START_NS
+        self.wall_s = 0.0
+        info = self.mailbox.info
+        self._reader = TelemetryReader(self.mail, info.telemetry_base, info.telemetry_capacity, robot.n)
+        self._kept: list[Rows] | None = [] if keep_telemetry else None
+        self.emulator.connect(self.board, self.now_ns)
+
+    @property
+    def period_ns(self) -> int:
+        """Length of a servo cycle."""
+        return self.settings.period_ns
+
+    def ticks(self, n: int) -> None:
+        """Advance by `n` servo cycles, at most the telemetry ring's length at a time."""
+        while n > 0:
+            chunk = min(n, RING_ROWS // 2)
+            started = time.perf_counter()
+            self.now_ns = run_ticks(
+                self.params, self.state, self.law, self.mail, self.board, self.emulator.bundle,
+                self.now_ns, chunk, self.substeps,
+            )  # fmt: skip
+            self.wall_s += time.perf_counter() - started
+            if self._kept is not None:
+                self._kept.append(self._reader.read())
+            n -= chunk
+
+    def run_for(self, seconds: float) -> None:
+        """Advance by `seconds` of virtual time, rounded to whole cycles."""
+        self.ticks(round(seconds * NS_PER_S / self.period_ns))
+
+    def rows(self) -> Rows:
+        """Telemetry of every cycle so far, oldest first."""
+        if not self._kept:
+            return self._reader.layout.empty(0)
+        return np.concatenate(self._kept)

@@ -1,0 +1,95 @@
+"""Robot file and settings, boiled down to the numbers the cycle works with.
+
+Everything is an array or a plain number, so that the compiled cycle takes it as it is. The control-side model comes from
+the robot file alone; the plant behind an emulated board may differ.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
+from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
+from qrobot.model.transmission import TransmissionParams, transmission_params
+from qrobot.servo.law import KP, KV, M0, N_GAINS
+from qrobot.servo.settings import NS_PER_S, ServoSettings
+
+OLDEST_IMAGE_PERIODS: Final = 4  # age of the image at which the board counts as gone
+OLDEST_IMAGE_NS: Final = 5_000_000  # but never less: an emulated board shares this machine
+POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
+GUARDIAN_PERIODS: Final = 2  # the guardian's heartbeat may be as old as so many of its bounds
+SHORTEST_STOP_S: Final = 0.02
+JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joint makes are a glitch
+JUMP_FLOOR_COUNTS: Final = 20.0
+SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the true derivative a little
+
+
+class ServoParameters(NamedTuple):
+    """Constants of one servo. Vectors have shape (n,) and SI units."""
+
+    period_ns: int
+    transmission: TransmissionParams
+    dynamics: DynamicsParams
+    friction: FrictionParams
+    gravity_share: Any  # 1 where gravity is compensated, 0 elsewhere
+    gains: Any  # (3, n): Kp, Kv, M0
+    filter_rad_s: float
+    q_min: Any
+    q_max: Any
+    v_max: Any
+    v_setpoint: Any
+    a_setpoint: Any
+    a_stop: Any
+    tau_max: Any
+    following_error: Any
+    range_margin: Any
+    velocity_factor: float
+    start_tolerance: float
+    jump_counts: Any
+    late_ns: int
+    oldest_image_ns: int
+    guardian_timeout_ns: int  # 0: none required
+    power_timeout_ns: int
+    shortest_stop_s: float
+    scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
+
+
+def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None = None) -> ServoParameters:
+    """The constants of a servo for `robot`; `guarded` overrides the settings (lock-step has no guardian)."""
+    control, guard, limits = robot.control, robot.guard, robot.limits
+    gains = np.zeros((N_GAINS, robot.n))
+    gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia
+    counts_per_tick = limits.v_max / np.abs(robot.transmission.rad_per_count) * settings.period_ns / NS_PER_S
+    needs_guardian = settings.guarded if guarded is None else guarded
+    guardian_ns = int(GUARDIAN_PERIODS * settings.guardian_timeout_ms * 1e6)
+    return ServoParameters(
+        period_ns=settings.period_ns,
+        transmission=transmission_params(robot),
+        dynamics=dynamics_params(robot),
+        friction=friction_params(robot),
+        gravity_share=control.gravity_joints.astype(np.float64),
+        gains=gains,
+        filter_rad_s=2.0 * math.pi * control.velocity_filter_hz,
+        q_min=np.array(limits.q_min),
+        q_max=np.array(limits.q_max),
+        v_max=np.array(limits.v_max),
+        v_setpoint=SAMPLING_SLACK * limits.v_max,
+        a_setpoint=SAMPLING_SLACK * limits.a_max,
+        a_stop=np.array(guard.a_stop),
+        tau_max=np.array(guard.tau_max),
+        following_error=np.array(guard.following_error),
+        range_margin=np.array(guard.range_margin),
+        velocity_factor=guard.velocity_factor,
+        start_tolerance=guard.start_tolerance,
+        jump_counts=np.ceil(JUMP_FACTOR * counts_per_tick + JUMP_FLOOR_COUNTS).astype(np.int64),
+        late_ns=settings.period_ns // 2,
+        oldest_image_ns=max(OLDEST_IMAGE_PERIODS * settings.period_ns, OLDEST_IMAGE_NS),
+        guardian_timeout_ns=guardian_ns if needs_guardian else 0,
+        power_timeout_ns=POWER_TIMEOUT_NS,
+        shortest_stop_s=SHORTEST_STOP_S,
+        scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
+    )
