@@ -24,7 +24,7 @@ class LogWriter:
         max_bytes: size at which the next part begins; None for a single file.
 
     Raises:
-        LogError: the first part cannot be opened, or an old one not be removed. Later trouble with the disk is counted in `status`.
+        LogError: the first part cannot be opened, or an old one not be removed. Later trouble is counted in `status`.
     """
 
     def __init__(

@@ -1,0 +1,1 @@
+"""The `qrobot` command: composition only."""

@@ -1,0 +1,71 @@
+"""The `qrobot` command: a table of subcommands, each imported only when it is called."""
+
+from __future__ import annotations
+
+import sys
+from typing import Final, NamedTuple
+
+from cyclopts import App, Group
+
+from qrobot.cli.console import run_app
+from qrobot.realtime.setup import die_with_parent
+
+HELP: Final = """
+Control a PUMA 560, or any robot described in a file: emulated on this machine or behind a TRC004 board.
+
+Try first:
+
+  qrobot demo          the experiment of the QRobot paper, on an emulated arm
+  qrobot up            start an emulated arm; then, in another terminal,
+  qrobot run PROGRAM   let a program move it
+  qrobot doctor        what this machine lacks for real time
+"""
+
+EVERYDAY: Final = Group("Commands", sort_key=1)
+PROCESSES: Final = Group("Single processes (`up` starts them all)", sort_key=2)
+
+
+class Command(NamedTuple):
+    """One line of the table; `target` is imported when the command is called."""
+
+    name: str
+    target: str
+    group: Group
+    help: str
+
+
+COMMANDS: Final = (
+    Command("demo", "qrobot.cli.demo:demo", EVERYDAY, "Move an emulated PUMA 560 through the experiment of the paper."),
+    Command("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
+    Command("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
+    Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
+    Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
+    Command("board", "qrobot.cli.board:board", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
+    Command("servo", "qrobot.cli.servo:servo", PROCESSES, "Run the servo of one arm."),
+    Command("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),
+    Command("bridge", "qrobot.cli.bridge:bridge", PROCESSES, "Let programs command a servo over TCP."),
+)
+
+
+def program_version() -> str:
+    """Version of the installed distribution."""
+    from importlib.metadata import PackageNotFoundError, version  # a tenth of a second
+
+    try:
+        return version("qrobot")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+def make_app() -> App:
+    """The command with all its subcommands, none of them imported."""
+    app = App(name="qrobot", help=HELP, help_format="plaintext", version=program_version, group_commands=EVERYDAY)
+    for place, command in enumerate(COMMANDS):
+        app.command(command.target, name=command.name, help=command.help, group=command.group, sort_key=place)
+    return app
+
+
+def main() -> None:
+    """Entry point: run the command line and exit with its status."""
+    die_with_parent()
+    sys.exit(run_app(make_app(), sys.argv[1:]))

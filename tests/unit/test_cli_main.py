@@ -1,0 +1,162 @@
+"""The command line: what it prints, where, and with which exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cyclopts import App
+
+from qrobot.cli.console import run_app, write_json
+from qrobot.cli.main import COMMANDS, make_app
+from qrobot.errors import ConfigError
+
+HEAVY = ("numpy", "numba", "mujoco", "matplotlib", "pydantic", "foxglove", "pyarrow")
+
+
+def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=60, env={**os.environ, **environment}
+    )
+
+
+def test_help_names_every_command_and_imports_nothing_heavy() -> None:
+    found = python(
+        "import sys; from qrobot.cli.main import make_app; from qrobot.cli.console import run_app\n"
+        "status = run_app(make_app(), ['--help'])\n"
+        f"print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr); sys.exit(status)"
+    )
+    assert found.returncode == 0
+    assert found.stderr.strip() == "[]"
+    for command in COMMANDS:
+        assert f"{command.name} " in found.stdout
+        assert command.help in found.stdout
+
+
+@pytest.mark.parametrize(
+    ("tokens", "words"),
+    [(["bord"], "no command 'bord'; did you mean 'board'?"), (["xyzzy"], "no command 'xyzzy'; there are: demo, up")],
+)
+def test_an_unknown_command_is_one_line_with_a_proposal_and_status_2(
+    tokens: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_app(make_app(), tokens) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"qrobot: {words}")
+    assert captured.err.count("\n") == 1
+
+
+@pytest.fixture
+def app() -> App:
+    app = App(name="qrobot", version="1")
+
+    @app.command
+    def fail(message: str) -> None:
+        raise ConfigError(message)
+
+    @app.command
+    def end(status: int) -> int:
+        return status
+
+    @app.command
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    @app.command
+    def slip() -> None:
+        raise ZeroDivisionError
+
+    return app
+
+
+def test_an_error_of_ours_is_one_line_on_stderr_and_status_1(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(app, ["fail", "no arm [red]x[/red]:\n  'elbow'"]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "qrobot: no arm [red]x[/red]: 'elbow'\n"
+
+
+@pytest.mark.parametrize("status", [0, 1, 7])
+def test_the_status_is_what_the_command_returns(app: App, status: int) -> None:
+    assert run_app(app, ["end", str(status)]) == status
+
+
+@pytest.mark.parametrize("tokens", [["end"], ["end", "soon"], ["end", "1", "2"], ["end", "--loud", "1"]])
+def test_wrong_usage_is_one_line_and_status_2(app: App, tokens: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(app, tokens) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("qrobot: ")
+    assert error.count("\n") == 1
+
+
+def test_ctrl_c_ends_with_130_and_no_traceback(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(app, ["interrupt"]) == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_a_mistake_of_the_program_keeps_its_traceback(app: App) -> None:
+    with pytest.raises(ZeroDivisionError):
+        run_app(app, ["slip"])
+
+
+def test_a_reader_that_has_had_enough_is_no_error() -> None:
+    code = (
+        "import sys; from qrobot.cli.main import *; from qrobot.cli.console import run_app\n"
+        "from cyclopts import App\napp = App()\n"
+        "@app.default\ndef talk() -> None:\n    for i in range(100000): print(i)\n"
+        "sys.exit(run_app(app, []))"
+    )
+    piped = f"{sys.executable} -c '{code}' | head -1; exit ${{PIPESTATUS[0]}}"
+    found = subprocess.run(["bash", "-c", piped], capture_output=True, text=True, check=False, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr) == (0, "0\n", "")
+
+
+def test_json_goes_to_stdout_or_to_a_file_whose_directory_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    value = {"rate_hz": 1000.0, "names": ["[a]", "b" * 300]}
+    write_json(value)
+    assert json.loads(capsys.readouterr().out) == value
+    write_json(value, tmp_path / "deep" / "x.json")
+    assert json.loads((tmp_path / "deep" / "x.json").read_text()) == value
+
+
+PARENT = """
+import os, subprocess, sys
+code = "from qrobot.realtime.setup import die_with_parent; import time, os\\ndie_with_parent()\\n"
+code += "print(os.getpid(), os.environ.get('QROBOT_DIE_WITH_PARENT'), flush=True); time.sleep(60)"
+env = {**os.environ, "QROBOT_DIE_WITH_PARENT": str(os.getpid())}
+child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=env, text=True)
+print(child.stdout.readline(), flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_child_ends_with_its_supervisor_even_after_kill_9() -> None:
+    found = python(PARENT)
+    assert found.returncode == -9
+    pid, inherited = found.stdout.split()
+    assert inherited == "None"
+    assert wait_gone(int(pid))
+
+
+def wait_gone(pid: int, patience_s: float = 10.0) -> bool:
+    """True when process `pid` ends in time."""
+    import time
+
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except FileNotFoundError:
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.01)
+    return False
