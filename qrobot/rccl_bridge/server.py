@@ -85,27 +85,27 @@ class _Client(asyncio.Protocol):
 
     def __init__(self, server: BridgeServer) -> None:
         self._server = server
-        self._session: Session | None = None
-        self._transport: asyncio.Transport | None = None
+        self.session: Session | None = None
+        self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Somebody connects: give them a session, or send them away."""
-        self._transport = cast(asyncio.Transport, transport)
-        peer = Peer(*self._transport.get_extra_info("peername")[:2])
+        self.transport = cast(asyncio.Transport, transport)
+        peer = Peer(*self.transport.get_extra_info("peername")[:2])
         if len(self._server.clients) >= self._server.settings.max_clients:
             self._turn_away(peer)
             return
-        _bound_buffers(self._transport)
+        _bound_buffers(self.transport)
         server, port = self._server, self._server.port
-        self._session = Session(port.robot_name, port.n, server.lease, server.settings, peer, time.monotonic_ns())
+        self.session = Session(port.robot_name, port.n, server.lease, server.settings, peer, time.monotonic_ns())
         server.clients.add(self)
         self._set_timer()
 
     def data_received(self, data: bytes) -> None:
         """Bytes came."""
-        if self._session is not None:
-            self._carry_out(self._session.receive(data, time.monotonic_ns()))
+        if self.session is not None:
+            self._carry_out(self.session.receive(data, time.monotonic_ns()))
             self._set_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -113,59 +113,59 @@ class _Client(asyncio.Protocol):
         self._server.clients.discard(self)
         if self._timer is not None:
             self._timer.cancel()
-        if self._session is not None:
-            self._carry_out(self._session.lose())
-            self._server.say("%s has gone (%s)", self._session.label, exc or "closed")
+        if self.session is not None:
+            self._carry_out(self.session.lose())
+            self._server.say("%s has gone (%s)", self.session.label, exc or "closed")
 
     def pause_writing(self) -> None:
         """The client does not read."""
-        if self._session is not None:
-            self._session.block(time.monotonic_ns())
+        if self.session is not None:
+            self.session.block(time.monotonic_ns())
 
     def resume_writing(self) -> None:
         """The client reads again."""
-        if self._session is not None:
-            self._session.unblock()
+        if self.session is not None:
+            self.session.unblock()
 
     def dismiss(self, reason: str) -> None:
         """End the session from our side."""
-        if self._session is not None:
-            self._carry_out(self._session.dismiss(reason, time.monotonic_ns()))
+        if self.session is not None:
+            self._carry_out(self.session.dismiss(reason, time.monotonic_ns()))
 
     def _tick(self) -> None:
-        if self._session is not None:
-            self._carry_out(self._session.tick(time.monotonic_ns(), self._server.read_state()))
+        if self.session is not None:
+            self._carry_out(self.session.tick(time.monotonic_ns(), self._server.read_state()))
             self._set_timer()
 
     def _set_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        if self._session is not None and not self._session.ended:
-            self._timer = asyncio.get_running_loop().call_at(self._session.due_ns / 1e9, self._tick)
+        if self.session is not None and not self.session.ended:
+            self._timer = asyncio.get_running_loop().call_at(self.session.due_ns / 1e9, self._tick)
 
     def _carry_out(self, actions: list[Action]) -> None:
         outcome = carry_out(actions, self._server.port)
-        if self._transport is None or self._transport.is_closing():
+        if self.transport is None or self.transport.is_closing():
             return
         if outcome.data:
-            self._transport.write(outcome.data)
-        if outcome.closed and self._session is not None:
-            self._server.say("%s: %s", self._session.label, outcome.closed)
+            self.transport.write(outcome.data)
+        if outcome.closed and self.session is not None:
+            self._server.say("%s: %s", self.session.label, outcome.closed)
             self._close()
 
     def _turn_away(self, peer: Peer) -> None:
         limit = self._server.settings.max_clients
         complaint = WireError(ErrorCode.FULL, f"this bridge serves {limit} clients at most", True, time.monotonic_ns())
         self._server.say("%s is one client too many", peer)
-        if self._transport is not None:
-            self._transport.write(Connection(Side.SERVER).send(complaint))
+        if self.transport is not None:
+            self.transport.write(Connection(Side.SERVER).send(complaint))
             self._close()
 
     def _close(self) -> None:
         """Say no more, but read on until the client hangs up: to close with unread input would lose the last words."""
-        if self._transport is not None:
-            self._transport.write_eof()
-            asyncio.get_running_loop().call_later(LINGER_S, self._transport.abort)
+        if self.transport is not None:
+            self.transport.write_eof()
+            asyncio.get_running_loop().call_later(LINGER_S, self.transport.abort)
 
 
 def _bound_buffers(transport: asyncio.Transport) -> None:

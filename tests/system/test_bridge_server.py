@@ -1,0 +1,298 @@
+"""The bridge on real loopback sockets, with a servo that tracks perfectly."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack
+
+import pytest
+
+from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.rccl_bridge import BridgeServer, BridgeSettings
+from qrobot.rccl_bridge.server import WRITE_BUFFER_BYTES, precise_loop
+from qrobot.wire import (
+    Bye,
+    ClientRole,
+    Command,
+    Connection,
+    ErrorCode,
+    Event,
+    Hello,
+    JointMode,
+    Side,
+    State,
+    Welcome,
+    WireError,
+)
+from tests.support.fake_port import FakePort
+
+PATIENCE_S = 5.0
+COMMANDER = Hello(ClientRole.COMMANDER, "puma560", "test", period_us=5_000)
+OBSERVER = Hello(ClientRole.OBSERVER, "", "test", period_us=5_000)
+
+
+class Bridge:
+    """A bridge in a thread of this process."""
+
+    def __init__(self, **settings: int) -> None:
+        self.port = FakePort()
+        self.server = BridgeServer(self.port, BridgeSettings(port=0, **settings))
+        self._ready, self._loop = threading.Event(), precise_loop()
+        self._stop = asyncio.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        self._loop.run_until_complete(self._serve())
+        self._loop.close()
+
+    async def _serve(self) -> None:
+        await self.server.start()
+        self._ready.set()
+        await self._stop.wait()
+        await self.server.close()
+
+    def __enter__(self) -> Bridge:
+        self._thread.start()
+        assert self._ready.wait(PATIENCE_S)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.begin_to_end()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+
+    def begin_to_end(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._stop.set)
+
+    def connect(self) -> Client:
+        return Client(self.server.address)
+
+
+class Client:
+    """A blocking client, as short as can be."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self.socket = socket.socket()
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)  # so that a sleeper is found out soon
+        self.socket.settimeout(PATIENCE_S)
+        self.socket.connect(address)
+        self.wire = Connection(Side.CLIENT)
+
+    def say(self, packet) -> None:
+        self.socket.sendall(self.wire.send(packet))
+
+    def hear(self) -> Event | None:
+        """Next event; None when the bridge has hung up."""
+        while (event := self.wire.next_event()) is None:
+            data = self.socket.recv(65_536)
+            if not data:
+                return None
+            self.wire.receive_data(data)
+        return event
+
+    def join(self, hello: Hello = COMMANDER) -> Client:
+        self.say(hello)
+        assert isinstance(self.hear(), Welcome)
+        return self
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.socket.close()
+
+
+def wait_until(condition, what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def move_to(q: float, seq: int) -> Command:
+    return Command(seq, (JointMode.POSITION,) * 6, (q,) * 6, power=True)
+
+
+def test_a_program_moves_the_robot_by_answering_states() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join()
+        for k in range(20):
+            state = client.hear()
+            client.say(move_to(0.01 * k, state.seq))
+        client.say(Bye("done"))
+        assert client.hear() is None
+        assert bridge.port.state.q == (0.19,) * 6
+        wait_until(lambda: bridge.port.stops == 1, "a BYE leaves a stop behind")
+
+
+def test_states_keep_their_grid_over_a_second_at_one_kilohertz() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join(Hello(ClientRole.OBSERVER, "", period_us=1_000))
+        first = client.hear()
+        start = time.monotonic()
+        while (state := client.hear()).seq < first.seq + 1_000:
+            pass
+        took = time.monotonic() - start
+        behind = state.seq - first.seq - took * 1_000
+        assert abs(behind) < 100, f"{behind} periods off the grid after {took} s"
+
+
+def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join().say(move_to(0.1, 1))
+        wait_until(lambda: bridge.port.frames, "the frame arrives")
+        client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        client.socket.close()
+        wait_until(lambda: bridge.port.stops == 1, "a reset leaves a stop behind")
+        with bridge.connect() as heir:
+            heir.join()
+
+
+def test_a_half_open_commander_is_closed_after_a_second_of_silence() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join().say(move_to(0.1, 1))
+        start = time.monotonic()
+        while isinstance(event := client.hear(), State):
+            pass
+        assert isinstance(event, WireError)
+        assert event.code == ErrorCode.TIMEOUT
+        assert 0.9 < time.monotonic() - start < 2.0
+        assert client.hear() is None
+        assert bridge.port.stops == 1
+
+
+def test_a_malformed_packet_closes_that_client_only_with_one_clear_error() -> None:
+    with Bridge() as bridge, bridge.connect() as watcher, bridge.connect() as vandal:
+        watcher.join(OBSERVER)
+        vandal.socket.sendall(b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n" * 1_000)
+        error = vandal.hear()
+        assert isinstance(error, WireError)
+        assert (error.code, error.fatal) == (ErrorCode.MALFORMED, True)
+        assert "no packet begins with" in error.text
+        assert vandal.hear() is None
+        assert isinstance(watcher.hear(), State)
+
+
+def test_a_second_commander_is_refused_and_the_first_goes_on() -> None:
+    with Bridge() as bridge, bridge.connect() as first, bridge.connect() as second:
+        first.join()
+        second.say(COMMANDER)
+        refusal = second.hear()
+        assert (refusal.code, second.hear()) == (ErrorCode.COMMANDER_BUSY, None)
+        first.say(move_to(0.1, first.hear().seq))
+        wait_until(lambda: bridge.port.frames, "the lease holder still commands")
+
+
+def test_the_ninth_client_is_turned_away_and_a_place_that_falls_free_is_given() -> None:
+    with Bridge() as bridge, ExitStack() as crowd:
+        clients = [crowd.enter_context(bridge.connect()).join(OBSERVER) for _ in range(8)]
+        with bridge.connect() as ninth:
+            refusal = ninth.hear()
+            assert (refusal.code, ninth.hear()) == (ErrorCode.FULL, None)
+        clients[0].socket.close()
+        wait_until(lambda: len(bridge.server.clients) == 7, "the place falls free")
+        with bridge.connect() as tenth:
+            tenth.join(OBSERVER)
+
+
+def test_a_crowd_that_never_greets_is_gone_after_the_handshake_time() -> None:
+    with Bridge(handshake_ns=200_000_000) as bridge, ExitStack() as crowd:
+        silent = [crowd.enter_context(bridge.connect()) for _ in range(50)]
+        reasons = Counter(client.hear().code for client in silent)
+        assert reasons == {ErrorCode.TIMEOUT: 8, ErrorCode.FULL: 42}
+        assert [client.hear() for client in silent] == [None] * 50
+        crowd.close()
+        wait_until(lambda: not bridge.server.clients, "the places fall free")
+        with bridge.connect() as client:
+            client.join(OBSERVER)
+
+
+def test_a_reader_that_does_not_read_costs_bounded_memory_and_disturbs_nobody() -> None:
+    with Bridge() as bridge, bridge.connect() as sleeper, bridge.connect() as watcher:
+        sleeper.join(Hello(ClientRole.OBSERVER, "", period_us=1_000))
+        watcher.join(OBSERVER)
+        wait_until(lambda: any(c.session.left_out > 50 for c in list(bridge.server.clients)), "STATEs are left out")
+        before = watcher.hear().seq
+        assert watcher.hear().seq > before
+        waiting = [client.transport.get_write_buffer_size() for client in list(bridge.server.clients)]
+        assert max(waiting) < 2 * WRITE_BUFFER_BYTES
+        last = sleeper.hear().seq
+        while (seq := sleeper.hear().seq) < last + 50:  # what was left out shows as a gap
+            last = seq
+
+
+def test_a_servo_that_goes_and_comes_back_keeps_its_clients() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join(OBSERVER)
+        assert isinstance(client.hear(), State)
+        bridge.port.running = False
+        while isinstance(event := client.hear(), State):
+            pass
+        assert (event.code, event.fatal) == (ErrorCode.SERVO_GONE, False)
+        bridge.port.restart()
+        assert isinstance(client.hear(), State)
+
+
+def test_a_bridge_that_ends_says_bye_and_stops_the_arm() -> None:
+    with Bridge() as bridge, bridge.connect() as client:
+        client.join()
+        bridge.begin_to_end()
+        while isinstance(event := client.hear(), State):
+            pass
+        assert event.text == "the bridge ends"
+        assert client.hear() is None
+    assert bridge.port.stops == 1
+
+
+def test_a_taken_port_is_one_clear_line() -> None:
+    with Bridge() as bridge:
+        host, port = bridge.server.address
+        second = BridgeServer(FakePort(), BridgeSettings(host, port))
+        with pytest.raises(LinkBusy, match=f"{host}:{port} is in use"):
+            asyncio.run(second.start())
+
+
+def test_an_address_that_is_not_ours_is_one_clear_line() -> None:
+    with pytest.raises(LinkError, match=r"cannot listen on 192\.0\.2\.1:0"):
+        asyncio.run(BridgeServer(FakePort(), BridgeSettings("192.0.2.1", 0)).start())
+
+
+def test_a_period_nobody_can_keep_is_refused_in_the_settings() -> None:
+    with pytest.raises(ConfigError, match="999 µs"):
+        BridgeSettings(period_us=999)
+
+
+PROCESS = """
+from qrobot.rccl_bridge import BridgeSettings, run_bridge
+from tests.support.fake_port import FakePort
+
+class Port(FakePort):
+    def request_stop(self):
+        print("stop", flush=True)
+
+run_bridge(Port(), BridgeSettings(port=0), lambda host, port: print(port, flush=True))
+print("ended", flush=True)
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_the_process_ends_cleanly_on_a_signal(number: int) -> None:
+    process = subprocess.Popen([sys.executable, "-c", PROCESS], stdout=subprocess.PIPE, text=True)
+    with process, Client(("127.0.0.1", int(process.stdout.readline()))) as client:
+        client.join()
+        process.send_signal(number)
+        while not isinstance(event := client.hear(), Bye):
+            assert isinstance(event, State)
+        client.socket.close()
+        assert process.stdout.read().split() == ["stop", "ended"]
+        assert process.wait(PATIENCE_S) == 0
