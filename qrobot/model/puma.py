@@ -49,6 +49,7 @@ WRIST_SLACK: Final = 1e-6
 TURN: Final = 2.0 * math.pi
 
 Sincos = tuple[float, float]  # sine, cosine
+STRAIGHT: Final[Sincos] = (0.0, 1.0)
 
 
 @kernel
@@ -63,12 +64,11 @@ def puma_inverse(T: Floats, p: KinematicsParams, branch: int, q_near: Floats, q:
     status, shoulder, elbow, waist = _arm(T, p, branch)
     if status == UNREACHABLE:
         return status
-    q4, q5, q6 = _wrist(T, waist, shoulder, elbow, q_near[3])
+    straight, q4, q5, q6 = _wrist(T, waist, shoulder, elbow, q_near[3])
     q[0] = math.atan2(-waist[0], -waist[1])  # VAL is Paul plus half a turn
     q[1] = math.atan2(-shoulder[0], -shoulder[1])
     q[2] = math.atan2(-elbow[0], -elbow[1])
     q[3], q[4], q[5] = q4, q5, q6 + math.pi
-    straight = q5 < WRIST_SLACK or q5 > math.pi - WRIST_SLACK
     if branch & FLIP and not straight:
         q[3], q[4], q[5] = q4 + math.pi, -q5, q6
     if status == OK and straight:
@@ -103,39 +103,52 @@ def puma_branch(q: Floats, p: KinematicsParams) -> int:
 @kernel
 def _arm(T: Floats, p: KinematicsParams, branch: int) -> tuple[int, Sincos, Sincos, Sincos]:
     """Status and (sine, cosine) of Paul's joints 2, 3 and 1 for the wrist's position."""
-    nowhere = (0.0, 1.0)
-    x, y, z = T[0, 3], T[1, 3], T[2, 3]
-    a2, a3, d3, d4 = p.chain.a[2], -p.chain.a[3], p.chain.d[1] + p.chain.d[2], p.chain.d[3]
     side = -1.0 if branch & LEFT else 1.0
-    square = x * x + y * y
-    reach2 = square - d3 * d3
-    if not reach2 > -REACH_SLACK_M2:
-        return UNREACHABLE, nowhere, nowhere, nowhere
-    reach = side * math.sqrt(max(reach2, 0.0))  # V114 in Paul
-    waist = ((y * reach + x * d3) / square, (x * reach - y * d3) / square)
-    line2, forearm2 = reach * reach + z * z, a3 * a3 + d4 * d4
-    line = math.sqrt(line2)
-    cos_psi = (a2 * a2 - forearm2 + line2) / (2.0 * a2 * line)
-    if not abs(cos_psi) <= 1.0 + COSINE_SLACK:
-        return UNREACHABLE, nowhere, nowhere, nowhere
-    sin_psi = math.sqrt(max(1.0 - cos_psi * cos_psi, 0.0))
-    if branch & DOWN:
-        sin_psi = -sin_psi
-    sin_psi *= side
-    c2, s2 = (reach * cos_psi - z * sin_psi) / line, (z * cos_psi + reach * sin_psi) / line
-    along, across = c2 * reach + s2 * z - a2, c2 * z - s2 * reach
-    elbow = ((a3 * across - d4 * along) / forearm2, (a3 * along + d4 * across) / forearm2)
-    status = OK
-    if reach2 < REACH_SLACK_M2:
-        status = SHOULDER_SINGULAR
-    elif abs(cos_psi) > 1.0 - COSINE_SLACK:
-        status = ELBOW_SINGULAR
-    return status, (s2, c2), elbow, waist
+    above = -side if branch & DOWN else side
+    status, waist, reach = _waist(T[0, 3], T[1, 3], p.chain.d[1] + p.chain.d[2], side)
+    if status == UNREACHABLE:
+        return status, STRAIGHT, STRAIGHT, STRAIGHT
+    bend, shoulder, elbow = _bend(reach, T[2, 3], p.chain.a[2], -p.chain.a[3], p.chain.d[3], above)
+    return bend if status == OK or bend == UNREACHABLE else status, shoulder, elbow, waist
 
 
 @kernel
-def _wrist(T: Floats, waist: Sincos, shoulder: Sincos, elbow: Sincos, q4_near: float) -> tuple[float, float, float]:
-    """Paul's joints 4, 5 and 6 without flip (joint 5 not negative) for the wrist's orientation; V names as in Paul."""
+def _waist(x: float, y: float, d3: float, side: float) -> tuple[int, Sincos, float]:
+    """Status, joint 1, and how far the wrist is out in the plane of the arm (Paul's V114, negative on the left)."""
+    square = x * x + y * y
+    reach2 = square - d3 * d3
+    if not reach2 > -REACH_SLACK_M2:
+        return UNREACHABLE, STRAIGHT, 0.0
+    reach = side * math.sqrt(max(reach2, 0.0))
+    status = SHOULDER_SINGULAR if reach2 < REACH_SLACK_M2 else OK
+    return status, ((y * reach + x * d3) / square, (x * reach - y * d3) / square), reach
+
+
+@kernel
+def _bend(reach: float, z: float, a2: float, a3: float, d4: float, above: float) -> tuple[int, Sincos, Sincos]:
+    """Status and joints 2 and 3, of the triangle of upper arm, forearm and line to the wrist; psi at the shoulder."""
+    line2, forearm2 = reach * reach + z * z, a3 * a3 + d4 * d4
+    if line2 < REACH_SLACK_M2:  # folded onto itself, which no elbow does
+        return UNREACHABLE, STRAIGHT, STRAIGHT
+    line = math.sqrt(line2)
+    cos_psi = (a2 * a2 - forearm2 + line2) / (2.0 * a2 * line)
+    if not abs(cos_psi) <= 1.0 + COSINE_SLACK:
+        return UNREACHABLE, STRAIGHT, STRAIGHT
+    sin_psi = above * math.sqrt(max(1.0 - cos_psi * cos_psi, 0.0))
+    s2, c2 = (z * cos_psi + reach * sin_psi) / line, (reach * cos_psi - z * sin_psi) / line
+    along, across = c2 * reach + s2 * z - a2, c2 * z - s2 * reach
+    status = ELBOW_SINGULAR if abs(cos_psi) > 1.0 - COSINE_SLACK else OK
+    return status, (s2, c2), ((a3 * across - d4 * along) / forearm2, (a3 * along + d4 * across) / forearm2)
+
+
+@kernel
+def _wrist(
+    T: Floats, waist: Sincos, shoulder: Sincos, elbow: Sincos, q4_near: float
+) -> tuple[bool, float, float, float]:
+    """Whether the wrist is straight, and Paul's joints 4, 5 and 6 without flip (joint 5 not negative).
+
+    From the wrist's orientation; V113 and so on are Paul's names.
+    """
     s1, c1 = waist
     s23 = shoulder[0] * elbow[1] + shoulder[1] * elbow[0]
     c23 = shoulder[1] * elbow[1] - shoulder[0] * elbow[0]
@@ -143,15 +156,16 @@ def _wrist(T: Floats, waist: Sincos, shoulder: Sincos, elbow: Sincos, q4_near: f
     v313 = c23 * v113 + s23 * T[2, 2]
     s5 = math.sqrt(v313 * v313 + v323 * v323)
     c5 = c23 * T[2, 2] - s23 * v113
-    if s5 >= WRIST_SLACK:
-        s4, c4 = -v323 / s5, -v313 / s5
-    else:
+    straight = s5 < WRIST_SLACK
+    if straight:
         s4, c4 = math.sin(q4_near), math.cos(q4_near)
+    else:
+        s4, c4 = -v323 / s5, -v313 / s5
     v112, v132 = c1 * T[0, 1] + s1 * T[1, 1], s1 * T[0, 1] - c1 * T[1, 1]
     v312, v332 = c23 * v112 + s23 * T[2, 1], c23 * T[2, 1] - s23 * v112
     v412, v432 = c4 * v312 - s4 * v132, s4 * v312 + c4 * v132
     s6, c6 = -c5 * v412 - s5 * v332, -v432
-    return math.atan2(s4, c4), math.atan2(s5, c5), math.atan2(s6, c6)
+    return straight, math.atan2(s4, c4), math.atan2(s5, c5), math.atan2(s6, c6)
 
 
 @kernel

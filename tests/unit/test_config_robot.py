@@ -166,6 +166,7 @@ def test_a_value_without_a_source_is_refused_in_every_section(document: Any, pat
         ("poses", "park", [0, 90, 180, 0, 45, 0], "poses.park lies outside limits"),
         ("geometry", "alpha_deg", [0, -90, 0, -90, 90, -90], "twists"),
         ("geometry", "a_m", [0, 0.1, 0.4318, -0.0203, 0, 0], "twists"),
+        ("geometry", "a_m", [0, 0, 0, -0.0203, 0, 0], "twists"),
         ("board", "revision", "D", "'E' or 'F'"),
     ],
 )

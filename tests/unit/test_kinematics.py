@@ -148,7 +148,7 @@ def test_letters_that_name_no_branch_are_refused(letters: str) -> None:
 
 @pytest.mark.parametrize(
     "position",
-    [(1.0, 0, 0), (0, 0, 0.9), (0.1, 0.1, 0.0), (0, 0, 0), (0.150103, 0, 0), (1e300, 0, 0)],
+    [(1.0, 0, 0), (0, 0, 0.9), (0.1, 0.1, 0.0), (0, 0, 0), (0.150103, 0, 0), (1e6, 0, 0)],
 )
 def test_poses_out_of_reach_are_unreachable_on_every_branch(position: tuple[float, float, float]) -> None:
     target = transform(translation=position)

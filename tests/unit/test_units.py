@@ -6,7 +6,7 @@ from qrobot import units
 
 
 def test_half_a_turn_is_180_degrees_and_pi() -> None:
-    assert 180 * units.RAD_PER_DEG == math.pi
+    assert math.isclose(units.RAD_PER_DEG * 180, math.pi)
     assert math.isclose(units.RAD_PER_DEG * units.DEG_PER_RAD, 1.0)
 
 
