@@ -1,0 +1,145 @@
+"""Figures of a log: the two of the QRobot paper (desired positions, tracking errors), torques and punctuality.
+
+Figures are made without a display and without pyplot's global state; `save_figure` writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from qrobot.errors import LogError
+from qrobot.log.read import Log
+
+# Okabe and Ito's colours, told apart by colour-blind readers too; more joints than colours get another dash.
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+DASHES: Final = ("-", "--", ":", "-.")
+STYLE: Final[dict[Any, Any]] = {
+    "font.size": 10.0,
+    "axes.titlesize": 12.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 24.0,  # room for the line of facts
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "agg.path.chunksize": 20_000,
+}
+LEGEND: Final[dict[str, Any]] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5), "frameon": False}
+MAX_POINTS: Final = 6_000  # per line; more would not be seen
+DPI: Final = 150
+
+
+def positions_figure(log: Log) -> Figure:
+    """Desired joint positions over time, one line per joint (QRobot paper, figure 7)."""
+    return _joint_figure(log, "Desired joint positions", "position", ("rad", "m"), log.rows["q_ref"])
+
+
+def errors_figure(log: Log) -> Figure:
+    """Position tracking error, desired minus measured, over time (QRobot paper, figure 8)."""
+    return _joint_figure(log, "Position tracking error", "desired − measured", ("rad", "m"), log.tracking_error)
+
+
+def torques_figure(log: Log) -> Figure:
+    """Commanded torques over time."""
+    return _joint_figure(log, "Commanded torques", "torque", ("N·m", "N"), log.rows["tau"])
+
+
+def latency_figure(log: Log) -> Figure:
+    """Histogram of the wake-up error of all cycles, both axes logarithmic."""
+    late_us = np.maximum(log.rows["late_ns"] / 1e3, 1e-2)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+        axes = figure.subplots()
+        top = max(10.0, float(late_us.max(initial=0.0)) * 1.2)
+        axes.hist(late_us, bins=np.geomspace(1e-2, top, 120).tolist(), color=COLOURS[0])
+        for quantile, style in ((50, "-"), (99, "--"), (99.9, ":")):
+            if late_us.size:
+                value = float(np.percentile(late_us, quantile))
+                axes.axvline(value, color=COLOURS[1], linestyle=style, label=f"p{quantile:g} = {value:.3g} µs")
+        axes.axvline(log.header.period_ns / 2e3, color="black", linewidth=0.8, label="half a period")
+        axes.set(xscale="log", xlabel="wake-up error (µs)", ylabel="cycles", ylim=(0.5, max(10, late_us.size)))
+        axes.set_yscale("log")
+        _head(axes, log, "Wake-up error")
+        axes.legend(**LEGEND)
+    return figure
+
+
+FIGURES: Final[dict[str, Callable[[Log], Figure]]] = {
+    "positions": positions_figure,
+    "errors": errors_figure,
+    "torques": torques_figure,
+    "latency": latency_figure,
+}
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of the file's suffix. Raises LogError when that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=DPI)
+    except OSError as error:
+        raise LogError(f"cannot write {path}: {error.strerror}") from None
+    except ValueError as error:  # an unknown suffix
+        raise LogError(f"cannot write {path}: {error}") from None
+
+
+def _joint_figure(log: Log, title: str, quantity: str, units: tuple[str, str], values: NDArray[Any]) -> Figure:
+    """One line per joint; sliding joints, if there are any, on an axis of their own."""
+    turning = [j for j in range(log.header.n) if not log.header.is_prismatic(j)]
+    sliding = [j for j in range(log.header.n) if log.header.is_prismatic(j)]
+    panels = [(joints, unit) for joints, unit in ((turning, units[0]), (sliding, units[1])) if joints]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 1.4 + 3.2 * len(panels)), layout="constrained")
+        all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (joints, unit) in zip(all_axes, panels, strict=True):
+            _plot_joints(axes, log, joints, values)
+            axes.set_ylabel(f"{quantity} ({unit})")
+            axes.legend(**LEGEND)
+        all_axes[-1].set_xlabel("time (s)")
+        _head(all_axes[0], log, title)
+    return figure
+
+
+def _plot_joints(axes: Axes, log: Log, joints: Sequence[int], values: NDArray[Any]) -> None:
+    for j in joints:
+        time_s, line = _thin(log.time_s, values[:, j])
+        colour, dash = COLOURS[j % len(COLOURS)], DASHES[j // len(COLOURS) % len(DASHES)]
+        axes.plot(time_s, line, label=log.header.joint_names[j], color=colour, linestyle=dash)
+    axes.margins(x=0.01)
+
+
+def _thin(time_s: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The line through the smallest and largest value of each stretch: no peak is lost, however long the log."""
+    stretch = 2 * -(-values.size // MAX_POINTS)
+    if stretch <= 2:
+        return time_s, values
+    usable = values.size // stretch * stretch
+    blocks = values[:usable].reshape(-1, stretch)
+    starts = np.arange(0, usable, stretch)
+    picks = np.sort(np.stack([starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)], axis=1), axis=1)
+    index = np.concatenate([picks.ravel(), np.arange(usable, values.size)])
+    return time_s[index], values[index]
+
+
+def _head(axes: Axes, log: Log, title: str) -> None:
+    """The title, and below it which run this is."""
+    header = log.header
+    plant = f"{header.plant} plant" if header.plant else ""
+    facts = [header.robot, f"{header.rate_hz:g} Hz", header.clock, plant, header.law]
+    axes.set_title(title)
+    axes.annotate(
+        "  ·  ".join(filter(None, facts)), (0, 1), (0, 8), xycoords="axes fraction", textcoords="offset points",
+        color="#666666",
+    )  # fmt: skip

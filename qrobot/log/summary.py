@@ -1,0 +1,97 @@
+"""How well a run tracked, and how punctual its cycles were."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.log.read import Log
+from qrobot.servo.modes import Mode
+
+
+@dataclass(frozen=True)
+class WakeUp:
+    """Wake-up error of the cycles, us: how long after its planned time each began."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class TrackingSummary:
+    """What the table of `qrobot demo` shows of one run.
+
+    Attributes:
+        max_abs_error: per joint, largest |desired - measured| while tracking, rad or m; NaN when it never tracked.
+        rms_error: per joint, root mean square of the same.
+        tracking_cycles: cycles in mode TRACKING.
+        cycles: all cycles in the log.
+        late_cycles: cycles that began more than half a period late.
+        skipped_cycles: cycles of the grid that never began.
+        lost_rows: cycles that are missing from the log.
+        wakeup_us: wake-up error over all cycles; NaN when there are none.
+        faults: codes that appeared, see `faultcodes.FaultCode`.
+    """
+
+    max_abs_error: tuple[float, ...]
+    rms_error: tuple[float, ...]
+    tracking_cycles: int
+    cycles: int
+    late_cycles: int
+    skipped_cycles: int
+    lost_rows: int
+    wakeup_us: WakeUp
+    faults: tuple[int, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; NaN becomes None."""
+        return {key: _without_nan(value) for key, value in asdict(self).items()}
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def tracking_summary(log: Log) -> TrackingSummary:
+    """Numbers of one log."""
+    tracking = log.rows["mode"] == Mode.TRACKING
+    error = log.tracking_error[tracking]
+    return TrackingSummary(
+        max_abs_error=_per_joint(np.max, np.abs(error)),
+        rms_error=tuple(math.sqrt(value) for value in _per_joint(np.mean, error**2)),
+        tracking_cycles=int(tracking.sum()),
+        cycles=log.rows.size,
+        late_cycles=int((log.rows["late_ns"] > log.header.period_ns / 2).sum()),
+        skipped_cycles=_skipped_cycles(log),
+        lost_rows=log.status.lost,
+        wakeup_us=_wake_up(log.rows["late_ns"]),
+        faults=tuple(int(code) for code in np.unique(log.rows["fault"]) if code != 0),
+    )
+
+
+def _per_joint(reduce: Any, values: NDArray[np.float64]) -> tuple[float, ...]:
+    if not len(values):
+        return (math.nan,) * int(values.shape[1])
+    return tuple(float(value) for value in reduce(values, axis=0))
+
+
+def _skipped_cycles(log: Log) -> int:
+    """Points of the time grid without a cycle; rows lost by the recorder are none, because the tick counts them."""
+    points = np.rint(np.diff(log.rows["t_ns"]) / log.header.period_ns)
+    return int((points - np.diff(log.rows["tick"])).sum())
+
+
+def _wake_up(late_ns: NDArray[np.int64]) -> WakeUp:
+    if not late_ns.size:
+        return WakeUp(math.nan, math.nan, math.nan)
+    p50, p99, largest = np.percentile(late_ns / 1e3, [50, 99, 100])
+    return WakeUp(float(p50), float(p99), float(largest))
