@@ -74,14 +74,7 @@ class Layout:
 
     def struct(self, n: int) -> Struct:
         """Codec of header and fixed payload for `n` joints, padded to a multiple of four; the CRC follows it."""
-        return _struct(self.fields, n)
-
-
-@cache
-def _struct(fields: tuple[Field, ...], n: int) -> Struct:
-    codes = "".join(f"{field.length(n)}{field.code}" for field in HEADER_FIELDS + fields)
-    padding = -Struct("<" + codes).size % 4
-    return Struct(f"<{codes}{padding}x")
+        return _struct(self.kind, n)
 
 
 HEADER_FIELDS: Final = (
@@ -194,3 +187,12 @@ BYE: Final = Layout(
 )
 
 LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE)
+_BY_KIND: Final = {shape.kind: shape for shape in LAYOUTS}
+
+
+@cache
+def _struct(kind: int, n: int) -> Struct:
+    """Looked up by kind: to hash all the rows would take longer than to pack them."""
+    codes = "".join(f"{field.length(n)}{field.code}" for field in HEADER_FIELDS + _BY_KIND[kind].fields)
+    padding = -Struct("<" + codes).size % 4
+    return Struct(f"<{codes}{padding}x")
