@@ -1,0 +1,100 @@
+"""What the joints may do, and the sentences that say which joint would do more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import JointLimit, MotionError
+from qrobot.units import DEG_PER_RAD
+
+Floats: TypeAlias = NDArray[np.float64]
+Bools: TypeAlias = NDArray[np.bool_]
+
+# Share of the acceleration limit that a planned motion uses; the rest lets a stop begin in the middle of a transition.
+PLANNED_SHARE: Final = 0.9
+_ROUNDING: Final = 1e-9  # of a velocity that was asked to be exactly at its limit
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of the joints. Shape (n,), joint units (rad or m) and seconds.
+
+    Attributes:
+        q_min, q_max: range.
+        v_max, a_max: largest speed and acceleration of a motion.
+        a_stop: deceleration of a stop.
+        prismatic: True where the joint slides.
+        names: of the joints, for people.
+    """
+
+    q_min: Floats
+    q_max: Floats
+    v_max: Floats
+    a_max: Floats
+    a_stop: Floats
+    prismatic: Bools
+    names: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    @property
+    def a_planned(self) -> Floats:
+        """Largest acceleration of a planned motion. Shape (n,)."""
+        return PLANNED_SHARE * self.a_max
+
+    def check_position(self, q: Floats, what: str) -> None:
+        """Raises JointLimit when `q` leaves the range, MotionError when it is no position of this arm at all."""
+        if q.shape != (self.n,) or not np.isfinite(q).all():
+            raise MotionError(f"{what}: {self.n} finite joint positions needed, not {q.tolist()}")
+        if (outside := (q < self.q_min) | (q > self.q_max)).any():
+            j = int(outside.argmax())
+            low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
+            raise JointLimit(f"{what}: {self._joint(j)} at {self._place(j, q[j])} is outside {low} to {high}")
+
+    def check_velocity(self, v: Floats, what: str, remedy: str) -> None:
+        """Raises MotionError when a velocity exceeds its limit, rounding apart."""
+        self._check_rate(v, self.v_max, "s", what, remedy)
+
+    def check_acceleration(self, a: Floats, what: str, remedy: str) -> None:
+        """Raises MotionError when an acceleration exceeds what may be planned, rounding apart."""
+        self._check_rate(a, self.a_planned, "s2", what, remedy)
+
+    def allow(self, state: Floats) -> bool:
+        """True when position, velocity and acceleration, shape (3, n), are within the limits, rounding apart."""
+        q, v, a = state
+        inside = (self.q_min - _ROUNDING <= q) & (q <= self.q_max + _ROUNDING)
+        slow = np.abs(v) <= self.v_max * (1.0 + _ROUNDING)
+        gentle = np.abs(a) <= self.a_max * (1.0 + _ROUNDING)
+        return bool((inside & slow & gentle).all())
+
+    def _check_rate(self, values: Floats, limits: Floats, per: str, what: str, remedy: str) -> None:
+        shares = np.abs(values) / limits
+        j = int(shares.argmax())
+        if not shares[j] <= 1.0 + _ROUNDING:
+            asked = f"{abs(values[j]):.4g} {self._unit(j)}/{per}"
+            raise MotionError(f"{what}: {self._joint(j)} would need {asked}, {limits[j]:.4g} allowed; {remedy}")
+
+    def _joint(self, j: int) -> str:
+        return f"joint {j + 1} ({self.names[j]})"
+
+    def _unit(self, j: int) -> str:
+        return "m" if self.prismatic[j] else "rad"
+
+    def _place(self, j: int, q: float) -> str:
+        return f"{q:.4f} m" if self.prismatic[j] else f"{q * DEG_PER_RAD:.2f} deg"
+
+
+def motion_limits(robot: Robot) -> MotionLimits:
+    """The limits in the robot's file."""
+    limits = robot.limits
+    return MotionLimits(
+        limits.q_min, limits.q_max, limits.v_max, limits.a_max, robot.guard.a_stop, robot.prismatic, robot.joint_names
+    )
