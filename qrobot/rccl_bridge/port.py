@@ -52,10 +52,14 @@ class RobotPort(Protocol):
         """Number of joints."""
 
     def alive(self) -> bool:
-        """The servo runs and its state is fresh."""
+        """The servo runs, drives this robot, and its state is fresh.
+
+        After a restart this has to have been False for at least one sample period (100 ms at most): the bridge must
+        notice, so that a power request still standing does not power the arm.
+        """
 
     def read_state(self) -> RobotState:
-        """Newest state of the robot. Raises LinkError when the servo is gone."""
+        """Newest state of the robot, of `n` joints. Raises LinkError when the servo is gone."""
 
     def write_setpoint(self, frame: SetpointFrame) -> None:
         """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""

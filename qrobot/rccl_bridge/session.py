@@ -104,9 +104,12 @@ class Session:
         self.due_ns = self._origin_ns + number * self._period_ns
         if self._frames is not None and now_ns - self._heard_ns > self._settings.silence_ns:
             return self.refuse(ErrorCode.TIMEOUT, "the commander has fallen silent", now_ns)
+        if robot is None:
+            return self._miss_servo(now_ns)
+        self._servo_gone = False
         if self._blocked_since_ns is not None:
             return self._leave_out(now_ns, self._blocked_since_ns)
-        return self._tell(number, robot, now_ns)
+        return self._tell(number, robot)
 
     def block(self, now_ns: int) -> None:
         """The client does not read: leave out STATEs from now on."""
@@ -181,10 +184,7 @@ class Session:
             actions.append(Send(self._connection.send(warning)))
         return actions
 
-    def _tell(self, number: int, robot: RobotState | None, now_ns: int) -> list[Action]:
-        if robot is None:
-            return self._miss_servo(now_ns)
-        self._servo_gone = False
+    def _tell(self, number: int, robot: RobotState) -> list[Action]:
         state = State(
             seq=wrapped(number),
             robot=robot,

@@ -1,31 +1,24 @@
 """The packet protocol between a user program and the bridge, without I/O: bytes in, events out.
 
-`layout` says where every byte lies, `packets` what the packets mean, `codec` turns one into the other, `states` which
-packet may follow which, and `connection` is the object both ends use. docs/reference/wire-protocol.md is the page for
-those who write the other end in another language.
+`layout` says where every byte lies, `packets` and `vocabulary` what the packets mean, `codec` and `framing` turn one
+into the other, `states` tells which packet may follow which, and `connection` is the object both ends use.
+docs/reference/wire-protocol.md is the page for those who write the other end in another language.
 """
 
 from qrobot.wire.connection import Connection, Event, InvalidSetpoint
-from qrobot.wire.packets import (
+from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
+from qrobot.wire.states import Conversation, Side
+from qrobot.wire.vocabulary import (
     LONGEST_PERIOD_US,
     MAX_JOINTS,
     SHORTEST_PERIOD_US,
     VERSION,
-    Bye,
     ClientRole,
-    Command,
     ErrorCode,
-    Hello,
     JointMode,
-    Packet,
     RobotFlag,
     RobotMode,
-    RobotState,
-    State,
-    Welcome,
-    WireError,
 )
-from qrobot.wire.states import Conversation, Side
 
 __all__ = [
     "LONGEST_PERIOD_US",

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
-from qrobot.wire.codec import decode, encode, frame_length, frame_version
-from qrobot.wire.packets import LARGEST_SETPOINT, Command, Packet, State, Welcome, WireError
+from qrobot.wire.codec import decode, encode
+from qrobot.wire.framing import frame_length, frame_version
+from qrobot.wire.packets import Command, Packet, State, Welcome, WireError
 from qrobot.wire.sequence import Sequence
 from qrobot.wire.states import TRANSITIONS, Conversation, Side, word_of
+from qrobot.wire.vocabulary import LARGEST_SETPOINT
 
 MAX_BUFFER_BYTES: Final = 1 << 18
 

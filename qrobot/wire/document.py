@@ -15,8 +15,9 @@ from qrobot.faultcodes import EXPLANATION
 from qrobot.wire import layout
 from qrobot.wire.codec import encode
 from qrobot.wire.layout import C_TYPES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
-from qrobot.wire.packets import ERROR_MEANING, Command, JointMode, RobotFlag, RobotMode
+from qrobot.wire.packets import Command
 from qrobot.wire.states import mermaid
+from qrobot.wire.vocabulary import ERROR_MEANING, JointMode, RobotFlag, RobotMode
 
 EXAMPLE: Final = Command(
     seq=258, modes=(JointMode.POSITION, JointMode.HOLD), setpoints=(0.5, 0.0), power=True, stream=1, ack=258, t_ns=1_000

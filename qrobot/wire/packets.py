@@ -7,107 +7,11 @@ the header (see `layout`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
-from typing import Final, TypeAlias
+from typing import TypeAlias
 
-VERSION: Final = 1
-MAX_JOINTS: Final = 32
-SHORTEST_PERIOD_US: Final = 1_000
-LONGEST_PERIOD_US: Final = 100_000
-DEFAULT_PERIOD_US: Final = 28_000  # RCCL's sample period on the Mark II controller, 28 ms
-
-# No joint of any robot is driven by a larger number; a larger one is a mistake of the program, like NaN.
-LARGEST_SETPOINT: Final = 1e6
+from qrobot.wire.vocabulary import ClientRole, RobotFlag
 
 Vector: TypeAlias = tuple[float, ...]
-
-
-class ClientRole(IntEnum):
-    """What a client may do: one commander at a time, any number of observers."""
-
-    COMMANDER = 1
-    OBSERVER = 2
-
-
-class JointMode(IntEnum):
-    """What a joint's setpoint means."""
-
-    HOLD = 0
-    POSITION = 1
-    TORQUE = 2
-
-
-class Hand(IntEnum):
-    """Command of the pneumatic hand."""
-
-    RELAXED = 0
-    OPEN = 1
-    CLOSED = 2
-
-
-class RobotMode(IntEnum):
-    """What the servo does with the arm; the numbers of the servo's mode table."""
-
-    OFF = 0
-    POWERING = 1
-    UNCALIBRATED = 2
-    CALIBRATING = 3
-    HOLDING = 4
-    TRACKING = 5
-    STOPPING = 6
-    FAULT = 7
-
-
-class RobotFlag(IntFlag):
-    """Flags of a STATE; the low byte is the servo's, the next one the bridge's."""
-
-    POWERED = 1
-    CALIBRATED = 2
-    ESTOP_OK = 4
-    GUARDED = 8
-    AT_REST = 16
-    YOU_COMMAND = 0x100
-    COMMANDED = 0x200  # somebody commands
-
-
-class Request(IntFlag):
-    """Requests of a COMMAND."""
-
-    POWER = 1
-    CLEAR_FAULT = 2
-    STOP = 4
-
-
-class ErrorCode(IntEnum):
-    """Why the bridge complains. Never renumber, only add."""
-
-    MALFORMED = 1
-    VERSION = 2
-    WRONG_ROBOT = 3
-    COMMANDER_BUSY = 4
-    BAD_PERIOD = 5
-    AUTHENTICATION = 6
-    FULL = 7
-    TIMEOUT = 8
-    SERVO_GONE = 9
-    INVALID_SETPOINT = 10
-    SLOW_READER = 11
-
-
-ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
-    ErrorCode.MALFORMED: (True, "bytes that are no packet, or a packet out of turn"),
-    ErrorCode.VERSION: (True, "the client speaks another version of the protocol"),
-    ErrorCode.WRONG_ROBOT: (True, "the client named another robot, or, being a commander, none"),
-    ErrorCode.COMMANDER_BUSY: (True, "somebody else commands; the text says who"),
-    ErrorCode.BAD_PERIOD: (True, "sample period outside 1 to 100 ms"),
-    ErrorCode.AUTHENTICATION: (True, "the client may not do this from where it is"),
-    ErrorCode.FULL: (True, "too many clients"),
-    ErrorCode.TIMEOUT: (True, "no HELLO within 2 s, or no COMMAND from the commander for 1 s"),
-    ErrorCode.SERVO_GONE: (False, "the servo does not run; STATE packets resume when it does"),
-    ErrorCode.INVALID_SETPOINT: (False, "a setpoint is not a finite number of sane size; the frame counts as missing"),
-    ErrorCode.SLOW_READER: (True, "the client has read nothing for 10 s"),
-}
-"""Code to (does the connection end, what it means)."""
 
 
 @dataclass(frozen=True, slots=True)

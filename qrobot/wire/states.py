@@ -15,7 +15,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from qrobot.wire.packets import Bye, ClientRole, Command, Hello, Packet, State, Welcome, WireError
+from qrobot.wire.packets import Bye, Command, Hello, Packet, State, Welcome, WireError
+from qrobot.wire.vocabulary import ClientRole
 
 
 class Side(Enum):

@@ -399,6 +399,20 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     assert port.frames[1].stream > port.frames[0].stream
 
 
+def test_a_servo_that_restarts_while_the_commander_does_not_read_is_noticed_all_the_same(
+    client: Client, port: FakePort
+) -> None:
+    client.join().say(replace(MOVE, seq=1))
+    client.session.block(client.now_ns)
+    port.running = False
+    client.wait(PERIOD_NS)
+    port.restart()
+    client.session.unblock()
+    client.wait(PERIOD_NS)
+    client.say(replace(MOVE, seq=2))
+    assert len(port.frames) == 1
+
+
 def test_a_client_that_joins_while_the_servo_is_away_is_told_so(client: Client, port: FakePort) -> None:
     port.running = False
     (welcome,) = client.say(OBSERVER)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
 from qrobot.wire import Bye, ClientRole, Command, Hello, Packet, State, Welcome, WireError
-from qrobot.wire.codec import LONGEST_AUTH, LONGEST_TEXT, decode, encode, frame_length
+from qrobot.wire.codec import LONGEST_AUTH, decode, encode
+from qrobot.wire.framing import LONGEST_TEXT, frame_length
 from qrobot.wire.layout import LAYOUTS, MAX_PACKET_BYTES
 from tests.support.packets import BYES, ERRORS, HELLOS, JOINTS, PACKETS, WELCOMES, commands, resting, states
 
@@ -81,6 +82,7 @@ def test_the_kind_on_the_wire_is_the_layouts(strategy, name: str, data: st.DataO
         Command(0, (1,), (0.0,), hand=3),
         Hello(ClientRole.OBSERVER, "x" * 65),
         Hello(ClientRole.OBSERVER, "a\0b"),
+        Hello(ClientRole.OBSERVER, "", period_us=-1),
         Hello(ClientRole.OBSERVER, "", auth=bytes(LONGEST_AUTH + 1)),
         Welcome(ClientRole.OBSERVER, "puma560", 256, 28_000),
         WireError(1 << 16, "", fatal=True),
