@@ -1,0 +1,71 @@
+"""The pages: links lead somewhere, decision records have their form, generated parts are fresh."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)],
+)
+RECORDS = sorted((ROOT / "docs/decisions").glob("0*.md"))
+LINK = re.compile(r"\]\(([^)\s#]+)?(?:#([^)]*))?\)")
+REFRESH = runpy.run_path(str(ROOT / "docs/refresh.py"))
+
+
+def page_name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings, as Markdown renderers make them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_links_of_a_page_lead_to_a_file_and_a_heading(page: Path) -> None:
+    broken = []
+    for target, anchor in LINK.findall(without_code(page.read_text())):
+        if re.match(r"https?:", target):
+            continue
+        file = page.parent / target if target else page
+        if not file.exists() or (anchor and anchor not in anchors(file.read_text())):
+            broken.append(f"{target}#{anchor}")
+    assert broken == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_source_files_named_on_a_page_exist(page: Path) -> None:
+    named = re.findall(r"\b((?:qrobot|tests|docs|config|examples)/[\w./-]*\w\.(?:py|toml|md))", page.read_text())
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=page_name)
+def test_a_decision_record_gives_question_choice_and_costs_on_one_page(record: Path) -> None:
+    text = record.read_text()
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["Question", "Choice", "Costs"]
+    assert re.match(rf"# {int(record.name[:4])}\. \S.*\n\nDate: \d{{4}}-\d\d-\d\d\n", text)
+    assert text.count("\n") <= 60
+
+
+def test_decision_records_are_numbered_without_gaps() -> None:
+    assert [int(record.name[:4]) for record in RECORDS] == list(range(1, len(RECORDS) + 1))
+
+
+@pytest.mark.parametrize("name", sorted(REFRESH["PAGES"]))
+def test_generated_parts_of_a_reference_page_are_fresh(name: str) -> None:
+    page = (ROOT / "docs/reference" / name).read_text()
+    assert REFRESH["PAGES"][name](page) == page
+
+
+def test_a_stale_diagram_of_modes_is_drawn_anew() -> None:
+    assert "    HOLDING --> TRACKING: " in REFRESH["refresh_modes"]("```mermaid\nstateDiagram-v2\n```\n")
