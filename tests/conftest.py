@@ -1,4 +1,4 @@
-"""Shared test profile: no hypothesis deadline (JIT warm-up is not a slow example), derandomised for bit-identical CI."""
+"""Shared test profile: no hypothesis deadline (compiling is not a slow example), derandomised for bit-identical CI."""
 
 from hypothesis import settings
 
