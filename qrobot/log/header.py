@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any, Final
 
+from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.realtime.setup import Step
 from qrobot.servo.telemetry import TelemetryLayout
@@ -95,6 +98,35 @@ class LogHeader:
             return cls(**_frozen(values))
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(f"the log's header is damaged: {error}") from None
+
+
+def header_for(robot: Robot, period_ns: int, law: str, clock: str = REALTIME, plant: str = "") -> LogHeader:
+    """Header of a log of `robot`; a caller in real time adds the wall clock and the set-up."""
+    return LogHeader(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        period_ns=period_ns,
+        prismatic=tuple(bool(kind) for kind in robot.prismatic),
+        law=law,
+        clock=clock,
+        plant=plant,
+        version=_version(),
+    )
+
+
+def _version() -> str:
+    try:
+        return version("qrobot")
+    except PackageNotFoundError:
+        return ""
+
+
+def attach_files(paths: Iterable[Path]) -> list[Attachment]:
+    """The configuration files to carry in a log. Raises LogError when one cannot be read."""
+    try:
+        return [Attachment(path.name, path.read_bytes()) for path in paths]
+    except OSError as error:
+        raise LogError(f"cannot attach {error.filename}: {error.strerror}") from None
 
 
 def _frozen(values: dict[str, Any]) -> dict[str, Any]:

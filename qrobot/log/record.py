@@ -55,9 +55,9 @@ class Recorder:
             self._writer.sync()
         return taken
 
-    def close(self) -> None:
-        """Write what is left in the ring and end the log."""
-        while self._take():
+    def close(self, drain: bool = True) -> None:
+        """End the log, with what is left in the ring unless `drain` is False (the ring is another servo's now)."""
+        while drain and self._take():
             pass
         self._writer.close()
 

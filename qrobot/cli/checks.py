@@ -1,0 +1,172 @@
+"""What `qrobot doctor` looks at. Each look is a small function that gives findings; none changes anything for good."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import platform
+import shutil
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final
+
+from qrobot.realtime.machine import machine_steps
+from qrobot.realtime.segment import DIRECTORY
+from qrobot.realtime.setup import DMA_LATENCY, Step, hold_dma_latency, may_lock_all, set_fifo
+
+LIBRARIES: Final = ("numpy", "numba", "llvmlite", "mujoco-core", "pydantic", "foxglove-sdk", "mcap", "matplotlib")
+EXTRAS: Final = {"pyarrow": "pip install 'qrobot[logs]' for Parquet"}
+SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
+OLDEST_PYTHON: Final = (3, 11)
+
+
+class Weight(Enum):
+    """What a finding that is not ok means."""
+
+    NEEDED = "needed"  # nothing runs without it
+    TIMING = "timing"  # it runs, with longer or rarer late cycles
+    OPTIONAL = "optional"  # some feature is missing
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report."""
+
+    group: str
+    step: Step
+    weight: Weight
+
+    @property
+    def prevents_running(self) -> bool:
+        """True when this must be fixed first."""
+        return not self.step.ok and self.weight is Weight.NEEDED
+
+
+def all_findings(ports: dict[str, tuple[str, int]]) -> Iterator[Finding]:
+    """Everything, group by group; `ports` are the addresses bridges want, by arm."""
+    yield from software()
+    yield from shared_memory(DIRECTORY)
+    yield from (Finding("network", look_at_port(arm, *address), Weight.NEEDED) for arm, address in ports.items())
+    yield from (Finding("real time", step, Weight.TIMING) for step in realtime_rights())
+    yield from (Finding("machine", step, Weight.TIMING) for step in machine_steps())
+
+
+def software() -> Iterator[Finding]:
+    """Python, libraries, and where compiled code is kept."""
+    yield Finding("software", look_at_python(), Weight.NEEDED)
+    for name in LIBRARIES:
+        yield Finding("software", look_at_library(name, "pip install qrobot"), Weight.NEEDED)
+    for name, remedy in EXTRAS.items():
+        yield Finding("software", look_at_library(name, remedy), Weight.OPTIONAL)
+    yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
+
+
+def look_at_python() -> Step:
+    """The interpreter."""
+    good = sys.version_info >= OLDEST_PYTHON
+    remedy = "" if good else "install Python 3.11 or later"
+    return Step("python", good, f"{platform.python_version()} on {platform.machine()}", remedy)
+
+
+def look_at_library(name: str, remedy: str) -> Step:
+    """An installed distribution; it is not imported."""
+    try:
+        return Step(name, True, version(name))
+    except PackageNotFoundError:
+        return Step(name, False, "not installed", remedy)
+
+
+def look_at_compile_cache() -> Step:
+    """Where Numba keeps compiled code: NUMBA_CACHE_DIR, or beside the source, or in the user's cache directory."""
+    name = "compile cache"
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    package = Path(__file__).resolve().parent.parent
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    for place in (Path(chosen),) if chosen else (package, user):
+        if writable(place):
+            return Step(name, True, str(place))
+    return Step(name, False, "not writable: each start compiles anew", "set NUMBA_CACHE_DIR to a writable directory")
+
+
+def writable(place: Path) -> bool:
+    """True when files can be made in `place`, or `place` itself can be made."""
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    return os.access(place, os.W_OK | os.X_OK)
+
+
+def shared_memory(directory: Path) -> Iterator[Finding]:
+    """Where servo and board meet, and what earlier processes left there."""
+    yield Finding("shared memory", look_at_room(directory), Weight.NEEDED)
+    if directory.is_dir():
+        yield from (Finding("shared memory", step, Weight.OPTIONAL) for step in look_at_segments(directory))
+
+
+def look_at_room(directory: Path) -> Step:
+    """Size and rights of /dev/shm."""
+    name = str(directory)
+    if not (directory.is_dir() and os.access(directory, os.W_OK | os.X_OK)):
+        return Step(name, False, "missing or not writable", f"mount a tmpfs on {directory} (docker: --shm-size=256m)")
+    free = shutil.disk_usage(directory).free
+    good = free >= SEGMENT_BYTES
+    remedy = "" if good else f"mount -o remount,size=256M {directory} (docker: --shm-size=256m)"
+    return Step(name, good, f"{free >> 20} MB free", remedy)
+
+
+def look_at_segments(directory: Path) -> Iterator[Step]:
+    """Segments of this program: in use, or left by a process that was killed."""
+    for path in sorted(directory.glob("qrobot-*")):
+        living = _is_locked(path)
+        detail = "in use" if living else "left behind by a process that was killed (the next one reuses it)"
+        yield Step(path.name, living, detail, "" if living else f"rm {path}, or leave it")
+
+
+def _is_locked(path: Path) -> bool:
+    """True when a living process owns segment `path`."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def look_at_port(arm: str, host: str, port: int, directory: Path = DIRECTORY) -> Step:
+    """The address the bridge of an arm listens on; that it is taken is right when the arm runs."""
+    name = f"bridge of {arm}"
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            if _is_locked(directory / f"qrobot-{arm}-servo"):
+                return Step(name, True, f"{host}:{port} is in use, and so is the arm")
+            remedy = "stop what listens there, or choose another port in the deployment file"
+            return Step(name, False, f"{host}:{port}: {error.strerror}", remedy)
+    return Step(name, True, f"{host}:{port} is free")
+
+
+def realtime_rights() -> list[Step]:
+    """What a servo started now would get; tried in a thread that ends at once."""
+    steps: list[Step] = []
+
+    def attempt() -> None:
+        steps.append(set_fifo())
+        with hold_dma_latency(DMA_LATENCY) as step:
+            steps.append(step)
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    remedy = "run as root, or set memlock to unlimited in /etc/security/limits.d"
+    lock = may_lock_all()
+    steps.append(Step("memory", lock, "may be locked" if lock else "may not be locked", "" if lock else remedy))
+    return steps

@@ -1,0 +1,208 @@
+"""`qrobot log`: what is in a log, its figures, its tables; and the recorder."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+from rich.table import Table
+
+from qrobot.cli.console import note, out, write_json
+from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.config import Robot
+    from qrobot.log.read import Log
+    from qrobot.log.writer import LogWriter
+    from qrobot.servo.mailbox import ServoInfo
+
+MEGABYTE = 1_000_000
+FigureName = Literal["positions", "errors", "torques", "latency"]
+
+app = App(
+    name="log",
+    help="Look at logs: every cycle of a servo, in MCAP files that Foxglove, Lichtblick and PlotJuggler 4 open too.",
+    help_format="plaintext",
+)
+
+
+@app.command
+def info(file: Path, *, json: bool = False) -> None:
+    """Tell what is in a log: which run, how well it tracked, how punctual it was, what is missing.
+
+    Parameters
+    ----------
+    file
+        First file of the log; the parts of a rotated one are found by themselves.
+    json
+        Print JSON.
+    """
+    from qrobot.log.read import read_log
+
+    facts = _facts(read_log(file))
+    if json:
+        write_json(facts)
+        return
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in facts.items():
+        table.add_row(name.replace("_", " "), _plain(value))
+    out.print(table)
+
+
+def _facts(log: Log) -> dict[str, Any]:
+    from qrobot.faultcodes import explain
+    from qrobot.log.summary import tracking_summary
+
+    header, summary = log.header, tracking_summary(log).to_dict()
+    return {
+        "files": [str(path) for path in log.parts],
+        "robot": header.robot,
+        "joints": list(header.joint_names),
+        "rate_hz": header.rate_hz,
+        "law": header.law,
+        "clock": header.clock,
+        "plant": header.plant,
+        "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
+        "complete": not log.torn,
+        "disk_errors": log.status.disk_errors,
+        **summary,
+        "faults": [explain(code) for code in summary["faults"]],
+        "setup": [asdict(step) for step in header.setup],
+        "attachments": list(log.attachments),
+    }
+
+
+def _plain(value: Any) -> str:
+    """One cell of the table."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, dict) and "remedy" in value:
+        return f"{value['name']}: {value['detail']}" + ("" if value["ok"] else " (refused)")
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return ("\n" if value and isinstance(value[0], dict) else "  ").join(map(_plain, value)) or "none"
+    return str(value) if value not in ("", None) else "-"
+
+
+@app.command
+def plot(
+    file: Path,
+    *,
+    output: Path | None = None,
+    only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
+) -> None:
+    """Draw a log: desired positions, tracking errors, torques, wake-up errors; one PNG each.
+
+    Parameters
+    ----------
+    file
+        First file of the log.
+    output
+        Directory for the figures; beside the log if left out.
+    only
+        Which figures to draw; all if left out.
+    """
+    from qrobot.log.plot import FIGURES, save_figure
+    from qrobot.log.read import read_log
+
+    log = read_log(file)
+    for name in only or FIGURES:
+        path = (output or file.parent) / f"{file.stem}-{name}.png"
+        save_figure(FIGURES[name](log), path)
+        out.print(str(path), markup=False)
+
+
+@app.command
+def export(file: Path, target: Path) -> None:
+    """Turn a log into a table, one row per cycle.
+
+    Examples:
+
+      qrobot log export run.mcap run.csv
+      qrobot log export run.mcap run.parquet     smaller, and quick to load as a data frame; needs pyarrow
+
+    Parameters
+    ----------
+    file
+        First file of the log.
+    target
+        File to write; its suffix chooses the format, .csv or .parquet.
+    """
+    from qrobot.log.export import export_csv, export_parquet
+    from qrobot.log.read import read_log
+
+    writers = {".csv": export_csv, ".parquet": export_parquet}
+    if target.suffix not in writers:
+        raise ConfigError(f"cannot export to {target.name}: the suffix must be .csv or .parquet")
+    log = read_log(file)
+    writers[target.suffix](log, target)
+    note(f"{log.rows.size} rows in {target}")
+
+
+@app.command
+def record(
+    deployment: str = "emulator",
+    *,
+    arm: str | None = None,
+    output: Path | None = None,
+    max_megabytes: Annotated[float, Parameter(name="--max-mb")] = 1000.0,
+    plant: str | None = None,
+) -> None:
+    """Record every cycle of a servo until Ctrl-C, from one servo process to the next.
+
+    Each servo process gets a log of its own, named after the arm and the time. Starting late loses nothing that is
+    still in the servo's memory (some seconds), and a full disk never disturbs the servo.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    output
+        Directory for the logs, overriding the file; or the file (.mcap) for the log of the first servo found.
+    max_megabytes
+        Size at which the next part of a log begins.
+    plant
+        What the log shall say of the plant, overriding the file.
+    """
+    from qrobot.cli.arms import choose_arm, robot_of_arm
+    from qrobot.config import deployment_path, robot_path
+    from qrobot.log.follow import ServoFollower, follow, log_paths
+    from qrobot.log.header import attach_files
+    from qrobot.log.writer import LogWriter
+
+    chosen = choose_arm(deployment, arm)
+    robot = robot_of_arm(chosen)
+    attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
+    paths = log_paths(output or Path(chosen.log.directory or "."), chosen.name)
+
+    def open_log(servo: ServoInfo, pid: int) -> LogWriter:
+        header = _recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
+        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE))
+
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda _number, _frame: stop.set())
+    note(f"waiting for the servo of {chosen.name}")
+    follow(ServoFollower(chosen.name, open_log, note), stop)
+
+
+def _recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> Any:
+    """Header of the log of a running servo. Raises ConfigError when the deployment names another robot."""
+    from qrobot.log.header import header_for
+    from qrobot.realtime.machine import machine_steps, observe_process
+
+    if (servo.robot_name, servo.n) != (robot.name, robot.n):
+        raise ConfigError(f"the servo runs {servo.robot_name!r}, the deployment file says {robot.name!r}")
+    header = header_for(robot, servo.period_ns, servo.law, plant=plant)
+    offset = time.time_ns() - time.monotonic_ns()
+    return replace(header, wall_offset_ns=offset, setup=(*observe_process(pid), *machine_steps()))

@@ -1,0 +1,148 @@
+"""Keep recording one arm while its servo comes and goes: each servo process gets a log of its own.
+
+A servo that has died leaves its ring in shared memory, so its last cycles are still written down. Its successor takes
+the memory over and raises the generation; from that moment nothing of the old ring is read any more.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from qrobot.errors import LinkError
+from qrobot.log.record import Recorder
+from qrobot.log.status import LogStatus
+from qrobot.log.writer import LogWriter
+from qrobot.realtime.segment import GENERATION, OWNER_PID, Segment
+from qrobot.servo.mailbox import ServoInfo, attach_servo_memory, servo_info
+from qrobot.servo.telemetry import TelemetryReader
+
+POLL_S: Final = 0.01
+LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
+REPORT_NS: Final = 1_000_000_000
+
+OpenLog = Callable[[ServoInfo, int], LogWriter]  # the servo and its process id
+Report = Callable[[str], None]
+
+
+@dataclass
+class _Session:
+    """One servo process being recorded."""
+
+    segment: Segment
+    generation: int
+    recorder: Recorder
+    name: str
+
+
+class ServoFollower:
+    """Records the servos of one arm, one after the other.
+
+    Args:
+        arm: instance name.
+        open_log: opens the log of a servo that has just been found.
+        report: takes one line for people.
+    """
+
+    def __init__(self, arm: str, open_log: OpenLog, report: Report) -> None:
+        self._arm, self._open_log, self._report = arm, open_log, report
+        self._session: _Session | None = None
+        self._look_at_ns = self._report_at_ns = 0
+        self._reported = LogStatus()
+
+    @property
+    def recording(self) -> bool:
+        """True while there is a servo to record."""
+        return self._session is not None
+
+    def step(self, now_ns: int) -> None:
+        """Write down what is new. Raises what `open_log` raises."""
+        looking = now_ns >= self._look_at_ns
+        if looking:
+            self._look_at_ns = now_ns + LOOK_NS
+        if self._session is None:
+            if looking:
+                self._begin()
+            return
+        taken_over = int(self._session.segment.words[GENERATION]) != self._session.generation
+        gone = looking and not (self._session.segment.is_current and self._session.segment.owner_alive)
+        if taken_over or gone:
+            self._end(drain=not taken_over)
+            return
+        self._session.recorder.poll(now_ns)
+        self._complain(self._session.recorder, now_ns)
+
+    def close(self) -> None:
+        """End the log that is being written."""
+        if self._session is not None:
+            self._end(drain=True)
+
+    def _begin(self) -> None:
+        try:
+            segment = attach_servo_memory(self._arm)
+        except LinkError:
+            return
+        info = servo_info(segment.words)
+        if not (info.ready and segment.owner_alive):
+            segment.close()
+            return
+        writer = self._open_log(info, int(segment.words[OWNER_PID]))
+        reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
+        self._session = _Session(segment, info.generation, Recorder(reader, writer), str(writer.path))
+        self._reported = LogStatus()
+        self._report(f"recording the servo of {self._arm} into {writer.path}")
+
+    def _end(self, drain: bool) -> None:
+        assert self._session is not None
+        self._session.recorder.close(drain)
+        status = self._session.recorder.status
+        self._report(f"{self._session.name} ends: {status.rows} cycles, {status.lost} lost")
+        self._session.segment.close()
+        self._session = None
+        self._look_at_ns = 0
+
+    def _complain(self, recorder: Recorder, now_ns: int) -> None:
+        """At most one line a second about a disk that refuses or rows that were lost."""
+        status = recorder.status
+        trouble = (status.lost, status.disk_errors) != (self._reported.lost, self._reported.disk_errors)
+        if trouble and now_ns >= self._report_at_ns:
+            self._report_at_ns = now_ns + REPORT_NS
+            self._reported = status
+            disk = f", {status.disk_errors} refusals by the disk ({recorder.last_error})" if status.disk_errors else ""
+            self._report(f"the log is behind: {status.lost} cycles lost{disk}")
+
+
+def follow(follower: ServoFollower, stop: threading.Event) -> None:
+    """Run a follower on the wall clock until `stop` is set, and end its log."""
+    try:
+        while not stop.wait(POLL_S):
+            follower.step(time.monotonic_ns())
+    finally:
+        follower.close()
+
+
+def log_paths(target: Path, arm: str) -> Iterator[Path]:
+    """Files for one log after the other: in directory `target`, or first the .mcap file `target` and then beside it."""
+    directory = target
+    if target.suffix == ".mcap":
+        directory = target.parent
+        directory.mkdir(parents=True, exist_ok=True)
+        yield target
+    directory.mkdir(parents=True, exist_ok=True)
+    while True:
+        yield fresh_path(directory, arm)
+
+
+def fresh_path(directory: Path, arm: str, now: datetime | None = None) -> Path:
+    """A file name that tells arm and time (UTC) and is not taken: DIR/ARM-20261121T093000Z.mcap."""
+    stamp = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
+    path, copies = directory / f"{arm}-{stamp}.mcap", 1
+    while path.exists():
+        copies += 1
+        path = directory / f"{arm}-{stamp}-{copies}.mcap"
+    return path
