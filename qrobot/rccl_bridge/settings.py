@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from qrobot.errors import ConfigError
-from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+from qrobot.wire import DEFAULT_PORT, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
-DEFAULT_PORT: Final = 5600
 SECOND_NS: Final = 1_000_000_000
 
 

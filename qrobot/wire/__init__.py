@@ -9,6 +9,7 @@ from qrobot.wire.connection import Connection, Event, InvalidSetpoint
 from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
 from qrobot.wire.states import Conversation, Side
 from qrobot.wire.vocabulary import (
+    DEFAULT_PORT,
     LONGEST_PERIOD_US,
     MAX_JOINTS,
     SHORTEST_PERIOD_US,
@@ -21,6 +22,7 @@ from qrobot.wire.vocabulary import (
 )
 
 __all__ = [
+    "DEFAULT_PORT",
     "LONGEST_PERIOD_US",
     "MAX_JOINTS",
     "SHORTEST_PERIOD_US",

@@ -10,6 +10,7 @@ MAX_JOINTS: Final = 32
 SHORTEST_PERIOD_US: Final = 1_000
 LONGEST_PERIOD_US: Final = 100_000
 DEFAULT_PERIOD_US: Final = 28_000  # RCCL's sample period on the Mark II controller, 28 ms
+DEFAULT_PORT: Final = 5600
 
 # No joint of any robot is driven by a larger number; a larger one is a mistake of the program, like NaN.
 LARGEST_SETPOINT: Final = 1e6

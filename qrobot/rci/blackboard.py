@@ -1,0 +1,49 @@
+"""The command blackboard of RCI: a program changes `chg`, and what it says goes out at the next sample.
+
+Its counterpart `how`, the robot as it was heard last, is simply the newest `RobotState`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from qrobot.wire import Command, JointMode, State
+from qrobot.wire.packets import Vector
+
+
+@dataclass
+class Chg:
+    """What the next command says. Fields mean what they mean in `wire.Command`.
+
+    `clear_fault` and `stop` go out once and are lowered again.
+    """
+
+    n: int
+    modes: tuple[int, ...] = field(init=False)
+    setpoints: Vector = field(init=False)
+    power: bool = False
+    clear_fault: bool = False
+    stop: bool = False
+    stream: int = 0
+    hand: int = 0
+    outputs: int = 0
+
+    def __post_init__(self) -> None:
+        self.hold()
+
+    def hold(self) -> None:
+        """All joints stay where they are."""
+        self.modes, self.setpoints = (JointMode.HOLD,) * self.n, (0.0,) * self.n
+
+    def go_to(self, q: Vector) -> None:
+        """All joints follow the position `q` (n numbers, rad or m)."""
+        self.modes, self.setpoints = (JointMode.POSITION,) * self.n, q
+
+    def command(self, state: State, t_ns: int) -> Command:
+        """The command that answers `state`."""
+        command = Command(
+            state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
+            self.outputs, state.seq, t_ns,
+        )  # fmt: skip
+        self.clear_fault = self.stop = False
+        return command

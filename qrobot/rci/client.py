@@ -1,0 +1,104 @@
+"""The client's side of a conversation, without I/O: what the server says, sorted, and its refusals as our errors."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, LocalProtocolError, RemoteProtocolError
+from qrobot.wire import (
+    Bye,
+    Command,
+    Connection,
+    ErrorCode,
+    Event,
+    Hello,
+    Side,
+    State,
+    Welcome,
+    WireError,
+)
+
+_REFUSALS: Final[dict[int, type[LinkError]]] = {
+    ErrorCode.COMMANDER_BUSY: LinkBusy,
+    ErrorCode.FULL: LinkBusy,
+    ErrorCode.TIMEOUT: LinkTimeout,
+}
+
+
+class Client:
+    """One conversation.
+
+    Attributes:
+        peer: the server, for people.
+        warning: newest complaint of the server that did not end the conversation, "" when there was none.
+    """
+
+    def __init__(self, hello: Hello, peer: str) -> None:
+        self.peer = peer
+        self.warning = ""
+        self._hello = hello
+        self._connection = Connection(Side.CLIENT)
+        self._welcome: Welcome | None = None
+        self._state: State | None = None
+
+    def greet(self) -> bytes:
+        """The first bytes to send."""
+        return self._connection.send(self._hello)
+
+    def say(self, command: Command) -> bytes:
+        """A command as bytes. Raises LocalProtocolError when it is malformed."""
+        return self._connection.send(command)
+
+    def farewell(self, reason: str) -> bytes:
+        """The last bytes to send; none when the conversation is over, or never began."""
+        try:
+            return self._connection.send(Bye(reason))
+        except LocalProtocolError:
+            return b""
+
+    def take(self, data: bytes) -> None:
+        """Bytes came from the server; none at all means that it closed the connection.
+
+        Raises:
+            LinkBusy, LinkTimeout, LinkError: the server refused, for the reason in the text.
+            LinkLost: the server left.
+            RemoteProtocolError: the far end does not speak the protocol.
+        """
+        if not data:
+            raise LinkLost(f"{self.peer} closed the connection")
+        try:
+            self._connection.receive_data(data)
+            while (event := self._connection.next_event()) is not None:
+                self._sort(event)
+        except RemoteProtocolError as error:
+            raise RemoteProtocolError(f"{self.peer} does not speak our protocol: {error}") from error
+
+    def pop_welcome(self) -> Welcome | None:
+        """The WELCOME, once."""
+        welcome, self._welcome = self._welcome, None
+        return welcome
+
+    def pop_state(self) -> State | None:
+        """The newest STATE not handed out yet."""
+        state, self._state = self._state, None
+        return state
+
+    def silence(self) -> LinkTimeout:
+        """The error for a server that says nothing any more; it repeats the server's last complaint."""
+        complaint = f"; its last words: {self.warning}" if self.warning else ""
+        return LinkTimeout(f"{self.peer} has fallen silent{complaint}")
+
+    def _sort(self, event: Event) -> None:
+        match event:
+            case Welcome():
+                self._welcome = event
+            case State():
+                self._state = event
+            case WireError(fatal=True):
+                raise _REFUSALS.get(event.code, LinkError)(f"{self.peer} refused: {event.text}")
+            case WireError():
+                self.warning = event.text
+            case Bye():
+                raise LinkLost(f"{self.peer} said goodbye: {event.text or 'no reason given'}")
+            case _:  # the state table lets nothing else through from a server
+                raise RemoteProtocolError(f"unexpected {type(event).__name__}")

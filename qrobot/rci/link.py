@@ -1,0 +1,53 @@
+"""What a way to the robot is."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+from qrobot.config import Robot
+from qrobot.wire import ClientRole, Command, Hello, State, Welcome
+
+PROGRAM_NAME_LENGTH = 32
+
+
+class Link(Protocol):
+    """One conversation with a bridge, as its commander.
+
+    Attributes:
+        virtual_time: time passes only while somebody waits in `exchange`; otherwise it passes by itself, and the server
+            wants an answer in every sample period.
+    """
+
+    virtual_time: bool
+
+    def open(self) -> Welcome:
+        """Greet the server.
+
+        Raises:
+            LinkTimeout: nobody answers.
+            LinkLost: nobody is there, or the connection broke.
+            LinkBusy: somebody else commands the robot.
+            LinkError: the server refused for another reason, which the text gives.
+            RemoteProtocolError: the far end does not speak the protocol.
+        """
+
+    def exchange(self, command: Command | None) -> State:
+        """Send a command, or nothing, and wait for the newest STATE after it. Raises what `open` raises."""
+
+    def now_ns(self) -> int:
+        """This end's clock."""
+
+    def close(self, reason: str = "") -> None:
+        """Say goodbye. Never raises; may be called twice."""
+
+
+LinkFactory: TypeAlias = Callable[[Robot], Link]
+
+
+def hello_for(robot_name: str, period_us: int = 0) -> Hello:
+    """How a program greets as commander of `robot_name`; a period of 0 takes the server's."""
+    program = Path(sys.argv[0] or "python").name[:PROGRAM_NAME_LENGTH]
+    return Hello(ClientRole.COMMANDER, robot_name, program, period_us)

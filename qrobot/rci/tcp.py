@@ -1,0 +1,128 @@
+"""The blocking client of a bridge over TCP."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final, TypeVar
+
+from qrobot.errors import ConfigError, LinkLost, LinkTimeout
+from qrobot.rci.client import Client
+from qrobot.wire import DEFAULT_PORT, Command, Hello, State, Welcome
+
+BRIDGE_VARIABLE: Final = "QROBOT_BRIDGE"
+LOCALHOST: Final = "127.0.0.1"
+CONNECT_TIMEOUT_S: Final = 3.0
+ANSWER_TIMEOUT_S: Final = 2.0  # far beyond the longest sample period of 100 ms
+_CHUNK: Final = 1 << 16
+
+T = TypeVar("T")
+Address = tuple[str, int]
+
+
+def bridge_address(text: str | None = None) -> Address:
+    """Host and port of the bridge from "host:port", "host" or ":port"; default the variable QROBOT_BRIDGE.
+
+    Raises:
+        ConfigError: that is no address.
+    """
+    text = os.environ.get(BRIDGE_VARIABLE, "") if text is None else text
+    host, _, port = text.partition(":")
+    if port and not (port.isdecimal() and 0 < int(port) < 1 << 16):
+        raise ConfigError(f"{BRIDGE_VARIABLE} is {text!r}; host:port is needed, as in {LOCALHOST}:{DEFAULT_PORT}")
+    return host or LOCALHOST, int(port) if port else DEFAULT_PORT
+
+
+def connect(address: Address) -> socket.socket:
+    """A TCP connection without Nagle's delay. Raises LinkTimeout or LinkLost."""
+    where = f"{address[0]}:{address[1]}"
+    try:
+        sock = socket.create_connection(address, CONNECT_TIMEOUT_S)
+    except TimeoutError as error:
+        raise LinkTimeout(f"the bridge at {where} does not answer") from error
+    except OSError as error:
+        raise LinkLost(f"no bridge at {where}: {error.strerror or error}; start one with `qrobot up`") from error
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return sock
+
+
+class TcpLink:
+    """A `Link` in real time.
+
+    Args:
+        hello: how to greet.
+        address: host and port of the bridge.
+        connector: opens the socket; tests bring their own.
+    """
+
+    virtual_time = False
+
+    def __init__(self, hello: Hello, address: Address, connector: Callable[[Address], socket.socket] = connect) -> None:
+        self._client = Client(hello, f"the bridge at {address[0]}:{address[1]}")
+        self._address = address
+        self._connector = connector
+        self._socket: socket.socket | None = None
+
+    def open(self) -> Welcome:
+        """Connect and greet; see `Link.open`."""
+        self._socket = self._connector(self._address)
+        self._socket.settimeout(ANSWER_TIMEOUT_S)
+        self._send(self._client.greet())
+        return self._await(self._client.pop_welcome)
+
+    def exchange(self, command: Command | None) -> State:
+        """Send, and wait for the newest STATE; see `Link.exchange`."""
+        if command is not None:
+            self._send(self._client.say(command))
+        return self._await(self._client.pop_state)
+
+    def now_ns(self) -> int:
+        """The monotonic clock."""
+        return time.monotonic_ns()
+
+    def close(self, reason: str = "") -> None:
+        """Say goodbye and close the socket."""
+        if self._socket is None:
+            return
+        with suppress(OSError):
+            self._socket.sendall(self._client.farewell(reason))
+        self._socket.close()
+        self._socket = None
+
+    def _await(self, pop: Callable[[], T | None]) -> T:
+        while (answer := pop()) is None:
+            self._client.take(self._receive())
+        return answer
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._open_socket.sendall(data)
+        except OSError as error:
+            self._hear_last_words()
+            raise self._lost(error) from error
+
+    def _hear_last_words(self) -> None:
+        """A server that refuses closes at once; why it did may still lie in the socket."""
+        with suppress(OSError):
+            if data := self._open_socket.recv(_CHUNK):
+                self._client.take(data)
+
+    def _receive(self) -> bytes:
+        try:
+            return self._open_socket.recv(_CHUNK)
+        except TimeoutError as error:
+            raise self._client.silence() from error
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: OSError) -> LinkLost:
+        return LinkLost(f"lost {self._client.peer}: {error.strerror or error}")
+
+    @property
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkLost(f"the connection to {self._client.peer} is closed")
+        return self._socket

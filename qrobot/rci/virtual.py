@@ -1,0 +1,65 @@
+"""A link in lock-step: the server runs in this process, and its time passes only while a program waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final, TypeAlias, TypeVar
+
+from qrobot.errors import QRobotError
+from qrobot.rci.client import Client
+from qrobot.wire import Command, Hello, State, Welcome
+
+Transfer: TypeAlias = Callable[[bytes], bytes]
+"""Hands bytes (perhaps none) to the server, lets virtual time run until it has something to say, returns that."""
+
+_PATIENCE: Final = 1000  # transfers; the longest sample period is a hundred of the shortest
+T = TypeVar("T")
+
+
+class VirtualLink:
+    """A `Link` on virtual time.
+
+    Args:
+        hello: how to greet.
+        transfer: the way to the server and back, given by whoever put server and program together.
+    """
+
+    virtual_time = True
+
+    def __init__(self, hello: Hello, transfer: Transfer) -> None:
+        self._client = Client(hello, "the bridge in this process")
+        self._transfer = transfer
+        self._now_ns = 0
+
+    def open(self) -> Welcome:
+        """Greet; see `Link.open`."""
+        welcome = self._await(self._client.greet(), self._client.pop_welcome)
+        self._now_ns = welcome.t_ns
+        return welcome
+
+    def exchange(self, command: Command | None) -> State:
+        """Send, and let time run until the next STATE; see `Link.exchange`."""
+        data = b"" if command is None else self._client.say(command)
+        state = self._await(data, self._client.pop_state)
+        self._now_ns = state.robot.t_ns
+        return state
+
+    def now_ns(self) -> int:
+        """Virtual time of the newest packet."""
+        return self._now_ns
+
+    def close(self, reason: str = "") -> None:
+        """Say goodbye."""
+        if farewell := self._client.farewell(reason):
+            with suppress(QRobotError):
+                self._transfer(farewell)
+
+    def _await(self, data: bytes, pop: Callable[[], T | None]) -> T:
+        for _ in range(_PATIENCE):
+            if (answer := pop()) is not None:
+                return answer
+            if heard := self._transfer(data):
+                self._client.take(heard)
+            data = b""
+        raise self._client.silence()

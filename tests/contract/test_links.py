@@ -1,0 +1,215 @@
+"""Both ways to a robot behave alike: lock-step and a socket."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+import pytest
+
+from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, RemoteProtocolError
+from qrobot.rci import Chg, Link, TcpLink, VirtualLink, bridge_address, hello_for
+from qrobot.rci import tcp as tcp_module
+from qrobot.wire import Connection, ErrorCode, Hello, Side, WireError
+from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+
+Q = (0.1, -0.2)
+NOWHERE = ("127.0.0.1", 5600)
+
+
+@contextmanager
+def virtual_link(robot: FakeRobot, name: str) -> Iterator[Link]:
+    yield VirtualLink(hello_for(name), robot.transfer)
+
+
+@contextmanager
+def socket_link(robot: FakeRobot, name: str) -> Iterator[Link]:
+    with SocketRobot(robot) as server:
+        yield TcpLink(hello_for(name), NOWHERE, lambda _: server.socket)
+
+
+@pytest.fixture(params=[virtual_link, socket_link])
+def make_link(request):
+    with ExitStack() as stack:
+        yield lambda robot, name="puma560": stack.enter_context(request.param(robot, name))
+
+
+@pytest.fixture
+def robot() -> FakeRobot:
+    return FakeRobot(Q, period_us=2_000)
+
+
+def test_the_welcome_names_robot_joints_and_period(make_link, robot) -> None:
+    link = make_link(robot)
+    welcome = link.open()
+    assert (welcome.robot, welcome.n, welcome.period_us) == ("puma560", 2, 2_000)
+    link.close()
+
+
+def test_each_exchange_brings_a_newer_state(make_link, robot) -> None:
+    link = make_link(robot)
+    link.open()
+    seqs = [link.exchange(None).seq for _ in range(5)]
+    assert seqs == sorted(set(seqs))
+    link.close()
+
+
+def test_a_command_reaches_the_robot_and_answers_its_state(make_link, robot) -> None:
+    link, chg = make_link(robot), Chg(2)
+    link.open()
+    state = link.exchange(None)
+    chg.hand = 2
+    link.exchange(chg.command(state, link.now_ns()))
+    wait_until(lambda: len(robot.commands) == 1)
+    assert (robot.commands[0].seq, robot.commands[0].ack, robot.commands[0].hand) == (state.seq, state.seq, 2)
+    link.close()
+
+
+def test_closing_says_goodbye_once(make_link, robot) -> None:
+    link = make_link(robot)
+    link.open()
+    link.close("done")
+    link.close("done")
+    wait_until(lambda: robot.said_goodbye)
+
+
+def test_a_refusal_arrives_with_the_servers_reason(make_link, robot) -> None:
+    link = make_link(robot, "stanford")
+    with pytest.raises(LinkError, match="refused: this is 'puma560', not 'stanford'"):
+        link.open()
+    link.close()
+
+
+def refusing(code: ErrorCode):
+    def transfer(data: bytes) -> bytes:
+        server = Connection(Side.SERVER)
+        server.receive_data(data)
+        assert isinstance(server.next_event(), Hello)
+        return server.send(WireError(code, "not you", True))
+
+    return transfer
+
+
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [
+        (ErrorCode.COMMANDER_BUSY, LinkBusy),
+        (ErrorCode.FULL, LinkBusy),
+        (ErrorCode.TIMEOUT, LinkTimeout),
+        (ErrorCode.VERSION, LinkError),
+    ],
+)
+def test_refusals_become_errors_a_program_can_tell_apart(code, error) -> None:
+    with pytest.raises(error, match="the bridge in this process refused: not you"):
+        VirtualLink(hello_for("puma560"), refusing(code)).open()
+
+
+def test_a_far_end_that_talks_nonsense_is_said_to() -> None:
+    with pytest.raises(RemoteProtocolError, match="does not speak our protocol"):
+        VirtualLink(hello_for("puma560"), lambda _: b"HTTP/1.1 400 Bad Request").open()
+
+
+def test_a_silent_server_is_given_up_and_its_last_warning_repeated() -> None:
+    robot = FakeRobot(Q)
+    link = VirtualLink(hello_for("puma560"), robot.transfer)
+    link.open()
+    warning = robot._connection.send(WireError(ErrorCode.SERVO_GONE, "the servo does not run", False))
+    robot.tell = lambda: b""
+    robot.hear = lambda _: warning
+    with pytest.raises(LinkTimeout, match="fallen silent; its last words: the servo does not run"):
+        link.exchange(None)
+
+
+def exchange_often(link: Link) -> None:
+    for _ in range(1000):
+        link.exchange(None)
+
+
+def test_a_server_that_vanishes_is_a_lost_link(robot) -> None:
+    with SocketRobot(robot) as server:
+        link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: server.socket)
+        link.open()
+        server.hang_up()
+        with pytest.raises(LinkLost, match=r"the bridge at 127\.0\.0\.1:5600"):
+            exchange_often(link)
+        link.close()
+
+
+def test_a_socket_that_stays_silent_times_out(monkeypatch) -> None:
+    monkeypatch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 0.02)
+    near, far = socket.socketpair()
+    with far:
+        link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
+        with pytest.raises(LinkTimeout, match="fallen silent"):
+            link.open()
+        link.close()
+
+
+def test_nobody_at_the_address_is_one_clear_line() -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with pytest.raises(LinkLost, match=f"no bridge at 127.0.0.1:{port}: Connection refused; start one"):
+        TcpLink(hello_for("puma560"), ("127.0.0.1", port)).open()
+
+
+def test_a_link_that_was_closed_says_so(robot) -> None:
+    link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: socket.socketpair()[0])
+    with pytest.raises(LinkLost, match="is closed"):
+        link.exchange(None)
+
+
+def test_a_real_connection_is_greeted() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        link = TcpLink(hello_for("puma560"), listener.getsockname()[:2])
+        listener.settimeout(5.0)
+        with suppress(LinkError), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 0.02)
+            link.open()
+        accepted, _ = listener.accept()
+        with accepted:
+            greeting = accepted.recv(4096)
+        link.close()
+    server = Connection(Side.SERVER)
+    server.receive_data(greeting)
+    hello = server.next_event()
+    assert isinstance(hello, Hello)
+    assert hello.robot == "puma560"
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("", ("127.0.0.1", 5600)),
+        (":5601", ("127.0.0.1", 5601)),
+        ("lab", ("lab", 5600)),
+        ("lab:7000", ("lab", 7000)),
+    ],
+)
+def test_the_bridges_address_may_be_given_in_parts(text, address, monkeypatch) -> None:
+    assert bridge_address(text) == address
+    monkeypatch.setenv("QROBOT_BRIDGE", text)
+    assert bridge_address() == address
+
+
+@pytest.mark.parametrize("text", ["lab:port", "lab:0", "lab:65536", "1:2:3"])
+def test_an_impossible_address_is_refused(text) -> None:
+    with pytest.raises(ConfigError, match="QROBOT_BRIDGE is"):
+        bridge_address(text)
+
+
+def test_the_blackboards_one_time_requests_go_out_once() -> None:
+    robot = FakeRobot(Q)
+    link, chg = VirtualLink(hello_for("puma560"), robot.transfer), Chg(2)
+    link.open()
+    state = link.exchange(None)
+    chg.stop = chg.clear_fault = True
+    first, second = chg.command(state, 0), chg.command(state, 0)
+    assert (first.stop, first.clear_fault) == (True, True)
+    assert (second.stop, second.clear_fault) == (False, False)
+    chg.go_to((0.3, 0.4))
+    assert chg.command(state, 0).setpoints == (0.3, 0.4)
+    assert set(chg.command(state, 0).modes) == {1}
+    chg.hold()
+    assert set(chg.command(state, 0).modes) == {0}

@@ -1,0 +1,206 @@
+"""A robot that follows perfectly and speaks the wire protocol: in lock-step, or over a socket in its own thread."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from qrobot.faultcodes import FaultCode
+from qrobot.wire import (
+    Bye,
+    ClientRole,
+    Command,
+    Connection,
+    ErrorCode,
+    Event,
+    Hello,
+    JointMode,
+    RobotFlag,
+    RobotMode,
+    RobotState,
+    Side,
+    State,
+    Welcome,
+    WireError,
+)
+
+START_NS = 1_000_000_000
+POWERING_PERIODS = 3
+START_TOLERANCE = 0.02
+OLDEST_COMMAND = 2  # periods
+
+
+class FakeRobot:
+    """The server of one commander. Time passes by one period per STATE.
+
+    Attributes:
+        commands: everything the commander said.
+        path: setpoints followed, one per period. Shape (periods, n) as an array.
+    """
+
+    def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000) -> None:
+        self.name, self.period_us = name, period_us
+        self.q = tuple(float(x) for x in q)
+        self.mode = RobotMode.OFF
+        self.fault, self.event, self.hand = 0, 0, 0
+        self.refuse_power = False
+        self.calibrated = True
+        self.commands: list[Command] = []
+        self.path: list[tuple[float, ...]] = []
+        self.said_goodbye = False
+        self.before_period: Callable[[int], object] | None = None
+        self.seq = 0
+        self._t_ns = START_NS
+        self._connection = Connection(Side.SERVER)
+        self._powering = 0
+        self._stream = self._dead_stream = -1
+        self._heard = 0
+        self._power_seen = False
+
+    # ------------------------------------------------------------------------------------------- what tests do to it
+
+    def break_down(self, code: FaultCode) -> None:
+        """Latch a fault."""
+        self.mode, self.fault, self.event = RobotMode.FAULT, code, code
+
+    def halt(self, code: FaultCode) -> None:
+        """Stop the arm as the servo does when it refuses to go on, without a fault."""
+        self.mode, self.event, self._dead_stream = RobotMode.HOLDING, code, self._stream
+
+    # --------------------------------------------------------------------------------------------------- its one port
+
+    def transfer(self, data: bytes) -> bytes:
+        """Take the client's bytes, let a period pass, answer."""
+        greeting = self.hear(data)
+        return greeting or self.tell()
+
+    def hear(self, data: bytes) -> bytes:
+        """Take the client's bytes; the answer to a greeting."""
+        self._connection.receive_data(data)
+        answers = b""
+        while (event := self._connection.next_event()) is not None:
+            answers += self._take(event)
+        return answers
+
+    def tell(self) -> bytes:
+        """Let a period pass; its STATE."""
+        if self._connection.ended or not self._connection.n:
+            return b""
+        self.seq += 1
+        self._t_ns += self.period_us * 1000
+        if self.before_period is not None:
+            self.before_period(self.seq)
+        self._live()
+        return self._connection.send(State(self.seq, self._state(), len(self.commands), you_command=True))
+
+    # ---------------------------------------------------------------------------------------------------- inside
+
+    def _take(self, event: Event) -> bytes:
+        match event:
+            case Hello() if event.robot != self.name:
+                complaint = f"this is {self.name!r}, not {event.robot!r}"
+                return self._connection.send(WireError(ErrorCode.WRONG_ROBOT, complaint, True))
+            case Hello():
+                period_us = self.period_us = event.period_us or self.period_us
+                return self._connection.send(
+                    Welcome(ClientRole.COMMANDER, self.name, len(self.q), period_us, self._t_ns)
+                )
+            case Command():
+                self._obey(event)
+            case Bye():
+                self.said_goodbye = True
+        return b""
+
+    def _obey(self, command: Command) -> None:
+        self.commands.append(command)
+        self._heard, self.hand = self.seq, command.hand
+        asked_now, self._power_seen = command.power and not self._power_seen, command.power
+        if command.clear_fault and self.mode is RobotMode.FAULT:
+            self.mode, self.fault = RobotMode.OFF, 0
+        elif not command.power and self.mode is not RobotMode.FAULT:
+            self.mode = RobotMode.OFF
+        elif self.mode is RobotMode.OFF and asked_now:
+            self.mode, self._powering = RobotMode.POWERING, 0
+        if command.stop and self.mode is RobotMode.TRACKING:
+            self.mode, self._dead_stream = RobotMode.HOLDING, self._stream
+        self._follow(command)
+
+    def _follow(self, command: Command) -> None:
+        if command.modes != (JointMode.POSITION,) * len(self.q) or command.stream == self._dead_stream:
+            return
+        if self.mode is RobotMode.HOLDING:
+            if np.abs(np.subtract(command.setpoints, self.q)).max() > START_TOLERANCE:
+                self.event, self._dead_stream = FaultCode.START_POSE, command.stream
+                return
+            self.mode, self._stream = RobotMode.TRACKING, command.stream
+        if self.mode is RobotMode.TRACKING and command.stream == self._stream:
+            self.q = command.setpoints
+            self.path.append(self.q)
+
+    def _live(self) -> None:
+        if self.mode is RobotMode.POWERING:
+            self._powering += 1
+            if self.refuse_power:
+                self.mode, self.event = RobotMode.OFF, FaultCode.POWER_NO_ACK
+            elif self._powering >= POWERING_PERIODS:
+                self.mode = RobotMode.HOLDING if self.calibrated else RobotMode.UNCALIBRATED
+        if self.mode is RobotMode.TRACKING and self.seq - self._heard > OLDEST_COMMAND:
+            self.halt(FaultCode.STREAM_LOST)
+
+    def _state(self) -> RobotState:
+        still = (0.0,) * len(self.q)
+        powered = self.mode not in (RobotMode.OFF, RobotMode.POWERING, RobotMode.FAULT)
+        flags = RobotFlag.POWERED if powered else 0
+        return RobotState(
+            self._t_ns, self.mode, self.q, still, still, self.q, self.fault, self.event, 0, flags, hand=self.hand
+        )
+
+
+class SocketRobot:
+    """Serves a `FakeRobot` at the far end of a socket pair, period by period, in a thread."""
+
+    def __init__(self, robot: FakeRobot) -> None:
+        self.robot = robot
+        self.socket, self._near = socket.socketpair()
+        self._near.setblocking(False)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+
+    def __enter__(self) -> SocketRobot:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.hang_up()
+        self._thread.join()
+        self.socket.close()
+
+    def hang_up(self) -> None:
+        """Break the connection without a word."""
+        self._over.set()
+
+    def _serve(self) -> None:
+        with suppress(OSError), self._near as near:
+            while not self._over.wait(self.robot.period_us * 1e-6):
+                self._talk(near)
+
+    def _talk(self, near: socket.socket) -> None:
+        with suppress(BlockingIOError):
+            data = near.recv(1 << 16)
+            if not data:
+                self._over.set()
+            near.sendall(self.robot.hear(data))
+        near.sendall(self.robot.tell())
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 5.0) -> None:
+    """Wait on the wall clock. Fails the test when the condition does not come true."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen in time"
+        time.sleep(0.001)
