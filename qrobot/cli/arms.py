@@ -35,6 +35,7 @@ def servo_settings(arm: Arm, rate_hz: float | None = None, law: str | None = Non
         rate_hz=rate_hz or arm.servo.rate_hz,
         law=law or arm.servo.law,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
+        board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
     )
 

@@ -33,12 +33,13 @@ class BoardChoice(Table):
 
 
 class ServoChoice(Table):
-    """The servo of an arm: rate, control law, processor, and how soon the guardian takes over."""
+    """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board."""
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
     law: str = "qrobot"
     cpu: int | None = Field(default=None, ge=0)
-    guardian_timeout_ms: float = Field(default=5.0, gt=0, le=1000, allow_inf_nan=False)
+    guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
+    board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
 
 

@@ -1,7 +1,8 @@
 """The whole stack in one process on virtual time: deterministic, and as fast as the machine allows.
 
-One servo tick and the plant steps that belong to it alternate in one compiled loop; the bridge's session and the program
-see the same packets as over a socket. Nothing waits: virtual time moves only when somebody asks for the next frame.
+One servo tick and the plant steps that belong to it alternate in one compiled loop; the bridge's session and the
+program see the same packets as over a socket. Nothing waits: virtual time moves only when somebody asks for the next
+frame.
 """
 
 from __future__ import annotations

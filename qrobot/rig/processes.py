@@ -1,8 +1,8 @@
 """The processes of one deployment: started in order, watched, ended in reverse order.
 
-Order matters: the board must exist before the servo, the servo before its guardian and the bridge. Ending goes the other
-way, so the servo can make a controlled stop while the board still lives. Every process is a session of its own: a Ctrl-C
-at the terminal reaches only the supervisor, which ends the rest.
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. Ending goes the
+other way, so the servo can make a controlled stop while the board still lives. Every process is a session of its own:
+a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from typing import IO
 
 from qrobot.errors import LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
+from qrobot.realtime.setup import PARENT_VARIABLE
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
 
 START_PATIENCE_S = 120.0  # a first start compiles everything
 STOP_PATIENCE_S = 6.0
 POLL_S = 0.02
-DIE_WITH_PARENT = "QROBOT_DIE_WITH_PARENT"
 
 
 @dataclass
@@ -104,7 +104,9 @@ class ProcessRig:
     def __enter__(self) -> ProcessRig:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
 
@@ -115,7 +117,7 @@ def _spawn(arguments: Sequence[str], output: IO[bytes]) -> subprocess.Popen[byte
         stdout=output,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env={**os.environ, DIE_WITH_PARENT: str(os.getpid())},
+        env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
     )
 
 

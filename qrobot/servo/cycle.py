@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, put_write
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -46,7 +47,7 @@ from qrobot.servo.guard import (
     check_velocity,
     limit_torque,
 )
-from qrobot.servo.interpolator import reference, stop_profile
+from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.law import KP, KV
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
@@ -88,6 +89,7 @@ from qrobot.servo.state import (
     FLAGS,
     GLITCHES,
     IMAGE_OK,
+    IMAGE_SEEN,
     JOINT,
     LAST_NOW_NS,
     LATE,
@@ -105,10 +107,10 @@ from qrobot.servo.state import (
     STOP_SECONDS,
     STOP_SINCE_NS,
     TICK,
+    UNCHANGED,
     ServoState,
 )
 from qrobot.servo.stream import advance_phase, take_frame
-from qrobot.servo.interpolator import shift_extrapolated
 from qrobot.servo.supervisor import (
     finish_stop,
     guardian_alive,
@@ -117,7 +119,6 @@ from qrobot.servo.supervisor import (
     react,
     watch_surroundings,
 )
-from qrobot.faultcodes import FaultCode
 
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
@@ -132,18 +133,15 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     """Run one cycle on `state.image` and leave the register writes in `state.ops`.
 
     Args:
-        params: numbers of robot and servo.
-        state: everything remembered; `state.image` holds the newest image of the board, `IMAGE_OK` whether it was whole.
-        mail: servo memory, see `servo.mailbox`.
-        now_ns: planned time of this cycle.
-        late_ns: how much later it really runs.
-        law: pointer to the control law, a `servo.law.Law`.
+        params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
+            board, `IMAGE_OK` whether it was whole. mail: servo memory, see `servo.mailbox`. now_ns: planned time of
+            this cycle. late_ns: how much later it really runs. law: pointer to the control law, a `servo.law.Law`.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
     """
     tick(params, state, now_ns, late_ns)
-    read(params, state, now_ns)
+    read(params, state)
     estimate(params, state)
     watch_surroundings(params, state, mail, now_ns)
     watch_arm(params, state)
@@ -170,12 +168,13 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 
 
 @lean_kernel
-def read(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+def read(params: ServoParameters, state: ServoState) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
     state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
-    age_ns = now_ns - state.image[IMAGE_T_NS]
-    whole = state.i[IMAGE_OK] != 0
-    code = check_image(age_ns, params.oldest_image_ns, state.image[IMAGE_COUNT] - 1, state.i[STATUS])
+    whole, count = state.i[IMAGE_OK] != 0, state.image[IMAGE_COUNT]
+    state.i[UNCHANGED] = state.i[UNCHANGED] + 1 if count == state.i[IMAGE_SEEN] else 0
+    state.i[IMAGE_SEEN] = count
+    code = check_image(state.i[UNCHANGED], params.unchanged_images, count, state.i[STATUS])
     state.i[IMAGE_OK] = 1 if whole and code == 0 else 0
     if state.i[IMAGE_OK] == 0:
         return

@@ -7,7 +7,6 @@ turns signals into an orderly shutdown: controlled stop, torque off, power off, 
 from __future__ import annotations
 
 import contextlib
-import gc
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -16,13 +15,13 @@ from types import FrameType
 from typing import Any
 
 from qrobot.config import Robot
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
 from qrobot.realtime.segment import Segment, Words
-from qrobot.realtime.setup import Step, prepare_loop_thread
+from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
 from qrobot.servo.law import Law, find_law
-from qrobot.servo.loop import BOARD_AWAY, ENDED, MARGIN_MAX_NS, one_cycle, run
+from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
     COMMAND_SHUTDOWN,
     INFO_READY,
@@ -67,27 +66,37 @@ class ServoProcess:
     params: ServoParameters
     state: ServoState
     law: Law
+    require_realtime: bool = False
     steps: tuple[Step, ...] = ()
     error: BaseException | None = None
 
     def loop(self) -> None:
         """Body of the loop thread: set it up, then stay compiled until shutdown or until the board goes away."""
         try:
-            self.steps = tuple(prepare_loop_thread(self.settings.cpu, self.settings.priority))
-            margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
-            self.memory.words[INFO_READY] = 1
-            while True:
-                ended = run(
-                    self.params, self.state, self.law, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS
-                )
-                if ended == ENDED:
-                    return
-                self._find_board_again(ended)
+            with hold_dma_latency() as idle:
+                self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
+                self._insist_on_realtime()
+                self.memory.words[INFO_READY] = 1
+                while self._run_once() != ENDED:
+                    self._find_board_again()
         except BaseException as error:  # the thread's only way to tell the main one
             self.error = error
 
-    def _find_board_again(self, ended: int) -> None:
-        if ended != BOARD_AWAY or self.board.is_current:
+    def _run_once(self) -> int:
+        margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
+        return int(
+            run(self.params, self.state, self.law, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS)
+        )
+
+    def _insist_on_realtime(self) -> None:
+        refused = [step for step in self.steps if not step.ok]
+        for step in refused:
+            self.report(f"real time: {step.name}: {step.detail}; {step.remedy}")
+        if refused and self.require_realtime:
+            raise QRobotError(f"real time was required, but: {', '.join(step.name for step in refused)}")
+
+    def _find_board_again(self) -> None:
+        if self.board.is_current:
             return
         with contextlib.suppress(LinkError):
             successor = attach_board_memory(self.arm)
@@ -124,7 +133,14 @@ def shutdown_on_signals(words: Words) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def serve(arm: str, robot: Robot, settings: ServoSettings, report: Report, started: Callable[[], Any]) -> None:
+def serve(
+    arm: str,
+    robot: Robot,
+    settings: ServoSettings,
+    require_realtime: bool,
+    report: Report,
+    started: Callable[[], Any],
+) -> None:
     """Run the servo of `arm` until SIGTERM or SIGINT.
 
     Args:
@@ -144,6 +160,7 @@ def serve(arm: str, robot: Robot, settings: ServoSettings, report: Report, start
         process = ServoProcess(
             arm, robot, settings, report, memory, board,
             servo_parameters(robot, settings), make_state(robot.n), find_law(settings.law),
+            require_realtime,
         )  # fmt: skip
         with shutdown_on_signals(memory.words):
             started()
@@ -153,8 +170,6 @@ def serve(arm: str, robot: Robot, settings: ServoSettings, report: Report, start
 
 def _run_and_watch(process: ServoProcess) -> None:
     thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
-    gc.collect()
-    gc.freeze()
     thread.start()
     before = process.told
     while thread.is_alive():

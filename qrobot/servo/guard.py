@@ -99,11 +99,14 @@ def check_range(q: Any, q_min: Any, q_max: Any, margin: Any) -> tuple[int, int]:
 
 
 @lean_kernel
-def check_image(age_ns: int, oldest_ns: int, count: int, status: int) -> int:
-    """The image is fresh, whole and not the all-ones of an unplugged board."""
-    if not 0 <= count:
+def check_image(unchanged: int, most: int, count: int, status: int) -> int:
+    """The image is published, renewed at least every `most` cycles, and not the all-ones of an unplugged board.
+
+    Cycles are counted, not time: a machine that stalls as a whole ages the image without the board being at fault.
+    """
+    if not count > 0:
         return BOARD_GONE
-    if not age_ns <= oldest_ns:
+    if not unchanged <= most:
         return BOARD_GONE
     if status == 0xFFFF:
         return BOARD_GONE
@@ -112,7 +115,7 @@ def check_image(age_ns: int, oldest_ns: int, count: int, status: int) -> int:
 
 @lean_kernel
 def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
-    """Clip `tau` in place to +-`tau_max`: (code, joint, number of joints clipped). A NaN becomes zero torque. Shapes (n,)."""
+    """(code, joint, joints clipped): clip `tau` in place to +-`tau_max`; a NaN becomes zero torque. Shapes (n,)."""
     code, joint, clipped = NONE, 0, 0
     for j in range(tau.size):
         if not abs(tau[j]) <= tau_max[j]:

@@ -2,26 +2,28 @@
 
 The real board has no watchdog and its DACs hold the last torque, so a dead servo would leave the motors driven. The
 guardian maps servo and board memory on its own. When an armed servo's heartbeat is older than the bound it marks the
-takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to all
-DACs, again and again, until a servo has cleared the fault. The servo in turn stops the arm when the guardian's heartbeat
-is gone.
+takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to
+all DACs, again and again, until a servo has cleared the fault. The servo in turn stops the arm when the guardian's
+heartbeat is gone.
 
 What it cannot do: a kernel panic or a power cut of the PC needs hardware (a charge pump and a relay).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
 from qrobot.errors import LinkError
-from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, post_operations, put_write
+from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, local_board_memory, post_operations, put_write
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Segment
+from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
     BEAT_DISCRETE,
@@ -31,6 +33,7 @@ from qrobot.servo.mailbox import (
     GUARD_TAKEOVER,
     GUARD_TRIPS,
     attach_servo_memory,
+    local_servo_memory,
 )
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 
@@ -38,6 +41,9 @@ GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 1 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
+
+PRIORITY: Final = 85  # above the servo's
+SMALLEST_RING: Final = 16
 
 TRIPPED, TRIPS = range(2)  # the guardian's own memory
 
@@ -86,8 +92,11 @@ def watch(own: Any, mail: Any, board: Any, ops: Any, stop: Any, timeout_ns: int,
 class Guardian:
     """Watches one arm; follows restarts of its servo and its board."""
 
-    def __init__(self, arm: str, timeout_ms: float = DEFAULT_TIMEOUT_MS) -> None:
+    def __init__(
+        self, arm: str, timeout_ms: float = DEFAULT_TIMEOUT_MS, report: Callable[[str], None] = lambda _line: None
+    ) -> None:
         self.arm = arm
+        self._report = report
         self.timeout_ns = int(timeout_ms * 1e6)
         self.stop = np.zeros(1, dtype=np.int64)
         self._own = np.zeros(2, dtype=np.int64)
@@ -109,10 +118,12 @@ class Guardian:
         """Watch until stopped, or until there has been no servo process for `linger_s` seconds."""
         alone_since: int | None = None
         while not self.stop[0]:
+            before = self.tripped
             watch(
                 self._own, self._servo.words, self._board.words, self._ops, self.stop,
                 self.timeout_ns, monotonic_now() + SLICE_NS,
             )  # fmt: skip
+            self._tell(before)
             self._servo = _follow(self._servo, attach_servo_memory, self.arm)
             self._board = _follow(self._board, attach_board_memory, self.arm)
             if self._servo.owner_alive:
@@ -122,6 +133,12 @@ class Guardian:
             alone_since = now_ns if alone_since is None else alone_since
             if now_ns - alone_since > linger_s * NS_PER_S:
                 return
+
+    def _tell(self, before: bool) -> None:
+        if self.tripped and not before:
+            self._report(f"the servo of {self.arm} is silent: torque zero, arm power off")
+        elif before and not self.tripped:
+            self._report(f"the servo of {self.arm} has the board again")
 
     def close(self) -> None:
         """Unmap both memories."""
@@ -139,6 +156,19 @@ def _follow(segment: Segment, attach: Any, arm: str) -> Segment:
         return segment  # nobody there yet: keep the old mapping and look again
     segment.close()
     return successor
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache, what `run` calls."""
+    mail = local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING)
+    ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+    own = np.array([1, 1], dtype=np.int64)
+    watch(own, mail, local_board_memory(), ops, np.zeros(1, dtype=np.int64), NS_PER_S, monotonic_now() + 1)
+
+
+def prepare() -> list[Step]:
+    """Make this process hard to delay: a priority above the servo's, memory that stays, fine timers."""
+    return [set_fifo(PRIORITY), lock_memory(), tighten_timers()]
 
 
 @lean_kernel

@@ -1,14 +1,15 @@
 """From setpoints 28 ms apart to a smooth reference at the servo rate.
 
-Four knots are the setpoints of four successive frames. The reference runs from knot 1 to knot 2 on a quintic polynomial
-whose velocity and acceleration at the knots are central differences, so it passes through every setpoint with continuous
-acceleration. The price is look-ahead: a setpoint is reached two frames after it was taken from the queue.
+Four knots are the setpoints of four successive frames. The reference runs from knot 1 to knot 2 on a quintic
+polynomial whose velocity and acceleration at the knots are central differences, so it passes through every setpoint
+with continuous acceleration. The price is look-ahead: a setpoint is reached two frames after it was taken from the
+queue.
 
     p(u) = k1 + v1 u + a1/2 u^2 + c3 u^3 + c4 u^4 + c5 u^5          0 <= u <= 1, in frames
     v_i = (k_{i+1} - k_{i-1}) / 2        a_i = k_{i+1} - 2 k_i + k_{i-1}
 
-The phase u runs with the rate r = du/dt. A controlled stop lowers r smoothly to zero, so the arm stops *on the path*; the
-path beyond the last setpoint goes on at its last velocity.
+The phase u runs with the rate r = du/dt. A controlled stop lowers r smoothly to zero, so the arm stops *on the path*;
+the path beyond the last setpoint goes on at its last velocity.
 
     v = p'(u) r        a = p''(u) r^2 + p'(u) dr/dt
 """

@@ -1,8 +1,8 @@
 """The real-time loop: sleep short of the deadline, spin to it, run one cycle, never catch up in a burst.
 
 Deadlines lie on a fixed grid of CLOCK_MONOTONIC, half a period off its multiples: the kernel's own tick fires on
-multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them and
-tells the cycle the true time. Everything between two deadlines is compiled; no Python runs, nothing is allocated.
+multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them
+and tells the cycle the true time. Everything between two deadlines is compiled; no Python runs, nothing is allocated.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def run(
     """Run until shutdown is requested and the arm is without power.
 
     Args:
-        margin_ns: initial spin margin; 0 never spins.
-        away_ns: without an image for this long, and without power, return BOARD_AWAY so that the board can be mapped anew.
+        margin_ns: initial spin margin; 0 never spins. away_ns: without an image for this long, and without power,
+            return BOARD_AWAY so that the board can be mapped anew.
     """
     deadline = first_deadline(monotonic_ns(), params.period_ns)
     seen_ns = deadline

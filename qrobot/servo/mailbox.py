@@ -6,8 +6,8 @@ One writer per block:
 * GUARDIAN is written by the guardian (its heartbeat and the takeover mark);
 * COMMAND and the setpoint queue are written by whoever commands (the bridge on behalf of the lease holder).
 
-Requests are counters: raising one asks once, however often the servo looks. Floats travel as their bit patterns in int64
-words; `Words.view(np.float64)` is the other view of the same memory.
+Requests are counters: raising one asks once, however often the servo looks. Floats travel as their bit patterns in
+int64 words; `Words.view(np.float64)` is the other view of the same memory.
 """
 
 from __future__ import annotations
@@ -267,7 +267,11 @@ class ServoMailbox:
             raise LinkError("the servo's state cannot be read: it died while writing")
         vectors = self._state_f[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
         force = self._state_f[STATE_VECTORS + 4 * n :].copy()
-        return ServoSnapshot(*words[:STATE_VECTORS].tolist(), *vectors, force)
+        q, v, tau, q_ref = vectors
+        t_ns, tick, mode, fault, event, joint, flags, seq, missed, late, inputs, hand = words[:STATE_VECTORS].tolist()
+        return ServoSnapshot(
+            t_ns, tick, mode, fault, event, joint, flags, seq, missed, late, inputs, hand, q, v, tau, q_ref, force
+        )
 
 
 @lean_kernel

@@ -1,7 +1,7 @@
 """Robot file and settings, boiled down to the numbers the cycle works with.
 
-Everything is an array or a plain number, so that the compiled cycle takes it as it is. The control-side model comes from
-the robot file alone; the plant behind an emulated board may differ.
+Everything is an array or a plain number, so that the compiled cycle takes it as it is. The control-side model comes
+from the robot file alone; the plant behind an emulated board may differ.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.settings import NS_PER_S, ServoSettings
 
-OLDEST_IMAGE_PERIODS: Final = 4  # age of the image at which the board counts as gone
-OLDEST_IMAGE_NS: Final = 5_000_000  # but never less: an emulated board shares this machine
+UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
 GUARDIAN_PERIODS: Final = 2  # the guardian's heartbeat may be as old as so many of its bounds
 SHORTEST_STOP_S: Final = 0.02
@@ -51,7 +50,7 @@ class ServoParameters(NamedTuple):
     start_tolerance: float
     jump_counts: Any
     late_ns: int
-    oldest_image_ns: int
+    unchanged_images: int  # cycles without a new image until the board counts as gone
     guardian_timeout_ns: int  # 0: none required
     power_timeout_ns: int
     shortest_stop_s: float
@@ -87,7 +86,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
         start_tolerance=guard.start_tolerance,
         jump_counts=np.ceil(JUMP_FACTOR * counts_per_tick + JUMP_FLOOR_COUNTS).astype(np.int64),
         late_ns=settings.period_ns // 2,
-        oldest_image_ns=max(OLDEST_IMAGE_PERIODS * settings.period_ns, OLDEST_IMAGE_NS),
+        unchanged_images=max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns)),
         guardian_timeout_ns=guardian_ns if needs_guardian else 0,
         power_timeout_ns=POWER_TIMEOUT_NS,
         shortest_stop_s=SHORTEST_STOP_S,

@@ -20,6 +20,7 @@ class ServoSettings:
         law: name of the control law, see `servo.law.LAWS`.
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
+        board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.
         spin: sleep short of each deadline and spin the rest; costs CPU, gains precision.
         cpu: processor for the loop thread, None for the last one allowed.
         priority: SCHED_FIFO priority of the loop thread.
@@ -30,6 +31,7 @@ class ServoSettings:
     law: str = DEFAULT_LAW
     guarded: bool = True
     guardian_timeout_ms: float = DEFAULT_TIMEOUT_MS
+    board_timeout_ms: float = 1.0
     spin: bool = True
     cpu: int | None = None
     priority: int = 80
@@ -40,6 +42,8 @@ class ServoSettings:
             raise ConfigError(f"servo rate {self.rate_hz} Hz: allowed are 50 to 20000 Hz")
         if not 0.5 <= self.guardian_timeout_ms <= 1000.0:
             raise ConfigError(f"guardian time-out {self.guardian_timeout_ms} ms: allowed are 0.5 to 1000 ms")
+        if not 0.0 < self.board_timeout_ms <= 1000.0:
+            raise ConfigError(f"board time-out {self.board_timeout_ms} ms: allowed are 0 to 1000 ms")
         if self.telemetry_capacity < 16 or self.telemetry_capacity & (self.telemetry_capacity - 1):
             raise ConfigError(f"telemetry ring of {self.telemetry_capacity} rows: a power of two from 16 is needed")
         find_law(self.law)

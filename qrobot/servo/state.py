@@ -52,9 +52,10 @@ from qrobot.servo.telemetry import TelemetryLayout
     DISCRETE_SENT,  # last one posted, -1 for none
     BUSY_NS,  # computing time of the previous cycle, told by the loop
     FLAGS,
-    N_OPS,
+    IMAGE_SEEN,  # count of the newest image
+    UNCHANGED,  # cycles in a row that have seen no newer one
     N_INTEGERS,
-) = range(36)
+) = range(37)
 
 # indexes into `f`
 (DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(7)

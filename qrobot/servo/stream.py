@@ -2,11 +2,11 @@
 
 A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
 late. From then on one frame is taken per frame period. A frame that is not there is replaced by going on at constant
-velocity, once; silence for two periods, or a second missing frame in a row, ends the stream in a stop on the path. After
-any stop the servo follows only a new stream.
+velocity, once; silence for two periods, or a second missing frame in a row, ends the stream in a stop on the path.
+After any stop the servo follows only a new stream.
 
-The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows it
-by at most `MAX_RATE_SHIFT`.
+The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows
+it by at most `MAX_RATE_SHIFT`.
 """
 
 from __future__ import annotations
@@ -72,9 +72,21 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
 
 
 @lean_kernel
+def asks_for_nothing(state: ServoState) -> bool:
+    """The frame holds every joint: whoever sent it only keeps in touch."""
+    asked = 0
+    for j in range(state.q.size):
+        asked += state.setpoint_modes[j]
+    return bool(asked == 0)
+
+
+@lean_kernel
 def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[bool, int, int]:
     """(play now, code, joint): while holding, watch for a stream that begins where the reference stands."""
     if not look_at_frame(state, mail):
+        return False, 0, 0
+    if asks_for_nothing(state):
+        drop_frame(mail)
         return False, 0, 0
     frame_ns = state.frame[FRAME_PERIOD_NS]
     code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
@@ -167,7 +179,7 @@ def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
     newest = state.i[LAST_ARRIVAL_NS]
     if peek_frame(mail, state.frame, state.frame.size):
         newest = max(newest, state.frame[FRAME_T_NS])
-    return now_ns - newest >= LOST_AFTER_FRAMES * state.i[FRAME_NS]
+    return bool(now_ns - newest >= LOST_AFTER_FRAMES * state.i[FRAME_NS])
 
 
 @lean_kernel

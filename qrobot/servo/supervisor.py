@@ -143,7 +143,10 @@ def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, no
     if mail[GUARD_TAKEOVER] != 0:
         raise_code(state, GUARD_TRIP, 0)
     if state.i[IMAGE_OK] == 0:
-        raise_code(state, BOARD_GONE, 0)
+        if mode == OFF:
+            state.i[EVENT] = BOARD_GONE  # nothing is driven: no fault, but no power either
+        else:
+            raise_code(state, BOARD_GONE, 0)
     elif wants_power(mode):
         if status & STATUS_ESTOP_OK == 0:
             raise_code(state, ESTOP, 0)
@@ -155,16 +158,18 @@ def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, no
 
 @lean_kernel
 def _at_rest(state: ServoState) -> bool:
+    still = True
     for j in range(state.v.size):
-        if not abs(state.v[j]) <= STANDSTILL_RAD_S:
-            return False
-    return True
+        still = still and abs(state.v[j]) <= STANDSTILL_RAD_S
+    return still
 
 
 @lean_kernel
 def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Power is wanted: grant the request or say why not."""
-    if state.i[STATUS] & STATUS_ESTOP_OK == 0:
+    if state.i[IMAGE_OK] == 0:
+        state.i[EVENT] = BOARD_GONE
+    elif state.i[STATUS] & STATUS_ESTOP_OK == 0:
         state.i[EVENT] = ESTOP
     elif not guardian_alive(params, mail, now_ns):
         state.i[EVENT] = GUARD_LOST
@@ -267,7 +272,7 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     mode, category = state.i[MODE], category_of(code)
     if mode == FAULTED:
         return
-    if category == 0 or (category == 1 and mode != TRACKING and mode != STOPPING):
+    if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.i[FAULT] = code
         end_stream(state, mail)
         enter(state, FAULTED)

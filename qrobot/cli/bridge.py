@@ -1,0 +1,38 @@
+"""`qrobot bridge`: robot programs command a servo over TCP, as they commanded RCCL's robot simulator."""
+
+from __future__ import annotations
+
+import logging
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import note
+
+
+def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port: int | None = None) -> None:
+    """Serve the packet protocol for one arm, until Ctrl-C.
+
+    One client commands, any number watch. The bridge may be started before the servo and outlives it; clients are told
+    when the servo is away.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    port
+        TCP port, overriding the file.
+    """
+    from qrobot.rccl_bridge.mailbox_port import ServoPort
+    from qrobot.rccl_bridge.server import run_bridge
+    from qrobot.rccl_bridge.settings import BridgeSettings
+
+    chosen = choose_arm(deployment, arm)
+    robot, choice = robot_of_arm(chosen), chosen.bridge
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    settings = BridgeSettings(choice.host, port or choice.port, round(choice.period_ms * 1000))
+    run_bridge(
+        ServoPort(chosen.name, robot.name, robot.n),
+        settings,
+        lambda host, number: note(f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}"),
+    )

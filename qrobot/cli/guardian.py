@@ -1,0 +1,42 @@
+"""`qrobot guardian`: the process that takes the board from a servo that has died."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
+from qrobot.cli.console import note
+
+LINGER_S = 5.0
+
+
+def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, linger: float = LINGER_S) -> None:
+    """Watch the servo of one arm; zero its torque and drop arm power when its heartbeat stops.
+
+    Ends by itself when there has been no servo process for a while; the board is safe by then.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    linger
+        Seconds to wait for a dead servo to be restarted.
+    """
+    from qrobot.servo.guardian import Guardian, prepare, warm_up
+
+    chosen = choose_arm(deployment, arm)
+    warm_up()
+    watcher = Guardian(chosen.name, chosen.servo.guardian_timeout_ms, note)
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        watcher.stop[0] = 1
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+    prepare()
+    note(f"guardian of {chosen.name} acts {chosen.servo.guardian_timeout_ms:g} ms after the servo's last heartbeat")
+    watcher.run(linger)
+    watcher.close()

@@ -1,0 +1,52 @@
+"""`qrobot servo`: the servo daemon of one arm, with its guardian beside it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.cli.console import note
+
+
+def servo(
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    arm: str | None = None,
+    rate: float | None = None,
+    law: str | None = None,
+    guardian: Annotated[bool, Parameter(negative="--own-guardian")] = True,
+) -> None:
+    """Run the servo of one arm, until Ctrl-C: then a controlled stop, torque off, power off.
+
+    It starts with the arm unpowered and does not move it; programs command it through `qrobot bridge`. It survives its
+    clients, and refuses power while no guardian watches it.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    rate
+        Cycles per second, overriding the file: 1000, 2000, 4000, ...
+    law
+        Control law, overriding the file: pd, qrobot, qrobot+a.
+    guardian
+        Start a guardian too. With --own-guardian somebody else starts it (`qrobot guardian`, `qrobot up`).
+    """
+    from qrobot.servo.daemon import serve
+
+    chosen = choose_arm(deployment, arm)
+    robot, settings = robot_of_arm(chosen), servo_settings(chosen, rate, law)
+
+    def started() -> None:
+        if guardian:
+            command = [sys.executable, "-m", "qrobot", "guardian", deployment, "--arm", chosen.name]
+            subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+        note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz with law {settings.law}")
+
+    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started)

@@ -1,0 +1,133 @@
+"""The way to the servo: its shared memory, followed through restarts."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from qrobot.errors import LinkError
+from qrobot.rccl_bridge.port import SetpointFrame
+from qrobot.realtime.segment import GENERATION, Segment, Words
+from qrobot.servo.mailbox import BEAT_T_NS, INFO_READY, ServoMailbox, attach_servo_memory
+from qrobot.wire import RobotState
+
+STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
+
+
+class MailboxPort:
+    """`RobotPort` over servo memory in this process: lock-step and tests, where the servo is always there."""
+
+    def __init__(self, words: Words) -> None:
+        self._mailbox = ServoMailbox(words)
+
+    @property
+    def robot_name(self) -> str:
+        """Name of the robot, as clients have to give it."""
+        return self._mailbox.info.robot_name
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self._mailbox.info.n
+
+    def alive(self) -> bool:
+        """The servo is part of this process."""
+        return True
+
+    def read_state(self) -> RobotState:
+        """Newest state of the robot."""
+        return _to_wire(self._mailbox)
+
+    def write_setpoint(self, frame: SetpointFrame) -> None:
+        """Hand a frame and its requests to the servo."""
+        _pass_on(self._mailbox, frame)
+
+    def request_stop(self) -> None:
+        """Ask for a controlled stop on the path."""
+        self._mailbox.request_stop()
+
+
+class ServoPort:
+    """`RobotPort` to the servo process of one arm, which may die, restart or not be there yet.
+
+    Args:
+        arm: instance name.
+        robot_name, n: what the deployment says of it; a servo of another robot counts as gone.
+    """
+
+    def __init__(self, arm: str, robot_name: str, n: int) -> None:
+        self.arm = arm
+        self.robot_name = robot_name
+        self.n = n
+        self._segment: Segment | None = None
+        self._mailbox: ServoMailbox | None = None
+        self._generation = 0
+
+    def alive(self) -> bool:
+        """The servo runs and its state is fresh."""
+        try:
+            words = self._follow().words
+        except LinkError:
+            return False
+        return bool(words[INFO_READY]) and time.monotonic_ns() - int(words[BEAT_T_NS]) < STALE_NS
+
+    def read_state(self) -> RobotState:
+        """Newest state of the robot. Raises LinkError when the servo is gone."""
+        return _to_wire(self._follow())
+
+    def write_setpoint(self, frame: SetpointFrame) -> None:
+        """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""
+        _pass_on(self._follow(), frame)
+
+    def request_stop(self) -> None:
+        """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""
+        self._follow().request_stop()
+
+    def _follow(self) -> ServoMailbox:
+        """The mailbox of the servo that runs now."""
+        segment = self._segment
+        if segment is None or not segment.is_current:
+            if segment is not None:
+                segment.close()
+                self._segment = self._mailbox = None
+            segment = self._segment = attach_servo_memory(self.arm)
+        generation = int(segment.words[GENERATION])
+        if self._mailbox is None or generation != self._generation:
+            mailbox, self._generation = ServoMailbox(segment.words), generation
+            info = mailbox.info
+            if (info.robot_name, info.n) != (self.robot_name, self.n):
+                self._mailbox = None
+                raise LinkError(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
+            self._mailbox = mailbox
+        return self._mailbox
+
+
+def _to_wire(mailbox: ServoMailbox) -> RobotState:
+    s = mailbox.snapshot()
+    return RobotState(
+        t_ns=s.t_ns,
+        mode=s.mode,
+        q=tuple(s.q.tolist()),
+        v=tuple(s.v.tolist()),
+        tau=tuple(s.tau.tolist()),
+        q_setpoint=tuple(s.q_ref.tolist()),
+        fault=s.fault,
+        event=s.event,
+        event_joint=s.joint,
+        flags=s.flags,
+        late_cycles=s.late_cycles,
+        missed_frames=s.missed_frames,
+        inputs=s.inputs,
+        hand=s.hand,
+        force=tuple(s.force.tolist()),
+    )
+
+
+def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
+    mailbox.request_power(frame.power)
+    mailbox.request_hand(frame.hand)
+    if frame.clear_fault:
+        mailbox.request_clear()
+    if frame.stop:
+        mailbox.request_stop()
+    mailbox.push_setpoint(frame.stream, frame.seq, frame.t_ns, frame.period_ns, frame.modes, frame.setpoints)
