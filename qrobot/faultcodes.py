@@ -51,10 +51,19 @@ class FaultCode(IntEnum):
 
 EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.NONE: ("no fault", "nothing to do"),
-    FaultCode.ENC_STUCK: ("an encoder does not move although its motor is driven", "check the encoder cable, then reset"),
-    FaultCode.ENC_JUMP: ("encoder counts jumped further than the joint can move", "check the encoder cable, then reset"),
+    FaultCode.ENC_STUCK: (
+        "an encoder does not move although its motor is driven",
+        "check the encoder cable, then reset",
+    ),
+    FaultCode.ENC_JUMP: (
+        "encoder counts jumped further than the joint can move",
+        "check the encoder cable, then reset",
+    ),
     FaultCode.ENC_SIGN: ("a joint accelerates against its torque", "check encoder and motor polarity"),
-    FaultCode.BOARD_GONE: ("the board does not answer or its data are stale", "check the board or its process, then reset"),
+    FaultCode.BOARD_GONE: (
+        "the board does not answer or its data are stale",
+        "check the board or its process, then reset",
+    ),
     FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "reset; lower the commanded speed"),
     FaultCode.DAC_STUCK: ("a motor does not follow its command", "check the amplifier, then reset"),
     FaultCode.RUNAWAY: ("a joint runs away from its command", "check DAC and amplifier before powering again"),
@@ -67,7 +76,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.OVERRUN: ("too many late cycles", "see `qrobot doctor`, lower the rate, then reset"),
     FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "reset"),
     FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then reset"),
-    FaultCode.MOVING_AT_START: ("the arm moves although it should be at rest", "wait until it stands still, then reset"),
+    FaultCode.MOVING_AT_START: (
+        "the arm moves although it should be at rest",
+        "wait until it stands still, then reset",
+    ),
     FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then reset"),
     FaultCode.LAW_SLOW: ("the control law took longer than the cycle", "make the law faster or lower the rate"),
     FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
@@ -75,7 +87,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.SP_LIMIT: ("a setpoint lies outside the joint's range", "correct the program"),
     FaultCode.SP_STEP: ("a setpoint asks for more speed or acceleration than the joint has", "correct the program"),
     FaultCode.START_POSE: ("the first setpoint is far from where the arm stands", "start from the measured position"),
-    FaultCode.JOINT_LIMIT: ("a joint left its range", "move it back by hand with brakes released, or reset and jog back"),
+    FaultCode.JOINT_LIMIT: (
+        "a joint left its range",
+        "move it back by hand with brakes released, or reset and jog back",
+    ),
     FaultCode.FOLLOWING: ("a joint lags behind its setpoint by more than allowed", "clear obstacles, then reset"),
     FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then reset"),
     FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
