@@ -89,6 +89,11 @@ class Generator:
         """Number of requests that nobody serves yet."""
         return len(self._queue)
 
+    @property
+    def busy(self) -> bool:
+        """A request is being served, or waits."""
+        return self._path.segment is not None or len(self._queue) > 0
+
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the target before it, from rest to rest.
 
@@ -149,15 +154,14 @@ class Generator:
 
     def _output(self) -> Output:
         segment = self._path.segment
-        moving = segment is not None or len(self._queue) > 0
-        if not moving and not self._told_idle:
+        if not self.busy and not self._told_idle:
             self._told_idle = True
             self._events.append(MotionEvent(EventKind.IDLE))
         events, self._events = tuple(self._events), []
         q = self._path.state(self._clock)[0]
         if segment is None:
-            return Output(q, None, 1.0, events, moving)
-        return Output(q, segment.request, segment.scal(self._clock), events, moving)
+            return Output(q, None, 1.0, events, self.busy)
+        return Output(q, segment.request, segment.scal(self._clock), events, self.busy)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
-from qrobot.config import Robot
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
 
 PROGRAM_NAME_LENGTH = 32
@@ -44,7 +43,8 @@ class Link(Protocol):
         """Say goodbye. Never raises; may be called twice."""
 
 
-LinkFactory: TypeAlias = Callable[[Robot], Link]
+LinkFactory: TypeAlias = Callable[[Hello], Link]
+"""Chooses the way to the robot that the greeting names; given by whoever starts the program."""
 
 
 def hello_for(robot_name: str, period_us: int = 0) -> Hello:

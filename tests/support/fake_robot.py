@@ -32,7 +32,6 @@ from qrobot.wire import (
 START_NS = 1_000_000_000
 POWERING_PERIODS = 3
 START_TOLERANCE = 0.02
-OLDEST_COMMAND = 2  # periods
 
 
 class FakeRobot:
@@ -43,7 +42,7 @@ class FakeRobot:
         path: setpoints followed, one per period. Shape (periods, n) as an array.
     """
 
-    def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000) -> None:
+    def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000, patience: int = 2) -> None:
         self.name, self.period_us = name, period_us
         self.q = tuple(float(x) for x in q)
         self.mode = RobotMode.OFF
@@ -57,6 +56,7 @@ class FakeRobot:
         self.seq = 0
         self._t_ns = START_NS
         self._connection = Connection(Side.SERVER)
+        self._patience = patience  # periods without a command
         self._powering = 0
         self._stream = self._dead_stream = -1
         self._heard = 0
@@ -71,6 +71,10 @@ class FakeRobot:
     def halt(self, code: FaultCode) -> None:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
         self.mode, self.event, self._dead_stream = RobotMode.HOLDING, code, self._stream
+
+    def reconnect(self) -> None:
+        """Be ready for another program."""
+        self._connection = Connection(Side.SERVER)
 
     # --------------------------------------------------------------------------------------------------- its one port
 
@@ -96,7 +100,7 @@ class FakeRobot:
         if self.before_period is not None:
             self.before_period(self.seq)
         self._live()
-        return self._connection.send(State(self.seq, self._state(), len(self.commands), you_command=True))
+        return self._connection.send(State(self.seq % (1 << 32), self._state(), len(self.commands), you_command=True))
 
     # ---------------------------------------------------------------------------------------------------- inside
 
@@ -149,7 +153,7 @@ class FakeRobot:
                 self.mode, self.event = RobotMode.OFF, FaultCode.POWER_NO_ACK
             elif self._powering >= POWERING_PERIODS:
                 self.mode = RobotMode.HOLDING if self.calibrated else RobotMode.UNCALIBRATED
-        if self.mode is RobotMode.TRACKING and self.seq - self._heard > OLDEST_COMMAND:
+        if self.mode is RobotMode.TRACKING and self.seq - self._heard > self._patience:
             self.halt(FaultCode.STREAM_LOST)
 
     def _state(self) -> RobotState:

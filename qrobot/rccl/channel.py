@@ -1,0 +1,285 @@
+"""A program's hold of one arm: the calls of RCCL 1.0 as methods, for joint positions.
+
+Units are those of the papers: degrees (mm on a sliding joint) and milliseconds. Nothing here waits except `control`,
+`release`, `waitfor` and `waitas`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import sys
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
+from qrobot.motion import Blend, Duration, JointSpeed, MoveRequest, Pace, SpeedShare
+from qrobot.motion.limits import Floats
+from qrobot.rccl.drivers import driver_for
+from qrobot.rccl.event import Event
+from qrobot.rccl.position import Position
+from qrobot.rccl.task import Phase, TrajectoryTask
+from qrobot.rci import Link, LinkFactory, hello_for
+from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
+from qrobot.wire import RobotState, Welcome
+from qrobot.wire.vocabulary import Hand
+
+YES: Final = 1
+NO: Final = 0
+JOINT: Final = "joint"
+DEFAULT_PACE: Final = SpeedShare(0.3)
+_US_PER_MS: Final = 1000
+_S_PER_MS: Final = 1e-3
+
+
+class Channel:
+    """One arm under control of this program.
+
+    Attributes:
+        robot: the arm.
+        completed: event, true while the arm has nothing to do.
+    """
+
+    def __init__(self, robot: Robot, link: Link, task: TrajectoryTask) -> None:
+        self.robot = robot
+        self.completed = task.completed
+        self._link = link
+        self._task = task
+        self._driver = driver_for(link, task)
+        self._pace: Pace = DEFAULT_PACE
+        self._once: tuple[float, float] | None = None  # setime's ta and ts, s
+        self._origin_ns = 0
+        self._released = False
+        self._error_told = False
+        self._poses = {name: Position(name, q) for name, q in robot.poses.items()}
+        self._radians = np.where(robot.prismatic, M_PER_MM, RAD_PER_DEG)
+
+    # ---------------------------------------------------------------------------------------- control and release
+
+    def start(self) -> Channel:
+        """Run until the servo follows our setpoints. Raises what `control` raises."""
+        atexit.register(self._at_exit)
+        self._driver.start()
+        self._wait(lambda: self._task.phase is Phase.TRACKING)
+        self._origin_ns = self.how.t_ns
+        return self
+
+    def release(self, power_off: bool = False) -> None:
+        """Bring the arm to rest, end the stream and say goodbye; a second call does nothing.
+
+        The arm goes on holding its position, or loses power and closes its brakes when `power_off`.
+
+        Raises:
+            QRobotError: what ended control before, if the program has not heard of it yet.
+        """
+        if self._released:
+            return
+        self._released = True
+        atexit.unregister(self._at_exit)
+        try:
+            if self._driver.error is None:
+                self._come_to_rest()
+                self._leave(power_off)
+        finally:
+            self._driver.join()
+            if self._driver.error is not None and not self._error_told:
+                self._error_told = True
+                raise self._driver.error
+
+    def __enter__(self) -> Channel:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.release()
+        except QRobotError:
+            if error is None:  # otherwise the first error is the one to tell
+                raise
+
+    def _come_to_rest(self) -> None:
+        with self._driver.lock():
+            if self._task.busy:
+                self._task.generator.stop()
+        self._wait(lambda: not self._task.busy)
+
+    def _leave(self, power_off: bool) -> None:
+        with self._driver.lock():
+            self._task.leave(power_off)
+        self._wait(lambda: self._task.phase is Phase.LEFT)
+
+    def _at_exit(self) -> None:
+        """The program ends without `release`: leave the arm in good order, and be silent about nothing."""
+        try:
+            self.release()
+        except QRobotError as error:
+            print(f"{self.robot.name}: {error}", file=sys.stderr)
+
+    # ------------------------------------------------------------------------------------------------- positions
+
+    def jposition(self, name: str, degs: Sequence[float]) -> Position:
+        """A position given by its joint angles, degrees (mm on a sliding joint). Raises MotionError: wrong number."""
+        if len(degs) != self.robot.n:
+            raise MotionError(f"position {name}: {self.robot.name} has {self.robot.n} joints, not {len(degs)}")
+        return Position(name, np.asarray(degs, dtype=np.float64) * self._radians)
+
+    def pose(self, name: str) -> Position:
+        """The pose of that name in the robot's file, always the same descriptor. Raises ConfigError: there is none."""
+        if name not in self._poses:
+            raise ConfigError(f"{self.robot.name} has no pose {name!r}; it has {', '.join(self._poses)}")
+        return self._poses[name]
+
+    @property
+    def how(self) -> RobotState:
+        """The robot as it was at the newest sample, SI units."""
+        if self._task.how is None:
+            raise LinkError("nothing was heard of the robot yet")
+        return self._task.how
+
+    @property
+    def joints(self) -> Floats:
+        """Measured joint positions, degrees (mm on a sliding joint). Shape (n,)."""
+        return np.asarray(self.how.q) / self._radians
+
+    @property
+    def time(self) -> float:
+        """The robot's time since `control`, ms."""
+        return (self.how.t_ns - self._origin_ns) / NS_PER_MS
+
+    # ---------------------------------------------------------------------------------------------------- motions
+
+    def setmode(self, mode: str) -> None:
+        """Path of the following motions. Raises MotionError: only "joint" exists."""
+        if mode != JOINT:
+            raise MotionError(f"mode {mode!r}: only {JOINT!r} exists")
+
+    def setime(self, ta: float, ts: float) -> None:
+        """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
+        self._once = ta * _S_PER_MS, ts * _S_PER_MS
+
+    def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:
+        """Speed of the following motions; ours, not historical.
+
+        Args:
+            speed: of the fastest joint, rad/s (m/s on a sliding joint).
+            share: of its own limit that the busiest joint uses, above 0 to 1.
+
+        Raises:
+            MotionError: not exactly one of them is given, or it is no speed.
+        """
+        if (speed is None) == (share is None):
+            raise MotionError("setjvel takes either a speed or a share")
+        self._pace = JointSpeed(speed) if speed is not None else SpeedShare(share or 0.0)
+
+    def move(self, position: Position) -> None:
+        """Queue a motion to `position` and return at once.
+
+        Raises:
+            JointLimit: the position is out of the joints' range.
+            MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
+        """
+        self._check()
+        once, self._once = self._once, None
+        pace, ta = (self._pace, None) if once is None else (Duration(once[1]), once[0])
+        request = MoveRequest(position.name, position.q, pace, ta)
+        with self._driver.lock():
+            self._task.push(request, position)
+
+    def stop(self, ms: float = 0.0) -> None:
+        """Forget all motions and come to rest on the path, in at least `ms`; `completed` when it stands."""
+        self._check()
+        with self._driver.lock():
+            self._task.generator.stop(ms * _S_PER_MS)
+
+    def nextmove(self, code: int = YES) -> None:
+        """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.
+
+        RCCL's global flag. Raises MotionError: `code` is not positive, so it could not be told from our own.
+        """
+        if code <= 0:
+            raise MotionError(f"nextmove({code}): the code must be positive")
+        self._check()
+        with self._driver.lock():
+            self._task.generator.interrupt(code)
+
+    @property
+    def nbrequest(self) -> int:
+        """Number of motions that wait in the queue."""
+        self._check()
+        with self._driver.lock():
+            return self._task.generator.waiting
+
+    # ---------------------------------------------------------------------------------------------------- waiting
+
+    def waitfor(self, event: Event) -> None:
+        """Wait until `event` is signalled, and use up one signal.
+
+        Raises:
+            ServoFault, LinkError: control of the arm was lost, here or earlier.
+            MotionError: in lock-step, where nobody else could signal: no motion is left that would.
+        """
+        self._wait(lambda: self._happened(event))
+
+    def waitas(self, predicate: Callable[[], object]) -> None:
+        """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
+        self._wait(lambda: bool(predicate()))
+
+    def _happened(self, event: Event) -> bool:
+        if event.take():
+            return True
+        if self._link.virtual_time and not self._task.busy:
+            raise MotionError(f"waitfor({event.name}): no motion is left that could signal it")
+        return False
+
+    def _wait(self, predicate: Callable[[], bool]) -> None:
+        try:
+            self._driver.wait(predicate)
+        finally:
+            self._error_told = self._error_told or self._driver.error is not None
+
+    def _check(self) -> None:
+        """Raise what ended control of the arm."""
+        if self._driver.error is not None:
+            self._error_told = True
+            raise self._driver.error
+        if self._released:
+            raise LinkError(f"{self.robot.name} was released; call control() first")
+
+    # ------------------------------------------------------------------------------------------------------- hand
+
+    def OPEN(self) -> None:  # noqa: N802 (RCCL's name)
+        """Open the hand, now."""
+        self._set_hand(Hand.OPEN)
+
+    def CLOSE(self) -> None:  # noqa: N802 (RCCL's name)
+        """Close the hand, now."""
+        self._set_hand(Hand.CLOSED)
+
+    def _set_hand(self, hand: Hand) -> None:
+        self._check()
+        with self._driver.lock():
+            self._task.chg.hand = hand
+
+
+def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clear_fault: bool, blend: Blend) -> Channel:
+    """Connect to `robot` and take control; see `control`."""
+    arm = load_robot(robot)
+    link = factory(hello_for(arm.name, 0 if period_ms is None else round(period_ms * _US_PER_MS)))
+    try:
+        welcome = link.open()
+        _check_robot(arm, welcome)
+        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend)
+        return Channel(arm, link, task).start()
+    except BaseException as error:
+        link.close(str(error))
+        raise
+
+
+def _check_robot(robot: Robot, welcome: Welcome) -> None:
+    if (welcome.robot, welcome.n) != (robot.name, robot.n):
+        here = f"{welcome.robot!r} with {welcome.n} joints"
+        raise LinkError(f"the bridge drives {here}, the program wants {robot.name!r} with {robot.n}")

@@ -1,0 +1,113 @@
+"""From whatever state the arm is in to holding its position under power, and back; one step per sample."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import MotionError, ServoFault
+from qrobot.faultcodes import explain
+from qrobot.rci import Chg
+from qrobot.wire import RobotMode, RobotState
+
+PATIENCE_S: Final = 6.0  # twice what the servo itself waits for power
+REACTION_S: Final = 0.15  # for the servo to answer a request
+ARRIVED: Final = 1e-6  # rad or m
+
+
+def servo_fault(robot: RobotState, what: str) -> ServoFault:
+    """The error for a servo that gave up: its latched fault, or else what it reported last."""
+    code = robot.fault or robot.event
+    joint = f" (joint {robot.event_joint + 1})" if code == robot.event and code else ""
+    reason = f"{explain(code)}{joint}" if code else f"the servo is in mode {mode_name(robot.mode)}"
+    return ServoFault(code, f"{what}: {reason}")
+
+
+def mode_name(mode: int) -> str:
+    """Name of a mode, also of one this version does not know."""
+    try:
+        return RobotMode(mode).name
+    except ValueError:
+        return f"number {mode}"
+
+
+class PowerUp:
+    """Asks for power until the arm holds its position.
+
+    Power comes only on a request that is raised while the servo is off, so the request is lowered for one sample first.
+
+    Args:
+        period_s: sample period.
+        clear_fault: clear a latched fault first instead of raising it.
+    """
+
+    def __init__(self, period_s: float, clear_fault: bool) -> None:
+        self._period_s = period_s
+        self._may_clear = clear_fault
+        self._elapsed_s = 0.0
+        self._asked_s: float | None = None  # when power, or a clear, was asked for
+
+    def step(self, robot: RobotState, chg: Chg) -> bool:
+        """Say the next request in `chg`; True once the arm holds.
+
+        Raises:
+            ServoFault: a fault is latched, power is refused, or nothing happens in time.
+            MotionError: the arm is not calibrated.
+        """
+        self._elapsed_s += self._period_s
+        if self._elapsed_s > PATIENCE_S:
+            raise servo_fault(robot, f"the arm did not come to hold within {PATIENCE_S:g} s")
+        match robot.mode:
+            case RobotMode.FAULT:
+                self._leave_fault(robot, chg)
+            case RobotMode.OFF:
+                self._ask(robot, chg)
+            case RobotMode.UNCALIBRATED:
+                raise MotionError("the arm has power but is not calibrated: its joint angles are unknown")
+            case _:  # powering, or coming to rest after somebody else's program
+                chg.power = True
+        return robot.mode == RobotMode.HOLDING
+
+    def _ask(self, robot: RobotState, chg: Chg) -> None:
+        if not chg.power:
+            chg.power = self._asked_s is not None  # low at first
+            self._asked_s = self._elapsed_s
+        elif self._waited(REACTION_S) and robot.event:
+            raise servo_fault(robot, "no arm power")
+
+    def _leave_fault(self, robot: RobotState, chg: Chg) -> None:
+        if not self._may_clear or (self._asked_s is not None and self._waited(2 * REACTION_S)):
+            raise servo_fault(robot, "the servo is in a fault")
+        chg.power = False
+        chg.clear_fault = self._asked_s is None
+        self._asked_s = self._elapsed_s if self._asked_s is None else self._asked_s
+
+    def _waited(self, seconds: float) -> bool:
+        return self._asked_s is not None and self._elapsed_s - self._asked_s > seconds
+
+
+class PowerDown:
+    """Lets the servo finish the last setpoints, ends the stream, and switches power off if asked.
+
+    Args:
+        period_s: sample period.
+        power_off: leave the arm without power, its brakes closed; otherwise it keeps holding its position.
+    """
+
+    def __init__(self, period_s: float, power_off: bool) -> None:
+        self._period_s = period_s
+        self._power_off = power_off
+        self._elapsed_s = 0.0
+        self._stopped = False
+
+    def step(self, robot: RobotState, chg: Chg) -> bool:
+        """Say the next request in `chg`; True when there is nothing left to wait for."""
+        self._elapsed_s += self._period_s
+        arrived = not any(chg.modes) or np.allclose(robot.q_setpoint, chg.setpoints, rtol=0.0, atol=ARRIVED)
+        if not self._stopped and (arrived or robot.mode != RobotMode.TRACKING):
+            chg.hold()
+            chg.stop = self._stopped = True
+        chg.power = chg.power and not (self._stopped and self._power_off)
+        final = RobotMode.OFF if self._power_off else RobotMode.HOLDING
+        return robot.mode in (final, RobotMode.FAULT, RobotMode.OFF) or self._elapsed_s > PATIENCE_S

@@ -1,0 +1,176 @@
+"""The trajectory task: what a program's side says in every sample, from power-up to release.
+
+    POWERING    all joints on hold, power requested          until the arm holds its position
+    STARTING    setpoints stream from where the arm stands   until the servo follows them
+    TRACKING    the generator runs
+    LEAVING     the last setpoints play out, the stream ends
+    LEFT        nothing more to say
+
+It knows no clock and no thread: `drivers` calls `step` once per STATE.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.motion import Blend, EventKind, Generator, MotionEvent, MoveRequest, Output, Termination, motion_limits
+from qrobot.rccl.event import Level
+from qrobot.rccl.position import Position
+from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
+from qrobot.rci import Chg
+from qrobot.wire import Command, RobotMode, RobotState, State
+
+START_S: Final = 0.5  # for the servo to follow a stream that began
+_SEQ_MODULUS: Final = 1 << 32
+
+
+class Phase(Enum):
+    """How far a program is."""
+
+    POWERING = "powering"
+    STARTING = "starting"
+    TRACKING = "tracking"
+    LEAVING = "leaving"
+    LEFT = "left"
+
+
+class TrajectoryTask:
+    """One program's hold of one arm.
+
+    Args:
+        robot: the arm.
+        period_s: sample period.
+        clear_fault: clear a latched fault at power-up.
+        blend: polynomial of the transitions.
+
+    Attributes:
+        phase: how far it is.
+        how: the robot as it was heard last, None before the first sample.
+        chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
+        completed: true while the arm has nothing to do.
+        now_ns: the server's clock at the newest sample.
+    """
+
+    def __init__(self, robot: Robot, period_s: float, clear_fault: bool = False, blend: Blend = Blend.QUARTIC) -> None:
+        self.phase = Phase.POWERING
+        self.how: RobotState | None = None
+        self.chg = Chg(robot.n)
+        self.completed = Level("completed", 1)
+        self._limits = motion_limits(robot)
+        self._period_s = period_s
+        self._blend = blend
+        self._power_up = PowerUp(period_s, clear_fault)
+        self._power_down = PowerDown(period_s, power_off=False)
+        self._generator: Generator | None = None
+        self._positions: dict[MoveRequest, Position] = {}
+        self._tick = 0
+        self._seq: int | None = None
+        self._started_tick = 0
+
+    # -------------------------------------------------------------------------------------------- from the program
+
+    @property
+    def generator(self) -> Generator:
+        """The trajectory generator; there is one once the arm holds."""
+        if self._generator is None:
+            raise RuntimeError("the arm is not under control yet")
+        return self._generator
+
+    @property
+    def busy(self) -> bool:
+        """Motions are going on or waiting."""
+        return self._generator is not None and self._generator.busy
+
+    def push(self, request: MoveRequest, position: Position) -> None:
+        """Queue a motion whose course is told to `position`. Raises what `Generator.push` raises."""
+        self.generator.push(request)
+        self._positions[request] = position
+        self.completed.count = 0
+
+    def leave(self, power_off: bool) -> None:
+        """Begin to let go of the arm, which is at rest."""
+        self._power_down = PowerDown(self._period_s, power_off)
+        self.phase = Phase.LEAVING
+
+    # ------------------------------------------------------------------------------------------------ once per sample
+
+    def step(self, state: State, now_ns: int) -> Command:
+        """Answer a STATE, at `now_ns` of this end's clock.
+
+        Raises:
+            ServoFault: the servo gave up, or power is refused.
+            MotionError: the arm is not calibrated.
+        """
+        self.how = state.robot
+        self._count(state.seq)
+        match self.phase:
+            case Phase.POWERING:
+                self._power(state.robot, now_ns)
+            case Phase.STARTING:
+                self._start(state.robot)
+            case Phase.TRACKING:
+                self._track(state.robot)
+            case Phase.LEAVING:
+                self._leave(state.robot)
+        return self.chg.command(state, now_ns)
+
+    def _count(self, seq: int) -> None:
+        """Samples since the first one; left-out ones count, and the number on the wire wraps."""
+        self._tick += 1 if self._seq is None else (seq - self._seq) % _SEQ_MODULUS
+        self._seq = seq
+
+    def _power(self, robot: RobotState, now_ns: int) -> None:
+        if self._power_up.step(robot, self.chg):
+            start = np.array(robot.q_setpoint)
+            self._generator = Generator(self._limits, self._period_s, start, self._tick, self._blend)
+            self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
+            self.chg.go_to(robot.q_setpoint)
+            self._started_tick = self._tick
+            self.phase = Phase.STARTING
+
+    def _start(self, robot: RobotState) -> None:
+        if robot.mode == RobotMode.TRACKING:
+            self.phase = Phase.TRACKING
+        elif robot.mode != RobotMode.HOLDING or (self._tick - self._started_tick) * self._period_s > START_S:
+            raise servo_fault(robot, "the servo does not follow the setpoints")
+        self._generate()
+
+    def _track(self, robot: RobotState) -> None:
+        if robot.mode != RobotMode.TRACKING:
+            raise servo_fault(robot, "the servo stopped the arm")
+        self._generate()
+
+    def _leave(self, robot: RobotState) -> None:
+        if self._power_down.step(robot, self.chg):
+            self.phase = Phase.LEFT
+
+    def _generate(self) -> None:
+        output = self.generator.update(self._tick)
+        self.chg.go_to(tuple(output.q.tolist()))
+        if output.events:
+            for event in output.events:
+                self._tell(event)
+        self._tell_progress(output)
+
+    def _tell(self, event: MotionEvent) -> None:
+        """Pass an event on to the position it concerns."""
+        if event.request is None:
+            if event.kind is EventKind.IDLE:
+                self.completed.signal()
+            return
+        position = self._positions[event.request]
+        if event.kind is EventKind.BEGUN:
+            position.code, position.scal = Termination.NONE, 0.0
+        elif event.kind is EventKind.ENDED:
+            del self._positions[event.request]
+            position.code = event.code
+            position.scal = 1.0 if event.code == Termination.COMPLETED else position.scal
+            position.end.signal()
+
+    def _tell_progress(self, output: Output) -> None:
+        if output.request is not None:
+            self._positions[output.request].scal = output.scal

@@ -1,0 +1,426 @@
+"""The same programs in lock-step and in real time, against a robot that follows perfectly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.config import load_robot
+from qrobot.errors import JointLimit, LinkError, LinkLost, MotionError, ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.motion import Termination
+from qrobot.rci import TcpLink, VirtualLink
+from qrobot.wire import JointMode, RobotMode
+from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+
+PARK = tuple(load_robot("puma560").poses["park"].tolist())
+PARK_DEG = np.degrees(PARK)
+DONE = Termination.COMPLETED
+QUICK = 60.0, 120.0  # ms of transition and segment
+MAX = 4
+
+
+@contextmanager
+def in_lockstep(robot: FakeRobot) -> Iterator[None]:
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        yield
+
+
+@contextmanager
+def in_real_time(robot: FakeRobot) -> Iterator[None]:
+    with SocketRobot(robot) as server, rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)):
+        yield
+
+
+@pytest.fixture(params=[in_lockstep, in_real_time])
+def robot(request) -> Iterator[FakeRobot]:
+    fake = FakeRobot(PARK, period_us=4_000, patience=100)  # patient: what is tested is not this machine's speed
+    with request.param(fake):
+        yield fake
+        rccl.release()
+
+
+@pytest.fixture
+def quiet_robot() -> Iterator[FakeRobot]:
+    """In lock-step only."""
+    fake = FakeRobot(PARK)
+    with in_lockstep(fake):
+        yield fake
+
+
+def near_park(name: str, *steps: float) -> rccl.Position:
+    """Park with the first joints moved by degrees."""
+    return rccl.jposition(name, PARK_DEG + np.pad(steps, (0, 6 - len(steps))))
+
+
+def wait_until_at(position: rccl.Position) -> None:
+    """The robot takes a setpoint one sample after the generator made it."""
+    rccl.waitas(lambda: np.allclose(rccl.how.q, position.q, rtol=0, atol=1e-12))
+
+
+def quick(position: rccl.Position) -> None:
+    rccl.setime(*QUICK)
+    rccl.move(position)
+
+
+def test_control_powers_the_arm_and_streams_from_where_it_stands(robot) -> None:
+    rccl.control("puma560")
+    assert robot.mode is RobotMode.TRACKING
+    wait_until_sample(3)
+    assert np.allclose(robot.path, PARK)
+    assert robot.commands[0].power is False
+    rccl.release()
+    wait_until(lambda: robot.said_goodbye)
+    assert robot.mode is RobotMode.HOLDING
+
+
+def wait_until_sample(count: int) -> None:
+    start = rccl.how.t_ns
+    rccl.waitas(lambda: rccl.how.t_ns >= start + count * 4_000_000)
+
+
+def test_a_motion_ends_at_its_position_and_tells_how(robot) -> None:
+    rccl.control()
+    p = near_park("p", 1.0, -1.0)
+    quick(p)
+    assert p.code == Termination.NONE
+    rccl.waitfor(p.end)
+    assert (p.code, p.scal, p.end.count) == (DONE, 1.0, 0)
+    rccl.waitfor(rccl.completed)
+    rccl.waitfor(rccl.completed)  # still true
+    wait_until_at(p)
+
+
+def test_four_corners_with_synchronous_processing_s01(robot) -> None:
+    """S-01 of Hayward & Paul 1986: each corner's event counts its visits."""
+    rccl.control()
+    corners = [near_park(f"p{i}", x, y) for i, (x, y) in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)])]
+    for _ in range(4):
+        for corner in corners:
+            quick(corner)
+    assert rccl.nbrequest >= 15
+    rccl.waitfor(corners[0].end)
+    rccl.waitfor(corners[0].end)
+    assert rccl.nbrequest < 15
+    rccl.waitfor(rccl.completed)
+    assert rccl.nbrequest == 0
+    assert [corner.end.count for corner in corners] == [2, 4, 4, 4]
+    assert {corner.code for corner in corners} == {DONE}
+
+
+def test_a_dwell_closes_the_hand_half_way_s02(robot) -> None:
+    """The end of S-02: the arm stays at p for 400 ms, the hand closes in the middle."""
+    rccl.control()
+    p = near_park("p", 1.0)
+    p.end = 7
+    p.end = 0
+    quick(p)
+    quick(p)
+    rccl.setime(0, 400)
+    rccl.move(p)
+    rccl.waitfor(p.end)
+    rccl.waitfor(p.end)
+    begun = rccl.how.t_ns
+    rccl.waitas(lambda: p.scal > 0.5)
+    assert (rccl.how.t_ns - begun) / 1e6 == pytest.approx(200, abs=70)
+    rccl.CLOSE()
+    rccl.waitas(lambda: rccl.how.hand == 2)
+    rccl.OPEN()
+    rccl.waitas(lambda: rccl.how.hand == 1)
+
+
+def test_waiting_for_room_in_the_queue_loses_no_goal_s03(robot) -> None:
+    """The loop of S-03: `waitas(nbrequest < MAX)` before each move."""
+    rccl.control()
+    goals = [near_park(f"g{i}", 0.3 * (i % 3), 0.1 * i) for i in range(3 * MAX)]
+    for goal in goals:
+        rccl.waitas(lambda: rccl.nbrequest < MAX)
+        quick(goal)
+    rccl.waitfor(rccl.completed)
+    assert [goal.end.count for goal in goals] == [1] * len(goals)
+    wait_until_at(goals[-1])
+
+
+def test_stop_on_keyboard_s04(robot) -> None:
+    """S-04: nextmove ends the motion with its code, the arm stops on the path, completed follows."""
+    rccl.control()
+    p = near_park("p", 20.0)
+    rccl.move(p)
+    rccl.waitas(lambda: p.scal > 0.3)
+    rccl.nextmove(rccl.YES)
+    rccl.waitfor(rccl.completed)
+    assert p.code == rccl.YES
+    assert PARK[0] + 0.05 < robot.path[-1][0] < p.q[0] - 0.05
+    assert p.scal < 1.0
+
+
+def test_nextmove_goes_on_to_the_next_motion(robot) -> None:
+    rccl.control()
+    far, home = near_park("far", 20.0), rccl.park
+    rccl.move(far)
+    rccl.move(home)
+    rccl.waitas(lambda: far.scal > 0.2)
+    rccl.nextmove(17)
+    rccl.waitfor(home.end)
+    assert (far.code, home.code) == (17, DONE)
+    wait_until_at(rccl.park)
+
+
+def test_stop_forgets_what_waits(robot) -> None:
+    rccl.control()
+    a, b = near_park("a", 20.0), near_park("b", -20.0)
+    rccl.move(a)
+    rccl.move(b)
+    rccl.waitas(lambda: a.scal > 0.2)
+    rccl.stop(100)
+    rccl.waitfor(rccl.completed)
+    assert {a.code, b.code} == {Termination.STOPPED}
+    assert (a.end.count, b.end.count) == (1, 1)
+    quick(rccl.jposition("here", np.degrees(robot.path[-1])))
+    rccl.waitfor(rccl.completed)
+
+
+def test_release_brings_a_moving_arm_to_rest_first(robot) -> None:
+    rccl.control()
+    rccl.move(near_park("p", 20.0))
+    wait_until_sample(120)
+    rccl.release()
+    wait_until(lambda: robot.said_goodbye)
+    steps = np.abs(np.diff(np.array(robot.path)[:, 0]))
+    assert steps.max() > 1e-4
+    assert steps[-1] < 1e-5
+
+
+def test_release_may_leave_the_arm_without_power(robot) -> None:
+    rccl.control()
+    rccl.release(power_off=True)
+    wait_until(lambda: robot.said_goodbye)
+    assert robot.mode is RobotMode.OFF
+
+
+def test_a_second_program_takes_over_an_arm_that_holds_without_switching_it_off(quiet_robot) -> None:
+    with rccl.control():
+        pass
+    assert quiet_robot.mode is RobotMode.HOLDING
+    quiet_robot.reconnect()
+    quiet_robot.commands.clear()
+    with rccl.control():
+        assert quiet_robot.mode is RobotMode.TRACKING
+    assert all(command.power for command in quiet_robot.commands)
+
+
+@pytest.mark.parametrize(
+    ("harm", "code"),
+    [
+        (lambda robot: robot.break_down(FaultCode.FOLLOWING), FaultCode.FOLLOWING),
+        (lambda robot: robot.halt(FaultCode.STREAM_LOST), FaultCode.STREAM_LOST),
+    ],
+)
+def test_a_servo_that_stops_the_arm_raises_where_the_program_waits(robot, harm, code) -> None:
+    rccl.control()
+    p = near_park("p", 20.0)
+    rccl.move(p)
+    wait_until_sample(20)
+    robot.before_period = once(lambda: harm(robot))
+    with pytest.raises(ServoFault, match=f"the servo stopped the arm: {code.name}") as fault:
+        rccl.waitfor(p.end)
+    assert fault.value.code == code
+    with pytest.raises(ServoFault):
+        rccl.move(p)
+
+
+def once(deed: Callable[[], object]) -> Callable[[int], None]:
+    todo = [deed]
+
+    def before_period(_seq: int) -> None:
+        if todo:
+            todo.pop()()
+
+    return before_period
+
+
+def test_an_error_nobody_waited_for_is_told_at_release() -> None:
+    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    with in_real_time(fake):
+        arm = rccl.control()
+        fake.before_period = once(lambda: fake.break_down(FaultCode.ESTOP))
+        wait_until(lambda: arm._driver.error is not None)
+        with pytest.raises(ServoFault, match="ESTOP"):
+            rccl.release()
+        arm.release()
+
+
+def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypatch) -> None:
+    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    with in_real_time(fake):
+        arm = rccl.control()
+        monkeypatch.setattr(arm._task, "_track", lambda _robot: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            arm.waitas(lambda: False)
+        wait_until(lambda: fake.said_goodbye)
+        rccl.release()
+
+
+def test_a_lost_link_raises_where_the_program_waits() -> None:
+    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    with SocketRobot(fake) as server:
+        with rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)):
+            arm = rccl.control()
+        server.hang_up()
+        with pytest.raises(LinkLost):
+            arm.waitas(lambda: False)
+        arm.release()
+
+
+# ------------------------------------------------------------------------------------------ power-up, in lock-step
+
+
+def test_refused_power_names_the_reason(quiet_robot) -> None:
+    quiet_robot.refuse_power = True
+    with pytest.raises(ServoFault, match="no arm power: POWER_NO_ACK: arm power did not come on") as fault:
+        rccl.control()
+    assert fault.value.code == FaultCode.POWER_NO_ACK
+    assert quiet_robot.said_goodbye
+
+
+def test_a_latched_fault_is_raised_and_nothing_moves(quiet_robot) -> None:
+    quiet_robot.break_down(FaultCode.GUARD_TRIP)
+    with pytest.raises(ServoFault, match="the servo is in a fault: GUARD_TRIP"):
+        rccl.control()
+    assert not any(command.power or command.clear_fault for command in quiet_robot.commands)
+
+
+def test_a_latched_fault_is_cleared_when_asked_for(quiet_robot) -> None:
+    quiet_robot.break_down(FaultCode.GUARD_TRIP)
+    with rccl.control(clear_fault=True):
+        assert quiet_robot.mode is RobotMode.TRACKING
+    assert sum(command.clear_fault for command in quiet_robot.commands) == 1
+
+
+def test_a_fault_that_stays_is_given_up(quiet_robot) -> None:
+    quiet_robot.break_down(FaultCode.ESTOP)
+    quiet_robot.before_period = lambda _: quiet_robot.break_down(FaultCode.ESTOP)
+    with pytest.raises(ServoFault, match="the servo is in a fault: ESTOP"):
+        rccl.control(clear_fault=True)
+
+
+def test_power_that_never_comes_is_given_up(quiet_robot) -> None:
+    def stay_off(_seq: int) -> None:
+        quiet_robot.mode = RobotMode.OFF
+
+    quiet_robot.before_period = stay_off
+    with pytest.raises(ServoFault, match="did not come to hold within 6 s: the servo is in mode OFF"):
+        rccl.control()
+
+
+def test_an_uncalibrated_arm_is_not_moved(quiet_robot) -> None:
+    quiet_robot.calibrated = False
+    with pytest.raises(MotionError, match="not calibrated"):
+        rccl.control()
+    assert not quiet_robot.path
+
+
+def test_a_stream_that_is_not_followed_is_given_up(quiet_robot) -> None:
+    def pull_away(_seq: int) -> None:
+        if quiet_robot.mode is RobotMode.TRACKING:
+            quiet_robot.halt(FaultCode.START_POSE)
+
+    quiet_robot.before_period = pull_away
+    with pytest.raises(ServoFault, match="does not follow the setpoints: START_POSE"):
+        rccl.control()
+
+
+@pytest.mark.parametrize(("name", "n"), [("stanford", 6), ("puma560", 5)])
+def test_another_robot_than_the_program_was_written_for_is_refused(name, n) -> None:
+    fake = FakeRobot(PARK[:n], name=name)
+    with in_lockstep(fake), pytest.raises(LinkError, match=r"puma560"):
+        rccl.control("puma560")
+    assert not fake.path
+
+
+# ----------------------------------------------------------------------------------------------------- small things
+
+
+def test_the_wanted_period_is_asked_for(quiet_robot) -> None:
+    with rccl.control(period_ms=10) as arm:
+        start = arm.time
+        arm.waitas(lambda: arm.time >= start + 50)
+        assert arm.time == start + 50
+    assert quiet_robot.period_us == 10_000
+
+
+def test_all_joints_follow_positions_while_the_arm_is_under_control(quiet_robot) -> None:
+    with rccl.control() as arm:
+        arm.move(near_park("p", 5.0))
+        arm.waitfor(arm.completed)
+        seq = quiet_robot.commands[-1].seq
+    streamed = [command for command in quiet_robot.commands if command.seq <= seq and command.stream]
+    assert {command.modes for command in streamed} == {(JointMode.POSITION,) * 6}
+    assert np.diff([command.seq for command in streamed]).tolist() == [1] * (len(streamed) - 1)
+
+
+def test_the_sequence_number_may_wrap(quiet_robot) -> None:
+    quiet_robot.seq = (1 << 32) - 40
+    with rccl.control() as arm:
+        p = near_park("p", 5.0)
+        arm.move(p)
+        arm.waitfor(p.end)
+        assert p.code == DONE
+
+
+def test_a_pose_is_always_the_same_descriptor(quiet_robot) -> None:
+    with rccl.control() as arm:
+        assert rccl.park is arm.pose("park")
+        assert arm.joints == pytest.approx(PARK_DEG)
+
+
+@pytest.mark.parametrize(
+    ("deed", "error", "words"),
+    [
+        (lambda: rccl.pose("nowhere"), Exception, "no pose 'nowhere'; it has"),
+        (lambda: rccl.jposition("p", [1, 2, 3]), MotionError, "position p: puma560 has 6 joints, not 3"),
+        (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), JointLimit, "joint 1"),
+        (lambda: rccl.setmode("cartesian"), MotionError, "only 'joint' exists"),
+        (rccl.setjvel, MotionError, "either"),
+        (lambda: rccl.setjvel(1.0, share=0.5), MotionError, "either"),
+        (lambda: rccl.setjvel(share=1.5), MotionError, "at most 1"),
+        (lambda: rccl.nextmove(0), MotionError, "must be positive"),
+        (lambda: rccl.waitfor(rccl.park.end), MotionError, r"waitfor\(park.end\): no motion is left"),
+    ],
+)
+def test_a_wrong_call_says_what_is_wrong_and_the_program_may_go_on(quiet_robot, deed, error, words) -> None:
+    with rccl.control() as arm:
+        with pytest.raises(error, match=words):
+            deed()
+        arm.setmode("joint")
+        arm.move(near_park("p", 1.0))
+        arm.waitfor(arm.completed)
+    rccl.release()
+
+
+def test_without_control_every_call_says_so() -> None:
+    with pytest.raises(LinkError, match="call control"):
+        rccl.move(rccl.Position("p", np.array(PARK)))
+    with pytest.raises(LinkError, match="call control"):
+        _ = rccl.nbrequest
+    with pytest.raises(AttributeError, match="no attribute 'comply'"):
+        _ = rccl.comply
+
+
+def test_lockstep_runs_are_the_same_every_time() -> None:
+    def path() -> list[tuple[float, ...]]:
+        fake = FakeRobot(PARK)
+        with in_lockstep(fake), rccl.control() as arm:
+            arm.setjvel(share=0.8)
+            arm.move(near_park("p", 15.0, -10.0))
+            arm.move(arm.pose("park"))
+            arm.waitas(lambda: arm.pose("park").scal > 0.5)
+            arm.stop()
+            arm.waitfor(arm.completed)
+        return fake.path
+
+    assert path() == path()
