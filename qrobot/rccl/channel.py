@@ -61,10 +61,10 @@ class Channel:
 
     def start(self) -> Channel:
         """Run until the servo follows our setpoints. Raises what `control` raises."""
-        atexit.register(self._at_exit)
         self._driver.start()
         self._wait(lambda: self._task.phase is Phase.TRACKING)
         self._origin_ns = self.how.t_ns
+        atexit.register(self._at_exit)
         return self
 
     def release(self, power_off: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,12 +17,12 @@ REACTION_S: Final = 0.15  # for the servo to answer a request
 ARRIVED: Final = 1e-6  # rad or m
 
 
-def servo_fault(robot: RobotState, what: str) -> ServoFault:
-    """The error for a servo that gave up: its latched fault, or else what it reported last."""
+def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = ()) -> ServoFault:
+    """The error for a servo that gave up: its latched fault, or else what it reported last; `trace` ends with it."""
     code = robot.fault or robot.event
     joint = f" (joint {robot.event_joint + 1})" if code == robot.event and code else ""
     reason = f"{explain(code)}{joint}" if code else f"the servo is in mode {mode_name(robot.mode)}"
-    return ServoFault(code, f"{what}: {reason}")
+    return ServoFault(code, f"{what}: {reason}", tuple(trace))
 
 
 def mode_name(mode: int) -> str:

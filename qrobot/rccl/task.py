@@ -11,12 +11,14 @@ It knows no clock and no thread: `drivers` calls `step` once per STATE.
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
 from typing import Final
 
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.errors import LinkError
 from qrobot.motion import Blend, EventKind, Generator, MotionEvent, MoveRequest, Output, Termination, motion_limits
 from qrobot.rccl.event import Level
 from qrobot.rccl.position import Position
@@ -25,6 +27,7 @@ from qrobot.rci import Chg
 from qrobot.wire import Command, RobotMode, RobotState, State
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
+TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 _SEQ_MODULUS: Final = 1 << 32
 
 
@@ -52,7 +55,6 @@ class TrajectoryTask:
         how: the robot as it was heard last, None before the first sample.
         chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
         completed: true while the arm has nothing to do.
-        now_ns: the server's clock at the newest sample.
     """
 
     def __init__(self, robot: Robot, period_s: float, clear_fault: bool = False, blend: Blend = Blend.QUARTIC) -> None:
@@ -60,6 +62,7 @@ class TrajectoryTask:
         self.how: RobotState | None = None
         self.chg = Chg(robot.n)
         self.completed = Level("completed", 1)
+        self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._limits = motion_limits(robot)
         self._period_s = period_s
         self._blend = blend
@@ -75,9 +78,9 @@ class TrajectoryTask:
 
     @property
     def generator(self) -> Generator:
-        """The trajectory generator; there is one once the arm holds."""
+        """The trajectory generator. Raises LinkError before the arm holds."""
         if self._generator is None:
-            raise RuntimeError("the arm is not under control yet")
+            raise LinkError("the arm is not under control yet")
         return self._generator
 
     @property
@@ -106,6 +109,7 @@ class TrajectoryTask:
             MotionError: the arm is not calibrated.
         """
         self.how = state.robot
+        self._heard.append(state.robot)
         self._count(state.seq)
         match self.phase:
             case Phase.POWERING:
@@ -136,12 +140,12 @@ class TrajectoryTask:
         if robot.mode == RobotMode.TRACKING:
             self.phase = Phase.TRACKING
         elif robot.mode != RobotMode.HOLDING or (self._tick - self._started_tick) * self._period_s > START_S:
-            raise servo_fault(robot, "the servo does not follow the setpoints")
+            raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
         self._generate()
 
     def _track(self, robot: RobotState) -> None:
         if robot.mode != RobotMode.TRACKING:
-            raise servo_fault(robot, "the servo stopped the arm")
+            raise servo_fault(robot, "the servo stopped the arm", self._heard)
         self._generate()
 
     def _leave(self, robot: RobotState) -> None:

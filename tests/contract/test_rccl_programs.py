@@ -229,6 +229,8 @@ def test_a_servo_that_stops_the_arm_raises_where_the_program_waits(robot, harm, 
     with pytest.raises(ServoFault, match=f"the servo stopped the arm: {code.name}") as fault:
         rccl.waitfor(p.end)
     assert fault.value.code == code
+    assert len(fault.value.trace) > 20
+    assert fault.value.trace[-1] is rccl.how
     with pytest.raises(ServoFault):
         rccl.move(p)
 
@@ -361,6 +363,20 @@ def test_all_joints_follow_positions_while_the_arm_is_under_control(quiet_robot)
     streamed = [command for command in quiet_robot.commands if command.seq <= seq and command.stream]
     assert {command.modes for command in streamed} == {(JointMode.POSITION,) * 6}
     assert np.diff([command.seq for command in streamed]).tolist() == [1] * (len(streamed) - 1)
+
+
+def test_another_arm_with_a_sliding_joint_is_moved_in_degrees_and_millimetres() -> None:
+    stanford = load_robot("stanford")
+    slide = int(stanford.prismatic.argmax())
+    fake = FakeRobot(tuple(stanford.poses["park"]), name="stanford")
+    with in_lockstep(fake), rccl.control("stanford") as arm:
+        goal = arm.joints
+        goal[slide] += 40.0
+        p = arm.jposition("p", goal)
+        arm.move(p)
+        arm.waitfor(p.end)
+        wait_until_at(p)
+        assert arm.how.q[slide] == pytest.approx(stanford.poses["park"][slide] + 0.04)
 
 
 def test_the_sequence_number_may_wrap(quiet_robot) -> None:
