@@ -40,6 +40,7 @@ from qrobot.model.transmission import (
     unwrap_counts,
 )
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import float_bits
 from qrobot.servo.guard import (
     check_following,
     check_image,
@@ -272,9 +273,9 @@ def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
     if state.i[LAW_FAILED] != 0:
         built_in_law(params, state)
     else:
-        law(
-            state.q_ref, state.v_ref, state.a_ref, state.q, state.v, state.gravity, state.friction,
-            state.sensors, params.gains, state.memory, state.tau,
+        law(  # [:]: the pointer takes plain arrays, not fields of a record
+            state.q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
+            state.friction[:], state.sensors[:], params.gains[:], state.memory[:], state.tau[:],
         )  # fmt: skip
     add_torque_setpoints(state)
     code, joint, clipped = limit_torque(state.tau, params.tau_max)
@@ -388,7 +389,7 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
     """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
     n = state.q.size
     state.i[FLAGS] = compose_flags(params, state, mail, now_ns)
-    block, vectors = state.block, state.block_f
+    block = state.block
     block[STATE_T_NS], block[STATE_TICK] = now_ns, state.i[TICK]
     block[STATE_MODE], block[STATE_FAULT] = state.i[MODE], state.i[FAULT]
     block[STATE_EVENT], block[STATE_JOINT] = state.i[EVENT], state.i[JOINT]
@@ -396,10 +397,10 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
     block[STATE_MISSED], block[STATE_LATE] = state.i[MISSED], state.i[LATE]
     block[STATE_INPUTS], block[STATE_HAND] = state.i[STATUS] & STATUS_INPUTS, mail[COMMAND_HAND]
     for j in range(n):
-        vectors[STATE_VECTORS + j] = state.q[j]
-        vectors[STATE_VECTORS + n + j] = state.v[j]
-        vectors[STATE_VECTORS + 2 * n + j] = state.tau[j]
-        vectors[STATE_VECTORS + 3 * n + j] = state.q_ref[j]
+        block[STATE_VECTORS + j] = float_bits(state.q[j])
+        block[STATE_VECTORS + n + j] = float_bits(state.v[j])
+        block[STATE_VECTORS + 2 * n + j] = float_bits(state.tau[j])
+        block[STATE_VECTORS + 3 * n + j] = float_bits(state.q_ref[j])
     publish_state(mail, n, block)
     mail[BEAT_T_NS] = now_ns
     fill_row(state, now_ns, late_ns)
@@ -408,16 +409,16 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
 @lean_kernel
 def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     """The telemetry row, in the order of `servo.telemetry`."""
-    row, floats, n = state.row, state.row_f, state.q.size
+    row, n = state.row, state.q.size
     row[0], row[1], row[2], row[3] = state.i[TICK], now_ns, late_ns, state.i[BUSY_NS]
     row[4], row[5] = state.i[MODE], state.i[EVENT]
     row[6], row[7] = state.i[NEXT_SEQ] - 1, state.i[FLAGS] | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
     for j in range(n):
-        floats[8 + j] = state.q_ref[j]
-        floats[8 + n + j] = state.v_ref[j]
-        floats[8 + 2 * n + j] = state.a_ref[j]
-        floats[8 + 3 * n + j] = state.q[j]
-        floats[8 + 4 * n + j] = state.v[j]
-        floats[8 + 5 * n + j] = state.tau[j]
+        row[8 + j] = float_bits(state.q_ref[j])
+        row[8 + n + j] = float_bits(state.v_ref[j])
+        row[8 + 2 * n + j] = float_bits(state.a_ref[j])
+        row[8 + 3 * n + j] = float_bits(state.q[j])
+        row[8 + 4 * n + j] = float_bits(state.v[j])
+        row[8 + 5 * n + j] = float_bits(state.tau[j])
         row[8 + 6 * n + j] = state.counts[j]
         row[8 + 7 * n + j] = state.dac[j]

@@ -15,6 +15,7 @@ from qrobot.config import Robot
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
+from qrobot.realtime.record import record_of
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.settings import NS_PER_S, ServoSettings
 
@@ -65,30 +66,32 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
     counts_per_tick = limits.v_max / np.abs(robot.transmission.rad_per_count) * settings.period_ns / NS_PER_S
     needs_guardian = settings.guarded if guarded is None else guarded
     guardian_ns = int(GUARDIAN_PERIODS * settings.guardian_timeout_ms * 1e6)
-    return ServoParameters(
-        period_ns=settings.period_ns,
-        transmission=transmission_params(robot),
-        dynamics=dynamics_params(robot),
-        friction=friction_params(robot),
-        gravity_share=control.gravity_joints.astype(np.float64),
-        gains=gains,
-        filter_rad_s=2.0 * math.pi * control.velocity_filter_hz,
-        q_min=np.array(limits.q_min),
-        q_max=np.array(limits.q_max),
-        v_max=np.array(limits.v_max),
-        v_setpoint=SAMPLING_SLACK * limits.v_max,
-        a_setpoint=SAMPLING_SLACK * limits.a_max,
-        a_stop=np.array(guard.a_stop),
-        tau_max=np.array(guard.tau_max),
-        following_error=np.array(guard.following_error),
-        range_margin=np.array(guard.range_margin),
-        velocity_factor=guard.velocity_factor,
-        start_tolerance=guard.start_tolerance,
-        jump_counts=np.ceil(JUMP_FACTOR * counts_per_tick + JUMP_FLOOR_COUNTS).astype(np.int64),
-        late_ns=settings.period_ns // 2,
-        unchanged_images=max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns)),
-        guardian_timeout_ns=guardian_ns if needs_guardian else 0,
-        power_timeout_ns=POWER_TIMEOUT_NS,
-        shortest_stop_s=SHORTEST_STOP_S,
-        scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
+    return record_of(
+        ServoParameters(
+            period_ns=settings.period_ns,
+            transmission=transmission_params(robot),
+            dynamics=dynamics_params(robot),
+            friction=friction_params(robot),
+            gravity_share=control.gravity_joints.astype(np.float64),
+            gains=gains,
+            filter_rad_s=2.0 * math.pi * control.velocity_filter_hz,
+            q_min=np.array(limits.q_min),
+            q_max=np.array(limits.q_max),
+            v_max=np.array(limits.v_max),
+            v_setpoint=SAMPLING_SLACK * limits.v_max,
+            a_setpoint=SAMPLING_SLACK * limits.a_max,
+            a_stop=np.array(guard.a_stop),
+            tau_max=np.array(guard.tau_max),
+            following_error=np.array(guard.following_error),
+            range_margin=np.array(guard.range_margin),
+            velocity_factor=guard.velocity_factor,
+            start_tolerance=guard.start_tolerance,
+            jump_counts=np.ceil(JUMP_FACTOR * counts_per_tick + JUMP_FLOOR_COUNTS).astype(np.int64),
+            late_ns=settings.period_ns // 2,
+            unchanged_images=max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns)),
+            guardian_timeout_ns=guardian_ns if needs_guardian else 0,
+            power_timeout_ns=POWER_TIMEOUT_NS,
+            shortest_stop_s=SHORTEST_STOP_S,
+            scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
+        )
     )

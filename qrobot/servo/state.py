@@ -11,6 +11,7 @@ import numpy as np
 
 from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
+from qrobot.realtime.record import record_of
 from qrobot.servo.interpolator import N_KNOTS
 from qrobot.servo.law import MEMORY_WORDS
 from qrobot.servo.mailbox import frame_words, state_words
@@ -64,7 +65,7 @@ MAX_OPS: Final = 32
 
 
 class ServoState(NamedTuple):
-    """Mutable arrays of one servo. Vectors have shape (n,) and SI units."""
+    """Mutable arrays of one servo, laid out as one record. Vectors have shape (n,) and SI units."""
 
     i: Any
     f: Any
@@ -89,14 +90,11 @@ class ServoState(NamedTuple):
     joint_modes: Any  # in force, int64
     torque_setpoint: Any
     frame: Any
-    frame_f: Any
     sensors: Any  # (8,)
     memory: Any  # (64,), the law's own
     ops: Any  # (MAX_OPS, 3)
-    block: Any
-    block_f: Any
-    row: Any
-    row_f: Any
+    block: Any  # the state block, floats as bit patterns
+    row: Any  # the telemetry row, floats as bit patterns
 
 
 def make_state(n: int) -> ServoState:
@@ -113,12 +111,12 @@ def make_state(n: int) -> ServoState:
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     numbers = np.zeros(N_INTEGERS, dtype=np.int64)
     numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT]] = -1
-    return ServoState(
+    return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
-        torque_setpoint=vector(), frame=frame, frame_f=frame.view(np.float64), sensors=np.zeros(N_ADCS),
+        torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS),
         memory=np.zeros(MEMORY_WORDS), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64), block=block,
-        block_f=block.view(np.float64), row=row, row_f=row.view(np.float64),
-    )  # fmt: skip
+        row=row,
+    ))  # fmt: skip

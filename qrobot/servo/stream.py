@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import bits_float
 from qrobot.servo.guard import check_first_setpoint, check_setpoint
 from qrobot.servo.interpolator import rest_at, shift_extrapolated, shift_in
 from qrobot.servo.mailbox import (
@@ -65,7 +66,7 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
         if state.frame[FRAME_STREAM] != state.i[DEAD_STREAM]:
             for j in range(n):
                 state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
-                state.setpoint[j] = state.frame_f[FRAME_JOINTS + n + j]
+                state.setpoint[j] = bits_float(state.frame[FRAME_JOINTS + n + j])
             return True
         drop_frame(mail)
     return False
