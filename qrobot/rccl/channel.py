@@ -6,8 +6,6 @@ Units are those of the papers: degrees (mm on a sliding joint) and milliseconds.
 
 from __future__ import annotations
 
-import atexit
-import sys
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Final
@@ -18,10 +16,10 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Blend, Duration, JointSpeed, MoveRequest, Pace, SpeedShare
 from qrobot.motion.limits import Floats
-from qrobot.rccl.drivers import driver_for
 from qrobot.rccl.event import Event
+from qrobot.rccl.hold import Hold
 from qrobot.rccl.position import Position
-from qrobot.rccl.task import Phase, TrajectoryTask
+from qrobot.rccl.task import TrajectoryTask
 from qrobot.rci import Link, LinkFactory, hello_for
 from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
 from qrobot.wire import RobotState, Welcome
@@ -46,14 +44,12 @@ class Channel:
     def __init__(self, robot: Robot, link: Link, task: TrajectoryTask) -> None:
         self.robot = robot
         self.completed = task.completed
-        self._link = link
         self._task = task
-        self._driver = driver_for(link, task)
+        self._hold = Hold(robot.name, link, task)
+        self._alone = link.virtual_time  # nobody but this program lets time pass
         self._pace: Pace = DEFAULT_PACE
         self._once: tuple[float, float] | None = None  # setime's ta and ts, s
         self._origin_ns = 0
-        self._released = False
-        self._error_told = False
         self._poses = {name: Position(name, q) for name, q in robot.poses.items()}
         self._radians = np.where(robot.prismatic, M_PER_MM, RAD_PER_DEG)
 
@@ -61,10 +57,8 @@ class Channel:
 
     def start(self) -> Channel:
         """Run until the servo follows our setpoints. Raises what `control` raises."""
-        self._driver.start()
-        self._wait(lambda: self._task.phase is Phase.TRACKING)
+        self._hold.start()
         self._origin_ns = self.how.t_ns
-        atexit.register(self._at_exit)
         return self
 
     def release(self, power_off: bool = False) -> None:
@@ -75,19 +69,7 @@ class Channel:
         Raises:
             QRobotError: what ended control before, if the program has not heard of it yet.
         """
-        if self._released:
-            return
-        self._released = True
-        atexit.unregister(self._at_exit)
-        try:
-            if self._driver.error is None:
-                self._come_to_rest()
-                self._leave(power_off)
-        finally:
-            self._driver.join()
-            if self._driver.error is not None and not self._error_told:
-                self._error_told = True
-                raise self._driver.error
+        self._hold.release(power_off)
 
     def __enter__(self) -> Channel:
         return self
@@ -100,24 +82,6 @@ class Channel:
         except QRobotError:
             if error is None:  # otherwise the first error is the one to tell
                 raise
-
-    def _come_to_rest(self) -> None:
-        with self._driver.lock():
-            if self._task.busy:
-                self._task.generator.stop()
-        self._wait(lambda: not self._task.busy)
-
-    def _leave(self, power_off: bool) -> None:
-        with self._driver.lock():
-            self._task.leave(power_off)
-        self._wait(lambda: self._task.phase is Phase.LEFT)
-
-    def _at_exit(self) -> None:
-        """The program ends without `release`: leave the arm in good order, and be silent about nothing."""
-        try:
-            self.release()
-        except QRobotError as error:
-            print(f"{self.robot.name}: {error}", file=sys.stderr)
 
     # ------------------------------------------------------------------------------------------------- positions
 
@@ -182,17 +146,15 @@ class Channel:
             JointLimit: the position is out of the joints' range.
             MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
         """
-        self._check()
         once, self._once = self._once, None
         pace, ta = (self._pace, None) if once is None else (Duration(once[1]), once[0])
         request = MoveRequest(position.name, position.q, pace, ta)
-        with self._driver.lock():
+        with self._hold.task():
             self._task.push(request, position)
 
     def stop(self, ms: float = 0.0) -> None:
         """Forget all motions and come to rest on the path, in at least `ms`; `completed` when it stands."""
-        self._check()
-        with self._driver.lock():
+        with self._hold.task():
             self._task.generator.stop(ms * _S_PER_MS)
 
     def nextmove(self, code: int = YES) -> None:
@@ -202,15 +164,13 @@ class Channel:
         """
         if code <= 0:
             raise MotionError(f"nextmove({code}): the code must be positive")
-        self._check()
-        with self._driver.lock():
+        with self._hold.task():
             self._task.generator.interrupt(code)
 
     @property
     def nbrequest(self) -> int:
         """Number of motions that wait in the queue."""
-        self._check()
-        with self._driver.lock():
+        with self._hold.task():
             return self._task.generator.waiting
 
     # ---------------------------------------------------------------------------------------------------- waiting
@@ -222,32 +182,18 @@ class Channel:
             ServoFault, LinkError: control of the arm was lost, here or earlier.
             MotionError: in lock-step, where nobody else could signal: no motion is left that would.
         """
-        self._wait(lambda: self._happened(event))
+        self._hold.wait(lambda: self._happened(event))
 
     def waitas(self, predicate: Callable[[], object]) -> None:
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
-        self._wait(lambda: bool(predicate()))
+        self._hold.wait(lambda: bool(predicate()))
 
     def _happened(self, event: Event) -> bool:
         if event.take():
             return True
-        if self._link.virtual_time and not self._task.busy:
+        if self._alone and not self._task.busy:
             raise MotionError(f"waitfor({event.name}): no motion is left that could signal it")
         return False
-
-    def _wait(self, predicate: Callable[[], bool]) -> None:
-        try:
-            self._driver.wait(predicate)
-        finally:
-            self._error_told = self._error_told or self._driver.error is not None
-
-    def _check(self) -> None:
-        """Raise what ended control of the arm."""
-        if self._driver.error is not None:
-            self._error_told = True
-            raise self._driver.error
-        if self._released:
-            raise LinkError(f"{self.robot.name} was released; call control() first")
 
     # ------------------------------------------------------------------------------------------------------- hand
 
@@ -260,8 +206,7 @@ class Channel:
         self._set_hand(Hand.CLOSED)
 
     def _set_hand(self, hand: Hand) -> None:
-        self._check()
-        with self._driver.lock():
+        with self._hold.task():
             self._task.chg.hand = hand
 
 

@@ -39,8 +39,8 @@ class Driver(Protocol):
     def wait(self, predicate: Callable[[], bool]) -> None:
         """Return when `predicate`, called with the lock held at every sample, is true. Raises `error` if it happens."""
 
-    def join(self) -> None:
-        """Wait for the end of a task that has left."""
+    def end(self) -> None:
+        """Let no more samples pass, whatever the task has come to, and close the link."""
 
 
 class LockstepDriver:
@@ -66,7 +66,7 @@ class LockstepDriver:
                 raise self.error
             self._sample()
 
-    def join(self) -> None:
+    def end(self) -> None:
         """Close the link."""
         self._link.close("program ended")
 
@@ -87,6 +87,7 @@ class ThreadDriver:
         self._link = link
         self._task = task
         self._sampled = threading.Condition()
+        self._over = False
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
 
     def start(self) -> None:
@@ -107,8 +108,9 @@ class ThreadDriver:
                     raise LinkLost("the arm was released: nothing can happen any more")
                 self._sampled.wait(_LOOK_S)
 
-    def join(self) -> None:
-        """Wait for the thread, which closes the link."""
+    def end(self) -> None:
+        """Wait for the thread, which closes the link after its sample."""
+        self._over = True
         self._thread.join()
 
     def _run(self) -> None:
@@ -127,7 +129,7 @@ class ThreadDriver:
 
     def _answer_states(self) -> None:
         command: Command | None = None
-        while self._task.phase is not Phase.LEFT:
+        while not self._over and self._task.phase is not Phase.LEFT:
             state = self._link.exchange(command)
             with self._sampled:
                 command = self._task.step(state, self._link.now_ns())

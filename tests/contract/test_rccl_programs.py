@@ -250,7 +250,7 @@ def test_an_error_nobody_waited_for_is_told_at_release() -> None:
     with in_real_time(fake):
         arm = rccl.control()
         fake.before_period = once(lambda: fake.break_down(FaultCode.ESTOP))
-        wait_until(lambda: arm._driver.error is not None)
+        wait_until(lambda: arm._hold._driver.error is not None)
         with pytest.raises(ServoFault, match="ESTOP"):
             rccl.release()
         arm.release()
@@ -265,6 +265,21 @@ def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypa
             arm.waitas(lambda: False)
         wait_until(lambda: fake.said_goodbye)
         rccl.release()
+
+
+def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> None:
+    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    with in_real_time(fake):
+        arm = rccl.control()
+
+        def interrupted(_power_off: bool) -> None:
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(arm._hold, "_leave", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            arm.release()
+        assert not arm._hold._driver._thread.is_alive()
+        wait_until(lambda: fake.said_goodbye)
 
 
 def test_a_lost_link_raises_where_the_program_waits() -> None:
