@@ -6,54 +6,61 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from qrobot.config.deployment import Arm
-from qrobot.rig.processes import ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
+from qrobot.rig.processes import Child, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
+
+# The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
+BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 4, 3, 2, 1, 0
 
 
 @dataclass(frozen=True)
 class ArmProcesses:
-    """Starts the processes of `arm` in a rig.
+    """Starts and ends the processes of one arm in a rig.
 
     Attributes:
         deployment: file the processes read, as given on the command line.
-        board_options, servo_options: command-line options that override the file.
+        arm: which arm of it.
     """
 
+    rig: ProcessRig
     deployment: str
     arm: Arm
-    board_options: tuple[str, ...] = ()
-    servo_options: tuple[str, ...] = ()
 
-    def start_board(self, rig: ProcessRig) -> None:
-        """Start the emulated board. Raises LinkError with its own words when it does not come up."""
-        self._start(rig, "board", self.board_options, lambda: board_ready(self.arm.name))
+    def start_all(self) -> None:
+        """Board, servo, guardian, bridge, log. Raises LinkError in the words of the process that failed."""
+        self.start_board()
+        self.start_servo()
+        self.start_bridge()
+        if self.arm.log.directory:
+            self.start_log("--output", self.arm.log.directory)
 
-    def start_servo(self, rig: ProcessRig) -> None:
-        """Start the servo and its guardian."""
-        options = (*self.servo_options, "--own-guardian")
-        self._start(rig, "servo", options, lambda: servo_ready(self.arm.name))
-        self._start(rig, "guardian", (), lambda: guardian_ready(self.arm.name))
+    def start_board(self, *options: str) -> Child:
+        """Start the emulated board."""
+        return self._start(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
 
-    def start_bridge(self, rig: ProcessRig) -> None:
+    def start_servo(self, *options: str) -> Child:
+        """Start the servo and its guardian; returns the servo."""
+        options = (*options, "--own-guardian")
+        servo = self._start(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
+        self._start(("guardian", self.deployment), (), lambda: guardian_ready(self.arm.name), GUARDIAN_RANK)
+        return servo
+
+    def start_bridge(self, *options: str) -> Child:
         """Start the bridge."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
-        self._start(rig, "bridge", (), lambda: bridge_ready(host, port))
+        return self._start(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
 
-    def start_log(self, rig: ProcessRig) -> None:
-        """Start the recorder, when the deployment keeps logs."""
-        if self.arm.log.directory:
-            rig.start(
-                self._name("log"), ["log", "record", self.arm.name, "--out", self.arm.log.directory], lambda: True
-            )
+    def start_log(self, *options: str) -> Child:
+        """Start the recorder of the servo's telemetry."""
+        return self._start(("log", "record", self.deployment), options, lambda: True, LOG_RANK)
 
-    def start_all(self, rig: ProcessRig) -> None:
-        """Board, servo, guardian, bridge, log."""
-        self.start_board(rig)
-        self.start_servo(rig)
-        self.start_bridge(rig)
-        self.start_log(rig)
+    def end(self, *commands: str) -> None:
+        """End the processes of these commands, in this order."""
+        for command in commands:
+            self.rig.end(self.name_of(command))
 
-    def _name(self, what: str) -> str:
-        return f"{self.arm.name}-{what}"
+    def name_of(self, command: str) -> str:
+        """Name of a process in the rig."""
+        return f"{self.arm.name}-{command}"
 
-    def _start(self, rig: ProcessRig, command: str, options: tuple[str, ...], ready: Callable[[], bool]) -> None:
-        rig.start(self._name(command), [command, self.deployment, "--arm", self.arm.name, *options], ready)
+    def _start(self, command: tuple[str, ...], options: tuple[str, ...], ready: Callable[[], bool], rank: int) -> Child:
+        return self.rig.start(self.name_of(command[0]), [*command, "--arm", self.arm.name, *options], ready, rank)

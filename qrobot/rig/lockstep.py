@@ -15,6 +15,12 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.memory import local_board_memory
+from qrobot.rccl_bridge.actions import carry_out
+from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.mailbox_port import MailboxPort
+from qrobot.rccl_bridge.session import Peer, Session
+from qrobot.rccl_bridge.settings import BridgeSettings
+from qrobot.rci import VirtualLink
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.law import find_law
 from qrobot.servo.loop import one_cycle
@@ -24,6 +30,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
 from qrobot.servo.telemetry import Rows, TelemetryReader
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, emulator_run
+from qrobot.wire import Hello
 
 NS_PER_S: Final = 1_000_000_000
 START_NS: Final = NS_PER_S  # virtual time does not begin at zero: nothing may take 0 for "never"
@@ -117,3 +124,30 @@ class LockstepRig:
         if not self._kept:
             return self._reader.layout.empty(0)
         return np.concatenate(self._kept)
+
+
+class LockstepBridge:
+    """The bridge's session of one program, on the virtual time of a rig."""
+
+    def __init__(self, rig: LockstepRig, period_us: int) -> None:
+        self._rig = rig
+        self._port = MailboxPort(rig.mail)
+        settings = BridgeSettings(period_us=period_us)
+        self._session = Session(rig.robot.name, rig.robot.n, Lease(), settings, Peer("127.0.0.1", 0), rig.now_ns)
+
+    def transfer(self, data: bytes) -> bytes:
+        """Hand over the program's bytes; when nothing answers them at once, let time run until the bridge speaks."""
+        answer = b""
+        if data:
+            answer = carry_out(self._session.receive(data, self._rig.now_ns), self._port).data
+        return answer or self._next_state()
+
+    def _next_state(self) -> bytes:
+        rig, session = self._rig, self._session
+        rig.ticks(max(0, -(-(session.due_ns - rig.now_ns) // rig.period_ns)))
+        return carry_out(session.tick(rig.now_ns, self._port.read_state()), self._port).data
+
+
+def link_factory(rig: LockstepRig, period_us: int, hello: Hello) -> VirtualLink:
+    """A program's way to `rig`: `functools.partial(link_factory, rig, period_us)` is what `qrobot.rccl.use` takes."""
+    return VirtualLink(hello, LockstepBridge(rig, period_us).transfer)

@@ -1,8 +1,8 @@
-"""The processes of one deployment: started in order, watched, ended in reverse order.
+"""The processes of one deployment: started in order, watched, ended in order.
 
-Order matters: the board must exist before the servo, the servo before its guardian and the bridge. Ending goes the
-other way, so the servo can make a controlled stop while the board still lives. Every process is a session of its own:
-a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. At the end the servo
+goes while board and guardian still live, so that it can make a controlled stop. Every process is a session of its own: a
+Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
 from qrobot.realtime.setup import PARENT_VARIABLE
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
 
-START_PATIENCE_S = 120.0  # a first start compiles everything
+START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
 POLL_S = 0.02
 
@@ -37,6 +37,7 @@ class Child:
     name: str
     process: subprocess.Popen[bytes]
     output: Path
+    rank: int
     killed: bool = field(default=False)
 
     @property
@@ -72,8 +73,8 @@ class ProcessRig:
         self.children: dict[str, Child] = {}
         directory.mkdir(parents=True, exist_ok=True)
 
-    def start(self, name: str, arguments: Sequence[str], ready: Callable[[], bool]) -> Child:
-        """Start `qrobot ARGUMENTS` under `name` and wait until it is ready.
+    def start(self, name: str, arguments: Sequence[str], ready: Callable[[], bool], rank: int = 0) -> Child:
+        """Start `qrobot ARGUMENTS` under `name` and wait until it is ready; the higher its rank, the sooner it ends.
 
         Raises:
             LinkError: it ended instead of getting ready; the message is the process's own.
@@ -81,7 +82,7 @@ class ProcessRig:
         """
         output = self.directory / f"{name}.txt"
         with output.open("wb") as file:
-            child = Child(name, _spawn(arguments, file), output)
+            child = Child(name, _spawn(arguments, file), output, rank)
         self.children[name] = child
         deadline = time.monotonic() + START_PATIENCE_S
         while not ready():
@@ -96,9 +97,15 @@ class ProcessRig:
         """A child that has ended although nobody asked it to."""
         return next((child for child in self.children.values() if not child.alive), None)
 
+    def end(self, name: str) -> None:
+        """End one child, if there is one of that name."""
+        child = self.children.pop(name, None)
+        if child is not None:
+            child.end()
+
     def close(self) -> None:
-        """End all children, last started first."""
-        for child in reversed(self.children.values()):
+        """End all children, highest rank first."""
+        for child in sorted(self.children.values(), key=lambda child: -child.rank):
             child.end()
 
     def __enter__(self) -> ProcessRig:

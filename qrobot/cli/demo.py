@@ -1,0 +1,158 @@
+"""`qrobot demo`: the experiment of the QRobot paper, from nothing to two figures and a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rich.table import Table
+
+from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, write_json
+
+if TYPE_CHECKING:
+    from qrobot.rig.bounds import Verdict
+    from qrobot.rig.experiment import Result, Run
+
+FIGURES = ("positions", "errors")
+
+
+def demo(
+    *,
+    lockstep: bool = False,
+    rate: Literal[1000, 2000, 4000] | None = None,
+    plant: Literal["nominal", "mismatched"] | None = None,
+    law: str | None = None,
+    out_dir: Path = Path("out/demo"),
+    json: Path | None = None,
+) -> int:
+    """Move an emulated PUMA 560 through the experiment of the QRobot paper and show how well it tracked.
+
+    Board, servo, guardian and bridge run as processes; a program moves the arm from park to an end position at constant
+    speed and back at triple speed, at 1, 2 and 4 kHz on the wall clock. The same is then repeated in lock-step, on the
+    plant the controller believes in and on one with wrong friction, gravity, torque gain and stiction. Options choose
+    single runs. The exit status is 0 when no run faulted and the lock-step runs stayed within their bounds.
+
+    Parameters
+    ----------
+    lockstep
+        Only runs on virtual time.
+    rate
+        Only this servo rate, Hz.
+    plant
+        Only this plant; mismatched means lock-step.
+    law
+        Another control law: pd, qrobot, qrobot+a.
+    out_dir
+        Where logs and figures go.
+    json
+        Write a summary as JSON to this file as well.
+    """
+    from qrobot.rig.bounds import judge
+    from qrobot.rig.experiment import plan
+    from qrobot.servo.law import DEFAULT_LAW, find_law
+
+    find_law(law or DEFAULT_LAW)
+    runs = plan(lockstep, rate, plant, law)
+    results = _run_all(runs, out_dir)
+    verdicts = judge(results)
+    out.print(results_table(results))
+    for verdict in verdicts:
+        out.print(f"{'[green]holds[/]' if verdict.holds else '[red]FAILS[/]'}  {verdict.what}")
+    for path in _draw(results, out_dir):
+        out.print(f"figure {path}")
+    out.print(f"logs   {out_dir}  (look at one with `qrobot log info FILE`)")
+    if json is not None:
+        write_json(_summary(results, verdicts), json)
+    return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE
+
+
+def _run_all(runs: list[Run], directory: Path) -> list[Result]:
+    from qrobot.rig.experiment import run_lockstep
+
+    results: list[Result] = []
+    realtime = [run for run in runs if run.clock == "realtime"]
+    with err.status("starting") as status:
+
+        def progress(what: str) -> None:
+            status.update(what)
+            if not err.is_terminal:
+                note(what)
+
+        if realtime:
+            results += _run_on_the_wall_clock(realtime, directory, progress)
+        for number, run in enumerate(runs[len(realtime) :], len(realtime) + 1):
+            progress(f"run {number} of {len(runs)}: {_describe(run)}")
+            results.append(run_lockstep(run, directory))
+    return results
+
+
+def _run_on_the_wall_clock(runs: list[Run], directory: Path, progress: Any) -> list[Result]:
+    from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
+    from qrobot.rig.deployed import ArmProcesses
+    from qrobot.rig.experiment import run_realtime
+    from qrobot.rig.processes import ProcessRig
+
+    results = []
+    with ProcessRig(directory / "processes") as rig:
+        processes = ArmProcesses(rig, DEFAULT_DEPLOYMENT, choose_arm(DEFAULT_DEPLOYMENT, None))
+        progress("starting the board (a first start compiles for a minute or two)")
+        processes.start_board()
+        processes.start_bridge()
+        for number, run in enumerate(runs, 1):
+            progress(f"run {number}: {_describe(run)} (a first start compiles)")
+            results.append(run_realtime(run, processes, directory))
+    return results
+
+
+def _describe(run: Run) -> str:
+    clock = "on the wall clock" if run.clock == "realtime" else "in lock-step"
+    return f"{run.rate_hz} Hz {clock}, {run.plant} plant, law {run.law}"
+
+
+def results_table(results: list[Result]) -> Table:
+    """Per run: errors of each joint and the punctuality of the cycles."""
+    table = Table(
+        title="tracking error per joint, mrad (largest / rms)", title_justify="left", box=None, padding=(0, 1)
+    )
+    for heading in ("Hz", "clock", "plant", "law"):
+        table.add_column(heading)
+    for joint in results[0].log.header.joint_names if results else ():
+        table.add_column(joint, justify="right")
+    for heading in ("cycles", "late", "wake-up µs p50/p99/max", "x real time", "fault"):
+        table.add_column(heading, justify="right")
+    for result in results:
+        table.add_row(*_cells(result))
+    return table
+
+
+def _cells(result: Result) -> list[str]:
+    run, numbers = result.run, result.summary
+    errors = [
+        f"{largest * 1e3:.2f}/{rms * 1e3:.2f}"
+        for largest, rms in zip(numbers.max_abs_error, numbers.rms_error, strict=True)
+    ]
+    late = numbers.wakeup_us
+    wake_up = f"{late.p50:.2f}/{late.p99:.1f}/{late.max:.0f}" if run.clock == "realtime" else "-"
+    factor = "1" if run.clock == "realtime" else f"{result.realtime_factor:.0f}"
+    punctuality = [str(numbers.cycles), str(numbers.late_cycles), wake_up, factor, result.fault or "-"]
+    return [str(run.rate_hz), run.clock, run.plant, run.law, *errors, *punctuality]
+
+
+def _draw(results: list[Result], directory: Path) -> list[Path]:
+    """The paper's two figures, of the first run."""
+    from qrobot.log.plot import FIGURES as DRAW
+    from qrobot.log.plot import save_figure
+
+    paths = []
+    for name in FIGURES if results else ():
+        path = directory / f"{name}.png"
+        save_figure(DRAW[name](results[0].log), path)
+        paths.append(path)
+    return paths
+
+
+def _summary(results: list[Result], verdicts: list[Verdict]) -> dict[str, Any]:
+    return {
+        "runs": [result.to_dict() for result in results],
+        "bounds": [verdict.to_dict() for verdict in verdicts],
+    }

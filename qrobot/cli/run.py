@@ -1,0 +1,72 @@
+"""`qrobot run`: a robot program, against the bridge of a running arm or in lock-step without one."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.errors import ConfigError
+
+US_PER_MS = 1000
+
+
+def run(
+    program: Path,
+    *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+    lockstep: bool = False,
+    plant: Literal["nominal", "mismatched"] | None = None,
+) -> None:
+    """Run a Python program that moves an arm through `qrobot.rccl`.
+
+    The program is an ordinary script; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
+    one runs inside this process on virtual time, the same way every time, and as fast as the machine allows.
+
+      qrobot run examples/01_park_and_return.py
+      qrobot run --lockstep examples/01_park_and_return.py
+
+    Parameters
+    ----------
+    program
+        Path of the script.
+    arguments
+        Its own command-line arguments.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    lockstep
+        On virtual time, without processes.
+    plant
+        With --lockstep: overrides the deployment file.
+    """
+    if not program.is_file():
+        raise ConfigError(f"no program {program}")
+    chosen = choose_arm(deployment, arm)
+    sys.argv = [str(program), *arguments]
+    sys.path.insert(0, str(program.resolve().parent))
+    if not lockstep:
+        os.environ.setdefault("QROBOT_BRIDGE", f"{chosen.bridge.host}:{chosen.bridge.port}")
+        runpy.run_path(str(program), run_name="__main__")
+        return
+
+    from qrobot import rccl
+    from qrobot.rig.lockstep import LockstepRig, link_factory
+    from qrobot.sim_board.emulator import Emulator
+    from qrobot.sim_board.mismatch import PlantMismatch
+
+    robot = robot_of_arm(chosen)
+    wrong = (plant or chosen.board.plant) == "mismatched"
+    mismatch = PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n)
+    emulator = Emulator(robot, mismatch=mismatch, start=chosen.board.start_pose, calibrated=chosen.board.calibrated)
+    rig = LockstepRig(robot, servo_settings(chosen), emulator, keep_telemetry=False)
+    with rccl.use(partial(link_factory, rig, round(chosen.bridge.period_ms * US_PER_MS))):
+        runpy.run_path(str(program), run_name="__main__")

@@ -1,0 +1,90 @@
+"""What the experiment has to show in lock-step, run by run and between runs.
+
+The numbers are ours, from simulation of the paper's test with these gains (wn = 30 rad/s on joints 1-3, 50 on the
+wrist); the paper's own figure is an image without numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.rig.experiment import Result
+
+ARM_JOINTS: Final = 3
+LARGEST_ERROR_RAD: Final = {"nominal": (0.005, 0.002), "mismatched": (0.010, 0.004)}  # joints 1-3, joints 4-6
+PD_FACTOR: Final = 2.0
+RATE_SPREAD: Final = 0.10
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One bound and whether it held."""
+
+    what: str
+    holds: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {"what": self.what, "holds": self.holds}
+
+
+def judge(results: Sequence[Result]) -> list[Verdict]:
+    """All bounds that these results can be held to."""
+    return [*_faults(results), *_errors(results), *_pd_is_worse(results), *_rates_agree(results), *_repeats(results)]
+
+
+def _lockstep(results: Sequence[Result], law: str, plant: str | None = None) -> list[Result]:
+    return [r for r in results if r.run.clock == "lockstep" and r.run.law == law and plant in (None, r.run.plant)]
+
+
+def _largest(result: Result) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.asarray(result.summary.max_abs_error)
+
+
+def _faults(results: Sequence[Result]) -> list[Verdict]:
+    return [Verdict(f"{r.run.name}: no fault{f', but {r.fault}' if r.fault else ''}", not r.fault) for r in results]
+
+
+def _errors(results: Sequence[Result]) -> list[Verdict]:
+    verdicts = []
+    for result in _lockstep(results, "qrobot"):
+        arm, wrist = LARGEST_ERROR_RAD[result.run.plant]
+        largest = _largest(result)
+        holds = bool(np.all(largest[:ARM_JOINTS] <= arm) and np.all(largest[ARM_JOINTS:] <= wrist))
+        what = f"{result.run.name}: largest error {arm * 1e3:g} mrad on joints 1-3, {wrist * 1e3:g} on the others"
+        verdicts.append(Verdict(what, holds))
+    return verdicts
+
+
+def _pd_is_worse(results: Sequence[Result]) -> list[Verdict]:
+    verdicts = []
+    for pd in _lockstep(results, "pd", "nominal"):
+        for full in _lockstep(results, "qrobot", "nominal"):
+            if full.run.rate_hz == pd.run.rate_hz:
+                holds = bool(np.all(_largest(pd)[:ARM_JOINTS] >= PD_FACTOR * _largest(full)[:ARM_JOINTS]))
+                verdicts.append(Verdict(f"PD alone at least {PD_FACTOR:g} times as bad on joints 1-3", holds))
+    return verdicts
+
+
+def _rates_agree(results: Sequence[Result]) -> list[Verdict]:
+    verdicts = []
+    for plant in LARGEST_ERROR_RAD:
+        errors = np.array([_largest(r) for r in _lockstep(results, "qrobot", plant)])
+        if len(errors) > 1:
+            spread = float(np.max(errors.max(axis=0) / errors.min(axis=0) - 1.0))
+            what = f"{plant} plant: all rates within {RATE_SPREAD:.0%} of each other ({spread:.1%})"
+            verdicts.append(Verdict(what, spread <= RATE_SPREAD))
+    return verdicts
+
+
+def _repeats(results: Sequence[Result]) -> list[Verdict]:
+    digests: dict[str, set[str]] = {}
+    runs = [r for r in results if r.digest]
+    for result in runs:
+        digests.setdefault(result.run.name, set()).add(result.digest)
+    repeated = {r.run.name for r in runs if sum(s.run == r.run for s in runs) > 1}
+    return [Verdict(f"{name}: bit-identical when repeated", len(digests[name]) == 1) for name in sorted(repeated)]

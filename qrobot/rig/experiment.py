@@ -1,0 +1,181 @@
+"""The experiment of the QRobot paper: park, end position at constant speed, park at triple speed, and how it tracked.
+
+One program, four ways to run it: against processes on the wall clock at 1, 2 and 4 kHz, and in lock-step with a plant
+that is what the controller believes and with one that is not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import runpy
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from qrobot import rccl
+from qrobot.config import Robot, load_robot
+from qrobot.errors import QRobotError
+from qrobot.faultcodes import FaultCode
+from qrobot.log.header import LOCKSTEP, REALTIME, header_for
+from qrobot.log.read import Log, read_log
+from qrobot.log.record import write_log
+from qrobot.log.summary import TrackingSummary, tracking_summary
+from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.mismatch import PlantMismatch
+from qrobot.wire.packets import DEFAULT_PERIOD_US
+
+Clock = Literal["realtime", "lockstep"]
+Plant = Literal["nominal", "mismatched"]
+
+PROGRAM: Final = "01_park_and_return.py"
+RATES_HZ: Final = (1000, 2000, 4000)
+PROGRAM_PATIENCE_S: Final = 120.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the experiment."""
+
+    rate_hz: int
+    clock: Clock = "lockstep"
+    plant: Plant = "nominal"
+    law: str = "qrobot"
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return f"{self.clock}-{self.rate_hz}-{self.plant}-{self.law}"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a run.
+
+    Attributes:
+        realtime_factor: robot time over wall-clock time of the motion, writing the log excluded.
+        fault: name of the first fault code while the arm was powered, "" for none.
+        digest: of every telemetry row of a lock-step run; equal digests are bit-identical runs.
+    """
+
+    run: Run
+    log: Log
+    summary: TrackingSummary
+    realtime_factor: float
+    fault: str
+    digest: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        run, numbers = self.run, self.summary.to_dict()
+        return {
+            "rate_hz": run.rate_hz,
+            "clock": run.clock,
+            "plant": run.plant,
+            "law": run.law,
+            "max_abs_error_rad": numbers["max_abs_error"],
+            "rms_error_rad": numbers["rms_error"],
+            "cycles": numbers["cycles"],
+            "late_cycles": numbers["late_cycles"],
+            "skipped_cycles": numbers["skipped_cycles"],
+            "lost_rows": numbers["lost_rows"],
+            "wakeup_us": numbers["wakeup_us"],
+            "realtime_factor": self.realtime_factor,
+            "fault": self.fault or None,
+            "log": str(self.log.path),
+        }
+
+
+def program_path(name: str = PROGRAM) -> Path:
+    """An example program, of an installed package or of a checkout."""
+    package = Path(str(files("qrobot")))
+    installed = package / "_examples"
+    return (installed if installed.is_dir() else package.parent / "examples") / name
+
+
+def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Result:
+    """The experiment on virtual time; its log is written below `directory` afterwards."""
+    robot = robot or load_robot("puma560")
+    wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
+    rig = LockstepRig(robot, ServoSettings(rate_hz=run.rate_hz, law=run.law), Emulator(robot, mismatch=wrong))
+    rig.ticks(1)  # loads the compiled loop, which is not the motion's time
+    began_ns, began = rig.now_ns, time.perf_counter()
+    run_program(rig, program_path())
+    factor = (rig.now_ns - began_ns) * 1e-9 / (time.perf_counter() - began)
+    rows = rig.rows()
+    header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant)
+    path = write_log(directory / f"{run.name}.mcap", rows, header)[0]
+    return _result(run, read_log(path), factor, hashlib.sha256(rows.tobytes()).hexdigest())
+
+
+def run_program(rig: LockstepRig, program: Path, period_us: int = DEFAULT_PERIOD_US) -> str:
+    """Run a program against `rig` on virtual time; returns what it printed."""
+    printed = io.StringIO()
+    with rccl.use(partial(link_factory, rig, period_us)), contextlib.redirect_stdout(printed):
+        runpy.run_path(str(program), run_name="__main__")
+    return printed.getvalue()
+
+
+def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
+    """The experiment on the wall clock; board and bridge of the arm have to run.
+
+    Raises:
+        LinkError: a process did not start.
+        QRobotError: the program failed; the message is the program's own.
+    """
+    path = directory / f"{run.name}.mcap"
+    with _servo_running(run, processes, path):
+        began = time.monotonic()
+        program = processes.rig.start(f"{processes.arm.name}-program", ["run", str(program_path())], lambda: True)
+        status = program.process.wait(PROGRAM_PATIENCE_S)
+        wall_s = time.monotonic() - began
+    processes.rig.end(program.name)
+    log = read_log(path)
+    result = _result(run, log, 1.0)
+    if status != 0:
+        raise QRobotError(f"the program failed after {wall_s:.1f} s: {program.complaint()}")
+    return result
+
+
+@contextlib.contextmanager
+def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[None]:
+    """Servo, guardian and recorder for one run."""
+    processes.start_servo("--rate", str(run.rate_hz), "--law", run.law)
+    processes.start_log("--output", str(log), "--plant", run.plant)
+    try:
+        yield
+    finally:
+        processes.end("servo", "log", "guardian")
+
+
+def _result(run: Run, log: Log, factor: float, digest: str = "") -> Result:
+    powered = (log.rows["mode"] >= Mode.HOLDING) & (log.rows["fault"] != 0)
+    code = int(log.rows["fault"][powered][0]) if powered.any() else 0
+    fault = FaultCode(code).name if code else ""
+    return Result(run, log, tracking_summary(log), factor, fault, digest)
+
+
+def plan(
+    lockstep: bool = False, rate_hz: int | None = None, plant: Plant | None = None, law: str | None = None
+) -> list[Run]:
+    """The runs of a demo: everything, or what the options choose."""
+    rates = (rate_hz,) if rate_hz else RATES_HZ
+    runs = (
+        [] if lockstep or plant == "mismatched" else [Run(rate, REALTIME, "nominal", law or "qrobot") for rate in rates]
+    )
+    plants: tuple[Plant, ...] = (
+        (plant,) if plant else ("nominal",) if lockstep and rate_hz else ("nominal", "mismatched")
+    )
+    runs += [Run(rate, LOCKSTEP, p, law or "qrobot") for p in plants for rate in rates]
+    if not (rate_hz or plant or law):
+        runs.append(Run(RATES_HZ[0], LOCKSTEP, "nominal", "pd"))
+    return runs
