@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -55,9 +56,11 @@ def demo(
     runs = plan(lockstep, rate, plant, law)
     results = _run_all(runs, out_dir)
     verdicts = judge(results)
-    out.print(results_table(results))
+    for table in results_tables(results):
+        out.print(table)
+        out.print()
     for verdict in verdicts:
-        out.print(f"{'[green]holds[/]' if verdict.holds else '[red]FAILS[/]'}  {verdict.what}")
+        out.print(f"{'[green]holds[/]' if verdict.holds else '[red]FAILS[/]'}  {verdict.what}", soft_wrap=True)
     for path in _draw(results, out_dir):
         out.print(f"figure {path}")
     out.print(f"logs   {out_dir}  (look at one with `qrobot log info FILE`)")
@@ -109,33 +112,36 @@ def _describe(run: Run) -> str:
     return f"{run.rate_hz} Hz {clock}, {run.plant} plant, law {run.law}"
 
 
-def results_table(results: list[Result]) -> Table:
-    """Per run: errors of each joint and the punctuality of the cycles."""
-    table = Table(
-        title="tracking error per joint, mrad (largest / rms)", title_justify="left", box=None, padding=(0, 1)
-    )
+def results_tables(results: list[Result]) -> list[Table]:
+    """Errors of each joint, largest and rms, and the punctuality of the cycles: one row per run."""
+    joints = results[0].log.header.joint_names if results else ()
+    largest = _table("largest tracking error, mrad (mm on a sliding joint)", joints)
+    rms = _table("rms tracking error, mrad", joints)
+    cycles = _table("cycles", ("cycles", "late", "wake-up µs p50/p99/max", "x real time", "fault"))
+    for result in results:
+        run, numbers = result.run, result.summary
+        label = (str(run.rate_hz), run.clock, run.plant, run.law)
+        largest.add_row(*label, *(f"{error * 1e3:.2f}" for error in numbers.max_abs_error))
+        rms.add_row(*label, *(f"{error * 1e3:.2f}" for error in numbers.rms_error))
+        cycles.add_row(*label, *_punctuality(result))
+    return [largest, rms, cycles]
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0))
     for heading in ("Hz", "clock", "plant", "law"):
         table.add_column(heading)
-    for joint in results[0].log.header.joint_names if results else ():
-        table.add_column(joint, justify="right")
-    for heading in ("cycles", "late", "wake-up µs p50/p99/max", "x real time", "fault"):
+    for heading in columns:
         table.add_column(heading, justify="right")
-    for result in results:
-        table.add_row(*_cells(result))
     return table
 
 
-def _cells(result: Result) -> list[str]:
-    run, numbers = result.run, result.summary
-    errors = [
-        f"{largest * 1e3:.2f}/{rms * 1e3:.2f}"
-        for largest, rms in zip(numbers.max_abs_error, numbers.rms_error, strict=True)
-    ]
-    late = numbers.wakeup_us
-    wake_up = f"{late.p50:.2f}/{late.p99:.1f}/{late.max:.0f}" if run.clock == "realtime" else "-"
-    factor = "1" if run.clock == "realtime" else f"{result.realtime_factor:.0f}"
-    punctuality = [str(numbers.cycles), str(numbers.late_cycles), wake_up, factor, result.fault or "-"]
-    return [str(run.rate_hz), run.clock, run.plant, run.law, *errors, *punctuality]
+def _punctuality(result: Result) -> list[str]:
+    numbers, late = result.summary, result.summary.wakeup_us
+    realtime = result.run.clock == "realtime"
+    wake_up = f"{late.p50:.2f}/{late.p99:.1f}/{late.max:.0f}" if realtime else "-"
+    factor = "1" if realtime else f"{result.realtime_factor:.0f}"
+    return [str(numbers.cycles), str(numbers.late_cycles), wake_up, factor, result.fault or "-"]
 
 
 def _draw(results: list[Result], directory: Path) -> list[Path]:

@@ -32,7 +32,7 @@ from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
-from qrobot.wire.packets import DEFAULT_PERIOD_US
+from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
 Clock = Literal["realtime", "lockstep"]
 Plant = Literal["nominal", "mismatched"]
@@ -113,6 +113,7 @@ def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Resul
     factor = (rig.now_ns - began_ns) * 1e-9 / (time.perf_counter() - began)
     rows = rig.rows()
     header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant)
+    directory.mkdir(parents=True, exist_ok=True)
     path = write_log(directory / f"{run.name}.mcap", rows, header)[0]
     return _result(run, read_log(path), factor, hashlib.sha256(rows.tobytes()).hexdigest())
 

@@ -1,8 +1,8 @@
 """The processes of one deployment: started in order, watched, ended in order.
 
-Order matters: the board must exist before the servo, the servo before its guardian and the bridge. At the end the servo
-goes while board and guardian still live, so that it can make a controlled stop. Every process is a session of its own: a
-Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. At the end the
+servo goes while board and guardian still live, so that it can make a controlled stop. Every process is a session of its
+own: a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
 """
 
 from __future__ import annotations
