@@ -115,6 +115,7 @@ from qrobot.servo.stream import advance_phase, take_frame
 from qrobot.servo.supervisor import (
     finish_stop,
     guardian_alive,
+    hold_here,
     obey_requests,
     raise_code,
     react,
@@ -234,7 +235,9 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
 def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop."""
     mode = state.i[MODE]
-    if mode == TRACKING:
+    if not gives_torque(mode):
+        hold_here(state)  # without torque the reference is wherever the arm is
+    elif mode == TRACKING:
         if advance_phase(state):
             code, joint = take_frame(params, state, mail, now_ns)
             raise_code(state, code, joint)

@@ -47,6 +47,7 @@ class Law(types.WrapperAddressProtocol):  # type: ignore[misc]
     def __init__(self, body: Body) -> None:
         self.body = body  # the compiled function; plain Python with the JIT off
         self.__doc__ = body.__doc__
+        self._address = 0
 
     def __call__(self, *arguments: Any) -> None:
         """Run the law from Python."""
@@ -58,8 +59,10 @@ class Law(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     def __wrapper_address__(self) -> int:
         """Where the compiled code is, for Numba."""
-        result = self.body.get_compile_result(LAW_SIGNATURE)  # type: ignore[attr-defined]
-        return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+        if not self._address:
+            result = self.body.get_compile_result(LAW_SIGNATURE)  # type: ignore[attr-defined]
+            self._address = result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name)
+        return self._address
 
 
 def law(function: Body) -> Law:
