@@ -2,6 +2,7 @@
 
 QRobotError
 ├── ConfigError            a file, option or key is wrong: names the key, the value and what is allowed
+├── CodegenError           an expression cannot be made into a kernel: names the operation or argument
 ├── LinkError              the other side of a bus or socket
 │   ├── LinkTimeout        it did not answer in time
 │   ├── LinkLost           it was there and went away
@@ -28,6 +29,10 @@ class QRobotError(Exception):
 
 class ConfigError(QRobotError):
     """A configuration file, option or key is wrong."""
+
+
+class CodegenError(QRobotError):
+    """A symbolic expression cannot be translated or compiled."""
 
 
 class LinkError(QRobotError):
