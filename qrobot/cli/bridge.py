@@ -7,6 +7,8 @@ import logging
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note
 
+PRIORITY = 30  # below board and servo, above the programs' trajectory threads
+
 
 def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port: int | None = None) -> None:
     """Serve the packet protocol for one arm, until Ctrl-C.
@@ -26,9 +28,11 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.mailbox_port import ServoPort
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
+    from qrobot.realtime.setup import set_fifo
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
+    set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     settings = BridgeSettings(choice.host, port or choice.port, round(choice.period_ms * 1000))
     run_bridge(

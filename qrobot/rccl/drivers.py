@@ -6,18 +6,18 @@ program waits for something, so a run is the same every time.
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from typing import Final, Protocol
 
 from qrobot.errors import LinkLost
 from qrobot.rccl.task import Phase, TrajectoryTask
 from qrobot.rci import Link
+from qrobot.realtime.setup import set_fifo
 from qrobot.wire import Command
 
-_NICENESS: Final = -5  # a little ahead of ordinary programs, where that is allowed
+_PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 _LOOK_S: Final = 0.5  # a waiting program looks up so often
 
 
@@ -114,8 +114,7 @@ class ThreadDriver:
         self._thread.join()
 
     def _run(self) -> None:
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        set_fifo(_PRIORITY)
         reason = "program ended"
         try:
             self._answer_states()
