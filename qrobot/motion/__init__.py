@@ -9,6 +9,7 @@ from qrobot.motion.events import EventKind, MotionEvent, Termination
 from qrobot.motion.generator import Generator, Output
 from qrobot.motion.limits import MotionLimits, motion_limits
 from qrobot.motion.request import Duration, JointSpeed, MoveRequest, Pace, SpeedShare
+from qrobot.motion.warm import warm_up
 
 __all__ = [
     "Blend",
@@ -24,4 +25,5 @@ __all__ = [
     "SpeedShare",
     "Termination",
     "motion_limits",
+    "warm_up",
 ]

@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
-from qrobot.motion import Blend, Duration, JointSpeed, MoveRequest, Pace, SpeedShare
+from qrobot.motion import Blend, Duration, JointSpeed, MoveRequest, Pace, SpeedShare, warm_up
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
@@ -213,6 +213,7 @@ class Channel:
 def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clear_fault: bool, blend: Blend) -> Channel:
     """Connect to `robot` and take control; see `control`."""
     arm = load_robot(robot)
+    warm_up(arm.n, blend)  # no sample may wait for the compiler
     link = factory(hello_for(arm.name, 0 if period_ms is None else round(period_ms * _US_PER_MS)))
     try:
         welcome = link.open()

@@ -1,0 +1,31 @@
+"""Compile, or load from the cache, what a generator calls, before a robot waits for its setpoints."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from qrobot.motion.blend import Blend
+from qrobot.motion.generator import Generator
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.request import Duration, MoveRequest
+
+_PERIOD_S = 0.05
+_TICKS = 40
+
+
+@cache
+def warm_up(n: int, blend: Blend) -> None:
+    """Make a generator for `n` joints do everything once: move, turn, be interrupted and stop."""
+    one = np.ones(n)
+    limits = MotionLimits(-one, one, one, 10.0 * one, 10.0 * one, np.zeros(n, dtype=np.bool_), ("joint",) * n)
+    generator = Generator(limits, _PERIOD_S, 0.0 * one, blend=blend)
+    for target in (0.1, 0.0, 0.1, 0.0):
+        generator.push(MoveRequest("warm-up", target * one, Duration(0.6)))
+    for tick in range(1, _TICKS):
+        if tick == _TICKS // 4:
+            generator.interrupt(1)
+        if tick == _TICKS // 2:
+            generator.stop(0.1)
+        generator.update(tick)
