@@ -62,7 +62,8 @@ class Result:
     """What came of a run.
 
     Attributes:
-        realtime_factor: robot time over wall-clock time of the motion, writing the log excluded.
+        realtime_factor: robot time over wall-clock time from the program's first packet to its last; writing the log is
+            not part of it.
         fault: name of the first fault code while the arm was powered, "" for none.
         digest: of every telemetry row of a lock-step run; equal digests are bit-identical runs.
     """
@@ -108,14 +109,12 @@ def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Resul
     wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
     rig = LockstepRig(robot, ServoSettings(rate_hz=run.rate_hz, law=run.law), Emulator(robot, mismatch=wrong))
     rig.ticks(1)  # loads the compiled loop, which is not the motion's time
-    began_ns, began = rig.now_ns, time.perf_counter()
     run_program(rig, program_path())
-    factor = (rig.now_ns - began_ns) * 1e-9 / (time.perf_counter() - began)
     rows = rig.rows()
     header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant)
     directory.mkdir(parents=True, exist_ok=True)
     path = write_log(directory / f"{run.name}.mcap", rows, header)[0]
-    return _result(run, read_log(path), factor, hashlib.sha256(rows.tobytes()).hexdigest())
+    return _result(run, read_log(path), rig.realtime_factor, hashlib.sha256(rows.tobytes()).hexdigest())
 
 
 def run_program(rig: LockstepRig, program: Path, period_us: int = DEFAULT_PERIOD_US) -> str:

@@ -68,6 +68,11 @@ class LockstepRig:
         emulator: board and plant; default the robot's nominal one at its start pose.
         keep_telemetry: collect every row in `rows()`.
 
+    Attributes:
+        now_ns: virtual time.
+        realtime_factor: virtual time over wall-clock time of the newest program, from its first packet on: generator,
+            packets, bridge, servo, board and plant together.
+
     Raises:
         ConfigError: the servo's period is no multiple of the plant's.
     """
@@ -90,7 +95,7 @@ class LockstepRig:
         self.board = local_board_memory()
         self.mailbox = ServoMailbox(self.mail)
         self.now_ns = START_NS
-        self.wall_s = 0.0
+        self.realtime_factor = 0.0
         info = self.mailbox.info
         self._reader = TelemetryReader(self.mail, info.telemetry_base, info.telemetry_capacity, robot.n)
         self._kept: list[Rows] | None = [] if keep_telemetry else None
@@ -105,12 +110,10 @@ class LockstepRig:
         """Advance by `n` servo cycles, at most the telemetry ring's length at a time."""
         while n > 0:
             chunk = min(n, RING_ROWS // 2)
-            started = time.perf_counter()
             self.now_ns = run_ticks(
                 self.params, self.state, self.law, self.mail, self.board, self.emulator.bundle,
                 self.now_ns, chunk, self.substeps,
             )  # fmt: skip
-            self.wall_s += time.perf_counter() - started
             if self._kept is not None:
                 self._kept.append(self._reader.read())
             n -= chunk
@@ -132,6 +135,8 @@ class LockstepBridge:
     def __init__(self, rig: LockstepRig, period_us: int) -> None:
         self._rig = rig
         self._port = MailboxPort(rig.mail)
+        self._began_ns = rig.now_ns
+        self._began_s = time.perf_counter()
         settings = BridgeSettings(period_us=period_us)
         self._session = Session(rig.robot.name, rig.robot.n, Lease(), settings, Peer("127.0.0.1", 0), rig.now_ns)
 
@@ -145,6 +150,7 @@ class LockstepBridge:
     def _next_state(self) -> bytes:
         rig, session = self._rig, self._session
         rig.ticks(max(0, -(-(session.due_ns - rig.now_ns) // rig.period_ns)))
+        rig.realtime_factor = (rig.now_ns - self._began_ns) * 1e-9 / (time.perf_counter() - self._began_s)
         return carry_out(session.tick(rig.now_ns, self._port.read_state()), self._port).data
 
 
