@@ -1,0 +1,1 @@
+"""What is fast, and against whom: figures as ratios to a reference measured in the same run."""
