@@ -1,4 +1,4 @@
-"""How late a periodic loop wakes: ours with and without spinning, a plain Python loop, and cyclictest where installed."""
+"""How late a periodic loop wakes: ours with and without spinning, plain Python, and cyclictest where installed."""
 
 from __future__ import annotations
 
