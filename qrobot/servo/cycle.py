@@ -80,6 +80,10 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
+    ADOPT,
+    ADOPT_BOARD,
+    ADOPT_JUMPED,
+    ADOPT_NOTHING,
     BUSY_NS,
     CLIPPED,
     DISCRETE_SENT,
@@ -103,6 +107,7 @@ from qrobot.servo.state import (
     RATE,
     RATE_AT_STOP,
     RATE_SLOPE,
+    READ_NS,
     STARTED,
     STATUS,
     STOP_SECONDS,
@@ -111,7 +116,7 @@ from qrobot.servo.state import (
     UNCHANGED,
     ServoState,
 )
-from qrobot.servo.stream import advance_phase, take_frame
+from qrobot.servo.stream import advance_phase, frame_is_over, take_frame
 from qrobot.servo.supervisor import (
     finish_stop,
     guardian_alive,
@@ -172,19 +177,32 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 @lean_kernel
 def read(params: ServoParameters, state: ServoState) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
-    state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
-    whole, count = state.i[IMAGE_OK] != 0, state.image[IMAGE_COUNT]
-    state.i[UNCHANGED] = state.i[UNCHANGED] + 1 if count == state.i[IMAGE_SEEN] else 0
-    state.i[IMAGE_SEEN] = count
-    code = check_image(state.i[UNCHANGED], params.unchanged_images, count, state.i[STATUS])
-    state.i[IMAGE_OK] = 1 if whole and code == 0 else 0
-    if state.i[IMAGE_OK] == 0:
-        return
+    whole = state.i[IMAGE_OK] != 0
+    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN]
+    state.i[UNCHANGED] = 0 if fresh else state.i[UNCHANGED] + 1
+    if whole:
+        state.i[IMAGE_SEEN] = state.image[IMAGE_COUNT]
+        state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+    code = check_image(state.i[UNCHANGED], params.unchanged_images, state.i[IMAGE_SEEN], state.i[STATUS])
+    state.i[IMAGE_OK] = 1 if code == 0 else 0
+    if state.i[IMAGE_OK] == 0 and not wants_power(state.i[MODE]):
+        state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
+    if fresh and state.i[IMAGE_OK] != 0:
+        read_encoders(params, state)
+
+
+@lean_kernel
+def read_encoders(params: ServoParameters, state: ServoState) -> None:
+    """Counts from the encoder words of a good image."""
     first = IMAGE_INPUTS + ENC_COUNT // 2
     words = state.image[first : first + state.raw.size]
-    if state.i[STARTED] == 0:
+    if state.i[ADOPT] != ADOPT_NOTHING:
         adopt(params, state, words)
-    joint = unwrap_counts(words, state.raw, state.counts, params.jump_counts)
+    periods = max(1, (state.i[LAST_NOW_NS] - state.i[READ_NS] + params.period_ns // 2) // params.period_ns)
+    state.i[READ_NS] = state.i[LAST_NOW_NS]
+    for j in range(state.raw.size):
+        state.jump[j] = params.jump_counts[j] * periods
+    joint = unwrap_counts(words, state.raw, state.counts, state.jump)
     if joint < 0:
         state.i[GLITCHES] = 0
         return
@@ -195,12 +213,21 @@ def read(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
-    """First image: take counters and scratch bits as the board kept them, and move nothing."""
+    """First image of a board: take counters and scratch bits as it kept them, and move nothing.
+
+    Counters that jumped are taken too, but are not calibrated any more.
+    """
     for j in range(words.size):
         state.raw[j] = words[j]
         state.counts[j] = signed_word(words[j])
     counts_to_joint(state.counts, params.transmission, state.q_before)
-    state.i[DISCRETE_WORD] = (state.i[STATUS] & params.scratch_bits) | DISCRETE_HAND_RELAXED
+    kept = state.i[STATUS] & params.scratch_bits
+    if state.i[ADOPT] == ADOPT_JUMPED:
+        kept &= ~STATUS_CALIBRATED
+    state.i[DISCRETE_WORD] = kept | DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_SENT] = -1
+    state.i[GLITCHES] = 0
+    state.i[ADOPT] = ADOPT_NOTHING
     state.i[STARTED] = 1
 
 
@@ -233,12 +260,13 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    """Advance the reference along the setpoints, or along the path of a stop."""
+    """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.i[MODE]
     if not gives_torque(mode):
         hold_here(state)  # without torque the reference is wherever the arm is
     elif mode == TRACKING:
-        if advance_phase(state):
+        advance_phase(state)
+        while frame_is_over(state):
             code, joint = take_frame(params, state, mail, now_ns)
             raise_code(state, code, joint)
         reference(state.knots, state.f[PHASE], state.f[RATE], 0.0, state.q_ref, state.v_ref, state.a_ref)
@@ -247,13 +275,16 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         left, slope = stop_profile((now_ns - state.i[STOP_SINCE_NS]) * 1e-9, state.f[STOP_SECONDS])
         state.f[RATE] = left * state.f[RATE_AT_STOP]
         state.f[RATE_SLOPE] = slope * state.f[RATE_AT_STOP]
-        if advance_phase(state):
-            shift_extrapolated(state.knots, params.q_min, params.q_max)
+        advance_phase(state)
+        while frame_is_over(state):
+            shift_extrapolated(state.knots)
         reference(
             state.knots, state.f[PHASE], state.f[RATE], state.f[RATE_SLOPE], state.q_ref, state.v_ref, state.a_ref
         )
         if left == 0.0:
             finish_stop(state)
+    elif not gives_torque(mode):
+        hold_here(state)
 
 
 @lean_kernel
@@ -266,11 +297,9 @@ def follow_torque_joints(state: ServoState) -> None:
 
 @lean_kernel
 def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
-    """Torque of the law, guarded; zero where the mode gives none."""
+    """Torque of the law, guarded, in modes that give any."""
     state.i[CLIPPED] = 0
     if not gives_torque(state.i[MODE]):
-        for j in range(state.tau.size):
-            state.tau[j] = 0.0
         return
     model_terms(params, state)
     if state.i[LAW_FAILED] != 0:
@@ -335,11 +364,15 @@ def add_torque_setpoints(state: ServoState) -> None:
 @lean_kernel
 def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
+    if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
+        state.tau[:] = 0.0
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
     compose_discrete(state, mail[COMMAND_HAND])
-    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD]
     mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
-    if mail[GUARD_TAKEOVER] != 0 or state.i[STARTED] == 0:
+    if state.i[STARTED] == 0:
+        return 0
+    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD]
+    if mail[GUARD_TAKEOVER] != 0:
         state.i[DISCRETE_SENT] = -1
         return 0
     n = 0

@@ -115,18 +115,21 @@ def check_image(unchanged: int, most: int, count: int, status: int) -> int:
 
 @lean_kernel
 def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
-    """(code, joint, joints clipped): clip `tau` in place to +-`tau_max`; a NaN becomes zero torque. Shapes (n,)."""
+    """Clip `tau` in place to +-`tau_max`: (code, joint, number of joints clipped). Shapes (n,).
+
+    What is no finite number becomes zero torque: an infinity is a division by zero, not a wish for full torque.
+    """
     code, joint, clipped = NONE, 0, 0
     for j in range(tau.size):
         if not abs(tau[j]) <= tau_max[j]:
             clipped += 1
-            if tau[j] > tau_max[j]:
-                tau[j] = tau_max[j]
-            elif tau[j] < -tau_max[j]:
-                tau[j] = -tau_max[j]
-            else:
+            if not abs(tau[j]) < np.inf:
                 tau[j] = 0.0
                 code, joint = LAW_NAN, j
+            elif tau[j] > 0.0:
+                tau[j] = tau_max[j]
+            else:
+                tau[j] = -tau_max[j]
     return code, joint, clipped
 
 

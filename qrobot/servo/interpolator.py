@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+import numpy as np
+
 from qrobot.realtime.jit import lean_kernel
 
 N_KNOTS: Final = 4
@@ -45,13 +47,20 @@ def shift_in(knots: Any, setpoint: Any) -> None:
 
 
 @lean_kernel
-def shift_extrapolated(knots: Any, q_min: Any, q_max: Any) -> None:
-    """In place of a missing setpoint: go on at the last velocity, inside the joints' ranges."""
-    for j in range(q_min.size):
+def shift_extrapolated(knots: Any) -> None:
+    """In place of a missing setpoint: go on at the last velocity. That a range may end is a matter of the stop."""
+    for j in range(knots.shape[1]):
         following = 2.0 * knots[3, j] - knots[2, j]
         for i in range(N_KNOTS - 1):
             knots[i, j] = knots[i + 1, j]
-        knots[3, j] = min(max(following, q_min[j]), q_max[j])
+        knots[3, j] = following
+
+
+@lean_kernel
+def line_through(knots: Any, j: int, phase: float, q: float, step: float) -> None:
+    """Let the reference of joint `j` pass `q` at `phase` on a straight line of `step` per frame. Shape (4, n)."""
+    for i in range(N_KNOTS):
+        knots[i, j] = q + (i - 1 - phase) * step
 
 
 @lean_kernel
@@ -87,6 +96,20 @@ def stop_duration(v: Any, a_stop: Any, shortest: float) -> float:
     duration = shortest
     for j in range(v.size):
         duration = max(duration, PEAK_SLOPE * abs(v[j]) / a_stop[j])
+    return duration
+
+
+@lean_kernel
+def room_duration(q: Any, v: Any, q_min: Any, q_max: Any) -> float:
+    """Seconds in which a stop from `v` has to be over for every joint to rest inside its range. Shapes (n,).
+
+    A stop of T seconds covers v T / 2; infinite when all joints stand still.
+    """
+    duration = np.inf
+    for j in range(v.size):
+        room = q_max[j] - q[j] if v[j] > 0.0 else q[j] - q_min[j]
+        if v[j] != 0.0:
+            duration = min(duration, 2.0 * room / abs(v[j]))
     return duration
 
 

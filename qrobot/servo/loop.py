@@ -17,7 +17,7 @@ from qrobot.servo.cycle import cycle
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.state import BUSY_NS, IMAGE_OK, LATE, MODE, ServoState
+from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, ServoState
 from qrobot.servo.telemetry import append_row
 
 SERVO_LANE: Final = int(Lane.SERVO)
@@ -64,7 +64,8 @@ def one_cycle(
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
     n_ops = cycle(params, state, mail, now_ns, late_ns, law)
-    post_operations(board, SERVO_LANE, state.ops, n_ops)
+    if not post_operations(board, SERVO_LANE, state.ops, n_ops):
+        state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
     append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
 
 

@@ -55,11 +55,16 @@ from qrobot.servo.telemetry import TelemetryLayout
     FLAGS,
     IMAGE_SEEN,  # count of the newest image
     UNCHANGED,  # cycles in a row that have seen no newer one
+    READ_NS,  # when encoder words were last taken from an image
+    ADOPT,  # what to take over from the next good image
     N_INTEGERS,
-) = range(37)
+) = range(39)
 
 # indexes into `f`
 (DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(7)
+
+# values of ADOPT
+ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
 
 MAX_OPS: Final = 32
 
@@ -72,6 +77,7 @@ class ServoState(NamedTuple):
     image: Any  # int64[IMAGE_WORDS], as fetched
     raw: Any  # encoder words of the last tick, int64
     counts: Any  # unwrapped, int64
+    jump: Any  # counts a joint may have moved since the last good image, int64
     q: Any
     q_before: Any
     v: Any
@@ -111,8 +117,10 @@ def make_state(n: int) -> ServoState:
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     numbers = np.zeros(N_INTEGERS, dtype=np.int64)
     numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT]] = -1
+    numbers[ADOPT] = ADOPT_BOARD
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
+        jump=integers(),
         q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),

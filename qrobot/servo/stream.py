@@ -1,9 +1,9 @@
 """Taking setpoints: when a stream starts, what each frame has to satisfy, what a missing one becomes, when it is lost.
 
 A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
-late. From then on one frame is taken per frame period. A frame that is not there is replaced by going on at constant
-velocity, once; silence for two periods, or a second missing frame in a row, ends the stream in a stop on the path.
-After any stop the servo follows only a new stream.
+late. From then on one frame is taken per frame period. A frame that is not there, or is refused, is replaced by going
+on at constant velocity; silence for two periods, a second missing frame in a row, or a refused one ends the stream in a
+stop on the path. After any stop the servo follows only a new stream.
 
 The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows
 it by at most `MAX_RATE_SHIFT`.
@@ -17,7 +17,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import bits_float
 from qrobot.servo.guard import check_first_setpoint, check_setpoint
-from qrobot.servo.interpolator import rest_at, shift_extrapolated, shift_in
+from qrobot.servo.interpolator import line_through, rest_at, shift_extrapolated, shift_in
 from qrobot.servo.mailbox import (
     FRAME_JOINTS,
     FRAME_PERIOD_NS,
@@ -54,6 +54,7 @@ PHASE_GAIN: Final = 0.05
 _PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever the sum of k rounded fractions
 
 STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
+SP_INVALID: Final = int(FaultCode.SP_INVALID)
 SHORTEST_FRAME_NS: Final = 1_000_000
 LONGEST_FRAME_NS: Final = 100_000_000
 
@@ -93,22 +94,31 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
     if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
         state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
-        return False, code if code != 0 else FaultCode.SP_INVALID, joint
+        return False, code if code != 0 else SP_INVALID, joint
     state.i[FRAME_NS] = frame_ns
     state.i[PLAY_AT_NS] = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
     return now_ns >= state.i[PLAY_AT_NS], 0, 0
 
 
 @lean_kernel
-def start_stream(state: ServoState, now_ns: int) -> None:
-    """Begin to play the stream whose first frame `stream_ready` has shown."""
+def forget_waiting(state: ServoState, mail: Any) -> None:
+    """A stop while holding: whatever stream was about to begin does not."""
+    if look_at_frame(state, mail):
+        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+    drop_all_frames(mail)
+
+
+@lean_kernel
+def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+    """Begin to play the stream whose first frame `stream_ready` has shown, at its time and not at the tick after it."""
     state.i[STREAM] = state.frame[FRAME_STREAM]
     state.i[NEXT_SEQ] = state.frame[FRAME_SEQ]
     state.i[LAST_ARRIVAL_NS] = now_ns
     state.i[MISSES] = 0
     rest_at(state.knots, state.q_ref)
-    state.f[PHASE] = 1.0
+    overdue_s = min(now_ns - state.i[PLAY_AT_NS], params.period_ns) * 1e-9
     state.f[RATE] = 1e9 / state.i[FRAME_NS]
+    state.f[PHASE] = 1.0 + (overdue_s - state.f[DT]) * state.f[RATE]
     state.f[RATE_SLOPE] = 0.0
 
 
@@ -122,42 +132,57 @@ def end_stream(state: ServoState, mail: Any) -> None:
 
 @lean_kernel
 def _follow_phase(state: ServoState, now_ns: int) -> None:
-    """Let the playing rate follow the sender's clock: a frame should have waited half a period."""
+    """Let the playing rate follow the sender's clock: a frame should have waited half a period when its turn comes."""
     frame_ns = state.i[FRAME_NS]
-    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - PLAYOUT_FRAMES
-    shift = min(max(PHASE_GAIN * waited, -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
+    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - state.f[PHASE]
+    shift = min(max(PHASE_GAIN * (waited - PLAYOUT_FRAMES), -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
     state.f[RATE] = (1.0 + shift) * 1e9 / frame_ns
 
 
 @lean_kernel
 def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
-    """(code, joint): make the next frame, or its substitute, the newest knot."""
+    """(code, joint): make the next frame, or what replaces it, the newest knot."""
     while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.i[STREAM]:
         if state.frame[FRAME_SEQ] < state.i[NEXT_SEQ]:  # came after its substitute, or twice
             drop_frame(mail)
             continue
         if state.frame[FRAME_SEQ] > state.i[NEXT_SEQ]:  # the frame before it is lost
             break
-        return _accept_frame(params, state, mail, now_ns)
+        code, joint = _judge_frame(params, state)
+        if code == 0:
+            _accept_frame(state, now_ns)
+        else:
+            shift_extrapolated(state.knots)
+        state.i[NEXT_SEQ] += 1
+        drop_frame(mail)
+        return code, joint
     state.i[NEXT_SEQ] += 1
     state.i[MISSES] += 1
     state.i[MISSED] += 1
-    shift_extrapolated(state.knots, params.q_min, params.q_max)
+    shift_extrapolated(state.knots)
     return (STREAM_LOST, 0) if state.i[MISSES] >= LOST_AFTER_FRAMES else (0, 0)
 
 
 @lean_kernel
-def _accept_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
-    period_s = state.i[FRAME_NS] * 1e-9
+def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
+    """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
+    if state.frame[FRAME_PERIOD_NS] != state.i[FRAME_NS]:
+        return SP_INVALID, 0
     for j in range(state.q.size):
-        if state.setpoint_modes[j] == 0:  # hold: stay at the newest knot
+        if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
+            # back to a position: from where the joint is, at the speed it has
+            line_through(state.knots, j, state.f[PHASE] + 1.0, state.q[j], state.v[j] / state.f[RATE])
+        if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
-    code, joint = check_setpoint(
+    return check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, params.q_min, params.q_max,
-        params.v_setpoint, params.a_setpoint, params.tau_max, period_s, 1.0 if state.i[MISSES] == 0 else 3.0,
+        params.v_setpoint, params.a_setpoint, params.tau_max, state.i[FRAME_NS] * 1e-9,
+        1.0 if state.i[MISSES] == 0 else 3.0,
     )  # fmt: skip
-    if code != 0:
-        return code, joint
+
+
+@lean_kernel
+def _accept_frame(state: ServoState, now_ns: int) -> None:
     for j in range(state.q.size):
         state.joint_modes[j] = state.setpoint_modes[j]
         if state.setpoint_modes[j] == TORQUE_SETPOINT:
@@ -168,10 +193,7 @@ def _accept_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     shift_in(state.knots, state.setpoint)
     _follow_phase(state, now_ns)
     state.i[LAST_ARRIVAL_NS] = state.frame[FRAME_T_NS]
-    state.i[NEXT_SEQ] += 1
     state.i[MISSES] = 0
-    drop_frame(mail)
-    return 0, 0
 
 
 @lean_kernel
@@ -184,9 +206,14 @@ def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
 
 
 @lean_kernel
-def advance_phase(state: ServoState) -> bool:
-    """Move along the path by one tick; True when a frame boundary was passed."""
+def advance_phase(state: ServoState) -> None:
+    """Move along the path by one tick."""
     state.f[PHASE] += state.f[RATE] * state.f[DT]
+
+
+@lean_kernel
+def frame_is_over(state: ServoState) -> bool:
+    """True when a frame boundary was passed; the phase then counts from there. Several may pass in one long tick."""
     if state.f[PHASE] >= 1.0 - _PHASE_ROUNDING:
         state.f[PHASE] -= 1.0
         return True

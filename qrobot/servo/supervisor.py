@@ -12,7 +12,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard import category_of
-from qrobot.servo.interpolator import rest_at, stop_duration
+from qrobot.servo.interpolator import line_through, rest_at, room_duration, stop_duration
 from qrobot.servo.mailbox import (
     BEAT_TRIPS_SEEN,
     COMMAND_CLEARS,
@@ -29,17 +29,21 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
+    ADOPT,
+    ADOPT_JUMPED,
     AFTER_STOP,
     CLEAR_UNTIL_NS,
     CLEARS_SEEN,
     EVENT,
     FAULT,
+    GLITCHES,
     IMAGE_OK,
     JOINT,
     LAW_FAILED,
     MODE,
     PENDING,
     PENDING_JOINT,
+    PHASE,
     POWER_SEEN,
     POWERING_SINCE_NS,
     RATE,
@@ -50,7 +54,7 @@ from qrobot.servo.state import (
     STOPS_SEEN,
     ServoState,
 )
-from qrobot.servo.stream import end_stream, start_stream, stream_ready, stream_silent
+from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
 
 OFF: Final = int(Mode.OFF)
 POWERING: Final = int(Mode.POWERING)
@@ -77,8 +81,11 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 
 @lean_kernel
 def raise_code(state: ServoState, code: int, joint: int) -> None:
-    """Note a code for this tick; of several the one with the lowest stop category counts, then the first."""
-    if code == 0:
+    """Note a code for this tick; of several the one with the lowest stop category counts, then the first.
+
+    In FAULT nothing worse can come, and the event says what became of a clear.
+    """
+    if code == 0 or state.i[MODE] == FAULTED:
         return
     if state.i[PENDING] == 0 or category_of(code) < category_of(state.i[PENDING]):
         state.i[PENDING] = code
@@ -104,14 +111,13 @@ def hold_here(state: ServoState) -> None:
 
 @lean_kernel
 def _end_torque_mode(state: ServoState) -> None:
-    """Joints driven by torque setpoints are held where they are from now on."""
+    """Joints driven by torque setpoints go on from where they are, at the speed they have, for the stop to end it."""
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT:
             state.joint_modes[j] = POSITION_SETPOINT
             state.torque_setpoint[j] = 0.0
-            state.v_ref[j] = 0.0
-            for k in range(state.knots.shape[0]):
-                state.knots[k, j] = state.q[j]
+            state.v_ref[j] = state.v[j]
+            line_through(state.knots, j, state.f[PHASE], state.q[j], state.v[j] / state.f[RATE])
 
 
 @lean_kernel
@@ -126,7 +132,9 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.i[AFTER_STOP] = after
     state.i[STOP_SINCE_NS] = now_ns
     state.f[RATE_AT_STOP] = state.f[RATE]
-    state.f[STOP_SECONDS] = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
+    gentle = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
+    room = room_duration(state.q_ref, state.v_ref, params.q_min, params.q_max)
+    state.f[STOP_SECONDS] = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
     enter(state, STOPPING)
 
 
@@ -200,7 +208,7 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     if code != 0:
         state.i[EVENT], state.i[JOINT] = code, joint
     elif play:
-        start_stream(state, now_ns)
+        start_stream(params, state, now_ns)
         enter(state, TRACKING)
 
 
@@ -212,6 +220,8 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     mail[BEAT_TRIPS_SEEN] = mail[GUARD_TRIPS]  # asks the guardian to hand the board back
     estop_ok = state.i[STATUS] & STATUS_ESTOP_OK != 0
     if state.i[IMAGE_OK] != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
+        if state.i[GLITCHES] != 0:
+            state.i[ADOPT] = ADOPT_JUMPED
         state.i[FAULT], state.i[EVENT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0, 0
         enter(state, OFF)
     elif now_ns > state.i[CLEAR_UNTIL_NS]:
@@ -247,7 +257,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         _watch_power_up(params, state, mail, now_ns)
     elif mode == HOLDING:
         if stopped:
-            drop_all_frames(mail)
+            forget_waiting(state, mail)
         else:
             _watch_stream(params, state, mail, now_ns)
     elif mode == TRACKING:
@@ -270,8 +280,6 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     state.i[EVENT], state.i[JOINT] = code, state.i[PENDING_JOINT]
     state.i[PENDING] = 0
     mode, category = state.i[MODE], category_of(code)
-    if mode == FAULTED:
-        return
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.i[FAULT] = code
         end_stream(state, mail)

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from qrobot.servo.interpolator import (
     N_KNOTS,
     PEAK_SLOPE,
+    line_through,
     reference,
     rest_at,
+    room_duration,
     shift_extrapolated,
     shift_in,
     stop_duration,
@@ -86,10 +88,10 @@ def test_a_reference_at_rest_stands_still() -> None:
         np.testing.assert_allclose(a, 0.0, atol=1e-10)
 
 
-def test_a_missing_setpoint_is_replaced_at_constant_velocity_inside_the_range() -> None:
+def test_a_missing_setpoint_is_replaced_at_constant_velocity() -> None:
     knots = np.array([[0.0, 0.0], [0.1, 0.3], [0.2, 0.6], [0.3, 0.9]])
-    shift_extrapolated(knots, np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
-    np.testing.assert_allclose(knots[3], [0.4, 1.0])
+    shift_extrapolated(knots)
+    np.testing.assert_allclose(knots[3], [0.4, 1.2])
     np.testing.assert_allclose(knots[:3], [[0.1, 0.3], [0.2, 0.6], [0.3, 0.9]])
 
 
@@ -119,3 +121,21 @@ def test_no_joint_decelerates_harder_than_allowed_and_the_slowest_decides() -> N
     peak = np.abs(v) * PEAK_SLOPE / duration
     assert np.all(peak <= a_stop * (1 + 1e-12))
     assert stop_duration(np.zeros(3), a_stop, 0.01) == 0.01
+
+
+def test_a_stop_near_the_end_of_the_range_is_over_before_it() -> None:
+    q, v = np.array([0.9, 0.0, -0.5]), np.array([0.5, 0.0, -2.0])
+    limits = np.ones(3)
+    assert room_duration(q, v, -limits, limits) == pytest.approx(2.0 * 0.1 / 0.5)
+    assert room_duration(q, -v, -limits, limits) == pytest.approx(2.0 * 1.5 / 2.0)
+    assert room_duration(q, 0.0 * v, -limits, limits) == np.inf
+
+
+@given(st.floats(0.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.2, 0.2))
+def test_a_line_passes_where_it_is_told_at_the_speed_it_is_told(phase: float, q: float, step: float) -> None:
+    knots = np.zeros((4, 2))
+    line_through(knots, 1, phase, q, step)
+    position, velocity, acceleration = at(knots, phase)
+    np.testing.assert_allclose(position, [0.0, q], atol=1e-12)
+    np.testing.assert_allclose(velocity, [0.0, step * RATE], atol=1e-9)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)

@@ -1,0 +1,327 @@
+"""A servo on the bench: its board is cardboard, time is virtual, and the arm goes exactly where it is told.
+
+The test says what the board shows; what the servo writes is kept. No plant and no board kernels: every effect seen here
+comes from the cycle alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot, load_robot
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import (
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    IMAGE_T_NS,
+    IMAGE_WORDS,
+    OP_FIELDS,
+    Lane,
+    local_board_memory,
+    publish_image,
+    take_operation,
+)
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    N_DACS,
+    STATUS,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_POWER,
+)
+from qrobot.model.transmission import count_word, joint_to_counts, transmission_params
+from qrobot.servo.law import Law, find_law
+from qrobot.servo.loop import one_cycle
+from qrobot.servo.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
+from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.parameters import servo_parameters
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.state import make_state
+from qrobot.servo.telemetry import Rows, TelemetryLayout
+
+Floats = NDArray[np.float64]
+START_NS = 1_000_000_000
+RING_ROWS = 16
+FRAME_NS = 28_000_000
+
+
+class Write(NamedTuple):
+    """One register write, as posted."""
+
+    t_ns: int
+    offset: int
+    value: int
+
+
+class ServoBench:
+    """One servo, tick by tick.
+
+    Attributes:
+        q: where the arm stands. Shape (n,), rad or m.
+        follows: the arm stands exactly at the reference while it carries torque.
+        estop_ok, panel, calibrated: what STATUS shows; `panel` lets power come on when it is enabled.
+        frozen: the board publishes nothing new.
+        status: overrides the whole STATUS word.
+        slip: counts added to what an encoder shows, by joint.
+        beating: the guardian's heartbeat goes on.
+        before: called before every tick with the time, for programs and mishaps.
+        writes: every register write, oldest first.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | None = None,
+        *,
+        rate_hz: float = 1000.0,
+        law: str | Law = "qrobot",
+        guarded: bool = False,
+        pose: str = "park",
+        calibrated: bool = True,
+    ) -> None:
+        self.robot = robot or load_robot("puma560")
+        n = self.robot.n
+        self.settings = ServoSettings(rate_hz=rate_hz, guarded=guarded)
+        self.params = servo_parameters(self.robot, self.settings)
+        self.state = make_state(n)
+        self.law = find_law(law) if isinstance(law, str) else law
+        self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
+        self.mailbox = ServoMailbox(self.mail)
+        self.board = local_board_memory()
+        self.now_ns = START_NS
+        self.q: Floats = np.array(self.robot.poses[pose])
+        self.follows, self.frozen, self.beating = True, False, True
+        self.estop_ok, self.panel, self.calibrated = True, True, calibrated
+        self.status: int | None = None
+        self.slip: dict[int, int] = {}
+        self.before: list[Callable[[int], object]] = []
+        self.writes: list[Write] = []
+        self.dac = np.full(N_DACS, -1)
+        self.discrete = -1
+        self._image = np.zeros(IMAGE_WORDS, dtype=np.int64)
+        self._rows: list[NDArray[np.int64]] = []
+        self._transmission = transmission_params(self.robot)
+
+    # ------------------------------------------------------------------------------------------------- running it
+
+    def tick(self, times: int = 1) -> ServoBench:
+        """So many cycles."""
+        for _ in range(times):
+            for act in self.before:
+                act(self.now_ns)
+            if not self.frozen:
+                self._publish()
+            if self.beating:
+                self.mail[GUARD_T_NS] = self.now_ns
+            one_cycle(self.params, self.state, self.law, self.mail, self.board, self.now_ns, 0)
+            self._rows.append(np.array(self.state.row))
+            self._collect()
+            if self.follows and gives_torque(self.mode):
+                self.q = np.array(self.state.q_ref)
+            self.now_ns += self.settings.period_ns
+        return self
+
+    def run(self, seconds: float) -> ServoBench:
+        """Cycles for so much virtual time."""
+        return self.tick(round(seconds * 1e9 / self.settings.period_ns))
+
+    def until(self, condition: Callable[[], bool], seconds: float = 5.0) -> int:
+        """Tick until it holds; the number of ticks. Fails the test when it does not come true in time."""
+        for ticks in range(round(seconds * 1e9 / self.settings.period_ns)):
+            if condition():
+                return ticks
+            self.tick()
+        raise AssertionError(f"did not happen in {seconds} s; mode {self.mode.name}, event {self.event.name}")
+
+    def hold(self) -> ServoBench:
+        """Power on and holding."""
+        self.tick(3)
+        self.mailbox.request_power(True)
+        self.until(lambda: self.mode in (Mode.HOLDING, Mode.UNCALIBRATED))
+        return self
+
+    def skip(self, n: int) -> None:
+        """The loop misses so many cycles."""
+        self.now_ns += n * self.settings.period_ns
+
+    # --------------------------------------------------------------------------------------------- looking at it
+
+    @property
+    def mode(self) -> Mode:
+        return Mode(self.snapshot.mode)
+
+    @property
+    def event(self) -> FaultCode:
+        return FaultCode(self.snapshot.event)
+
+    @property
+    def fault(self) -> FaultCode:
+        return FaultCode(self.snapshot.fault)
+
+    @property
+    def snapshot(self) -> ServoSnapshot:
+        return self.mailbox.snapshot()
+
+    @property
+    def powered(self) -> bool:
+        """DISCRETE, as last written, enables arm power."""
+        return self.discrete > 0 and bool(self.discrete & DISCRETE_POWER)
+
+    @property
+    def safe(self) -> bool:
+        """Zero torque on all DACs and power off, as last written."""
+        return bool(np.all(self.dac == DAC_ZERO)) and not self.powered
+
+    def rows(self) -> Rows:
+        """Telemetry of every tick so far."""
+        words = np.array(self._rows)
+        return words.view(TelemetryLayout(self.robot.n).dtype).reshape(len(words))
+
+    def ticks_since(self, t_ns: int) -> int:
+        """Whole cycles between a time and the last tick."""
+        return (self.now_ns - self.settings.period_ns - t_ns) // self.settings.period_ns
+
+    # ------------------------------------------------------------------------------------------------------ inside
+
+    def _status(self) -> int:
+        if self.status is not None:
+            return self.status
+        power = STATUS_POWER if self.powered and self.panel and self.estop_ok else 0
+        return power | STATUS_ESTOP_OK * self.estop_ok | STATUS_CALIBRATED * self.calibrated
+
+    def _publish(self) -> None:
+        counts = np.zeros(self.robot.n, dtype=np.int64)
+        joint_to_counts(self.q, self._transmission, counts)
+        image = self._image
+        image[IMAGE_T_NS] = self.now_ns
+        image[IMAGE_COUNT] += 1
+        image[IMAGE_INPUTS + STATUS // 2] = self._status()
+        for j in range(self.robot.n):
+            image[IMAGE_INPUTS + ENC_COUNT // 2 + j] = count_word(counts[j] + self.slip.get(j, 0))
+        publish_image(self.board, image)
+
+    def _collect(self) -> None:
+        operation = np.zeros(OP_FIELDS, dtype=np.int64)
+        while take_operation(self.board, int(Lane.SERVO), operation):
+            _, offset, value = operation.tolist()
+            self.writes.append(Write(self.now_ns, offset, value))
+            if offset == DISCRETE:
+                self.discrete = value
+            else:
+                self.dac[(offset - DAC) // 2] = value
+
+
+def writes_at(bench: ServoBench, t_ns: int) -> list[tuple[int, int]]:
+    """(offset, value) written in the tick at `t_ns`, in order."""
+    return [(write.offset, write.value) for write in bench.writes if write.t_ns == t_ns]
+
+
+# ----------------------------------------------------------------------------------------------------------- programs
+
+Path = Callable[[float], Floats]
+
+
+def cruise(start: Floats, velocity: Floats, ramp_s: float = 0.4) -> Path:
+    """From rest to constant velocity; the velocity rises as a half cosine."""
+
+    def path(t: float) -> Floats:
+        if t <= 0.0:
+            return start.copy()
+        if t < ramp_s:
+            return start + velocity * 0.5 * (t - ramp_s / np.pi * np.sin(np.pi * t / ramp_s))
+        return start + velocity * (t - 0.5 * ramp_s)
+
+    return path
+
+
+def swing(start: Floats, amplitude: Floats, seconds: float) -> Path:
+    """Out by `amplitude` and back, once, smoothly; then at rest."""
+
+    def path(t: float) -> Floats:
+        x = min(max(t / seconds, 0.0), 1.0)
+        return start + amplitude * 0.5 * (1.0 - np.cos(2.0 * np.pi * (x - np.sin(2 * np.pi * x) / (2 * np.pi))))
+
+    return path
+
+
+@dataclass
+class Program:
+    """Sends a frame of setpoints per period, as a client's packets arrive: put its `step` into `bench.before`.
+
+    Attributes:
+        path: setpoint as a function of the program's own time.
+        skew: how much longer the program's period is than it says (clock skew).
+        dropped: sequence numbers that never arrive.
+        delayed: seconds by which a frame arrives later, by sequence number; later frames do not overtake it.
+        edit: changes (modes, values) of a frame before it is sent.
+        last: sequence number after the last frame, None to go on.
+    """
+
+    bench: ServoBench
+    path: Path
+    period_ns: int = FRAME_NS
+    stream: int = 1
+    skew: float = 0.0
+    start_ns: int = -1
+    dropped: set[int] = field(default_factory=set)
+    delayed: dict[int, float] = field(default_factory=dict)
+    edit: Callable[[int, list[int], Floats], None] = lambda _seq, _modes, _values: None
+    last: int | None = None
+    seq: int = 0
+    sent_ns: int = -1
+
+    def step(self, now_ns: int) -> None:
+        """Send what is due."""
+        if self.start_ns < 0:
+            self.start_ns = now_ns
+        while (self.last is None or self.seq < self.last) and (due := self.due_ns(self.seq)) <= now_ns:
+            if self.seq not in self.dropped:
+                self.send(self.seq, due)
+            self.seq += 1
+
+    def due_ns(self, seq: int) -> int:
+        """When a frame arrives."""
+        late = int(self.delayed.get(seq, 0.0) * 1e9)
+        return self.start_ns + round(seq * self.period_ns * (1.0 + self.skew)) + late
+
+    def send(self, seq: int, t_ns: int) -> None:
+        """Push one frame."""
+        values = self.path(seq * self.period_ns * 1e-9)
+        modes = [1] * len(values)
+        self.edit(seq, modes, values)
+        if self.bench.mailbox.push_setpoint(self.stream, seq, t_ns, self.period_ns, modes, values):
+            self.sent_ns = t_ns
+
+
+def play(bench: ServoBench, path: Path, **options: object) -> Program:
+    """Let a program run on the bench from now on."""
+    program = Program(bench, path, **options)  # type: ignore[arg-type]
+    bench.before.append(program.step)
+    return program
+
+
+def moving(bench: ServoBench, speed: float = 0.5, joint: int = 0, seconds: float = 0.8, **options: object) -> Program:
+    """A bench that tracks one joint at constant velocity, well into its cruise."""
+    velocity = np.zeros(bench.robot.n)
+    velocity[joint] = speed
+    bench.hold()
+    program = play(bench, cruise(bench.q, velocity), **options)
+    bench.run(seconds)
+    assert bench.mode is Mode.TRACKING
+    return program
+
+
+def changes(rows: Rows) -> Iterator[tuple[Mode, Mode]]:
+    """Mode transitions in telemetry."""
+    for before, after in pairwise(rows["mode"]):
+        if before != after:
+            yield Mode(before), Mode(after)
