@@ -37,7 +37,21 @@ def _compile(function: F, **extra: Any) -> F:
 def _cover_imports(compiled: Any, path: Path) -> None:
     """Let the cached code go stale with everything it was made of, see `stamp`. Raises AttributeError or OSError."""
     if not jit_disabled():
-        compiled._cache._cache_file._source_stamp = source_stamp(path)
+        index = compiled._cache._cache_file
+        index._source_stamp = source_stamp(path)
+        index._load_index = _forgiving(index._load_index)
+
+
+def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """An index that names a class which is no more is as stale as any; Numba would let it fail the call."""
+
+    def load_index() -> dict[Any, str]:
+        try:
+            return load()
+        except (AttributeError, ImportError):
+            return {}
+
+    return load_index
 
 
 def kernel(function: F) -> F:

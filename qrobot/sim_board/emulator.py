@@ -28,7 +28,9 @@ from qrobot.sim_board.board import (
 from qrobot.sim_board.drive import Drive, drive_torque, make_drive
 from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
 from qrobot.sim_board.mismatch import PlantMismatch
-from qrobot.sim_board.mujoco_plant import MujocoPlant, Scene, load_plant, step_plant
+from qrobot.sim_board.mujoco_plant import Scene, load_plant
+from qrobot.sim_board.plant import Physics, Plant, PlantOwner, step_plant
+from qrobot.sim_board.rigid_plant import RigidPlant
 
 PLANT_HZ: Final = 4000
 NS_PER_S: Final = 1_000_000_000
@@ -42,7 +44,7 @@ class EmulatorBundle(NamedTuple):
 
     board: Board
     drive: Drive
-    plant: MujocoPlant
+    plant: Plant
     counts_per_unit: Floats  # [n] counts per rad (or m) of motor-side position, signed
     q_offset: Floats  # [n] joint position at encoder zero
     shaft: Floats  # [6] encoder shafts, counts from encoder zero
@@ -112,9 +114,12 @@ class Emulator:
         options: the board's; default those of the robot file's revision.
         seed: of potentiometer waviness and noise.
         scene: what stands around the arm.
+        physics: "mujoco", or "rigid": several times faster, without contact and so without a scene.
+        payload_kg: point mass at the flange, of which the controller does not know.
 
     Raises:
-        ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose.
+        ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose;
+            a scene was asked of a plant without contact.
     """
 
     def __init__(
@@ -129,6 +134,8 @@ class Emulator:
         options: BoardOptions | None = None,
         seed: int = 0,
         scene: Scene = "empty",
+        physics: Physics = "mujoco",
+        payload_kg: float = 0.0,
     ) -> None:
         if robot.n > N_ENCODERS:
             raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
@@ -136,7 +143,7 @@ class Emulator:
         self.mismatch = mismatch or PlantMismatch.nominal(robot.n)
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
-        self.memory = load_plant(robot, dt, self.mismatch.gravity, scene)
+        self.memory = _make_plant(physics, robot, dt, self.mismatch.gravity, scene, payload_kg)
         transmission = robot.transmission
         self.bundle = EmulatorBundle(
             board=_make_board(robot, options or BoardOptions(revision_f=robot.board.revision == "F"), seed),
@@ -192,6 +199,16 @@ class Emulator:
     def braked(self) -> bool:
         """The brakes are closed."""
         return bool(self.bundle.board.register[REG_BRAKED])
+
+
+def _make_plant(
+    physics: Physics, robot: Robot, dt: float, gravity_factor: float, scene: Scene, payload_kg: float
+) -> PlantOwner:
+    if physics == "mujoco":
+        return load_plant(robot, dt, gravity_factor, scene, payload_kg)
+    if scene != "empty":
+        raise ConfigError(f"rigid physics knows no contact, hence no scene {scene!r}: use MuJoCo's")
+    return RigidPlant(robot, dt, gravity_factor, payload_kg)
 
 
 def _make_board(robot: Robot, options: BoardOptions, seed: int) -> Board:

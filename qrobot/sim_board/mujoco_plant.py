@@ -15,7 +15,7 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import llvmlite.binding
 import numpy as np
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import jit_disabled, lean_kernel
+from qrobot.sim_board.plant import Floats, Plant, plant_step
 
 if TYPE_CHECKING:
     import mujoco
@@ -37,16 +38,6 @@ _TABLE_CENTRE: Final = (0.6, 0.0, 0.2)
 _TIP_RADIUS: Final = 0.02  # m, ball at the flange that touches things [A]
 
 
-class MujocoPlant(NamedTuple):
-    """A plant compiled code can step; its arrays are views of MuJoCo's memory, which a `PlantMemory` keeps alive."""
-
-    model: int  # address of mjModel
-    data: int  # address of mjData
-    q: NDArray[np.float64]  # [n] joint positions
-    v: NDArray[np.float64]  # [n] joint velocities
-    torque: NDArray[np.float64]  # [n] torques applied to the joints until the next step
-
-
 class PlantMemory:
     """Owner of the MuJoCo objects behind a plant."""
 
@@ -55,10 +46,11 @@ class PlantMemory:
         self.data = data
 
     @property
-    def plant(self) -> MujocoPlant:
+    def plant(self) -> Plant:
         """Addresses and views for compiled code; valid while this object lives."""
-        data = self.data
-        return MujocoPlant(self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied)
+        model, data = self.model, self.data
+        handles = np.array([model._address, data._address])
+        return Plant(_STEP, handles, np.zeros(0), data.qpos, data.qvel, data.qfrc_applied)
 
     @property
     def warnings(self) -> int:
@@ -74,11 +66,13 @@ class PlantMemory:
         mujoco.mj_forward(self.model, self.data)
 
 
-def load_plant(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty") -> PlantMemory:
+def load_plant(
+    robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty", payload_kg: float = 0.0
+) -> PlantMemory:
     """Build the plant of `robot` and try it. Raises ConfigError when MuJoCo refuses the robot's masses or inertias."""
     import mujoco
 
-    spec = robot_spec(robot, dt, gravity_factor, scene)
+    spec = robot_spec(robot, dt, gravity_factor, scene, payload_kg)
     try:
         model = spec.compile()
     except ValueError as error:
@@ -92,8 +86,10 @@ def load_plant(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scen
     return memory
 
 
-def robot_spec(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty") -> mujoco.MjSpec:
-    """The MuJoCo model of a robot; `.to_xml()` gives MJCF."""
+def robot_spec(
+    robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty", payload_kg: float = 0.0
+) -> mujoco.MjSpec:
+    """The MuJoCo model of a robot with a point mass at its flange; `.to_xml()` gives MJCF."""
     import mujoco
 
     spec = mujoco.MjSpec()
@@ -104,6 +100,8 @@ def robot_spec(robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scen
     for i in range(robot.n):
         body = _add_link(body, robot, i)
     _add_coupled_motors(spec, robot)
+    if payload_kg:
+        _add_payload(body, payload_kg, robot.geometry.flange_m)
     if scene != "empty":
         _add_scene(spec, body, robot.geometry.flange_m, scene)
     return spec
@@ -140,6 +138,12 @@ def _add_link(parent: Any, robot: Robot, i: int) -> Any:
     if not _turns_several(robot, i):
         joint.armature = robot.transmission.gear[i] ** 2 * robot.transmission.rotor_inertia[i]
     return body
+
+
+def _add_payload(last_link: Any, mass: float, flange_m: float) -> None:
+    """A point mass at the flange."""
+    load = last_link.add_body(name="payload", explicitinertial=True, pos=[0.0, 0.0, flange_m])
+    load.mass, load.ipos, load.inertia = mass, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
 
 
 def _about_x_then_z(alpha: float, theta: float) -> list[float]:
@@ -198,7 +202,7 @@ if jit_disabled():
 
     def mj_step(model: int, data: int) -> None:
         """MuJoCo's step by addresses."""
-        ctypes.CDLL(str(_library())).mj_step(ctypes.c_void_p(model), ctypes.c_void_p(data))
+        ctypes.CDLL(str(_library())).mj_step(ctypes.c_void_p(int(model)), ctypes.c_void_p(int(data)))
 
 else:
     # Resolved by name at link time, so kernels that call it can be cached; a ctypes pointer could not.
@@ -206,6 +210,9 @@ else:
 
 
 @lean_kernel
-def step_plant(plant: MujocoPlant) -> None:
-    """Advance the plant by its time step under `plant.torque`."""
-    mj_step(plant.model, plant.data)
+def _step(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats, _torque: Floats) -> None:
+    """Advance by the model's time step; positions, velocities and torques are views of its memory."""
+    mj_step(handles[0], handles[1])
+
+
+_STEP: Final = plant_step(_step)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -66,3 +70,31 @@ def test_a_lean_kernel_that_allocates_is_refused_by_the_compiler() -> None:
 def test_a_division_by_zero_is_an_infinity_not_an_exception() -> None:
     with np.errstate(divide="ignore"):
         assert ratio(np.float64(1.0), np.float64(0.0)) == np.inf
+
+
+MODULE = """
+from typing import NamedTuple
+import numpy as np
+from qrobot.realtime.jit import kernel
+
+class {name}(NamedTuple):
+    a: np.ndarray
+
+@kernel
+def first(pair):
+    return pair.a[0]
+
+print(first({name}(np.ones(2))), sum(first.stats.cache_hits.values()))
+"""
+
+
+def test_a_cache_that_names_a_class_of_the_past_is_stale_and_no_error(tmp_path: Path) -> None:
+    file, root = tmp_path / "renamed.py", Path(__file__).parents[2]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "0", "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}"}
+    command = [sys.executable, "-c", "import renamed"]
+    printed = []
+    for name in ("Old", "Old", "New", "New"):
+        file.write_text(MODULE.format(name=name))
+        done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+        printed.append(done.stdout.strip())
+    assert printed == ["1.0 0", "1.0 1", "1.0 0", "1.0 1"]

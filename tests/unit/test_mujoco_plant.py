@@ -12,7 +12,8 @@ from qrobot.errors import ConfigError
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque, inverse_dynamics
 from qrobot.model.kinematics import forward, kinematics_params
 from qrobot.realtime.jit import lean_kernel
-from qrobot.sim_board.mujoco_plant import MujocoPlant, load_plant, robot_spec, step_plant
+from qrobot.sim_board.mujoco_plant import load_plant, robot_spec
+from qrobot.sim_board.plant import Plant, step_plant
 
 DT = 0.00025
 PUMA, STANFORD = load_robot("puma560"), load_robot("stanford")
@@ -90,7 +91,7 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float6
 
 
 @lean_kernel
-def steps(plant: MujocoPlant, count: int) -> None:
+def steps(plant: Plant, count: int) -> None:
     for _ in range(count):
         step_plant(plant)
 
