@@ -37,7 +37,8 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
     @cached_property
     def _address(self) -> int:
         body: Any = self.body
-        body.compile(self._signature)
+        if self._signature.args not in body.overloads:
+            body.compile(self._signature)
         result = body.get_compile_result(self._signature)
         return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
 

@@ -29,6 +29,7 @@ from numba import njit, types
 
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.pointer import KernelPointer
 
 KP, KV, M0 = range(3)  # rows of `gains`
 N_GAINS: Final = 3
@@ -41,28 +42,12 @@ LAW_SIGNATURE: Final = types.void(*[_VECTOR] * 8, _MATRIX, _VECTOR, _VECTOR)
 Body = Callable[..., None]
 
 
-class Law(types.WrapperAddressProtocol):  # type: ignore[misc]
+class Law(KernelPointer):
     """A compiled law as a pointer: the cycle that takes it is compiled once, for all laws, and cached on disk."""
 
     def __init__(self, body: Body) -> None:
-        self.body = body  # the compiled function; plain Python with the JIT off
+        super().__init__(body, LAW_SIGNATURE)
         self.__doc__ = body.__doc__
-        self._address = 0
-
-    def __call__(self, *arguments: Any) -> None:
-        """Run the law from Python."""
-        self.body(*arguments)
-
-    def signature(self) -> Any:
-        """Type of every law, for Numba."""
-        return LAW_SIGNATURE
-
-    def __wrapper_address__(self) -> int:
-        """Where the compiled code is, for Numba."""
-        if not self._address:
-            result = self.body.get_compile_result(LAW_SIGNATURE)  # type: ignore[attr-defined]
-            self._address = result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name)
-        return self._address
 
 
 def law(function: Body) -> Law:
