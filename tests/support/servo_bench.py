@@ -59,6 +59,7 @@ class Write(NamedTuple):
     """One register write, as posted."""
 
     t_ns: int
+    lane: Lane
     offset: int
     value: int
 
@@ -71,6 +72,7 @@ class ServoBench:
         follows: the arm stands exactly at the reference while it carries torque.
         estop_ok, panel, calibrated: what STATUS shows; `panel` lets power come on when it is enabled.
         frozen: the board publishes nothing new.
+        deaf: the board takes no operations.
         status: overrides the whole STATUS word.
         slip: counts added to what an encoder shows, by joint.
         beating: the guardian's heartbeat goes on.
@@ -99,7 +101,7 @@ class ServoBench:
         self.board = local_board_memory()
         self.now_ns = START_NS
         self.q: Floats = np.array(self.robot.poses[pose])
-        self.follows, self.frozen, self.beating = True, False, True
+        self.follows, self.frozen, self.deaf, self.beating = True, False, False, True
         self.estop_ok, self.panel, self.calibrated = True, True, calibrated
         self.status: int | None = None
         self.slip: dict[int, int] = {}
@@ -211,13 +213,14 @@ class ServoBench:
 
     def _collect(self) -> None:
         operation = np.zeros(OP_FIELDS, dtype=np.int64)
-        while take_operation(self.board, int(Lane.SERVO), operation):
-            _, offset, value = operation.tolist()
-            self.writes.append(Write(self.now_ns, offset, value))
-            if offset == DISCRETE:
-                self.discrete = value
-            else:
-                self.dac[(offset - DAC) // 2] = value
+        for lane in Lane:
+            while not self.deaf and take_operation(self.board, int(lane), operation):
+                _, offset, value = operation.tolist()
+                self.writes.append(Write(self.now_ns, lane, offset, value))
+                if offset == DISCRETE:
+                    self.discrete = value
+                else:
+                    self.dac[(offset - DAC) // 2] = value
 
 
 def writes_at(bench: ServoBench, t_ns: int) -> list[tuple[int, int]]:
