@@ -2,27 +2,38 @@
 
 Numba makes a type for each function, so a kernel that takes a function is compiled anew for each and not cached. To a
 pointer there is one type for each signature. The price is an indirect call that cannot be inlined.
+
+A `KernelPointer` is an argument of its own. Inside a NamedTuple it would cost half a millisecond at every call from
+Python, because Numba then works out the type of the whole tuple anew; there its `address` stands, a plain integer, and
+the kernel turns it back with `function_at`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numba.experimental.function_type  # noqa: F401  (teaches Numba the type of a pointer; it loads this too late)
 from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from qrobot.realtime.jit import jit_disabled
+
+Body = Callable[..., None]
+_BODIES: Final[dict[int, Body]] = {}  # what stands at an address, with the JIT off
 
 
 class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
-    """A kernel as a value of one signature; may stand in a NamedTuple of arrays.
+    """A kernel as a value of one signature.
 
     Args:
         body: a `kernel` or `lean_kernel` that fits the signature; plain Python with the JIT off.
         signature: Numba's, `types.void(...)`.
     """
 
-    def __init__(self, body: Callable[..., None], signature: Any) -> None:
+    def __init__(self, body: Body, signature: Any) -> None:
         self.body = body
         self._signature = signature
 
@@ -35,13 +46,37 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
         return self._signature
 
     @cached_property
-    def _address(self) -> int:
+    def address(self) -> int:
+        """Where the compiled code is, while the body lives. Raises TypeError or Numba's when the body does not fit."""
         body: Any = self.body
+        if jit_disabled():
+            _BODIES[id(body)] = body
+            return id(body)
         if self._signature.args not in body.overloads:
             body.compile(self._signature)
         result = body.get_compile_result(self._signature)
         return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
 
     def __wrapper_address__(self) -> int:
-        """Where the compiled code is, for Numba. Raises Numba's typing error when the body does not fit."""
-        return self._address
+        """The address, for Numba."""
+        return self.address
+
+
+def function_at(signature: Any) -> Any:
+    """What turns the address of a `KernelPointer` of that signature back into a function, inside kernels."""
+    if jit_disabled():
+        return _BODIES.__getitem__
+    function_type = types.FunctionType(signature)
+
+    def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        function = cgutils.create_struct_proxy(function_type)(context, builder)
+        nowhere = cgutils.get_null_value(cgutils.voidptr_t)
+        function.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+        function.py_addr = function.jit_addr = nowhere
+        return function._getvalue()
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def at(_context: Any, address: Any) -> Any:
+        return function_type(address), build
+
+    return at

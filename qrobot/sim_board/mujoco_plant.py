@@ -50,7 +50,7 @@ class PlantMemory:
         """Addresses and views for compiled code; valid while this object lives."""
         model, data = self.model, self.data
         handles = np.array([model._address, data._address])
-        return Plant(_STEP, handles, np.zeros(0), data.qpos, data.qvel, data.qfrc_applied)
+        return Plant(plant_step(_step), handles, np.zeros(0), data.qpos, data.qvel, data.qfrc_applied)
 
     @property
     def warnings(self) -> int:
@@ -213,6 +213,3 @@ else:
 def _step(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats, _torque: Floats) -> None:
     """Advance by the model's time step; positions, velocities and torques are views of its memory."""
     mj_step(handles[0], handles[1])
-
-
-_STEP: Final = plant_step(_step)

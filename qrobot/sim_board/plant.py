@@ -1,4 +1,4 @@
-"""What a plant is to the emulator: arrays, and a pointer to the function that moves them on by one time step.
+"""What a plant is to the emulator: arrays, and the address of the function that moves them on by one time step.
 
 One type for all kinds of physics, so that everything which steps a plant is compiled once and cached, as with laws.
 """
@@ -13,19 +13,20 @@ from numba import types
 from numpy.typing import NDArray
 
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.pointer import KernelPointer
+from qrobot.realtime.pointer import KernelPointer, function_at
 
 Floats = NDArray[np.float64]
 Physics = Literal["mujoco", "rigid"]
 
 _VECTOR: Final = types.float64[::1]
 _SIGNATURE: Final = types.void(types.int64[::1], _VECTOR, _VECTOR, _VECTOR, _VECTOR)
+_step_at = function_at(_SIGNATURE)
 
 
 class Plant(NamedTuple):
     """A plant compiled code can step; its owner keeps what the arrays and addresses refer to alive."""
 
-    step: KernelPointer  # of `handles`, `constants`, `q`, `v`, `torque`
+    step: int  # address of a kernel of `handles`, `constants`, `q`, `v`, `torque`: see `plant_step`
     handles: NDArray[np.int64]  # addresses the step needs, if any
     constants: Floats  # numbers the step needs, if any
     q: Floats  # [n] joint positions
@@ -44,12 +45,12 @@ class PlantOwner(Protocol):
         """Put the arm at `q` (n,) at rest."""
 
 
-def plant_step(body: Callable[..., None]) -> KernelPointer:
-    """A kernel of (handles, constants, q, v, torque) that moves `q` and `v` on, for `Plant.step`."""
-    return KernelPointer(body, _SIGNATURE)
+def plant_step(body: Callable[..., None]) -> int:
+    """`Plant.step` of a kernel of (handles, constants, q, v, torque), which moves `q` and `v` on and has to live on."""
+    return KernelPointer(body, _SIGNATURE).address
 
 
 @lean_kernel
 def step_plant(plant: Plant) -> None:
     """Advance the plant by its time step under `plant.torque`."""
-    plant.step(plant.handles, plant.constants, plant.q, plant.v, plant.torque)
+    _step_at(plant.step)(plant.handles, plant.constants, plant.q, plant.v, plant.torque)
