@@ -1,31 +1,58 @@
-"""Rewrite the generated parts of the reference pages: `python docs/refresh.py`. Tests refuse a page that is stale."""
+"""Rewrite the generated parts of the pages: `python docs/refresh.py`. Tests refuse a page that is stale.
+
+A part stands in its page between `<!-- generated: name -->` and `<!-- end -->`.
+"""
 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from qrobot.servo import modes
-from qrobot.wire import document
+DOCS: Final = Path(__file__).parent
+sys.path.insert(0, str(DOCS))
 
-REFERENCE: Final = Path(__file__).parent / "reference"
-_DIAGRAM: Final = re.compile(r"(?<=```mermaid\n).*?(?=```)", re.DOTALL)
+import command_line  # noqa: E402 (found through the line above)
+import file_keys  # noqa: E402
+import tables  # noqa: E402
+
+from qrobot.wire import document  # noqa: E402
+
+PARTS: Final[dict[str, Callable[[], str]]] = {
+    "faults": tables.faults,
+    "modes": tables.mode_diagram,
+    "laws": tables.laws,
+    "telemetry": tables.telemetry,
+    "command-line": command_line.command_line,
+    "deployment-keys": file_keys.deployment_keys,
+    "robot-keys": file_keys.robot_keys,
+}
+_PART: Final = re.compile(r"(<!-- generated: ([a-z-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def refresh_modes(page: str) -> str:
-    """The page on modes with its diagram made anew."""
-    return _DIAGRAM.sub(modes.mermaid(), page)
+def rewrite(page: str) -> str:
+    """The page with every generated part made anew. Raises KeyError for a part nobody generates."""
+    return _PART.sub(lambda found: f"{found[1]}\n{PARTS[found[2]]().strip()}\n\n{found[3]}", page)
 
 
-PAGES: Final[dict[str, Callable[[str], str]]] = {"wire-protocol.md": document.refresh, "modes.md": refresh_modes}
+PAGES: Final[dict[str, Callable[[str], str]]] = {
+    "reference/wire-protocol.md": document.refresh,
+    "reference/modes.md": rewrite,
+    "reference/command-line.md": rewrite,
+    "reference/deployment-file.md": rewrite,
+    "reference/robot-file.md": rewrite,
+    "reference/laws.md": rewrite,
+    "reference/telemetry.md": rewrite,
+    "explanation/safety.md": rewrite,
+}
 
 
 def main() -> None:
     """Rewrite every page that has generated parts."""
     for name, refresh in PAGES.items():
-        page = REFERENCE / name
+        page = DOCS / name
         page.write_text(refresh(page.read_text()))
 
 

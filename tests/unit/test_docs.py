@@ -6,7 +6,13 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from qrobot import rccl
+from qrobot.config import load_robot
+from qrobot.rci import VirtualLink
+from tests.support.fake_robot import FakeRobot
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -63,9 +69,43 @@ def test_decision_records_are_numbered_without_gaps() -> None:
 
 @pytest.mark.parametrize("name", sorted(REFRESH["PAGES"]))
 def test_generated_parts_of_a_reference_page_are_fresh(name: str) -> None:
-    page = (ROOT / "docs/reference" / name).read_text()
+    page = (ROOT / "docs" / name).read_text()
     assert REFRESH["PAGES"][name](page) == page
 
 
-def test_a_stale_diagram_of_modes_is_drawn_anew() -> None:
-    assert "    HOLDING --> TRACKING: " in REFRESH["refresh_modes"]("```mermaid\nstateDiagram-v2\n```\n")
+@pytest.mark.parametrize(
+    ("part", "wanted"),
+    [
+        ("modes", "    HOLDING --> TRACKING: "),
+        ("faults", "| 22 | GUARD_TRIP | 0 | yes |"),
+        ("faults", "| 19 | COLLISION | 2 | not yet |"),
+        ("laws", "| `qrobot` (default) | "),
+        ("telemetry", "| `q` | float64[n] | measured position, rad or m |"),
+        ("command-line", "### qrobot log export"),
+        ("deployment-keys", "| `rate_hz` | whole number from 100 to 10000 | `1000` |"),
+        ("robot-keys", "| `brake` | n of true or false | needed |"),
+        ("robot-keys", "| `vendor_rad_per_count` | n numbers other than zero | - |"),
+    ],
+)
+def test_a_stale_part_is_made_anew_from_the_code(part: str, wanted: str) -> None:
+    page = REFRESH["rewrite"](f"before\n<!-- generated: {part} -->\nold\n<!-- end -->\nafter\n")
+    assert "old" not in page.splitlines()
+    assert wanted in page
+    assert page.startswith("before\n")
+    assert page.endswith("<!-- end -->\nafter\n")
+
+
+def test_every_part_is_on_a_page() -> None:
+    text = "".join((ROOT / "docs" / name).read_text() for name in REFRESH["PAGES"])
+    assert [part for part in REFRESH["PARTS"] if f"<!-- generated: {part} -->" not in text] == []
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/how-to/write-a-program.md"])
+def test_a_program_printed_on_a_page_runs_as_it_is(name: str) -> None:
+    program = re.search(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
+    assert program is not None
+    robot = FakeRobot(tuple(load_robot("puma560").poses["park"]))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        exec(compile(program[1], name, "exec"), {})
+    assert robot.said_goodbye
+    assert np.ptp(robot.path, axis=0).max() > 0.5  # it did move

@@ -1,0 +1,36 @@
+"""The reference page of the command, read from its own help."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib import import_module
+from typing import Any
+from unittest.mock import patch
+
+from cyclopts import App
+
+from qrobot.cli.main import COMMANDS
+
+INDENTED = re.compile(r"(?:^ {2}\S.*\n)+", re.MULTILINE)
+
+
+def command_line() -> str:
+    """Every subcommand with its parameters."""
+    with patch.object(sys, "argv", ["qrobot"]):  # cyclopts writes the name of the running program into the usage
+        page: str = _app().generate_docs(output_format="markdown", recursive=True, heading_level=1)
+    page = page[page.index("## qrobot demo") :]
+    return INDENTED.sub(lambda found: f"```sh\n{re.sub('^  ', '', found[0], flags=re.MULTILINE)}```\n", page)
+
+
+def _app() -> App:
+    """The command with every function loaded, so that each shows its whole docstring."""
+    app = App(name="qrobot", help_format="plaintext")
+    for command in COMMANDS:
+        app.command(_load(command.target), name=command.name)
+    return app
+
+
+def _load(target: str) -> Any:
+    module, name = target.split(":")
+    return getattr(import_module(module), name)

@@ -1,0 +1,69 @@
+"""Tables of the reference pages that are read from the code: faults, modes, laws, telemetry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from qrobot.faultcodes import EXPLANATION, FaultCode
+from qrobot.servo import modes
+from qrobot.servo.guard import stop_category
+from qrobot.servo.law import DEFAULT_LAW, LAWS
+from qrobot.servo.telemetry import COUNTERS, SCALARS, VECTORS
+
+SERVO: Final = Path(__file__).parents[1] / "qrobot/servo"
+
+
+def table(headings: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table; bars inside cells are escaped."""
+    headings = tuple(headings)
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join(
+        "| " + " | ".join(re.sub(r"\s*\n\s*", " ", str(cell).strip()).replace("|", r"\|") for cell in line) + " |"
+        for line in lines
+    )
+
+
+def faults() -> str:
+    """Every code with its number, its stop category, whether anything raises it, what happened and what to do."""
+    raised = raised_codes()
+    rows = (
+        (
+            code.value,
+            code.name,
+            int(stop_category(code)),
+            "yes" if code.name in raised else "not yet",
+            *EXPLANATION[code],
+        )
+        for code in sorted(FaultCode)
+        if code
+    )
+    return table(("no.", "code", "category", "detected", "what happened", "what to do"), rows)
+
+
+def raised_codes() -> set[str]:
+    """Names of the codes that the servo raises: those its modules turn into plain numbers for the compiled cycle."""
+    return {name for path in SERVO.glob("*.py") for name in re.findall(r"int\(FaultCode\.(\w+)\)", path.read_text())}
+
+
+def mode_diagram() -> str:
+    """The state machine of the servo."""
+    return f"```mermaid\n{modes.mermaid()}```"
+
+
+def laws() -> str:
+    """The shipped laws, by the name that `--law` takes."""
+    default = {DEFAULT_LAW: " (default)"}
+    return table(
+        ("name", "law"), ((f"`{name}`{default.get(name, '')}", law.__doc__ or "") for name, law in LAWS.items())
+    )
+
+
+def telemetry() -> str:
+    """The fields of one row, in their order."""
+    rows = [(f"`{name}`", "int64", meaning) for name, meaning in SCALARS]
+    rows += [(f"`{name}`", "float64[n]", meaning) for name, meaning in VECTORS]
+    rows += [(f"`{name}`", "int64[n]", meaning) for name, meaning in COUNTERS]
+    return table(("field", "type", "meaning"), rows)
