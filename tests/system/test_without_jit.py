@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MODULES = "board", "board_memory", "seqlock", "clock", "drive"
+MODULES = "board", "board_memory", "codegen_operations", "seqlock", "clock", "drive", "pointer"
 
 
 def test_the_tests_of_the_kernels_pass_with_the_jit_off() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -192,3 +193,17 @@ def test_a_second_process_finds_the_compiled_kernel_and_casadi_is_only_loaded_by
     (first, compiled), (second, found) = (run.stdout.split() for run in runs)
     assert first == second
     assert (compiled, found) == ("0", "1")
+
+
+# --- the page ------------------------------------------------------------------------------------------------------
+
+
+def test_the_example_of_the_how_to_page_swings_as_casadi_says(tmp_path: Path) -> None:
+    page = (ROOT / "docs/how-to/compile-an-expression.md").read_text()
+    example = tmp_path / "example.py"  # a file, so that its kernel can be cached
+    example.write_text(page.partition("```python\n")[2].partition("```")[0])
+    names = runpy.run_path(str(example))
+    state = np.array([0.5, 0.0])
+    for _ in range(1000):
+        state = np.array(names["function"](state, 0.0)).ravel()
+    assert names["state"].tobytes() == state.tobytes()
