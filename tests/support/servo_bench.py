@@ -126,7 +126,7 @@ class ServoBench:
                 self.mail[GUARD_T_NS] = self.now_ns
             one_cycle(self.params, self.state, self.law, self.mail, self.board, self.now_ns, 0)
             self._rows.append(np.array(self.state.row))
-            self._collect()
+            self.collect()
             if self.follows and gives_torque(self.mode):
                 self.q = np.array(self.state.q_ref)
             self.now_ns += self.settings.period_ns
@@ -154,6 +154,18 @@ class ServoBench:
     def skip(self, n: int) -> None:
         """The loop misses so many cycles."""
         self.now_ns += n * self.settings.period_ns
+
+    def collect(self) -> None:
+        """The board applies what was posted, lane by lane."""
+        operation = np.zeros(OP_FIELDS, dtype=np.int64)
+        for lane in Lane:
+            while not self.deaf and take_operation(self.board, int(lane), operation):
+                _, offset, value = operation.tolist()
+                self.writes.append(Write(self.now_ns, lane, offset, value))
+                if offset == DISCRETE:
+                    self.discrete = value
+                else:
+                    self.dac[(offset - DAC) // 2] = value
 
     # --------------------------------------------------------------------------------------------- looking at it
 
@@ -210,17 +222,6 @@ class ServoBench:
         for j in range(self.robot.n):
             image[IMAGE_INPUTS + ENC_COUNT // 2 + j] = count_word(counts[j] + self.slip.get(j, 0))
         publish_image(self.board, image)
-
-    def _collect(self) -> None:
-        operation = np.zeros(OP_FIELDS, dtype=np.int64)
-        for lane in Lane:
-            while not self.deaf and take_operation(self.board, int(lane), operation):
-                _, offset, value = operation.tolist()
-                self.writes.append(Write(self.now_ns, lane, offset, value))
-                if offset == DISCRETE:
-                    self.discrete = value
-                else:
-                    self.dac[(offset - DAC) // 2] = value
 
 
 def writes_at(bench: ServoBench, t_ns: int) -> list[tuple[int, int]]:
