@@ -9,9 +9,9 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
-from qrobot.servo.cycle import MODE
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN
 from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.state import MODE
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 
 N = 6

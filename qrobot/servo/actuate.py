@@ -1,0 +1,159 @@
+"""From the reference to register writes: model, law, guard, and the order in which torque and power go out."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import put_write
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_HAND_CLOSE,
+    DISCRETE_HAND_OPEN,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    N_DACS,
+)
+from qrobot.model.dynamics import friction_torque, gravity_torque
+from qrobot.model.transmission import (
+    TransmissionParams,
+    motor_to_torque,
+    torque_to_dac,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.guard import (
+    limit_torque,
+)
+from qrobot.servo.law import KP, KV
+from qrobot.servo.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    COMMAND_HAND,
+    GUARD_TAKEOVER,
+)
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    CLIPPED,
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    LAW_FAILED,
+    MODE,
+    STARTED,
+    ServoState,
+)
+from qrobot.servo.supervisor import (
+    raise_code,
+)
+
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+LAW_NAN: Final = int(FaultCode.LAW_NAN)
+
+
+@lean_kernel
+def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
+    """Torque of the law, guarded, in modes that give any."""
+    state.i[CLIPPED] = 0
+    if not gives_torque(state.i[MODE]):
+        return
+    model_terms(params, state)
+    if state.i[LAW_FAILED] != 0:
+        built_in_law(params, state)
+    else:
+        law(  # [:]: the pointer takes plain arrays, not fields of a record
+            state.q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
+            state.friction[:], state.sensors[:], params.gains[:], state.memory[:], state.tau[:],
+        )  # fmt: skip
+    add_torque_setpoints(state)
+    code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    if code == LAW_NAN:
+        state.i[LAW_FAILED] = 1
+        raise_code(state, code, joint)
+        built_in_law(params, state)
+        code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    state.i[CLIPPED] = clipped
+
+
+@lean_kernel
+def model_terms(params: ServoParameters, state: ServoState) -> None:
+    """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
+    if state.i[MODE] == UNCALIBRATED:  # the pose is not known: no model can help
+        for j in range(state.q.size):
+            state.gravity[j], state.friction[j] = 0.0, 0.0
+        return
+    gravity_torque(state.q, params.dynamics, state.gravity)
+    for j in range(state.q.size):
+        state.gravity[j] *= params.gravity_share[j]
+    motor_rates(state.v_ref, params.transmission, state.scratch)
+    friction_torque(state.scratch, params.friction, state.tau_motor)
+    motor_to_torque(state.tau_motor, params.transmission, state.friction)
+
+
+@lean_kernel
+def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
+    """Motor speeds C v in joint units: friction acts where the motors are, not where the joints are. Shapes (n,)."""
+    for i in range(v.size):
+        speed = 0.0
+        for j in range(v.size):
+            speed += transmission.motor_per_joint[i, j] * v[j]
+        r_dot[i] = speed
+
+
+@lean_kernel
+def built_in_law(params: ServoParameters, state: ServoState) -> None:
+    """What replaces a law that failed: PD with gravity compensation."""
+    for j in range(state.tau.size):
+        feedback = params.gains[KP, j] * (state.q_ref[j] - state.q[j]) + params.gains[KV, j] * (
+            state.v_ref[j] - state.v[j]
+        )
+        state.tau[j] = feedback + state.gravity[j]
+
+
+@lean_kernel
+def add_torque_setpoints(state: ServoState) -> None:
+    """Joints in torque mode: the setpoint comes on top of what carries the arm."""
+    for j in range(state.tau.size):
+        state.tau[j] += state.torque_setpoint[j]
+
+
+@lean_kernel
+def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
+    """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
+    if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
+        state.tau[:] = 0.0
+    torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
+    compose_discrete(state, mail[COMMAND_HAND])
+    mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
+    if state.i[STARTED] == 0:
+        return 0
+    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD]
+    if mail[GUARD_TAKEOVER] != 0:
+        state.i[DISCRETE_SENT] = -1
+        return 0
+    n = 0
+    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and not wants_power(state.i[MODE]):
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
+    for channel in range(N_DACS):
+        code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
+        n = put_write(state.ops, n, DAC + 2 * channel, code)
+    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+    return n
+
+
+@lean_kernel
+def compose_discrete(state: ServoState, hand: int) -> None:
+    """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
+    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED)
+    if wants_power(state.i[MODE]):
+        word |= DISCRETE_POWER
+    if hand == 1:
+        word |= DISCRETE_HAND_CLOSE
+    elif hand == 2:
+        word |= DISCRETE_HAND_OPEN
+    else:
+        word |= DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_WORD] = word

@@ -1,0 +1,139 @@
+"""From the board's image to positions and velocities that can be trusted, or to the code that says why not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS
+from qrobot.hwif.registers import (
+    DISCRETE_HAND_RELAXED,
+    ENC_COUNT,
+    STATUS_CALIBRATED,
+)
+from qrobot.hwif.registers import STATUS as STATUS_REGISTER
+from qrobot.model.transmission import (
+    counts_to_joint,
+    signed_word,
+    unwrap_counts,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.guard import (
+    check_following,
+    check_image,
+    check_range,
+    check_velocity,
+)
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    ADOPT,
+    ADOPT_BOARD,
+    ADOPT_JUMPED,
+    ADOPT_NOTHING,
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    DT,
+    GLITCHES,
+    IMAGE_OK,
+    IMAGE_SEEN,
+    LAST_NOW_NS,
+    MODE,
+    READ_NS,
+    STARTED,
+    STATUS,
+    UNCHANGED,
+    ServoState,
+)
+from qrobot.servo.supervisor import (
+    raise_code,
+)
+
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
+GLITCHES_TO_FAULT: Final = 3
+
+
+@lean_kernel
+def read(params: ServoParameters, state: ServoState) -> None:
+    """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
+    whole = state.i[IMAGE_OK] != 0
+    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN]
+    state.i[UNCHANGED] = 0 if fresh else state.i[UNCHANGED] + 1
+    if whole:
+        state.i[IMAGE_SEEN] = state.image[IMAGE_COUNT]
+        state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+    code = check_image(state.i[UNCHANGED], params.unchanged_images, state.i[IMAGE_SEEN], state.i[STATUS])
+    state.i[IMAGE_OK] = 1 if code == 0 else 0
+    if state.i[IMAGE_OK] == 0 and not wants_power(state.i[MODE]):
+        state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
+    if fresh and state.i[IMAGE_OK] != 0:
+        read_encoders(params, state)
+
+
+@lean_kernel
+def read_encoders(params: ServoParameters, state: ServoState) -> None:
+    """Counts from the encoder words of a good image."""
+    first = IMAGE_INPUTS + ENC_COUNT // 2
+    words = state.image[first : first + state.raw.size]
+    if state.i[ADOPT] != ADOPT_NOTHING:
+        adopt(params, state, words)
+    periods = max(1, (state.i[LAST_NOW_NS] - state.i[READ_NS] + params.period_ns // 2) // params.period_ns)
+    state.i[READ_NS] = state.i[LAST_NOW_NS]
+    for j in range(state.raw.size):
+        state.jump[j] = params.jump_counts[j] * periods
+    joint = unwrap_counts(words, state.raw, state.counts, state.jump)
+    if joint < 0:
+        state.i[GLITCHES] = 0
+        return
+    state.i[GLITCHES] += 1
+    if state.i[GLITCHES] >= GLITCHES_TO_FAULT:
+        raise_code(state, ENC_JUMP, joint)
+
+
+@lean_kernel
+def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
+    """First image of a board: take counters and scratch bits as it kept them, and move nothing.
+
+    Counters that jumped are taken too, but are not calibrated any more.
+    """
+    for j in range(words.size):
+        state.raw[j] = words[j]
+        state.counts[j] = signed_word(words[j])
+    counts_to_joint(state.counts, params.transmission, state.q_before)
+    kept = state.i[STATUS] & params.scratch_bits
+    if state.i[ADOPT] == ADOPT_JUMPED:
+        kept &= ~STATUS_CALIBRATED
+    state.i[DISCRETE_WORD] = kept | DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_SENT] = -1
+    state.i[GLITCHES] = 0
+    state.i[ADOPT] = ADOPT_NOTHING
+    state.i[STARTED] = 1
+
+
+@lean_kernel
+def estimate(params: ServoParameters, state: ServoState) -> None:
+    """Joint positions from counts; velocity by backward difference and first-order low pass."""
+    if state.i[STARTED] == 0:
+        return
+    counts_to_joint(state.counts, params.transmission, state.q)
+    dt = state.f[DT]
+    share = 1.0 - math.exp(-params.filter_rad_s * dt)
+    for j in range(state.q.size):
+        state.v[j] += share * ((state.q[j] - state.q_before[j]) / dt - state.v[j])
+        state.q_before[j] = state.q[j]
+
+
+@lean_kernel
+def watch_arm(params: ServoParameters, state: ServoState) -> None:
+    """Raise what the measured motion calls for while the motors carry torque."""
+    if not gives_torque(state.i[MODE]):
+        return
+    code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
+    raise_code(state, code, joint)
+    code, joint = check_following(state.q_ref, state.q, params.following_error)
+    raise_code(state, code, joint)
+    if state.i[MODE] != UNCALIBRATED:
+        code, joint = check_range(state.q, params.q_min, params.q_max, params.range_margin)
+        raise_code(state, code, joint)

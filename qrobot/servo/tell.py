@@ -1,0 +1,116 @@
+"""What the servo says of each cycle: the state for whoever looks, the heartbeat, the telemetry row."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from qrobot.hwif.registers import (
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_INPUTS,
+    STATUS_POWER,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import float_bits
+from qrobot.servo.mailbox import (
+    BEAT_T_NS,
+    COMMAND_HAND,
+    FLAG_AT_REST,
+    FLAG_CALIBRATED,
+    FLAG_ESTOP_OK,
+    FLAG_GUARDED,
+    FLAG_POWERED,
+    STATE_EVENT,
+    STATE_FAULT,
+    STATE_FLAGS,
+    STATE_HAND,
+    STATE_INPUTS,
+    STATE_JOINT,
+    STATE_LATE,
+    STATE_MISSED,
+    STATE_MODE,
+    STATE_SEQ,
+    STATE_T_NS,
+    STATE_TICK,
+    STATE_VECTORS,
+    publish_state,
+)
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    BUSY_NS,
+    CLIPPED,
+    EVENT,
+    FAULT,
+    FLAGS,
+    IMAGE_OK,
+    JOINT,
+    LATE,
+    MISSED,
+    MISSES,
+    MODE,
+    NEXT_SEQ,
+    STATUS,
+    TICK,
+    ServoState,
+)
+from qrobot.servo.supervisor import (
+    guardian_alive,
+)
+
+
+@lean_kernel
+def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
+    """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
+    n = state.q.size
+    state.i[FLAGS] = compose_flags(params, state, mail, now_ns)
+    block = state.block
+    block[STATE_T_NS], block[STATE_TICK] = now_ns, state.i[TICK]
+    block[STATE_MODE], block[STATE_FAULT] = state.i[MODE], state.i[FAULT]
+    block[STATE_EVENT], block[STATE_JOINT] = state.i[EVENT], state.i[JOINT]
+    block[STATE_FLAGS], block[STATE_SEQ] = state.i[FLAGS], state.i[NEXT_SEQ] - 1
+    block[STATE_MISSED], block[STATE_LATE] = state.i[MISSED], state.i[LATE]
+    block[STATE_INPUTS], block[STATE_HAND] = state.i[STATUS] & STATUS_INPUTS, mail[COMMAND_HAND]
+    for j in range(n):
+        block[STATE_VECTORS + j] = float_bits(state.q[j])
+        block[STATE_VECTORS + n + j] = float_bits(state.v[j])
+        block[STATE_VECTORS + 2 * n + j] = float_bits(state.tau[j])
+        block[STATE_VECTORS + 3 * n + j] = float_bits(state.q_ref[j])
+    publish_state(mail, n, block)
+    mail[BEAT_T_NS] = now_ns
+    fill_row(state, now_ns, late_ns)
+
+
+@lean_kernel
+def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
+    """FLAG_* of this tick."""
+    status, flags = state.i[STATUS], 0
+    if state.i[IMAGE_OK] != 0 and status & STATUS_POWER != 0:
+        flags |= FLAG_POWERED
+    if status & STATUS_CALIBRATED != 0:
+        flags |= FLAG_CALIBRATED
+    if status & STATUS_ESTOP_OK != 0:
+        flags |= FLAG_ESTOP_OK
+    if guardian_alive(params, mail, now_ns):
+        flags |= FLAG_GUARDED
+    at_rest = True
+    for j in range(state.v_ref.size):
+        at_rest = at_rest and state.v_ref[j] == 0.0
+    return flags | FLAG_AT_REST if at_rest else flags
+
+
+@lean_kernel
+def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
+    """The telemetry row, in the order of `servo.telemetry`."""
+    row, n = state.row, state.q.size
+    row[0], row[1], row[2], row[3] = state.i[TICK], now_ns, late_ns, state.i[BUSY_NS]
+    row[4], row[5] = state.i[MODE], state.i[EVENT]
+    row[6], row[7] = state.i[NEXT_SEQ] - 1, state.i[FLAGS] | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
+    for j in range(n):
+        row[8 + j] = float_bits(state.q_ref[j])
+        row[8 + n + j] = float_bits(state.v_ref[j])
+        row[8 + 2 * n + j] = float_bits(state.a_ref[j])
+        row[8 + 3 * n + j] = float_bits(state.q[j])
+        row[8 + 4 * n + j] = float_bits(state.v[j])
+        row[8 + 5 * n + j] = float_bits(state.tau[j])
+        row[8 + 6 * n + j] = state.counts[j]
+        row[8 + 7 * n + j] = state.dac[j]
