@@ -1,0 +1,45 @@
+"""The servo as plain Python: the cycle tick for tick, and every branch of the guard."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from qrobot.faultcodes import FaultCode
+from qrobot.servo.modes import Mode
+from tests.support.servo_scenario import eventful_run
+
+ROOT = Path(__file__).parents[2]
+
+
+def python(*arguments: str, **environment: str) -> None:
+    """Run a module with the JIT off. Fails the test with its output when it fails."""
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"} | environment,
+        cwd=ROOT, check=False, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+
+
+def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> None:
+    python("tests.support.servo_scenario", str(tmp_path / "plain.npy"))
+    plain, compiled = np.load(tmp_path / "plain.npy"), eventful_run()
+    assert {Mode.TRACKING, Mode.STOPPING, Mode.FAULT} <= set(compiled["mode"])
+    assert {FaultCode.SP_INVALID, FaultCode.ESTOP} <= set(compiled["fault"])
+    for name in ("tick", "t_ns", "mode", "fault", "setpoint_seq", "flags", "counts", "dac"):
+        np.testing.assert_array_equal(plain[name], compiled[name], name)
+    for name in ("q_ref", "v_ref", "a_ref", "q", "v", "tau"):
+        np.testing.assert_allclose(plain[name], compiled[name], rtol=1e-12, atol=1e-10, err_msg=name)
+
+
+def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
+    python(
+        "pytest", "-q", "-p", "no:cacheprovider", "tests/unit/test_guard.py",
+        "--cov=qrobot.servo.guard", "--cov-branch", "--cov-fail-under=100", "--cov-report=term-missing",
+        COVERAGE_FILE=str(tmp_path / "coverage"),
+    )  # fmt: skip
