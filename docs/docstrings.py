@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 _DRAWN = re.compile(r"^\s*\|.*\|$|[├└│]")
-_BAR_OUTSIDE_CODE = re.compile(r"(`[^`]*`)|\|")
+_CODE_OR_BAR = re.compile(r"(`[^`]*`)(\w?)|\|")
 _LITERAL_MARK = re.compile(r"::$")  # what follows is indented, and marked for that
 _INDENT = "    "
 
@@ -30,4 +30,12 @@ def _paragraphs(lines: Iterable[str]) -> Iterator[list[str]]:
 def _marked_up(paragraph: list[str]) -> list[str]:
     if any(_DRAWN.search(line) for line in paragraph) or all(line.startswith(_INDENT) for line in paragraph):
         return ["::", "", *(_INDENT + line for line in paragraph)]
-    return [_BAR_OUTSIDE_CODE.sub(lambda found: found[1] or r"\|", _LITERAL_MARK.sub(":", line)) for line in paragraph]
+    return [_CODE_OR_BAR.sub(_escaped, _LITERAL_MARK.sub(":", line)) for line in paragraph]
+
+
+def _escaped(found: re.Match[str]) -> str:
+    """A bar escaped; code parted from a letter that follows at once, as in the plural of a name."""
+    code, letter = found[1], found[2]
+    if code is None:
+        return r"\|"
+    return rf"{code}\ {letter}" if letter else code

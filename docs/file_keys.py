@@ -50,11 +50,11 @@ def _sections(model: type[BaseModel], path: str) -> Iterator[str]:
     """The section at `path`, then those inside it; the `source` tables are told in the text of the page."""
     plain = [(key, field) for key, field in _fields(model) if _inner(field) is None and key != "source"]
     if plain:
-        heading = f"### `{path}`" if path else "### At the top"
+        heading = f"## `{path}`" if path else "## At the top"
         rows = ((f"`{key}`", _describe(model, key, field), _default(field)) for key, field in plain)
         yield f"{heading}\n\n{_about(model)}\n\n{table(('key', 'value', 'default'), rows)}"
     elif path:
-        yield f"### `{path}`\n\n{_about(model)}"
+        yield f"## `{path}`\n\n{_about(model)}"
     for key, field in _fields(model):
         if (inner := _inner(field)) is not None:
             yield from _sections(inner, _inner_path(path, key, field))

@@ -32,3 +32,7 @@ def test_a_table_and_a_tree_become_literal_blocks() -> None:
 
 def test_a_bar_in_prose_is_escaped_and_one_in_code_is_not() -> None:
     assert converted("|x| is at most `a | b`.") == "\\|x\\| is at most `a | b`.\n"
+
+
+def test_a_letter_right_behind_code_does_not_spoil_it() -> None:
+    assert converted("Use their `Channel`s, `a` and `b`.") == "Use their `Channel`\\ s, `a` and `b`.\n"
