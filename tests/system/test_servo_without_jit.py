@@ -31,10 +31,8 @@ def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> N
     plain, compiled = np.load(tmp_path / "plain.npy"), eventful_run()
     assert {Mode.TRACKING, Mode.STOPPING, Mode.FAULT} <= set(compiled["mode"])
     assert {FaultCode.SP_INVALID, FaultCode.ESTOP} <= set(compiled["fault"])
-    for name in ("tick", "t_ns", "mode", "fault", "setpoint_seq", "flags", "counts", "dac"):
+    for name in compiled.dtype.names:  # bit for bit: no fast-math, no reordering
         np.testing.assert_array_equal(plain[name], compiled[name], name)
-    for name in ("q_ref", "v_ref", "a_ref", "q", "v", "tau"):
-        np.testing.assert_allclose(plain[name], compiled[name], rtol=1e-12, atol=1e-10, err_msg=name)
 
 
 def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
