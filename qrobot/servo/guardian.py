@@ -45,13 +45,17 @@ SLICE_NS: Final = NS_PER_S // 5
 PRIORITY: Final = 85  # above the servo's
 SMALLEST_RING: Final = 16
 
-TRIPPED, TRIPS = range(2)  # the guardian's own memory
+# the guardian's own memory; outlives servo restarts
+TRIPPED, TRIPS, LAST_DISCRETE, N_OWN = range(4)
 
 
 @lean_kernel
-def make_safe(mail: Any, board: Any, ops: Any) -> bool:
-    """Arm power off, then zero torque on every DAC; False when the board takes no more operations."""
-    n = put_write(ops, 0, DISCRETE, mail[BEAT_DISCRETE] & ~DISCRETE_POWER)
+def make_safe(discrete: int, board: Any, ops: Any) -> bool:
+    """Arm power off, then zero torque on every DAC; False when the board takes no more operations.
+
+    The other bits of `discrete` stay as they are: the hand keeps what it holds, the counters stay calibrated.
+    """
+    n = put_write(ops, 0, DISCRETE, discrete & ~DISCRETE_POWER)
     for channel in range(N_DACS):
         n = put_write(ops, n, DAC + 2 * channel, DAC_ZERO)
     return post_operations(board, GUARDIAN_LANE, ops, n)
@@ -62,7 +66,7 @@ def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int
     """One look at the servo: trip, keep the board safe, or hand it back.
 
     Args:
-        own: int64[2], TRIPPED and TRIPS; outlives servo restarts.
+        own: int64[N_OWN], the guardian's memory.
         ops: scratch, int64[N_SAFE_OPS, 3].
     """
     fresh = now_ns - load_acquire(mail, BEAT_T_NS) <= timeout_ns
@@ -71,11 +75,13 @@ def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int
         own[TRIPS] += 1
     elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
         own[TRIPPED] = 0
+    if mail[BEAT_DISCRETE] != 0:  # a servo that has just started has none yet
+        own[LAST_DISCRETE] = mail[BEAT_DISCRETE]
     store_release(mail, GUARD_TRIPS, own[TRIPS])
     store_release(mail, GUARD_TAKEOVER, own[TRIPPED])
     store_release(mail, GUARD_T_NS, now_ns)
     if own[TRIPPED] != 0:
-        make_safe(mail, board, ops)
+        make_safe(own[LAST_DISCRETE], board, ops)
 
 
 @lean_kernel
@@ -99,7 +105,7 @@ class Guardian:
         self._report = report
         self.timeout_ns = int(timeout_ms * 1e6)
         self.stop = np.zeros(1, dtype=np.int64)
-        self._own = np.zeros(2, dtype=np.int64)
+        self._own = np.zeros(N_OWN, dtype=np.int64)
         self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
         self._servo = attach_servo_memory(arm)
         self._board = attach_board_memory(arm)
@@ -162,7 +168,7 @@ def warm_up() -> None:
     """Compile, or load from the cache, what `run` calls."""
     mail = local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING)
     ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
-    own = np.array([1, 1], dtype=np.int64)
+    own = np.ones(N_OWN, dtype=np.int64)
     watch(own, mail, local_board_memory(), ops, np.zeros(1, dtype=np.int64), NS_PER_S, monotonic_now() + 1)
 
 
