@@ -25,6 +25,7 @@ extensions = ["myst_parser", "autoapi.extension", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # quotes and ellipses; -- stays what one types
 html_theme = "furo"
 html_title = f"QRobot {release}"
 default_role = "literal"  # docstrings mark code with single backticks
