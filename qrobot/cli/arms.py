@@ -32,8 +32,8 @@ def robot_of_arm(arm: Arm) -> Robot:
 def servo_settings(arm: Arm, rate_hz: float | None = None, law: str | None = None) -> ServoSettings:
     """Settings of the deployment file, with what the command line overrides."""
     return ServoSettings(
-        rate_hz=rate_hz or arm.servo.rate_hz,
-        law=law or arm.servo.law,
+        rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
+        law=arm.servo.law if law is None else law,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,

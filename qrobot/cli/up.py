@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.errors import LinkLost
 
@@ -36,12 +34,12 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/proces
     from qrobot.rig.deployed import ArmProcesses
     from qrobot.rig.processes import ProcessRig
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
+    arms = load_deployment(deployment).arm
+    for arm in arms:  # a mistake in the last arm is told before the first one starts
+        robot_of_arm(arm)
+        servo_settings(arm)
     with ProcessRig(out_dir) as rig:
-        for arm in load_deployment(deployment).arm:
+        for arm in arms:
             note(f"starting {arm.name} (a first start compiles for a minute or two)")
             ArmProcesses(rig, deployment, arm).start_all()
             note(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from qrobot.config.deployment import Arm
+from qrobot.errors import LinkBusy
 from qrobot.rig.processes import Child, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
 
 # The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
@@ -29,6 +32,7 @@ class ArmProcesses:
         """Board, servo, guardian, bridge, log. Raises LinkError in the words of the process that failed."""
         self.start_board()
         self.start_servo()
+        self.start_guardian()
         self.start_bridge()
         if self.arm.log.directory:
             self.start_log("--output", self.arm.log.directory)
@@ -38,20 +42,27 @@ class ArmProcesses:
         return self._start(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
 
     def start_servo(self, *options: str) -> Child:
-        """Start the servo and its guardian; returns the servo."""
+        """Start the servo; it refuses power until a guardian watches it."""
         options = (*options, "--own-guardian")
-        servo = self._start(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
-        self._start(("guardian", self.deployment), (), lambda: guardian_ready(self.arm.name), GUARDIAN_RANK)
-        return servo
+        return self._start(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
+
+    def start_guardian(self, *options: str) -> Child:
+        """Start the guardian of a running servo; it follows restarts of servo and board, whenever they come."""
+        options = (*options, "--linger", "inf")
+        since_ns = time.monotonic_ns()
+        ready = partial(guardian_ready, self.arm.name, since_ns)
+        return self._start(("guardian", self.deployment), options, ready, GUARDIAN_RANK)
 
     def start_bridge(self, *options: str) -> Child:
-        """Start the bridge."""
+        """Start the bridge. Raises LinkBusy when its port is taken, and what `ProcessRig.start` raises."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
+        if bridge_ready(host, port):
+            raise LinkBusy(f"{host}:{port} is in use: does another bridge run? Choose another port for {self.arm.name}")
         return self._start(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
 
     def start_log(self, *options: str) -> Child:
         """Start the recorder of the servo's telemetry."""
-        return self._start(("log", "record", self.deployment), options, lambda: True, LOG_RANK)
+        return self._start(("log", "record", self.deployment), options, None, LOG_RANK)
 
     def end(self, *commands: str) -> None:
         """End the processes of these commands, in this order."""
@@ -62,5 +73,7 @@ class ArmProcesses:
         """Name of a process in the rig."""
         return f"{self.arm.name}-{command}"
 
-    def _start(self, command: tuple[str, ...], options: tuple[str, ...], ready: Callable[[], bool], rank: int) -> Child:
+    def _start(
+        self, command: tuple[str, ...], options: tuple[str, ...], ready: Callable[[], bool] | None, rank: int
+    ) -> Child:
         return self.rig.start(self.name_of(command[0]), [*command, "--arm", self.arm.name, *options], ready, rank)

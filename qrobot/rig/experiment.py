@@ -135,7 +135,7 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
     path = directory / f"{run.name}.mcap"
     with _servo_running(run, processes, path):
         began = time.monotonic()
-        program = processes.rig.start(f"{processes.arm.name}-program", ["run", str(program_path())], lambda: True)
+        program = processes.rig.start(f"{processes.arm.name}-program", ["run", str(program_path())])
         status = program.process.wait(PROGRAM_PATIENCE_S)
         wall_s = time.monotonic() - began
     processes.rig.end(program.name)
@@ -150,6 +150,7 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
 def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[None]:
     """Servo, guardian and recorder for one run."""
     processes.start_servo("--rate", str(run.rate_hz), "--law", run.law)
+    processes.start_guardian()
     processes.start_log("--output", str(log), "--plant", run.plant)
     try:
         yield

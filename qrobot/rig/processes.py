@@ -17,10 +17,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import IO
+from types import FrameType, TracebackType
+from typing import IO, Any
 
-from qrobot.errors import LinkError, LinkTimeout, QRobotError
+from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
 from qrobot.realtime.setup import PARENT_VARIABLE
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
@@ -66,32 +66,44 @@ class Child:
 
 
 class ProcessRig:
-    """Starts `qrobot` subcommands as processes and ends them all when the `with` block does."""
+    """Starts `qrobot` subcommands as processes and ends them all when the `with` block does.
+
+    Inside the block SIGTERM raises KeyboardInterrupt, as SIGINT does; while the processes are being ended both are
+    ignored. Use it from the main thread.
+    """
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.children: dict[str, Child] = {}
+        self._handlers: dict[int, Any] = {}
         directory.mkdir(parents=True, exist_ok=True)
 
-    def start(self, name: str, arguments: Sequence[str], ready: Callable[[], bool], rank: int = 0) -> Child:
-        """Start `qrobot ARGUMENTS` under `name` and wait until it is ready; the higher its rank, the sooner it ends.
+    def start(
+        self, name: str, arguments: Sequence[str], ready: Callable[[], bool] | None = None, rank: int = 0
+    ) -> Child:
+        """Start `qrobot ARGUMENTS` under `name`; the higher its rank, the sooner it ends.
+
+        Args:
+            ready: waited for; it must not be true yet, for then somebody else's process already does this one's work.
 
         Raises:
+            LinkBusy: it is ready before it was started.
             LinkError: it ended instead of getting ready; the message is the process's own.
             LinkTimeout: it did not get ready in time.
         """
+        if ready is not None and ready():
+            raise LinkBusy(f"{name} is not started: another process does its work already; stop that one first")
         output = self.directory / f"{name}.txt"
         with output.open("wb") as file:
             child = Child(name, _spawn(arguments, file), output, rank)
         self.children[name] = child
-        deadline = time.monotonic() + START_PATIENCE_S
-        while not ready():
-            if not child.alive:
-                raise LinkError(f"{name} did not start: {child.complaint()}")
-            if time.monotonic() > deadline:
-                raise LinkTimeout(f"{name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
-            time.sleep(POLL_S)
+        if ready is not None:
+            _wait_for(child, ready)
         return child
+
+    def alive(self, name: str) -> bool:
+        """True while a process of this name runs."""
+        return name in self.children and self.children[name].alive
 
     def first_dead(self) -> Child | None:
         """A child that has ended although nobody asked it to."""
@@ -109,12 +121,34 @@ class ProcessRig:
             child.end()
 
     def __enter__(self) -> ProcessRig:
+        self._handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+        signal.signal(signal.SIGTERM, _interrupt)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        for number in self._handlers:
+            signal.signal(number, signal.SIG_IGN)
+        try:
+            self.close()
+        finally:
+            for number, handler in self._handlers.items():
+                signal.signal(number, handler)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _wait_for(child: Child, ready: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + START_PATIENCE_S
+    while not ready():
+        if not child.alive:
+            raise LinkError(f"{child.name} did not start: {child.complaint()}")
+        if time.monotonic() > deadline:
+            raise LinkTimeout(f"{child.name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
+        time.sleep(POLL_S)
 
 
 def _spawn(arguments: Sequence[str], output: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -154,9 +188,9 @@ def servo_ready(arm: str) -> bool:
     return _servo_word(arm, INFO_READY) == 1
 
 
-def guardian_ready(arm: str) -> bool:
-    """The guardian of this arm has looked at its servo."""
-    return _servo_word(arm, GUARD_T_NS) > 0
+def guardian_ready(arm: str, since_ns: int) -> bool:
+    """The guardian of this arm has looked at its servo after `since_ns`, CLOCK_MONOTONIC."""
+    return _servo_word(arm, GUARD_T_NS) > since_ns
 
 
 def bridge_ready(host: str, port: int) -> bool:

@@ -35,10 +35,10 @@ from qrobot.servo.modes import mode_name
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
+from qrobot.servo.telemetry import SMALLEST_RING
 
 BOARD_AWAY_NS = 1_000_000_000
 POLL_S = 0.05
-SMALLEST_RING = 16
 
 Report = Callable[[str], None]
 

@@ -22,7 +22,7 @@ from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DAC
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Segment
+from qrobot.realtime.segment import HEADER_WORDS, Segment
 from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
@@ -36,6 +36,7 @@ from qrobot.servo.mailbox import (
     local_servo_memory,
 )
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
+from qrobot.servo.telemetry import SMALLEST_RING
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 1 + N_DACS
@@ -43,7 +44,8 @@ LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within
 SLICE_NS: Final = NS_PER_S // 5
 
 PRIORITY: Final = 85  # above the servo's
-SMALLEST_RING: Final = 16
+
+LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
 # the guardian's own memory; outlives servo restarts
 TRIPPED, TRIPS, LAST_DISCRETE, N_OWN = range(4)
@@ -96,7 +98,15 @@ def watch(own: Any, mail: Any, board: Any, ops: Any, stop: Any, timeout_ns: int,
 
 
 class Guardian:
-    """Watches one arm; follows restarts of its servo and its board."""
+    """Watches one arm; follows restarts of its servo and its board.
+
+    A guardian that was killed while it held the board has an heir: the mark of the takeover stays in the servo's
+    memory, and the next guardian goes on holding the board.
+
+    Raises:
+        LinkBusy: a guardian watches this arm already; two of them would share one lane of the board.
+        LinkError: there is no servo or no board to watch.
+    """
 
     def __init__(
         self, arm: str, timeout_ms: float = DEFAULT_TIMEOUT_MS, report: Callable[[str], None] = lambda _line: None
@@ -109,6 +119,8 @@ class Guardian:
         self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
         self._servo = attach_servo_memory(arm)
         self._board = attach_board_memory(arm)
+        self._place = Segment.create(f"{arm}-guardian", LAYOUT, HEADER_WORDS)
+        self._own[[TRIPPED, TRIPS]] = self._servo.words[[GUARD_TAKEOVER, GUARD_TRIPS]]
 
     @property
     def trips(self) -> int:
@@ -147,9 +159,10 @@ class Guardian:
             self._report(f"the servo of {self.arm} has the board again")
 
     def close(self) -> None:
-        """Unmap both memories."""
+        """Unmap both memories and leave the guardian's place to another one."""
         self._servo.close()
         self._board.close()
+        self._place.close(unlink=True)
 
 
 def _follow(segment: Segment, attach: Any, arm: str) -> Segment:

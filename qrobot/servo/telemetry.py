@@ -19,6 +19,7 @@ from qrobot.realtime.atomics import fence, load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
+SMALLEST_RING: Final = 16  # rows; for memory that only warms kernels up
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
 CDR_HEADER: Final = b"\x00\x01\x00\x00"
 
