@@ -25,7 +25,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     port
         TCP port, overriding the file.
     """
-    from qrobot.rccl_bridge.mailbox_port import ServoPort
+    from qrobot.rccl_bridge.mailbox_port import ServoPort, warm_up
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import set_fifo
@@ -34,7 +34,8 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     robot, choice = robot_of_arm(chosen), chosen.bridge
     set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    settings = BridgeSettings(choice.host, port or choice.port, round(choice.period_ms * 1000))
+    settings = BridgeSettings(choice.host, choice.port if port is None else port, round(choice.period_ms * 1000))
+    warm_up()
     run_bridge(
         ServoPort(chosen.name, robot.name, robot.n),
         settings,

@@ -8,10 +8,19 @@ from typing import Final
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.port import SetpointFrame
 from qrobot.realtime.segment import GENERATION, Segment, Words
-from qrobot.servo.mailbox import BEAT_T_NS, INFO_READY, ServoMailbox, attach_servo_memory
+from qrobot.servo.mailbox import BEAT_T_NS, INFO_READY, ServoMailbox, attach_servo_memory, local_servo_memory
+from qrobot.servo.settings import NS_PER_S
+from qrobot.servo.telemetry import SMALLEST_RING
 from qrobot.wire import RobotState
 
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache, what a port calls: it would take longer than a sample period."""
+    port = MailboxPort(local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING))
+    port.read_state()
+    port.write_setpoint(SetpointFrame(0, 0, 0, 0, (0,), (0.0,), False, False, False, 0, 0))
 
 
 class MailboxPort:

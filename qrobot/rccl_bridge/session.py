@@ -102,10 +102,11 @@ class Session:
             return self.refuse(ErrorCode.TIMEOUT, "no HELLO in time", now_ns)
         number = (now_ns - self._origin_ns) // self._period_ns + 1
         self.due_ns = self._origin_ns + number * self._period_ns
+        if robot is None:
+            self._heard_ns = now_ns  # a commander that answers STATEs has nothing to answer
+            return self._miss_servo(now_ns)
         if self._frames is not None and now_ns - self._heard_ns > self._settings.silence_ns:
             return self.refuse(ErrorCode.TIMEOUT, "the commander has fallen silent", now_ns)
-        if robot is None:
-            return self._miss_servo(now_ns)
         self._servo_gone = False
         if self._blocked_since_ns is not None:
             return self._leave_out(now_ns, self._blocked_since_ns)

@@ -85,12 +85,12 @@ class TcpLink:
 
     def close(self, reason: str = "") -> None:
         """Say goodbye and close the socket."""
-        if self._socket is None:
+        sock, self._socket = self._socket, None  # first: a program's own thread may close it as well
+        if sock is None:
             return
         with suppress(OSError):
-            self._socket.sendall(self._client.farewell(reason))
-        self._socket.close()
-        self._socket = None
+            sock.sendall(self._client.farewell(reason))
+        sock.close()
 
     def _await(self, pop: Callable[[], T | None]) -> T:
         while (answer := pop()) is None:

@@ -12,6 +12,7 @@ int64 words; `Words.view(np.float64)` is the other view of the same memory.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -64,6 +65,9 @@ QUEUE_TAIL: Final = 72
 QUEUE_START: Final = 80
 QUEUE_CAPACITY: Final = 64
 FRAME_STREAM, FRAME_SEQ, FRAME_T_NS, FRAME_PERIOD_NS, FRAME_JOINTS = range(5)  # then mode[n], value[n]
+
+_READ_TRIES: Final = 20
+_READ_PAUSE_S: Final = 0.001
 
 POSITION_SETPOINT: Final = 1
 TORQUE_SETPOINT: Final = 2
@@ -263,7 +267,11 @@ class ServoMailbox:
     def snapshot(self) -> ServoSnapshot:
         """Newest state. Raises LinkError when the servo died while writing it."""
         n, words = self.info.n, self._state
-        if not read_state(self.words, n, words):
+        for _ in range(_READ_TRIES):
+            if read_state(self.words, n, words):
+                break
+            time.sleep(_READ_PAUSE_S)  # its processor was taken from it inside the write: that may last a while
+        else:
             raise LinkError("the servo's state cannot be read: it died while writing")
         vectors = self._state_f[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
         force = self._state_f[STATE_VECTORS + 4 * n :].copy()
