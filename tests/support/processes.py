@@ -1,0 +1,226 @@
+"""The real processes of one arm, from a deployment file of their own, and looks into their shared memory.
+
+Names and ports are fresh for every deployment, so nothing here meets an arm that runs on this machine already.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qrobot.config.deployment import Arm, load_deployment
+from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_WORDS, attach_board_memory, fetch_image, read_trace
+from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
+from qrobot.realtime.segment import DIRECTORY
+from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.processes import ProcessRig
+from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.modes import Mode
+from qrobot.servo.telemetry import Rows, TelemetryReader
+
+GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it
+BOARD_MS = 500.0
+PATIENCE_S = 30.0
+
+ARM = """
+[[arm]]
+name = "{name}"
+robot = "puma560"
+servo = {{ rate_hz = 1000, guardian_timeout_ms = {guardian_ms}, board_timeout_ms = {board_ms} }}
+bridge = {{ port = {port} }}
+log = {{ directory = "{log}" }}
+"""
+
+
+def free_port() -> int:
+    """A TCP port nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def write_deployment(directory: Path, arms: int = 1, log: bool = True) -> Path:
+    """A deployment file of so many arms with fresh names and ports."""
+    tables = [
+        ARM.format(
+            name=f"t{uuid.uuid4().hex[:10]}",
+            guardian_ms=GUARDIAN_MS,
+            board_ms=BOARD_MS,
+            port=free_port(),
+            log=directory / "log" if log else "",
+        )
+        for _ in range(arms)
+    ]
+    path = directory / "arms.toml"
+    path.write_text("".join(tables))
+    return path
+
+
+def qrobot(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
+    """Start a `qrobot` command; stdout and stderr are pipes."""
+    command = [sys.executable, "-m", "qrobot", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def wait_until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
+    """Poll every millisecond; fail the test when it does not come true."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        time.sleep(0.001)
+
+
+def left_behind(arm: str) -> list[str]:
+    """Shared memory and processes that still carry an arm's name."""
+    files = [path.name for path in DIRECTORY.glob(f"qrobot-{arm}-*")]
+    return files + [line for line in _command_lines() if arm in line]
+
+
+def _command_lines() -> Iterator[str]:
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            yield path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:  # it has ended meanwhile
+            continue
+
+
+class Killing(NamedTuple):
+    """When a process was killed, CLOCK_MONOTONIC: it lived at `before_ns` and is gone at `after_ns`."""
+
+    before_ns: int
+    after_ns: int
+
+
+def kill(process: subprocess.Popen[Any]) -> Killing:
+    """kill -9, and wait until the process is gone."""
+    before_ns = time.monotonic_ns()
+    process.kill()
+    process.wait()
+    return Killing(before_ns, time.monotonic_ns())
+
+
+class RunningArm:
+    """Processes of one arm and what they show. Shared memory is mapped anew at every look, as restarts replace it."""
+
+    def __init__(self, rig: ProcessRig, deployment: Path, arm: Arm) -> None:
+        self.deployment, self.arm, self.name = deployment, arm, arm.name
+        self.processes = ArmProcesses(rig, str(deployment), arm)
+        self._rig = rig
+
+    # ------------------------------------------------------------------------------------------------ processes
+
+    def pid(self, command: str) -> int:
+        return self._rig.children[self.processes.name_of(command)].process.pid
+
+    def running(self) -> dict[str, int]:
+        """Process ids of what runs, by command."""
+        children = self._rig.children.values()
+        return {child.name.removeprefix(f"{self.name}-"): child.process.pid for child in children if child.alive}
+
+    def kill(self, command: str) -> Killing:
+        """kill -9, and wait until the process is gone."""
+        return kill(self._rig.children[self.processes.name_of(command)].process)
+
+    def signal(self, command: str, number: signal.Signals) -> int:
+        """Send a signal; returns the time just before."""
+        t_ns = time.monotonic_ns()
+        os.kill(self.pid(command), number)
+        return t_ns
+
+    def said(self, command: str) -> str:
+        """What a process has printed so far."""
+        return self._rig.children[self.processes.name_of(command)].output.read_text()
+
+    @contextmanager
+    def program(self, path: Path) -> Iterator[subprocess.Popen[str]]:
+        """A program that runs against this arm until the block ends."""
+        process = qrobot("run", "--deployment", self.deployment, "--arm", self.name, path)
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE_S)
+
+    @contextmanager
+    def moving(self, path: Path, rad_s: float) -> Iterator[subprocess.Popen[str]]:
+        """A program that has brought a joint to this speed."""
+        with self.program(path) as process:
+            wait_until(lambda: process.poll() is not None or self._faster_than(rad_s), f"{rad_s} rad/s")
+            assert process.poll() is None, process.communicate()[1]
+            yield process
+
+    def _faster_than(self, rad_s: float) -> bool:
+        snapshot = self.snapshot()
+        return snapshot.mode == Mode.TRACKING and bool(np.abs(snapshot.v).max() > rad_s)
+
+    # ------------------------------------------------------------------------------------------------ looking at it
+
+    def snapshot(self) -> ServoSnapshot:
+        with attach_servo_memory(self.name) as segment:
+            return ServoMailbox(segment.words).snapshot()
+
+    @property
+    def mode(self) -> Mode:
+        return Mode(self.snapshot().mode)
+
+    def wait_for(self, *modes: Mode) -> None:
+        wait_until(lambda: self.mode in modes, "/".join(mode.name for mode in modes))
+
+    def word(self, index: int) -> int:
+        """A word of the servo's memory."""
+        with attach_servo_memory(self.name) as segment:
+            return int(segment.words[index])
+
+    def telemetry(self) -> Rows:
+        """Every cycle still in the ring, oldest first."""
+        with attach_servo_memory(self.name) as segment:
+            info = ServoMailbox(segment.words).info
+            reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
+            blocks = []
+            while (block := reader.read()).size:
+                blocks.append(block)
+            return np.concatenate(blocks)
+
+    def trace(self) -> Any:
+        """DAC and DISCRETE writes the board has stamped. Shape (k, 4): t_ns, lane, offset, value."""
+        with attach_board_memory(self.name) as segment:
+            return read_trace(segment.words)
+
+    def _image(self) -> Any:
+        image = np.zeros(IMAGE_WORDS, np.int64)
+        with attach_board_memory(self.name) as segment:
+            assert fetch_image(segment.words, image)
+        return image[IMAGE_INPUTS:]
+
+    @property
+    def powered(self) -> bool:
+        """Arm power is on, as the board sees it: brakes are open."""
+        return bool(self._image()[STATUS // 2] & STATUS_POWER)
+
+    def encoders(self) -> list[int]:
+        """Encoder words of all joints, as the board shows them."""
+        return [int(word) for word in self._image()[ENC_COUNT // 2 :][:6]]
+
+
+@contextmanager
+def running_arms(directory: Path, arms: int = 1) -> Iterator[list[RunningArm]]:
+    """All processes of so many arms, up and ready."""
+    deployment = write_deployment(directory, arms)
+    with ProcessRig(directory / "processes") as rig:
+        running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
+        for arm in running:
+            arm.processes.start_all()
+        yield running
+    for arm in running:
+        assert left_behind(arm.name) == []

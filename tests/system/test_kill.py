@@ -1,0 +1,297 @@
+"""Processes die while the arm is on its fast leg; telemetry and the board's stamps tell what the others do.
+
+A program or bridge that dies leaves a stop on the path within two frames, a servo that dies loses torque and power to
+the guardian, and so on. After each of them the dead process alone is started again, nothing moves by itself, and the
+next program works. The tests share one arm and do not depend on their order.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import Lane
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.log.read import read_log
+from qrobot.servo.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
+from qrobot.servo.modes import Mode
+from qrobot.servo.parameters import GUARDIAN_PERIODS
+from qrobot.servo.telemetry import Rows
+from tests.support.processes import GUARDIAN_MS, PATIENCE_S, Killing, RunningArm, kill, running_arms, wait_until
+
+pytestmark = pytest.mark.realtime
+
+NS_PER_MS = 1_000_000
+FRAME_MS = 28.0
+TICK_MS = 1.0
+MARGIN_MS = 20.0  # of the scheduler, on a busy virtual machine
+FAST = 1.0  # rad/s; the legs cruise at 1.05
+BRAKED = slice(0, 3)  # the joints with brakes
+STILL_COUNTS = 40  # 0.4 degrees at most: joints settle under gravity and friction
+
+LEGS = """
+from qrobot import rccl
+
+arm = rccl.control("puma560", clear_fault=True)
+arm.setjvel(1.05)
+while True:
+    for name in ("park", "end"):
+        arm.move(arm.pose(name))
+        arm.waitfor(arm.completed)
+"""
+TIMID = LEGS.replace(", clear_fault=True", "")
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
+    with running_arms(tmp_path_factory.mktemp("kill")) as arms:
+        yield arms[0]
+
+
+@pytest.fixture
+def legs(tmp_path: Path) -> Path:
+    """A program that goes back and forth for ever."""
+    path = tmp_path / "legs.py"
+    path.write_text(LEGS)
+    return path
+
+
+@pytest.fixture
+def timid(tmp_path: Path) -> Path:
+    """The same, but it does not clear faults."""
+    path = tmp_path / "timid.py"
+    path.write_text(TIMID)
+    return path
+
+
+@contextmanager
+def fast_leg(arm: RunningArm, legs: Path) -> Iterator[subprocess.Popen[str]]:
+    """Inside, a program is on its fast leg at constant speed; some 0.8 s of the leg are left."""
+    with arm.moving(legs, FAST) as program:
+        time.sleep(0.1)
+        yield program
+
+
+# ------------------------------------------------------------------------------------------------------------- oracles
+
+
+def ms_between(first_ns: int, then_ns: Any) -> float:
+    return float(then_ns - first_ns) / NS_PER_MS
+
+
+def stop_of(rows: Rows, t_ns: int) -> Rows:
+    """The rows of the first stop after a time."""
+    stopping = np.flatnonzero((rows["t_ns"] > t_ns) & (rows["mode"] == Mode.STOPPING))
+    assert stopping.size, "no stop in the telemetry"
+    ends = np.flatnonzero(rows["mode"][stopping[0] :] != Mode.STOPPING)
+    return rows[stopping[0] : stopping[0] + ends[0]]
+
+
+def assert_it_begins_within_two_frames(stop: Rows, killing: Killing) -> None:
+    """The last frame arrived before the sender was gone; the stop begins in the tick that finds it two frames old."""
+    began_ns = stop["t_ns"][0]
+    assert killing.before_ns < began_ns
+    assert ms_between(killing.after_ns, began_ns) <= 2 * FRAME_MS + TICK_MS
+
+
+def assert_a_stop_on_the_path(stop: Rows) -> None:
+    """Slower and slower along the line of the leg, to rest; the arm follows the reference all the way."""
+    heading = stop["v_ref"][0] / np.linalg.norm(stop["v_ref"][0])
+    travelled = stop["q_ref"] - stop["q_ref"][0]
+    aside = travelled - np.outer(travelled @ heading, heading)
+    assert np.abs(aside).max() < 2e-3
+    speed = stop["v_ref"] @ heading
+    assert np.all(np.diff(speed) < 1e-3 * speed[0])
+    assert speed[0] > FAST
+    assert speed[-1] < 0.01 * speed[0]
+    assert np.abs(stop["q_ref"] - stop["q"]).max() < 0.02
+
+
+def assert_nothing_moves(arm: RunningArm, seconds: float = 0.3) -> None:
+    before = arm.encoders()
+    time.sleep(seconds)
+    assert np.abs(np.subtract(arm.encoders(), before)).max() <= STILL_COUNTS
+    assert arm.mode not in (Mode.TRACKING, Mode.STOPPING)
+
+
+def assert_the_rest_runs(arm: RunningArm, before: dict[str, int], killed: str = "") -> None:
+    assert arm.running() == {command: pid for command, pid in before.items() if command != killed}
+
+
+def assert_safe_by_the_boards_stamps(arm: RunningArm, beat_ns: int) -> None:
+    """Power off and zero torque, by the guardian, within its bound of the servo's last heartbeat; nothing after it."""
+    wait_until(lambda: not arm.powered, "power goes")
+    trace = arm.trace()
+    by_guardian = trace[(trace[:, 0] > beat_ns) & (trace[:, 1] == Lane.GUARDIAN)]
+    first = by_guardian[: 1 + N_DACS]
+    assert (first[0, 2], first[0, 3] & DISCRETE_POWER) == (DISCRETE, 0)
+    assert sorted(first[1:, 2]) == [DAC + 2 * channel for channel in range(N_DACS)]
+    assert (by_guardian[by_guardian[:, 2] != DISCRETE, 3] == DAC_ZERO).all()
+    assert 0.0 < ms_between(beat_ns, first[-1, 0]) <= 1.2 * GUARDIAN_MS + MARGIN_MS
+    after = trace[trace[:, 0] > first[-1, 0]]
+    assert (after[:, 1] == Lane.GUARDIAN).all()
+
+
+def assert_braked(arm: RunningArm) -> None:
+    time.sleep(0.3)  # for what the brakes have to catch
+    before = arm.encoders()
+    time.sleep(0.2)
+    assert np.abs(np.subtract(arm.encoders(), before))[BRAKED].max() <= STILL_COUNTS
+
+
+def assert_refused(arm: RunningArm, program: Path, reason: str) -> None:
+    """The program ends with one line that names the reason, and the arm stays without power."""
+    with arm.program(program) as process:
+        _, complaint = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert len(complaint.splitlines()) == 1
+    assert reason in complaint
+    assert not arm.powered
+    assert_nothing_moves(arm)
+
+
+def assert_the_next_program_works(arm: RunningArm, legs: Path) -> None:
+    with arm.moving(legs, rad_s=0.1):
+        pass
+    arm.wait_for(Mode.HOLDING)
+
+
+def newest_log(arm: RunningArm) -> Path:
+    return max(Path(arm.arm.log.directory).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+
+
+def assert_log_reaches(path: Path, t_ns: int) -> None:
+    """The log holds every cycle up to a time."""
+    wait_until(lambda: read_log(path).rows["t_ns"][-1] >= t_ns, "the recorder writes down the last cycles")
+    log = read_log(path)
+    assert np.all(np.diff(log.rows["tick"]) == 1)
+    assert log.status.lost == 0
+    assert log.header.robot == "puma560"
+
+
+# --------------------------------------------------------------------------------------------------------------- tests
+
+
+def test_a_killed_program_leaves_a_stop_on_the_path_within_two_frames(arm: RunningArm, legs: Path) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs) as program:
+        killing = kill(program)
+        arm.wait_for(Mode.HOLDING)
+    stop = stop_of(arm.telemetry(), killing.before_ns)
+    assert_it_begins_within_two_frames(stop, killing)
+    assert_a_stop_on_the_path(stop)
+    assert_the_rest_runs(arm, before)
+    assert_nothing_moves(arm)
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: RunningArm, legs: Path) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs) as program:
+        killing = arm.kill("bridge")
+        arm.wait_for(Mode.HOLDING)
+        assert_the_rest_runs(arm, before, "bridge")
+        assert program.wait(PATIENCE_S) == 1
+    stop = stop_of(arm.telemetry(), killing.before_ns)
+    assert_it_begins_within_two_frames(stop, killing)
+    assert stop["fault"][0] == FaultCode.STREAM_LOST
+    assert_a_stop_on_the_path(stop)
+    arm.processes.start_bridge()
+    assert_nothing_moves(arm)
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
+    arm: RunningArm, legs: Path, timid: Path
+) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs) as program:
+        log = newest_log(arm)
+        arm.kill("servo")
+        beat_ns = arm.word(BEAT_T_NS)
+        assert_safe_by_the_boards_stamps(arm, beat_ns)
+        assert_braked(arm)
+        assert_the_rest_runs(arm, before, "servo")
+        assert program.wait(PATIENCE_S) == 1
+    assert_log_reaches(log, beat_ns)
+    arm.processes.start_servo()
+    arm.wait_for(Mode.FAULT)  # it finds the board taken
+    assert_refused(arm, timid, "GUARD_TRIP")
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_servo_that_was_stopped_finds_the_board_taken_and_writes_nothing_more(arm: RunningArm, legs: Path) -> None:
+    with fast_leg(arm, legs) as program:
+        arm.signal("servo", signal.SIGSTOP)
+        try:
+            wait_until(lambda: arm.word(GUARD_TAKEOVER), "the guardian acts")
+            assert_safe_by_the_boards_stamps(arm, arm.word(BEAT_T_NS))
+        finally:
+            awake_ns = arm.signal("servo", signal.SIGCONT)
+        arm.wait_for(Mode.FAULT)
+        assert program.wait(PATIENCE_S) == 1
+    assert_nothing_moves(arm)
+    trace = arm.trace()
+    assert (trace[trace[:, 0] > awake_ns, 1] == Lane.GUARDIAN).all()
+    assert arm.snapshot().fault == FaultCode.GUARD_TRIP
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_killed_guardian_makes_the_servo_stop_drop_power_and_refuse_it(arm: RunningArm, legs: Path) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs) as program:
+        arm.kill("guardian")
+        seen_ns = arm.word(GUARD_T_NS)
+        arm.wait_for(Mode.FAULT)
+        wait_until(lambda: not arm.powered, "power goes")
+        assert_the_rest_runs(arm, before, "guardian")
+        assert program.wait(PATIENCE_S) == 1
+    stop = stop_of(arm.telemetry(), seen_ns)
+    assert 0.0 < ms_between(seen_ns, stop["t_ns"][0]) <= GUARDIAN_PERIODS * GUARDIAN_MS + MARGIN_MS
+    assert_a_stop_on_the_path(stop)
+    assert arm.snapshot().fault == FaultCode.GUARD_LOST
+    assert_refused(arm, legs, "GUARD_LOST")  # it clears, but there still is no guardian
+    arm.processes.start_guardian()
+    assert_nothing_moves(arm)
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: RunningArm, legs: Path) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs) as program:
+        arm.kill("board")
+        arm.wait_for(Mode.FAULT)
+        # with this much patience the servo may notice first that the joints seem to stand still
+        assert arm.snapshot().fault in (FaultCode.BOARD_GONE, FaultCode.FOLLOWING)
+        assert_the_rest_runs(arm, before, "board")
+        assert program.wait(PATIENCE_S) == 1
+    arm.processes.start_board()
+    assert_nothing_moves(arm)
+    assert arm.mode is Mode.FAULT
+    assert not arm.powered
+    assert_the_next_program_works(arm, legs)
+
+
+def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: RunningArm, legs: Path) -> None:
+    before = arm.running()
+    with fast_leg(arm, legs):
+        path = newest_log(arm)
+        arm.kill("log")
+        time.sleep(0.2)
+        assert arm.mode is Mode.TRACKING
+        assert_the_rest_runs(arm, before, "log")
+    log = read_log(path)
+    assert log.torn
+    assert log.rows.size
+    assert np.all(np.diff(log.rows["tick"]) == 1)
+    arm.processes.start_log("--output", arm.arm.log.directory)
+    wait_until(lambda: newest_log(arm) != path, "a new log begins")
