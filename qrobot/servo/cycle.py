@@ -114,8 +114,6 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         )
         if left == 0.0:
             finish_stop(state)
-    elif not gives_torque(mode):
-        hold_here(state)
 
 
 @lean_kernel

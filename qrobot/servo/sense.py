@@ -46,9 +46,7 @@ from qrobot.servo.state import (
     UNCHANGED,
     ServoState,
 )
-from qrobot.servo.supervisor import (
-    raise_code,
-)
+from qrobot.servo.supervisor import narrow_range, raise_code
 
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
@@ -135,5 +133,6 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     code, joint = check_following(state.q_ref, state.q, params.following_error)
     raise_code(state, code, joint)
     if state.i[MODE] != UNCALIBRATED:
-        code, joint = check_range(state.q, params.q_min, params.q_max, params.range_margin)
+        narrow_range(params, state)
+        code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
         raise_code(state, code, joint)

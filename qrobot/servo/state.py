@@ -81,6 +81,8 @@ class ServoState(NamedTuple):
     q: Any
     q_before: Any
     v: Any
+    range_min: Any  # range in force: the robot's, or wider where the arm was powered up outside it
+    range_max: Any
     q_ref: Any
     v_ref: Any
     a_ref: Any
@@ -120,7 +122,7 @@ def make_state(n: int) -> ServoState:
     numbers[ADOPT] = ADOPT_BOARD
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
-        jump=integers(),
+        jump=integers(), range_min=vector(), range_max=vector(),
         q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),

@@ -110,6 +110,24 @@ def hold_here(state: ServoState) -> None:
 
 
 @lean_kernel
+def allow_range(params: ServoParameters, state: ServoState) -> None:
+    """At power-up: the robot's range, and where the arm stands outside it the way back."""
+    for j in range(state.q.size):
+        q, margin = state.q[j], params.range_margin[j]
+        state.range_min[j] = params.q_min[j] if q >= params.q_min[j] else q - margin
+        state.range_max[j] = params.q_max[j] if q <= params.q_max[j] else q + margin
+
+
+@lean_kernel
+def narrow_range(params: ServoParameters, state: ServoState) -> None:
+    """An arm on its way back into its range does not leave it any further again."""
+    for j in range(state.q.size):
+        q, margin = state.q[j], params.range_margin[j]
+        state.range_min[j] = max(state.range_min[j], min(params.q_min[j], q - margin))
+        state.range_max[j] = min(state.range_max[j], max(params.q_max[j], q + margin))
+
+
+@lean_kernel
 def _end_torque_mode(state: ServoState) -> None:
     """Joints driven by torque setpoints go on from where they are, at the speed they have, for the stop to end it."""
     for j in range(state.q.size):
@@ -133,7 +151,7 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.i[STOP_SINCE_NS] = now_ns
     state.f[RATE_AT_STOP] = state.f[RATE]
     gentle = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
-    room = room_duration(state.q_ref, state.v_ref, params.q_min, params.q_max)
+    room = room_duration(state.q_ref, state.v_ref, state.range_min, state.range_max)
     state.f[STOP_SECONDS] = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
     enter(state, STOPPING)
 
@@ -193,6 +211,7 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     if state.i[STATUS] & STATUS_POWER != 0:
         hold_here(state)
+        allow_range(params, state)
         for k in range(state.memory.size):
             state.memory[k] = 0.0
         drop_all_frames(mail)

@@ -26,7 +26,7 @@ from qrobot.servo.guard import stop_category
 from qrobot.servo.law import law
 from qrobot.servo.mailbox import GUARD_TAKEOVER
 from qrobot.servo.modes import Mode, Stop
-from tests.support.servo_bench import Floats, ServoBench, changes, moving
+from tests.support.servo_bench import Floats, ServoBench, changes, cruise, moving, play
 
 RATES = pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
 
@@ -262,6 +262,44 @@ def test_a_joint_that_leaves_its_range_and_the_margin_is_cut(side: int) -> None:
     until_fault(bench, FaultCode.JOINT_LIMIT)
     margin = bench.robot.guard.range_margin[1]
     assert 0.0 < side * (bench.q[1] - end) - margin < 1e-3
+
+
+def outside(joint: int, by: float) -> ServoBench:
+    """Powered up beyond the end of a joint's range."""
+    bench = ServoBench()
+    bench.q[joint] = bench.robot.limits.q_max[joint] + by
+    holding(bench)
+    return bench
+
+
+def test_an_arm_powered_up_outside_its_range_is_held_and_can_be_driven_back() -> None:
+    bench = outside(0, 0.15)
+    assert bench.mode is Mode.HOLDING
+    program = play(bench, cruise(bench.snapshot.q_ref, np.array([-0.4, 0, 0, 0, 0, 0])))
+    bench.run(0.9)
+    assert bench.mode is Mode.TRACKING
+    assert bench.q[0] < bench.robot.limits.q_max[0]
+    program.path = cruise(program.path(program.seq * 0.028), np.zeros(6))
+    bench.run(0.1)
+    assert bench.state.range_max[0] == bench.robot.limits.q_max[0]
+
+
+def test_such_an_arm_is_not_driven_further_out() -> None:
+    bench = outside(0, 0.15)
+    play(bench, cruise(bench.snapshot.q_ref, np.array([0.4, 0, 0, 0, 0, 0])))
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    assert bench.event is FaultCode.SP_LIMIT
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    assert bench.q[0] < bench.robot.limits.q_max[0] + 0.15 + 2 * bench.robot.guard.range_margin[0]
+
+
+def test_nor_is_it_let_out_again_where_it_has_come_back() -> None:
+    bench = outside(1, 0.1)
+    bench.follows = False
+    for step in [-1e-3] * 30 + [1e-3] * 35:
+        bench.q[1] += step
+        bench.tick()
+    assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.JOINT_LIMIT)
 
 
 def test_an_uncalibrated_arm_has_no_range() -> None:
