@@ -31,13 +31,14 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/proces
         Where the processes' messages go, one file each.
     """
     from qrobot.config.deployment import load_deployment
-    from qrobot.rig.deployed import ArmProcesses
+    from qrobot.rig.deployed import ArmProcesses, require_free_port
     from qrobot.rig.processes import ProcessRig
 
     arms = load_deployment(deployment).arm
-    for arm in arms:  # a mistake in the last arm is told before the first one starts
+    for arm in arms:  # what is wrong with the last arm is told before the first one starts
         robot_of_arm(arm)
         servo_settings(arm)
+        require_free_port(arm)
     with ProcessRig(out_dir) as rig:
         for arm in arms:
             note(f"starting {arm.name} (a first start compiles for a minute or two)")

@@ -71,7 +71,13 @@ class Arm(Table):
 class Deployment(Table):
     """All arms of one machine."""
 
-    arm: tuple[Arm, ...] = Field(strict=False, min_length=1)
+    arm: tuple[Arm, ...] = Field(strict=False)
+
+    @model_validator(mode="after")
+    def _is_some(self) -> Deployment:
+        if not self.arm:  # min_length would complain of an arm with a mistake in it as well
+            raise ValueError("at least one [[arm]] is needed")
+        return self
 
     @model_validator(mode="after")
     def _do_not_collide(self) -> Deployment:

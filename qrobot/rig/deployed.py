@@ -15,6 +15,13 @@ from qrobot.rig.processes import Child, ProcessRig, board_ready, bridge_ready, g
 BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 4, 3, 2, 1, 0
 
 
+def require_free_port(arm: Arm) -> None:
+    """Raise LinkBusy when somebody answers where the bridge of `arm` is to listen."""
+    host, port = arm.bridge.host, arm.bridge.port
+    if bridge_ready(host, port):
+        raise LinkBusy(f"{host}:{port} is in use: does another bridge run? Choose another port for {arm.name}")
+
+
 @dataclass(frozen=True)
 class ArmProcesses:
     """Starts and ends the processes of one arm in a rig.
@@ -55,9 +62,8 @@ class ArmProcesses:
 
     def start_bridge(self, *options: str) -> Child:
         """Start the bridge. Raises LinkBusy when its port is taken, and what `ProcessRig.start` raises."""
+        require_free_port(self.arm)
         host, port = self.arm.bridge.host, self.arm.bridge.port
-        if bridge_ready(host, port):
-            raise LinkBusy(f"{host}:{port} is in use: does another bridge run? Choose another port for {self.arm.name}")
         return self._start(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
 
     def start_log(self, *options: str) -> Child:

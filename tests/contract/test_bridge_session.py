@@ -384,6 +384,20 @@ def test_a_servo_that_goes_away_is_reported_once_and_its_commands_go_nowhere(cli
     assert (len(port.frames), client.closed) == (1, "")
 
 
+def test_a_commander_may_be_silent_while_there_is_no_servo_and_is_given_a_second_after_it(
+    client: Client, port: FakePort
+) -> None:
+    client.join()
+    port.running = False
+    client.wait(60_000 * MS)
+    assert client.closed == ""
+    port.running = True
+    client.wait(900 * MS)
+    assert client.closed == ""
+    client.wait(200 * MS)
+    assert "silent" in client.closed
+
+
 def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(client: Client, port: FakePort) -> None:
     client.join().say(replace(MOVE, seq=1))
     port.running = False
