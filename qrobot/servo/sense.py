@@ -6,7 +6,7 @@ import math
 from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
 from qrobot.hwif.registers import (
     DISCRETE_HAND_RELAXED,
     ENC_COUNT,
@@ -34,13 +34,12 @@ from qrobot.servo.state import (
     ADOPT_NOTHING,
     DISCRETE_SENT,
     DISCRETE_WORD,
-    DT,
     GLITCHES,
     IMAGE_OK,
     IMAGE_SEEN,
-    LAST_NOW_NS,
     MODE,
     READ_NS,
+    SAMPLE_DT,
     STARTED,
     STATUS,
     UNCHANGED,
@@ -77,8 +76,10 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     words = state.image[first : first + state.raw.size]
     if state.i[ADOPT] != ADOPT_NOTHING:
         adopt(params, state, words)
-    periods = max(1, (state.i[LAST_NOW_NS] - state.i[READ_NS] + params.period_ns // 2) // params.period_ns)
-    state.i[READ_NS] = state.i[LAST_NOW_NS]
+    since_ns = state.image[IMAGE_T_NS] - state.i[READ_NS]
+    periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
+    state.i[READ_NS] = state.image[IMAGE_T_NS]
+    state.f[SAMPLE_DT] = since_ns * 1e-9
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
     joint = unwrap_counts(words, state.raw, state.counts, state.jump)
@@ -106,17 +107,24 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     state.i[DISCRETE_WORD] = kept | DISCRETE_HAND_RELAXED
     state.i[DISCRETE_SENT] = -1
     state.i[GLITCHES] = 0
+    state.i[READ_NS] = state.image[IMAGE_T_NS] - params.period_ns
     state.i[ADOPT] = ADOPT_NOTHING
     state.i[STARTED] = 1
 
 
 @lean_kernel
 def estimate(params: ServoParameters, state: ServoState) -> None:
-    """Joint positions from counts; velocity by backward difference and first-order low pass."""
+    """Joint positions from counts; velocity by backward difference and first-order low pass.
+
+    The time between two samples is the board's: a board or a servo that stalled and caught up shows no false speed.
+    Without a new sample the velocity stays.
+    """
     if state.i[STARTED] == 0:
         return
     counts_to_joint(state.counts, params.transmission, state.q)
-    dt = state.f[DT]
+    dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
+    if not dt > 0.0:
+        return
     share = 1.0 - math.exp(-params.filter_rad_s * dt)
     for j in range(state.q.size):
         state.v[j] += share * ((state.q[j] - state.q_before[j]) / dt - state.v[j])

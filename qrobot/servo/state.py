@@ -61,7 +61,7 @@ from qrobot.servo.telemetry import TelemetryLayout
 ) = range(39)
 
 # indexes into `f`
-(DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(7)
+(DT, SAMPLE_DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(8)
 
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
