@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rich.table import Table
 
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT
 from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, write_json
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def demo(
     rate: Literal[1000, 2000, 4000] | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     law: str | None = None,
+    deployment: str = DEFAULT_DEPLOYMENT,
     out_dir: Path = Path("out/demo"),
     json: Path | None = None,
 ) -> int:
@@ -43,6 +45,8 @@ def demo(
         Only this plant; mismatched means lock-step.
     law
         Another control law: pd, qrobot, qrobot+a.
+    deployment
+        Deployment file of the runs on the wall clock, with one PUMA 560: its name, its port, its time-outs.
     out_dir
         Where logs and figures go.
     json
@@ -54,7 +58,7 @@ def demo(
 
     find_law(law or DEFAULT_LAW)
     runs = plan(lockstep, rate, plant, law)
-    results = _run_all(runs, out_dir)
+    results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)
     for table in results_tables(results):
         out.print(table)
@@ -69,7 +73,7 @@ def demo(
     return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE
 
 
-def _run_all(runs: list[Run], directory: Path) -> list[Result]:
+def _run_all(runs: list[Run], deployment: str, directory: Path) -> list[Result]:
     from qrobot.rig.experiment import run_lockstep
 
     results: list[Result] = []
@@ -82,22 +86,22 @@ def _run_all(runs: list[Run], directory: Path) -> list[Result]:
                 note(what)
 
         if realtime:
-            results += _run_on_the_wall_clock(realtime, directory, progress)
+            results += _run_on_the_wall_clock(realtime, deployment, directory, progress)
         for number, run in enumerate(runs[len(realtime) :], len(realtime) + 1):
             progress(f"run {number} of {len(runs)}: {_describe(run)}")
             results.append(run_lockstep(run, directory))
     return results
 
 
-def _run_on_the_wall_clock(runs: list[Run], directory: Path, progress: Any) -> list[Result]:
-    from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
+def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, progress: Any) -> list[Result]:
+    from qrobot.cli.arms import choose_arm
     from qrobot.rig.deployed import ArmProcesses
     from qrobot.rig.experiment import run_realtime
     from qrobot.rig.processes import ProcessRig
 
     results = []
     with ProcessRig(directory / "processes") as rig:
-        processes = ArmProcesses(rig, DEFAULT_DEPLOYMENT, choose_arm(DEFAULT_DEPLOYMENT, None))
+        processes = ArmProcesses(rig, deployment, choose_arm(deployment, None))
         progress("starting the board (a first start compiles for a minute or two)")
         processes.start_board()
         processes.start_bridge()

@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from qrobot.config.deployment import Arm
 from qrobot.errors import LinkBusy
 from qrobot.rig.processes import Child, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
 
 # The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
-BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 4, 3, 2, 1, 0
+PROGRAM_RANK, BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 5, 4, 3, 2, 1, 0
 
 
 def require_free_port(arm: Arm) -> None:
@@ -69,6 +70,11 @@ class ArmProcesses:
     def start_log(self, *options: str) -> Child:
         """Start the recorder of the servo's telemetry."""
         return self._start(("log", "record", self.deployment), options, None, LOG_RANK)
+
+    def start_program(self, program: Path) -> Child:
+        """Start a program of this arm."""
+        arguments = ["run", "--deployment", self.deployment, "--arm", self.arm.name, str(program)]
+        return self.rig.start(self.name_of("program"), arguments, None, PROGRAM_RANK)
 
     def end(self, *commands: str) -> None:
         """End the processes of these commands, in this order."""

@@ -135,7 +135,7 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
     path = directory / f"{run.name}.mcap"
     with _servo_running(run, processes, path):
         began = time.monotonic()
-        program = processes.rig.start(f"{processes.arm.name}-program", ["run", str(program_path())])
+        program = processes.start_program(program_path())
         status = program.process.wait(PROGRAM_PATIENCE_S)
         wall_s = time.monotonic() - began
     processes.rig.end(program.name)

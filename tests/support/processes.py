@@ -67,10 +67,10 @@ def write_deployment(directory: Path, arms: int = 1, log: bool = True) -> Path:
     return path
 
 
-def qrobot(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
-    """Start a `qrobot` command; stdout and stderr are pipes."""
+def qrobot(*arguments: str | Path, stderr: Any = subprocess.PIPE) -> subprocess.Popen[str]:
+    """Start a `qrobot` command; stdout is a pipe."""
     command = [sys.executable, "-m", "qrobot", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
 
 
 def wait_until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
@@ -83,14 +83,18 @@ def wait_until(condition: Callable[[], object], what: str, seconds: float = PATI
 
 def left_behind(arm: str) -> list[str]:
     """Shared memory and processes that still carry an arm's name."""
-    files = [path.name for path in DIRECTORY.glob(f"qrobot-{arm}-*")]
-    return files + [line for line in _command_lines() if arm in line]
+    return [path.name for path in DIRECTORY.glob(f"qrobot-{arm}-*")] + list(processes_of(arm).values())
 
 
-def _command_lines() -> Iterator[str]:
+def processes_of(arm: str) -> dict[int, str]:
+    """Command lines of all processes that were told this arm's name, by process id."""
+    return {pid: line for pid, line in _command_lines() if f"--arm {arm} " in f"{line} "}
+
+
+def _command_lines() -> Iterator[tuple[int, str]]:
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            yield path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            yield int(path.parent.name), path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
         except OSError:  # it has ended meanwhile
             continue
 

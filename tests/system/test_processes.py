@@ -1,0 +1,182 @@
+"""`qrobot up` and `qrobot demo` from outside: all comes up, works, and is gone afterwards, whenever it is ended."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from qrobot.config.deployment import load_deployment
+from qrobot.log.read import read_log
+from qrobot.rig.experiment import program_path
+from tests.support.processes import PATIENCE_S, left_behind, processes_of, qrobot, wait_until, write_deployment
+
+pytestmark = pytest.mark.realtime
+
+FIRST_START_S = 180.0  # compiles everything
+SOON_S = 15.0  # a stop on the path, power off, memory removed, of five processes on a busy machine
+
+RUN_KEYS = {
+    "rate_hz": int,
+    "clock": str,
+    "plant": str,
+    "law": str,
+    "max_abs_error_rad": list,
+    "rms_error_rad": list,
+    "cycles": int,
+    "late_cycles": int,
+    "wakeup_us": dict,
+    "realtime_factor": float,
+    "fault": type(None),
+}
+
+
+class Up:
+    """A running `qrobot up` of one arm."""
+
+    def __init__(self, directory: Path) -> None:
+        self.deployment = write_deployment(directory)
+        self.name = load_deployment(self.deployment).arm[0].name
+        self.directory = directory
+        self._said = directory / "up.txt"
+
+    @contextmanager
+    def running(self) -> Iterator[subprocess.Popen[Any]]:
+        """Ends it hard if the test did not."""
+        with self._said.open("w") as said:
+            process = qrobot("up", self.deployment, "--out-dir", self.directory / "out", stderr=said)
+            try:
+                yield process
+            finally:
+                process.kill()
+                process.communicate()
+
+    def wait_for(self, words: str) -> None:
+        wait_until(lambda: words in self._said.read_text(), f"up says {words!r}", FIRST_START_S)
+
+    def wait_for_start_of(self, command: str) -> None:
+        output = self.directory / "out" / f"{self.name}-{command}.txt"
+        wait_until(output.exists, f"{command} is being started", FIRST_START_S)
+
+    def assert_gone(self) -> None:
+        wait_until(lambda: not left_behind(self.name), f"all of {self.name} is gone", SOON_S)
+
+
+@pytest.fixture
+def up(tmp_path: Path) -> Up:
+    return Up(tmp_path)
+
+
+def test_up_runs_a_program_and_ctrl_c_ends_everything_in_good_order(up: Up) -> None:
+    with up.running() as process:
+        up.wait_for("Ctrl-C ends everything")
+        program = qrobot("run", "--deployment", up.deployment, program_path())
+        printed, _ = program.communicate(timeout=FIRST_START_S)
+        assert program.returncode == 0
+        assert printed.count("now at") == 3
+        process.send_signal(signal.SIGINT)
+        assert process.wait(SOON_S) == 0
+    assert left_behind(up.name) == []
+    (path,) = (up.directory / "log").glob("*.mcap")
+    log = read_log(path)
+    assert not log.torn
+    assert log.status.lost == 0
+    assert log.rows.size > 5000
+
+
+STARTS = [("board", signal.SIGINT), ("servo", signal.SIGTERM), ("bridge", signal.SIGINT)]
+
+
+@pytest.mark.parametrize(("command", "number"), STARTS)
+def test_up_can_be_ended_while_a_process_starts(up: Up, command: str, number: signal.Signals) -> None:
+    with up.running() as process:
+        up.wait_for_start_of(command)
+        time.sleep(0.3)
+        process.send_signal(number)
+        assert process.wait(SOON_S) == 130
+    assert left_behind(up.name) == []
+
+
+def test_impatience_leaves_nothing_behind(up: Up) -> None:
+    """Ctrl-C again and again."""
+    with up.running() as process:
+        up.wait_for_start_of("guardian")
+        for _ in range(8):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.1)
+        process.wait(SOON_S)
+    up.assert_gone()
+
+
+def test_everything_ends_when_up_itself_is_killed(up: Up) -> None:
+    with up.running() as process:
+        up.wait_for("Ctrl-C ends everything")
+        process.kill()
+        process.wait()
+        up.assert_gone()
+
+
+def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
+    with up.running() as process:
+        up.wait_for("Ctrl-C ends everything")
+        (bridge,) = (pid for pid, line in processes_of(up.name).items() if "qrobot bridge" in line)
+        os.kill(bridge, signal.SIGKILL)
+        assert process.wait(SOON_S) == 1
+        up.wait_for(f"{up.name}-bridge has ended")
+    assert left_behind(up.name) == []
+
+
+# ---------------------------------------------------------------------------------------------------------------- demo
+
+
+def demo(directory: Path, *options: str) -> subprocess.Popen[str]:
+    return qrobot("demo", *options, "--out-dir", directory / "demo")
+
+
+def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -> None:
+    summary = tmp_path / "summary.json"
+    with demo(tmp_path, "--lockstep", "--rate", "1000", "--json", str(summary)) as process:
+        _, said = process.communicate(timeout=FIRST_START_S)
+    assert process.returncode == 0, said
+    (run,) = json.loads(summary.read_text())["runs"]
+    assert {key: type(run[key]) for key in RUN_KEYS} == RUN_KEYS
+    assert (run["rate_hz"], run["clock"], run["plant"], run["law"]) == (1000, "lockstep", "nominal", "qrobot")
+    assert len(run["max_abs_error_rad"]) == len(run["rms_error_rad"]) == 6
+    pairs = zip(run["rms_error_rad"], run["max_abs_error_rad"], strict=True)
+    assert all(0.0 < rms < largest < 0.005 for rms, largest in pairs)
+    assert set(run["wakeup_us"]) == {"p50", "p99", "max"}
+    assert run["cycles"] > 6000
+    assert read_log(run["log"]).rows.size == run["cycles"]
+    assert {path.name for path in (tmp_path / "demo").glob("*.png")} == {"positions.png", "errors.png"}
+
+
+@pytest.mark.parametrize("seconds", [1.5, 4.0])
+def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, seconds: float) -> None:
+    with demo(tmp_path, "--lockstep") as process:
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("command", ["servo", "program"])
+def test_ctrl_c_ends_a_demo_on_the_wall_clock(up: Up, command: str) -> None:
+    """While its processes start, and while the program runs."""
+    with demo(up.directory, "--deployment", str(up.deployment), "--rate", "1000") as process:
+        output = up.directory / "demo" / "processes" / f"{up.name}-{command}.txt"
+        wait_until(output.exists, f"{command} is being started", FIRST_START_S)
+        time.sleep(2.0)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert left_behind(up.name) == []

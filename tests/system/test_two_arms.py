@@ -1,0 +1,77 @@
+"""Two arms side by side from one deployment file; what happens to one is nothing to the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.hwif.memory import Lane
+from qrobot.log.read import read_log
+from qrobot.servo.modes import Mode
+from tests.support.processes import RunningArm, running_arms, wait_until
+
+pytestmark = pytest.mark.realtime
+
+BACK_AND_FORTH = """
+import sys
+from qrobot import rccl
+
+with rccl.control("puma560") as arm:
+    for _ in range(100):
+        for name in ("end", "park"):
+            arm.move(arm.pose(name))
+            arm.waitfor(arm.completed)
+"""
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[RunningArm]]:
+    with running_arms(tmp_path_factory.mktemp("two"), arms=2) as running:
+        yield running
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "back_and_forth.py"
+    path.write_text(BACK_AND_FORTH)
+    return path
+
+
+def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm], program: Path) -> None:
+    left, right = arms
+    stood = right.encoders()
+    with left.moving(program, rad_s=0.2):
+        assert right.encoders() == stood
+        assert right.mode is Mode.OFF
+        assert not right.powered
+
+
+def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list[RunningArm], program: Path) -> None:
+    left, right = arms
+    with left.moving(program, rad_s=0.2) as lefts, right.moving(program, rad_s=0.2) as rights:
+        tick = right.snapshot().tick
+        left.kill("servo")
+        left.kill("bridge")
+        wait_until(lambda: not left.powered, "the guardian of the left arm acts")
+        wait_until(lambda: right.snapshot().tick > tick + 1000, "a second goes by")
+        assert lefts.wait() == 1
+        assert rights.poll() is None
+        rows = right.telemetry()
+    assert (rows["mode"][rows["tick"] > tick] == Mode.TRACKING).all()
+    assert (right.trace()[:, 1] == Lane.SERVO).all()
+    left.processes.start_servo()
+    left.processes.start_bridge()
+
+
+def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm]) -> None:
+    directory = Path(arms[0].arm.log.directory)
+    for arm in arms:
+        paths = sorted(directory.glob(f"{arm.name}-*.mcap"))
+        assert paths
+        wait_until(lambda path=paths[0]: read_log(path).rows.size > 0, "the log is written")
+        attached = read_log(paths[0]).attachments["arms.toml"]
+        assert arm.name.encode() in attached
+        assert np.all(np.diff(read_log(paths[0]).rows["tick"]) == 1)
