@@ -21,7 +21,7 @@ Try first:
   qrobot doctor        what this machine lacks for real time
 """
 
-EVERYDAY: Final = Group("Commands", sort_key=1)
+EVERYDAY: Final = Group("Everyday", sort_key=1)
 PROCESSES: Final = Group("Single processes (`up` starts them all)", sort_key=2)
 
 
