@@ -86,6 +86,7 @@ def wait_for(condition: Any) -> None:
 def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> None:
     with BoardServer(arm, Emulator(load_robot("puma560"))) as server:
         memory = server.segment.words
+        wait_for(lambda: image_of(memory)[IMAGE_COUNT] > 2)  # the image of power-up is not on the loop's grid
         first, t_first = image_of(memory), time.monotonic_ns()
         time.sleep(0.5)
         last, t_last = image_of(memory), time.monotonic_ns()
