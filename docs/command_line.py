@@ -24,10 +24,13 @@ def command_line() -> str:
 
 
 def _app() -> App:
-    """The command with every function loaded, so that each shows its whole docstring."""
+    """The command with every function loaded, so that each shows its whole docstring; groups have the table's help."""
     app = App(name="qrobot", help_format="plaintext")
     for command in COMMANDS:
-        app.command(_load(command.target), name=command.name)
+        target = _load(command.target)
+        if isinstance(target, App):
+            target.help = command.help  # as when the command is loaded by its name
+        app.command(target, name=command.name)
     return app
 
 

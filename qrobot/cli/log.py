@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 MEGABYTE = 1_000_000
 FigureName = Literal["positions", "errors", "torques", "latency"]
 
-app = App(
-    name="log",
-    help="Look at logs: every cycle of a servo, in MCAP files that Foxglove, Lichtblick and PlotJuggler 4 open too.",
-    help_format="plaintext",
-)
+app = App(name="log", help_format="plaintext")  # its help stands in the table of commands
 
 
 @app.command

@@ -31,6 +31,7 @@ from qrobot.servo.telemetry import Rows, TelemetryReader
 
 GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it
 BOARD_MS = 500.0
+UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
 
 ARM = """
@@ -38,7 +39,7 @@ ARM = """
 name = "{name}"
 robot = "puma560"
 servo = {{ rate_hz = 1000, guardian_timeout_ms = {guardian_ms}, board_timeout_ms = {board_ms} }}
-bridge = {{ port = {port} }}
+bridge = {{ period_ms = {period_ms}, port = {port} }}
 log = {{ directory = "{log}" }}
 """
 
@@ -50,7 +51,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def write_deployment(directory: Path, arms: int = 1, log: bool = True) -> Path:
+def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS) -> Path:
     """A deployment file of so many arms with fresh names and ports."""
     tables = [
         ARM.format(
@@ -58,7 +59,8 @@ def write_deployment(directory: Path, arms: int = 1, log: bool = True) -> Path:
             guardian_ms=GUARDIAN_MS,
             board_ms=BOARD_MS,
             port=free_port(),
-            log=directory / "log" if log else "",
+            period_ms=period_ms,
+            log=directory / "log",
         )
         for _ in range(arms)
     ]
@@ -218,9 +220,9 @@ class RunningArm:
 
 
 @contextmanager
-def running_arms(directory: Path, arms: int = 1) -> Iterator[list[RunningArm]]:
+def running_arms(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS) -> Iterator[list[RunningArm]]:
     """All processes of so many arms, up and ready."""
-    deployment = write_deployment(directory, arms)
+    deployment = write_deployment(directory, arms, period_ms)
     with ProcessRig(directory / "processes") as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:

@@ -53,7 +53,7 @@ TIMID = LEGS.replace(", clear_fault=True", "")
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("kill")) as arms:
+    with running_arms(tmp_path_factory.mktemp("kill"), period_ms=FRAME_MS) as arms:
         yield arms[0]
 
 

@@ -79,8 +79,8 @@ def test_up_runs_a_program_and_ctrl_c_ends_everything_in_good_order(up: Up) -> N
     with up.running() as process:
         up.wait_for("Ctrl-C ends everything")
         program = qrobot("run", "--deployment", up.deployment, program_path())
-        printed, _ = program.communicate(timeout=FIRST_START_S)
-        assert program.returncode == 0
+        printed, complaint = program.communicate(timeout=FIRST_START_S)
+        assert program.returncode == 0, complaint
         assert printed.count("now at") == 3
         process.send_signal(signal.SIGINT)
         assert process.wait(SOON_S) == 0
