@@ -37,6 +37,7 @@ def servo_settings(arm: Arm, rate_hz: float | None = None, law: str | None = Non
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
+        sensor_channels=arm.servo.sensor_channels,
     )
 
 

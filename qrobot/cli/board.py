@@ -47,5 +47,6 @@ def board(
         calibrated=choice.calibrated if calibrated is None else calibrated,
         options=BoardOptions(revision_f=(choice.revision or robot.board.revision) == "F"),
         seed=choice.seed,
+        pots=choice.pots,
     )
     serve(chosen.name, emulator, lambda: note(f"board of {chosen.name} ({robot.name}) runs"))

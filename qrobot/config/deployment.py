@@ -7,19 +7,21 @@ side by side from one file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table, check_document, config_path, read_document
 
 FIRST_PORT = 1024
+LAST_ADC_CHANNEL = 7  # of the TRC004's eight
 
 
 class BoardChoice(Table):
     """The board of an arm; `emulator` is the only kind that needs no hardware.
 
-    `revision` defaults to the robot file's. `plant` is the physics behind the emulated board: the robot file's own
+    `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
+    and their ADC channels are free inputs. `plant` is the physics behind the emulated board: the robot file's own
     (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and stiction (`mismatched`). `calibrated` is
     the state of the counters at chassis power-up.
     """
@@ -30,10 +32,14 @@ class BoardChoice(Table):
     revision: Literal["E", "F"] | None = None
     start_pose: str = "park"
     seed: int = Field(default=0, ge=0)
+    pots: bool = True
 
 
 class ServoChoice(Table):
-    """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board."""
+    """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board.
+
+    `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
+    """
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
     law: str = "qrobot"
@@ -41,6 +47,7 @@ class ServoChoice(Table):
     guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
+    sensor_channels: tuple[Annotated[int, Field(ge=0, le=LAST_ADC_CHANNEL)], ...] = Field(default=(), strict=False)
 
 
 class BridgeChoice(Table):

@@ -116,6 +116,13 @@ def put_write(operations: Any, n: int, offset: int, value: int) -> int:
 
 
 @lean_kernel
+def put_read(operations: Any, n: int, offset: int) -> int:
+    """Append a read whose side effect is wanted to a list of operations of length `n`; returns its new length."""
+    operations[n, 0], operations[n, 1], operations[n, 2] = OP_READ, offset, 0
+    return n + 1
+
+
+@lean_kernel
 def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
     """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full."""
     base = LANES_START + lane * LANE_WORDS

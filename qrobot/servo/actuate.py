@@ -10,6 +10,7 @@ from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
+    DISCRETE_ADC,
     DISCRETE_HAND_CLOSE,
     DISCRETE_HAND_OPEN,
     DISCRETE_HAND_RELAXED,
@@ -23,6 +24,7 @@ from qrobot.model.transmission import (
     torque_to_dac,
 )
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.adc import start_sample
 from qrobot.servo.guard import (
     limit_torque,
 )
@@ -39,8 +41,10 @@ from qrobot.servo.state import (
     CLIPPED,
     DISCRETE_SENT,
     DISCRETE_WORD,
+    IMAGE_SEEN,
     LAW_FAILED,
     MODE,
+    REVISION,
     STARTED,
     ServoState,
 )
@@ -124,7 +128,7 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
         state.tau[:] = 0.0
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
-    compose_discrete(state, mail[COMMAND_HAND])
+    compose_discrete(state, mail[COMMAND_HAND], params.sensor_mask != 0)
     mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
     if state.i[STARTED] == 0:
         return 0
@@ -141,13 +145,19 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
     state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+    if params.sensor_mask != 0:
+        n = start_sample(
+            state.adc, state.ops, n, state.i[DISCRETE_WORD], params.sensor_mask, state.i[IMAGE_SEEN], state.i[REVISION]
+        )
     return n
 
 
 @lean_kernel
-def compose_discrete(state: ServoState, hand: int) -> None:
+def compose_discrete(state: ServoState, hand: int, sampling: bool) -> None:
     """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
-    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED)
+    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED | DISCRETE_ADC)
+    if sampling:
+        word |= DISCRETE_ADC
     if wants_power(state.i[MODE]):
         word |= DISCRETE_POWER
     if hand == 1:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.memory import Lane, fetch_image, post_operations
+from qrobot.hwif.memory import BOARD_REVISION, Lane, fetch_image, post_operations
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -17,7 +17,7 @@ from qrobot.servo.cycle import cycle
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, ServoState
+from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, REVISION, ServoState
 from qrobot.servo.telemetry import append_row
 
 SERVO_LANE: Final = int(Lane.SERVO)
@@ -63,6 +63,7 @@ def one_cycle(
 ) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
+    state.i[REVISION] = board[BOARD_REVISION]
     n_ops = cycle(params, state, mail, now_ns, late_ns, law)
     if not post_operations(board, SERVO_LANE, state.ops, n_ops):
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again

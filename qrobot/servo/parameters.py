@@ -23,6 +23,8 @@ UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
 GUARDIAN_PERIODS: Final = 2  # the guardian's heartbeat may be as old as so many of its bounds
 SHORTEST_STOP_S: Final = 0.02
+ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
+ADC_PATIENCE_CYCLES: Final = 8
 JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joint makes are a glitch
 JUMP_FLOOR_COUNTS: Final = 20.0
 SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the true derivative a little
@@ -55,6 +57,8 @@ class ServoParameters(NamedTuple):
     guardian_timeout_ns: int  # 0: none required
     power_timeout_ns: int
     shortest_stop_s: float
+    sensor_mask: int  # ADC channels that are always sampled
+    adc_patience: int  # cycles a conversion may take
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -92,6 +96,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             guardian_timeout_ns=guardian_ns if needs_guardian else 0,
             power_timeout_ns=POWER_TIMEOUT_NS,
             shortest_stop_s=SHORTEST_STOP_S,
+            sensor_mask=sum(1 << channel for channel in set(settings.sensor_channels)),
+            adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

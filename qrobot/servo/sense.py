@@ -19,6 +19,7 @@ from qrobot.model.transmission import (
     unwrap_counts,
 )
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.adc import collect_sample
 from qrobot.servo.guard import (
     check_following,
     check_image,
@@ -39,6 +40,7 @@ from qrobot.servo.state import (
     IMAGE_SEEN,
     MODE,
     READ_NS,
+    REVISION,
     SAMPLE_DT,
     STARTED,
     STATUS,
@@ -67,6 +69,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
         state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
     if fresh and state.i[IMAGE_OK] != 0:
         read_encoders(params, state)
+    collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
 
 
 @lean_kernel

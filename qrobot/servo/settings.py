@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.errors import ConfigError
+from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.law import DEFAULT_LAW, find_law
 
 NS_PER_S = 1_000_000_000
@@ -25,6 +26,7 @@ class ServoSettings:
         cpu: processor for the loop thread, None for the last one allowed.
         priority: SCHED_FIFO priority of the loop thread.
         telemetry_capacity: rows of the telemetry ring, a power of two.
+        sensor_channels: ADC channels sampled all the time, for laws that use sensors.
     """
 
     rate_hz: float = 1000.0
@@ -36,6 +38,7 @@ class ServoSettings:
     cpu: int | None = None
     priority: int = 80
     telemetry_capacity: int = 1 << 15
+    sensor_channels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not 50.0 <= self.rate_hz <= 20_000.0:
@@ -46,6 +49,8 @@ class ServoSettings:
             raise ConfigError(f"board time-out {self.board_timeout_ms} ms: allowed are 0 to 1000 ms")
         if self.telemetry_capacity < 16 or self.telemetry_capacity & (self.telemetry_capacity - 1):
             raise ConfigError(f"telemetry ring of {self.telemetry_capacity} rows: a power of two from 16 is needed")
+        if not set(self.sensor_channels) <= set(range(N_ADCS)):
+            raise ConfigError(f"sensor channels {self.sensor_channels}: the board has 0 to {N_ADCS - 1}")
         find_law(self.law)
 
     @property

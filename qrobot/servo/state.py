@@ -12,6 +12,7 @@ import numpy as np
 from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.record import record_of
+from qrobot.servo.adc import AdcState, make_adc_state
 from qrobot.servo.interpolator import N_KNOTS
 from qrobot.servo.law import MEMORY_WORDS
 from qrobot.servo.mailbox import frame_words, state_words
@@ -57,8 +58,9 @@ from qrobot.servo.telemetry import TelemetryLayout
     UNCHANGED,  # cycles in a row that have seen no newer one
     READ_NS,  # when encoder words were last taken from an image
     ADOPT,  # what to take over from the next good image
+    REVISION,  # of the board, as it says itself
     N_INTEGERS,
-) = range(39)
+) = range(40)
 
 # indexes into `f`
 (DT, SAMPLE_DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(8)
@@ -98,7 +100,8 @@ class ServoState(NamedTuple):
     joint_modes: Any  # in force, int64
     torque_setpoint: Any
     frame: Any
-    sensors: Any  # (8,)
+    sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
+    adc: AdcState
     memory: Any  # (64,), the law's own
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
@@ -126,7 +129,7 @@ def make_state(n: int) -> ServoState:
         q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
-        torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS),
+        torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         memory=np.zeros(MEMORY_WORDS), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64), block=block,
         row=row,
     ))  # fmt: skip

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.hwif.memory import PANEL_ANALOG, PANEL_MICRO
-from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ENCODERS
+from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
 
@@ -41,6 +41,7 @@ class Analog(NamedTuple):
     wave: NDArray[np.float64]  # [6] units
     wave_phase: NDArray[np.float64]  # [6] rad
     random: NDArray[np.int64]  # [1] state of the generator, 1..2^31-2
+    external: NDArray[np.float64]  # [8] volts that sensors of the plant add at the free channels
     n_pots: int
     noise: float  # units
     backlash: float  # motor revolutions lost at a reversal of the pot's train
@@ -60,7 +61,8 @@ def make_analog(
     zeros[: zero.size] = zero
     state = np.array([1 + seed % (_LEHMER_MODULUS - 1)])
     slopes, waves = np.full(N_ENCODERS, slope), np.full(N_ENCODERS, wave)
-    return Analog(np.zeros(N_ENCODERS), zeros, slopes, waves, phases, state, zero.size, noise, backlash)
+    wiper, external = np.zeros(N_ENCODERS), np.zeros(N_ADCS)
+    return Analog(wiper, zeros, slopes, waves, phases, state, external, zero.size, noise, backlash)
 
 
 @lean_kernel
@@ -99,10 +101,10 @@ def pot_units(analog: Analog, joint: int) -> float:
 
 @lean_kernel
 def input_volts(analog: Analog, memory: Words, channel: int) -> float:
-    """Voltage at ADC channel 0..7: a potentiometer, or what the panel sets at a free channel."""
+    """Voltage at ADC channel 0..7: a potentiometer, or what panel and sensors set at a free channel."""
     if channel < analog.n_pots:
         return pot_units(analog, channel) * ADC_F_VOLT_PER_COUNT
-    return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO)
+    return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO + analog.external[channel])
 
 
 @lean_kernel

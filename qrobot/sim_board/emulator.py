@@ -116,6 +116,7 @@ class Emulator:
         scene: what stands around the arm.
         physics: "mujoco", or "rigid": several times faster, without contact and so without a scene.
         payload_kg: point mass at the flange, of which the controller does not know.
+        pots: the joints have potentiometers; without, their ADC channels are free inputs too.
 
     Raises:
         ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose;
@@ -136,6 +137,7 @@ class Emulator:
         scene: Scene = "empty",
         physics: Physics = "mujoco",
         payload_kg: float = 0.0,
+        pots: bool = True,
     ) -> None:
         if robot.n > N_ENCODERS:
             raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
@@ -146,7 +148,7 @@ class Emulator:
         self.memory = _make_plant(physics, robot, dt, self.mismatch.gravity, scene, payload_kg)
         transmission = robot.transmission
         self.bundle = EmulatorBundle(
-            board=_make_board(robot, options or BoardOptions(revision_f=robot.board.revision == "F"), seed),
+            board=_make_board(robot, options or BoardOptions(revision_f=robot.board.revision == "F"), seed, pots),
             drive=make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt),
             plant=self.memory.plant,
             counts_per_unit=1.0 / transmission.rad_per_count,
@@ -211,10 +213,11 @@ def _make_plant(
     return RigidPlant(robot, dt, gravity_factor, payload_kg)
 
 
-def _make_board(robot: Robot, options: BoardOptions, seed: int) -> Board:
+def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool) -> Board:
     transmission = robot.transmission
     encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
-    analog = make_analog(transmission.pot_at_zero, transmission.pot_per_rev, seed)
+    at_zero = transmission.pot_at_zero if pots else np.zeros(0)
+    analog = make_analog(at_zero, transmission.pot_per_rev, seed)
     return make_board(encoders, analog, options)
 
 

@@ -89,10 +89,11 @@ class ServoBench:
         guarded: bool = False,
         pose: str = "park",
         calibrated: bool = True,
+        sensor_channels: tuple[int, ...] = (),
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
-        self.settings = ServoSettings(rate_hz=rate_hz, guarded=guarded)
+        self.settings = ServoSettings(rate_hz=rate_hz, guarded=guarded, sensor_channels=sensor_channels)
         self.params = servo_parameters(self.robot, self.settings)
         self.state = make_state(n)
         self.law = find_law(law) if isinstance(law, str) else law
@@ -164,7 +165,7 @@ class ServoBench:
                 self.writes.append(Write(self.now_ns, lane, offset, value))
                 if offset == DISCRETE:
                     self.discrete = value
-                else:
+                elif offset >= DAC:
                     self.dac[(offset - DAC) // 2] = value
 
     # --------------------------------------------------------------------------------------------- looking at it
