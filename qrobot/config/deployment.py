@@ -7,14 +7,13 @@ side by side from one file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table, check_document, config_path, read_document
 
 FIRST_PORT = 1024
-LAST_ADC_CHANNEL = 7  # of the TRC004's eight
 
 
 class BoardChoice(Table):
@@ -47,7 +46,7 @@ class ServoChoice(Table):
     guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
-    sensor_channels: tuple[Annotated[int, Field(ge=0, le=LAST_ADC_CHANNEL)], ...] = Field(default=(), strict=False)
+    sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
 
 
 class BridgeChoice(Table):
