@@ -3,6 +3,9 @@
 Numba hoists plain array loads out of spin loops and has no fences, so a mailbox written with plain indexing reads stale
 or torn data. These intrinsics become single LLVM atomic instructions. With the JIT off they are plain accesses, which
 is right for one thread.
+
+None of them orders a store before a later load, which no lock-free structure here needs: on x86 they are free, where a
+full fence waits until every store before it has reached the cache.
 """
 # ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
 
@@ -27,8 +30,11 @@ if jit_disabled():
         """Set `array[index]`; no earlier write moves after it."""
         array[index] = value
 
-    def fence() -> None:
-        """Full fence; nothing to do for one interpreter thread."""
+    def acquire_fence() -> None:
+        """No access after it moves before a read that stands before it; nothing to do for one interpreter thread."""
+
+    def release_fence() -> None:
+        """No write after it moves before an access that stands before it; nothing to do for one interpreter thread."""
 
 else:
 
@@ -57,12 +63,19 @@ else:
 
         return types.void(array, types.intp, types.int64), codegen
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def fence(typing_context: Any) -> Any:
-        """Full fence: no access moves across it."""
-
+    def _fence(ordering: str) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            builder.fence("seq_cst")
+            builder.fence(ordering)
             return context.get_dummy_value()
 
         return types.void(), codegen
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def acquire_fence(typing_context: Any) -> Any:
+        """No access after it moves before a read that stands before it."""
+        return _fence("acquire")
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def release_fence(typing_context: Any) -> Any:
+        """No write after it moves before an access that stands before it."""
+        return _fence("release")

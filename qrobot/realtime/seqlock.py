@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from qrobot.realtime.atomics import fence, load_acquire, store_release
+from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
 from qrobot.realtime.jit import lean_kernel
 
 MAX_TRIES = 64
@@ -19,10 +19,9 @@ def seqlock_write(words: Any, seq: int, start: int, source: Any, n: int) -> None
     """Publish `source[:n]` at `words[start:start+n]`; `words[seq]` is the sequence. Arrays are int64[::1]."""
     before = words[seq]
     store_release(words, seq, before + 1 if before % 2 == 0 else before)
-    fence()
+    release_fence()  # whoever sees a word of the new block sees the odd sequence
     for i in range(n):
         words[start + i] = source[i]
-    fence()
     store_release(words, seq, before + 2 if before % 2 == 0 else before + 1)
 
 
@@ -34,7 +33,7 @@ def seqlock_read(words: Any, seq: int, start: int, out: Any, n: int) -> bool:
         if before % 2 == 0:
             for i in range(n):
                 out[i] = words[start + i]
-            fence()
+            acquire_fence()  # whoever saw a word of a newer block sees its sequence
             if load_acquire(words, seq) == before:
                 return True
     return False

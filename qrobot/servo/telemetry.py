@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.realtime.atomics import fence, load_acquire, store_release
+from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
 from qrobot.realtime.jit import lean_kernel
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
@@ -102,7 +102,7 @@ def append_row(words: Any, base: int, capacity: int, row_words: int, row: Any) -
     """Writer: append `row`, int64[row_words]; the oldest row gives way. `capacity` is a power of two."""
     head = words[base]
     slot = base + RING_HEADER_WORDS + (head & (capacity - 1)) * row_words
-    fence()  # the head that made the overwritten row old is seen before the row changes
+    release_fence()  # the head that made the overwritten row old is seen before the row changes
     for i in range(row_words):
         words[slot + i] = row[i]
     store_release(words, base, head + 1)
@@ -136,7 +136,7 @@ def copy_rows(words: Any, base: int, capacity: int, row_words: int, first: int, 
         slot = base + RING_HEADER_WORDS + ((start + k) & (capacity - 1)) * row_words
         for i in range(row_words):
             out[k, i] = words[slot + i]
-    fence()
+    acquire_fence()
     after = load_acquire(words, base)
     if after < head:
         return 0, 0
