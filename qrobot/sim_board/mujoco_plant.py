@@ -12,19 +12,25 @@ An `mju_error` under a call from compiled code ends the process, so a model is s
 
 from __future__ import annotations
 
-import ctypes
-import importlib.util
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-import llvmlite.binding
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.realtime.jit import jit_disabled, lean_kernel
+from qrobot.realtime.jit import lean_kernel
+from qrobot.sim_board.mujoco_library import (
+    link_library,
+    mj_com_pos,
+    mj_com_vel,
+    mj_factor_mass,
+    mj_kinematics,
+    mj_make_mass,
+    mj_rne,
+    mj_solve_mass,
+    mj_step,
+)
 from qrobot.sim_board.plant import Floats, Plant, plant_step
 
 if TYPE_CHECKING:
@@ -44,13 +50,24 @@ class PlantMemory:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.model = model
         self.data = data
+        self._numbers = np.concatenate([[model.opt.timestep], np.zeros(2 * model.nv)])  # force and acceleration
 
     @property
     def plant(self) -> Plant:
         """Addresses and views for compiled code; valid while this object lives."""
-        model, data = self.model, self.data
-        handles = np.array([model._address, data._address])
-        return Plant(plant_step(_step), handles, np.zeros(0), data.qpos, data.qvel, data.qfrc_applied)
+        model, data, numbers = self.model, self.data, self._numbers
+        force, acceleration = numbers[1:].ctypes.data, numbers[1 + model.nv :].ctypes.data
+        handles = np.array([model._address, data._address, force, acceleration])
+        step = plant_step(_free_step if self._is_free else _step)
+        return Plant(step, handles, numbers, data.qpos, data.qvel, data.qfrc_applied)
+
+    @property
+    def _is_free(self) -> bool:
+        """Nothing can be touched and nothing is sensed: no need of all that `mj_step` does."""
+        import mujoco
+
+        unconstrained = self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        return bool(unconstrained) and self.model.nsensor == 0
 
     @property
     def warnings(self) -> int:
@@ -182,34 +199,32 @@ def _add_scene(spec: mujoco.MjSpec, last_link: Any, flange_m: float, scene: Scen
     last_link.add_geom(name="tip", type=ball, size=[_TIP_RADIUS, 0.0, 0.0], pos=[0.0, 0.0, flange_m])
 
 
-def _library() -> Path:
-    """MuJoCo's shared library beside its Python package."""
-    found = importlib.util.find_spec("mujoco")
-    if found is None or found.origin is None:
-        raise ConfigError("the emulator's plant needs the package mujoco-core")
-    libraries = sorted(Path(found.origin).parent.glob("libmujoco.*"))
-    if not libraries:
-        raise ConfigError(f"no MuJoCo library beside {Path(found.origin).name}: reinstall mujoco-core")
-    return libraries[0]
-
-
-def link_library() -> None:
-    """Make MuJoCo's functions known to the JIT's linker; needed once per process before a kernel steps a plant."""
-    llvmlite.binding.load_library_permanently(str(_library()))
-
-
-if jit_disabled():
-
-    def mj_step(model: int, data: int) -> None:
-        """MuJoCo's step by addresses."""
-        ctypes.CDLL(str(_library())).mj_step(ctypes.c_void_p(int(model)), ctypes.c_void_p(int(data)))
-
-else:
-    # Resolved by name at link time, so kernels that call it can be cached; a ctypes pointer could not.
-    mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
-
-
 @lean_kernel
 def _step(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats, _torque: Floats) -> None:
     """Advance by the model's time step; positions, velocities and torques are views of its memory."""
     mj_step(handles[0], handles[1])
+
+
+@lean_kernel
+def _free_step(handles: NDArray[np.int64], numbers: Floats, q: Floats, v: Floats, torque: Floats) -> None:
+    """What is left of `mj_step` for hinges and slides that touch nothing, to the same bits in half the time.
+
+    v <- v + dt M(q)^-1 (torque - bias(q, v)),    q <- q + dt v
+
+    The tendons are linear, so their share of M needs what `place` computed once. `handles` ends in the addresses, and
+    `numbers` (the time step first) in the places, of forces and accelerations.
+    """
+    model, data, force, acceleration = handles[0], handles[1], handles[2], handles[3]
+    n = q.size
+    mj_kinematics(model, data)
+    mj_com_pos(model, data)
+    mj_make_mass(model, data)
+    mj_factor_mass(model, data)
+    mj_com_vel(model, data)
+    mj_rne(model, data, 0, force)
+    for i in range(n):
+        numbers[1 + i] = torque[i] - numbers[1 + i]
+    mj_solve_mass(model, data, acceleration, force, 1)
+    for i in range(n):
+        v[i] += numbers[1 + n + i] * numbers[0]
+        q[i] += numbers[0] * v[i]

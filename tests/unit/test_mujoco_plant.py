@@ -46,7 +46,7 @@ def test_gravity_load_is_the_models(robot: Robot) -> None:
     plant, params, tau = load_plant(robot, DT), dynamics_params(robot), np.zeros(robot.n)
     for q, _, _ in random_states(robot):
         plant.place(q)
-        gravity_torque(q, params, tau)
+        gravity_torque(q, params, dynamics_work(q.size), tau)
         np.testing.assert_allclose(plant.data.qfrc_bias, tau, atol=1e-9)
 
 
