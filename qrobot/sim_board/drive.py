@@ -8,8 +8,8 @@ slides at its limit otherwise. Unlike LuGre's it yields nothing below the limit,
 creep (Dupont et al. 2002 on drift-free friction). With s the stiction factor and v_s the Stribeck velocity:
 
     limit(v) = coulomb * (1 + (s - 1) / (1 + (v / v_s)^2)) + brake     per direction; Hess and Soom 1990 for the shape
-    z       <- clip(z + v dt, -limit_neg / k, limit_pos / k)
-    tau_f    = clip(k z + d dz/dt, -limit_neg, limit_pos) + viscous v
+    y       <- clip(y + k v dt, -limit_neg, limit_pos)                 load of the bristle
+    tau_f    = clip(y + d / k dy/dt, -limit_neg, limit_pos) + viscous v
 
 k is no measured stiffness: it is the largest that stays well inside stability at the plant's step,
 sqrt(k / armature) dt = 1/2 (on the smallest inertia a motor can see, its own rotor). For the PUMA at
@@ -44,15 +44,14 @@ class Drive(NamedTuple):
     viscous: Floats
     coulomb_pos: Floats  # opposes positive motion
     coulomb_neg: Floats  # opposes negative motion, positive number
-    stribeck_velocity: Floats
-    stiffness: Floats
-    damping: Floats
+    stribeck_slowness: Floats  # 1 / v_s
+    stiffness_dt: Floats  # k dt
+    damping_share: Floats  # d / (k dt)
     brake: Floats  # added to the friction limit when the brakes are closed; 0 for joints without
     coupling: Floats  # [n, n], C
-    bristle: Floats  # state z
+    load: Floats  # state y
     tau_motor: Floats  # last motor torque less friction
     stiction: float
-    dt: float  # s
 
 
 def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) -> Drive:
@@ -63,35 +62,35 @@ def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) 
     armature = transmission.gear**2 * transmission.rotor_inertia
     full_scale = DAC_ZERO / np.abs(transmission.dac_per_Nm)
     stiffness = armature * (_BRISTLE_ANGLE / dt) ** 2
+    damping = 2.0 * _BRISTLE_DAMPING * np.sqrt(stiffness * armature)
     return Drive(
         torque_per_count=mismatch.torque_gain / transmission.dac_per_Nm,
         viscous=preset.viscous * mismatch.viscous,
         coulomb_pos=preset.coulomb_pos * mismatch.coulomb_pos,
         coulomb_neg=preset.coulomb_neg * mismatch.coulomb_neg,
-        stribeck_velocity=STRIBECK_FRACTION * robot.limits.v_max,
-        stiffness=stiffness,
-        damping=2.0 * _BRISTLE_DAMPING * np.sqrt(stiffness * armature),
+        stribeck_slowness=1.0 / (STRIBECK_FRACTION * robot.limits.v_max),
+        stiffness_dt=stiffness * dt,
+        damping_share=damping / (stiffness * dt),
         brake=np.where(transmission.brake, BRAKE_FACTOR * full_scale, 0.0),
         coupling=np.array(transmission.coupling),
-        bristle=np.zeros(n),
+        load=np.zeros(n),
         tau_motor=np.zeros(n),
         stiction=mismatch.stiction,
-        dt=dt,
     )
 
 
 @lean_kernel
 def friction_torque(drive: Drive, joint: int, velocity: float, brakes_closed: bool) -> float:
     """Torque friction takes from a motor at `velocity`, N.m in joint units; advances the bristle by one step."""
-    slowness = velocity / drive.stribeck_velocity[joint]
+    slowness = velocity * drive.stribeck_slowness[joint]
     rise = 1.0 + (drive.stiction - 1.0) / (1.0 + slowness * slowness)
     brake = drive.brake[joint] if brakes_closed else 0.0
     upper = drive.coulomb_pos[joint] * rise + brake
     lower = -drive.coulomb_neg[joint] * rise - brake
-    before, stiffness = drive.bristle[joint], drive.stiffness[joint]
-    bent = min(max(before + velocity * drive.dt, lower / stiffness), upper / stiffness)
-    drive.bristle[joint] = bent
-    rubbing = stiffness * bent + drive.damping[joint] * (bent - before) / drive.dt
+    before = drive.load[joint]
+    load = min(max(before + velocity * drive.stiffness_dt[joint], lower), upper)
+    drive.load[joint] = load
+    rubbing = load + drive.damping_share[joint] * (load - before)
     return float(min(max(rubbing, lower), upper) + drive.viscous[joint] * velocity)
 
 

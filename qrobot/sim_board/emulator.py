@@ -12,6 +12,7 @@ from qrobot.errors import ConfigError
 from qrobot.hwif.memory import BOARD_JOINTS, BOARD_PERIOD_NS, BOARD_REVISION, PANEL_MICRO, PANEL_PRESSES, PANEL_PUSH
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import record_of
 from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import make_analog
 from qrobot.sim_board.board import (
@@ -146,10 +147,10 @@ class Emulator:
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
         self.memory = _make_plant(physics, robot, dt, self.mismatch.gravity, scene, payload_kg)
-        transmission = robot.transmission
+        transmission, default = robot.transmission, BoardOptions(revision_f=robot.board.revision == "F")
         self.bundle = EmulatorBundle(
-            board=_make_board(robot, options or BoardOptions(revision_f=robot.board.revision == "F"), seed, pots),
-            drive=make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt),
+            board=record_of(_make_board(robot, options or default, seed, pots)),
+            drive=record_of(make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt)),
             plant=self.memory.plant,
             counts_per_unit=1.0 / transmission.rad_per_count,
             q_offset=np.array(transmission.q_offset),

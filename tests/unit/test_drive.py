@@ -86,8 +86,8 @@ def test_with_stiction_a_joint_breaks_away_above_the_level_it_slides_at(joint: i
     drive = make_drive(ROBOT, STICKY, "corke", DT)
     creeping = slide(drive, joint, 1e-4)
     assert creeping == pytest.approx(1.3 * CORKE.coulomb_pos[joint], rel=1e-3)
-    fast = slide(drive, joint, 50 * drive.stribeck_velocity[joint])
-    viscous = CORKE.viscous[joint] * 50 * drive.stribeck_velocity[joint]
+    fast = slide(drive, joint, 50 / drive.stribeck_slowness[joint])
+    viscous = CORKE.viscous[joint] * 50 / drive.stribeck_slowness[joint]
     assert fast - viscous == pytest.approx(CORKE.coulomb_pos[joint], rel=1e-3)
 
 
@@ -96,13 +96,13 @@ def test_friction_gives_back_no_more_than_its_bristle_stored(
     joint: int, velocities: list[float], brakes_closed: bool
 ) -> None:
     drive = make_drive(ROBOT, STICKY, "corke", DT)
-    taken, stiffness = 0.0, drive.stiffness[joint]
+    taken, stiffness = 0.0, drive.stiffness_dt[joint] / DT
     for v in velocities:
-        before = drive.bristle[joint]
+        before = drive.load[joint]
         torque = friction_torque(drive, joint, v, brakes_closed)
-        stored = 0.5 * stiffness * (drive.bristle[joint] ** 2 - before**2)
+        stored = (drive.load[joint] ** 2 - before**2) / (2.0 * stiffness)
         taken = torque * v * DT
-        step_error = 0.5 * stiffness * (v * DT) ** 2 + (1.0 + drive.damping[joint] / DT / stiffness) * 1e-9
+        step_error = 0.5 * stiffness * (v * DT) ** 2 + (1.0 + drive.damping_share[joint]) * 1e-9
         assert taken - stored >= -step_error
 
 
