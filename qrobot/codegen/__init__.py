@@ -5,5 +5,6 @@ Numba; `rigid_body` writes the dynamics of a serial arm as expressions.
 """
 
 from qrobot.codegen.compile import CompiledFunction, compile_function
+from qrobot.codegen.opcodes import QUICK_EXPRESSIONS
 
-__all__ = ["CompiledFunction", "compile_function"]
+__all__ = ["QUICK_EXPRESSIONS", "CompiledFunction", "compile_function"]

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.codegen.opcodes import EXPRESSIONS
 from qrobot.codegen.translate import argument_names, scalar_function, translate
 from qrobot.errors import CodegenError
 
@@ -60,7 +61,10 @@ class CompiledFunction:
 
 
 def compile_function(
-    function: casadi.Function, in_place: Mapping[str, str] | None = None, cache_dir: Path | None = None
+    function: casadi.Function,
+    in_place: Mapping[str, str] | None = None,
+    cache_dir: Path | None = None,
+    expressions: Mapping[str, str] = EXPRESSIONS,
 ) -> CompiledFunction:
     """Make a kernel of a CasADi function; Numba compiles it at its first call.
 
@@ -68,12 +72,13 @@ def compile_function(
         function: of scalars (SX), or of matrices (MX) if it can be expanded. Its name is the kernel's.
         in_place: outputs that overwrite an input, as {output: input}: the step of a state.
         cache_dir: where the source goes; default the user's cache folder.
+        expressions: what stands for CasADi's operations, `QUICK_EXPRESSIONS` for instance.
 
     Raises:
         CodegenError: the function cannot be translated, or the folder cannot be written.
     """
     function, in_place = scalar_function(function), in_place or {}
-    source = translate(function, in_place)
+    source = translate(function, in_place, expressions)
     digest = hashlib.sha256(source.encode()).hexdigest()[:16]
     path = (cache_dir or default_cache_dir()) / f"{function.name()}_{digest}.py"
     _keep(path, source)

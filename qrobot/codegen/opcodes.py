@@ -59,6 +59,9 @@ EXPRESSIONS: Final[dict[str, str]] = {
     "OP_IF_ELSE_ZERO": "_c.if_else_zero({0}, {1})",
 }
 
+# Sine and cosine to rounding instead of the C library's last bit, sharing their work, for steps of a plant.
+QUICK_EXPRESSIONS: Final = EXPRESSIONS | {"OP_SIN": "_c.quick_sin({0})", "OP_COS": "_c.quick_cos({0})"}
+
 
 @cache
 def opcode_names() -> dict[int, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from numba import types
 
 from qrobot.realtime.jit import jit_disabled, lean_kernel
+from qrobot.realtime.sine import cosine, sine
 
 Scalar = Callable[..., float]
 # Numpy's, so that with the JIT off a division by zero is an infinity and no exception.
@@ -74,6 +75,7 @@ asinh = _known(math.asinh, np.arcsinh)
 acosh = _known(math.acosh, np.arccosh)
 atanh = _known(math.atanh, np.arctanh)
 erf = _known(math.erf, _undefined)
+quick_sin, quick_cos = sine, cosine
 fabs = _known(math.fabs, np.fabs)
 copysign = _known(math.copysign, np.copysign)
 floor: Scalar = np.floor  # the `math` ones go through integers and lose what does not fit

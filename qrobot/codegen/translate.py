@@ -47,7 +47,9 @@ def scalar_function(function: casadi.Function) -> casadi.Function:
         raise CodegenError(f"{function.name()} cannot be expanded to scalar operations: {error}") from error
 
 
-def translate(function: casadi.Function, in_place: Mapping[str, str] | None = None) -> str:
+def translate(
+    function: casadi.Function, in_place: Mapping[str, str] | None = None, expressions: Mapping[str, str] = EXPRESSIONS
+) -> str:
     """Python source of a kernel that evaluates an SX function.
 
     The kernel has the function's name. Its arguments are float64 arrays of nonzeros, in CasADi's order (by columns):
@@ -56,6 +58,7 @@ def translate(function: casadi.Function, in_place: Mapping[str, str] | None = No
     Args:
         function: of scalars, see `scalar_function`.
         in_place: outputs that overwrite an input, as {output: input}.
+        expressions: what stands for CasADi's operations.
 
     Raises:
         CodegenError: an operation has no translation, a name is a word of Python, or an output does not fit over its
@@ -66,7 +69,7 @@ def translate(function: casadi.Function, in_place: Mapping[str, str] | None = No
     targets = [in_place.get(name, name) for name in function.name_out()]
     loads: list[str] = []
     stores: list[str] = []
-    for is_store, line in _statements(function, targets):
+    for is_store, line in _statements(function, targets, expressions):
         (stores if is_store else loads).append(f"    {line}")
     return _SOURCE.format(
         about=_about(function, in_place),
@@ -108,7 +111,9 @@ def _check_pair(function: casadi.Function, output: str, target: str) -> None:
         raise CodegenError(f"{function.name()}: {output!r} does not fit over {target!r}: {shapes}")
 
 
-def _statements(function: casadi.Function, targets: list[str]) -> Iterator[tuple[bool, str]]:
+def _statements(
+    function: casadi.Function, targets: list[str], expressions: Mapping[str, str]
+) -> Iterator[tuple[bool, str]]:
     """Statements in CasADi's order, each with whether it stores a result."""
     operations, arguments = opcode_names(), function.name_in()
     value: dict[int, str] = {}  # what a slot of the work vector holds now: a name or a number
@@ -123,15 +128,11 @@ def _statements(function: casadi.Function, targets: list[str]) -> Iterator[tuple
             if operation == "OP_INPUT":
                 result = f"{arguments[reads[0]]}[{reads[1]}]"
             else:
-                result = _expression(function, operation).format(*(value[slot] for slot in reads))
+                if operation not in expressions:
+                    raise CodegenError(f"{function.name()}: CasADi's operation {operation} has no translation")
+                result = expressions[operation].format(*(value[slot] for slot in reads))
             value[writes[0]] = f"_{k}"
             yield False, f"_{k} = {result}"
-
-
-def _expression(function: casadi.Function, operation: str) -> str:
-    if operation not in EXPRESSIONS:
-        raise CodegenError(f"{function.name()}: CasADi's operation {operation} has no translation")
-    return EXPRESSIONS[operation]
 
 
 def _literal(value: float) -> str:

@@ -5,7 +5,6 @@ Frame i-1 to frame i is Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint adds to theta
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from qrobot.config.robot import Robot
 from qrobot.config.values import Bools, Floats
 from qrobot.model.vec import Vec
 from qrobot.realtime.jit import kernel
+from qrobot.realtime.sine import sine_cosine
 
 Turn = tuple[float, float, float, float]
 
@@ -46,7 +46,8 @@ def chain_params(robot: Robot) -> ChainParams:
 def link_turn(q: Floats, chain: ChainParams, i: int) -> Turn:
     """The rotation of frame i in frame i-1, as cosine and sine of theta and of alpha."""
     theta = chain.theta[i] if chain.prismatic[i] else chain.theta[i] + q[i]
-    return math.cos(theta), math.sin(theta), chain.cos_alpha[i], chain.sin_alpha[i]
+    sine, cosine = sine_cosine(theta)
+    return cosine, sine, chain.cos_alpha[i], chain.sin_alpha[i]
 
 
 @kernel

@@ -87,7 +87,7 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
         for j in range(state.q.size):
             state.gravity[j], state.friction[j] = 0.0, 0.0
         return
-    gravity_torque(state.q, params.dynamics, state.gravity)
+    gravity_torque(state.q, params.dynamics, state.work, state.gravity)
     for j in range(state.q.size):
         state.gravity[j] *= params.gravity_share[j]
     motor_rates(state.v_ref, params.transmission, state.scratch)

@@ -11,6 +11,7 @@ import numpy as np
 
 from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
+from qrobot.model.dynamics import dynamics_work
 from qrobot.realtime.record import record_of
 from qrobot.servo.adc import AdcState, make_adc_state
 from qrobot.servo.interpolator import N_KNOTS
@@ -88,6 +89,7 @@ class ServoState(NamedTuple):
     q_ref: Any
     v_ref: Any
     a_ref: Any
+    work: Any  # of the rigid-body model, see `model.dynamics.dynamics_work`
     gravity: Any
     friction: Any
     tau: Any
@@ -127,6 +129,7 @@ def make_state(n: int) -> ServoState:
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
         q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
+        work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from qrobot.codegen import compile_function
+from qrobot.codegen import QUICK_EXPRESSIONS, compile_function
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.sim_board.plant import Floats, Plant, plant_step, step_plant
@@ -42,7 +42,9 @@ class RigidPlant:
 
     def __init__(self, robot: Robot, dt: float, gravity_factor: float = 1.0, payload_kg: float = 0.0) -> None:
         _check_inertias(robot)
-        step = compile_function(_expression(robot), in_place={"q_next": "q", "v_next": "v"})
+        step = compile_function(
+            _expression(robot), in_place={"q_next": "q", "v_next": "v"}, expressions=QUICK_EXPRESSIONS
+        )
         self.plant: Plant = Plant(
             step=plant_step(step.kernel),
             handles=np.zeros(0, np.int64),

@@ -40,7 +40,7 @@ def torques(q: Floats, v: Floats, a: Floats, params: DynamicsParams) -> Floats:
 
 def gravity(q: Floats, params: DynamicsParams) -> Floats:
     tau = np.empty(6)
-    gravity_torque(q, params, tau)
+    gravity_torque(q, params, dynamics_work(q.size), tau)
     return tau
 
 

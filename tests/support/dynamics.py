@@ -20,16 +20,16 @@ def model_torque(params: DynamicsParams, q: Floats, v: Floats, a: Floats) -> Flo
 def model_mass_matrix(params: DynamicsParams, q: Floats) -> Floats:
     """M column by column: torques of unit accelerations at rest, less gravity's. Shape (n, n)."""
     still, gravity = np.zeros(q.size), np.zeros(q.size)
-    gravity_torque(q, params, gravity)
+    gravity_torque(q, params, dynamics_work(q.size), gravity)
     return np.array([model_torque(params, q, still, unit) - gravity for unit in np.eye(q.size)]).T
 
 
 def potential_gain(params: DynamicsParams, begin: Floats, end: Floats, pieces: int = 200) -> float:
     """Work against gravity from `begin` to `end`: gravity's torques integrated along the straight line (Simpson)."""
     points = np.linspace(0.0, 1.0, 2 * pieces + 1)
-    tau, slope = np.zeros(begin.size), np.zeros(points.size)
+    tau, slope, work = np.zeros(begin.size), np.zeros(points.size), dynamics_work(begin.size)
     for k, s in enumerate(points):
-        gravity_torque(begin + s * (end - begin), params, tau)
+        gravity_torque(begin + s * (end - begin), params, work, tau)
         slope[k] = tau @ (end - begin)
     weights = np.ones(points.size)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0

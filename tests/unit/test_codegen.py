@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from qrobot.codegen import compile_function
+from qrobot.codegen import QUICK_EXPRESSIONS, compile_function
 from qrobot.codegen.compile import default_cache_dir
 from qrobot.codegen.translate import translate
 from qrobot.errors import CodegenError
@@ -50,6 +50,13 @@ def test_a_matrix_is_its_nonzeros_by_columns() -> None:
 def test_a_constant_arrives_bit_for_bit(number: float) -> None:
     compiled = compile_function(casadi.Function("constant", [], [casadi.SX(number)], [], ["c"]))
     assert compiled()[0].tobytes() == np.array([number]).tobytes()
+
+
+def test_quick_sine_and_cosine_are_casadis_to_rounding() -> None:
+    function = casadi.Function("turn", [X], [casadi.vertcat(casadi.sin(X[0]), casadi.cos(X[0]))], ["x"], ["turn"])
+    compiled = compile_function(function, expressions=QUICK_EXPRESSIONS)
+    for angle in np.linspace(-7.0, 7.0, 101):
+        np.testing.assert_allclose(compiled(np.array([angle, 0.0]))[0], [np.sin(angle), np.cos(angle)], atol=1.2e-16)
 
 
 def test_a_function_of_matrices_is_expanded() -> None:

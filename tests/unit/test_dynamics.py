@@ -27,7 +27,7 @@ G1, G2, G3, G4, G5 = -37.235, -8.454, 1.024, 0.2489, -0.02825
 
 def gravity(q: Floats, params: DynamicsParams = PARAMS) -> Floats:
     tau = np.empty(q.size)
-    gravity_torque(q, params, tau)
+    gravity_torque(q, params, dynamics_work(q.size), tau)
     return tau
 
 

@@ -25,7 +25,7 @@ results = []
 for q in np.random.default_rng(3).uniform(robot.limits.q_min, robot.limits.q_max, (20, 6)):
     tau, motor, back = np.empty(6), np.empty(6), np.empty(6)
     counts, dac = np.empty(6, dtype=np.int64), np.empty(6, dtype=np.int64)
-    gravity_torque(q, rigid, tau)
+    gravity_torque(q, rigid, dynamics_work(q.size), tau)
     results.append(tau.tolist())
     inverse_dynamics(q, 0.5 * q, -q, rigid, dynamics_work(6), tau)
     results.append(tau.tolist())
