@@ -29,11 +29,19 @@ def robot_of_arm(arm: Arm) -> Robot:
     return load_robot(arm.robot)
 
 
-def servo_settings(arm: Arm, rate_hz: float | None = None, law: str | None = None) -> ServoSettings:
+def servo_settings(
+    arm: Arm,
+    rate_hz: float | None = None,
+    law: str | None = None,
+    velocity: str | None = None,
+    interpolation: str | None = None,
+) -> ServoSettings:
     """Settings of the deployment file, with what the command line overrides."""
     return ServoSettings(
         rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
         law=arm.servo.law if law is None else law,
+        velocity=velocity or arm.servo.velocity,
+        interpolation=interpolation or arm.servo.interpolation,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,

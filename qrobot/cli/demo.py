@@ -10,6 +10,7 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT
 from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, write_json
+from qrobot.config.deployment import Interpolation, Velocity
 
 if TYPE_CHECKING:
     from qrobot.rig.bounds import Verdict
@@ -24,6 +25,8 @@ def demo(
     rate: Literal[1000, 2000, 4000] | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     law: str | None = None,
+    velocity: Velocity | None = None,
+    interpolation: Interpolation | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,
     out_dir: Path = Path("out/demo"),
     json: Path | None = None,
@@ -45,6 +48,10 @@ def demo(
         Only this plant; mismatched means lock-step.
     law
         Another control law: pd, qrobot, qrobot+a.
+    velocity
+        Another estimate of the velocity: the observer in place of the paper's difference.
+    interpolation
+        Another path between setpoints than the quintic.
     deployment
         Deployment file of the runs on the wall clock, with one PUMA 560: its name, its port, its time-outs.
     out_dir
@@ -57,7 +64,7 @@ def demo(
     from qrobot.servo.law import DEFAULT_LAW, find_law
 
     find_law(law or DEFAULT_LAW)
-    runs = plan(lockstep, rate, plant, law)
+    runs = plan(lockstep, rate, plant, law, velocity, interpolation)
     results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)
     for table in results_tables(results):
@@ -113,7 +120,8 @@ def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, pr
 
 def _describe(run: Run) -> str:
     clock = "on the wall clock" if run.clock == "realtime" else "in lock-step"
-    return f"{run.rate_hz} Hz {clock}, {run.plant} plant, law {run.law}"
+    how = f"law {run.law}, velocity by {run.velocity}, {run.interpolation} interpolation"
+    return f"{run.rate_hz} Hz {clock}, {run.plant} plant, {how}"
 
 
 def results_tables(results: list[Result]) -> list[Table]:

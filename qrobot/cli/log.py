@@ -61,6 +61,8 @@ def _facts(log: Log) -> dict[str, Any]:
         "joints": list(header.joint_names),
         "rate_hz": header.rate_hz,
         "law": header.law,
+        "velocity": header.velocity,
+        "interpolation": header.interpolation,
         "clock": header.clock,
         "plant": header.plant,
         "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
@@ -199,6 +201,8 @@ def _recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> An
 
     if (servo.robot_name, servo.n) != (robot.name, robot.n):
         raise ConfigError(f"the servo runs {servo.robot_name!r}, the deployment file says {robot.name!r}")
-    header = header_for(robot, servo.period_ns, servo.law, plant=plant)
+    header = header_for(
+        robot, servo.period_ns, servo.law, plant=plant, velocity=servo.velocity, interpolation=servo.interpolation
+    )
     offset = time.time_ns() - time.monotonic_ns()
     return replace(header, wall_offset_ns=offset, setup=(*observe_process(pid), *machine_steps()))

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import note
+from qrobot.config.deployment import Interpolation, Velocity
 
 
 def servo(
@@ -18,6 +19,8 @@ def servo(
     arm: str | None = None,
     rate: float | None = None,
     law: str | None = None,
+    velocity: Velocity | None = None,
+    interpolation: Interpolation | None = None,
     guardian: Annotated[bool, Parameter(negative="--own-guardian")] = True,
 ) -> None:
     """Run the servo of one arm, until Ctrl-C: then a controlled stop, torque off, power off.
@@ -35,18 +38,23 @@ def servo(
         Cycles per second, overriding the file: 1000, 2000, 4000, ...
     law
         Control law, overriding the file: pd, qrobot, qrobot+a.
+    velocity
+        How velocities are estimated, overriding the file: the paper's difference, or an observer with less noise.
+    interpolation
+        Path between setpoints, overriding the file; linear is a sample period faster, and rough.
     guardian
         Start a guardian too. With --own-guardian somebody else starts it (`qrobot guardian`, `qrobot up`).
     """
     from qrobot.servo.daemon import serve
 
     chosen = choose_arm(deployment, arm)
-    robot, settings = robot_of_arm(chosen), servo_settings(chosen, rate, law)
+    robot, settings = robot_of_arm(chosen), servo_settings(chosen, rate, law, velocity, interpolation)
 
     def started() -> None:
         if guardian:
             command = [sys.executable, "-m", "qrobot", "guardian", deployment, "--arm", chosen.name]
             subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
-        note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz with law {settings.law}")
+        choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
+        note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started)

@@ -14,6 +14,8 @@ from pydantic import Field, model_validator
 from qrobot.config.document import Table, check_document, config_path, read_document
 
 FIRST_PORT = 1024
+Velocity = Literal["difference", "observer"]
+Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
 
 
 class BoardChoice(Table):
@@ -37,11 +39,16 @@ class BoardChoice(Table):
 class ServoChoice(Table):
     """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board.
 
+    `velocity` is how velocities are estimated and `interpolation` the path between setpoints; the page on estimation
+    and interpolation compares them.
+
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     """
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
     law: str = "qrobot"
+    velocity: Velocity = "difference"
+    interpolation: Interpolation = "quintic"
     cpu: int | None = Field(default=None, ge=0)
     guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)

@@ -170,13 +170,15 @@ class Control(Section):
     """Gains and choices of the control law.
 
     `inertia` is the constant M0 of the acceleration feed-forward; `friction_velocity` the speed within which the
-    friction compensation passes smoothly through zero.
+    friction compensation passes smoothly through zero. Which of the velocity's two bandwidths counts is the
+    deployment's choice: the low pass of the difference or the poles of the observer.
     """
 
     kp: PerJointPositive
     kv: PerJointNotNegative
     inertia: PerJointPositive
     velocity_filter_hz: float = Field(gt=0, allow_inf_nan=False)
+    velocity_observer_hz: float = Field(default=20.0, gt=0, allow_inf_nan=False)
     gravity_joints: PerJointFlags
     friction_preset: str
     friction_velocity: PerJointPositive

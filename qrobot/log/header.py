@@ -39,6 +39,8 @@ class LogHeader:
         period_ns: length of a servo cycle, ns.
         prismatic: per joint, True when it slides (m, N) instead of turning (rad, N m); empty means none does.
         law: name of the control law.
+        velocity: how velocities were estimated; empty when unknown.
+        interpolation: form of the path between setpoints; empty when unknown.
         clock: REALTIME or LOCKSTEP.
         plant: what stood behind the board, e.g. "nominal" or "mismatched"; empty when unknown.
         wall_offset_ns: add it to a row's t_ns for the time since 1970, ns; 0 when time is virtual.
@@ -52,6 +54,8 @@ class LogHeader:
     period_ns: int
     prismatic: tuple[bool, ...] = ()
     law: str = ""
+    velocity: str = ""
+    interpolation: str = ""
     clock: str = REALTIME
     plant: str = ""
     wall_offset_ns: int = 0
@@ -90,17 +94,28 @@ class LogHeader:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> LogHeader:
-        """Inverse of `to_metadata`. Raises LogError when the log is of another format."""
+        """Inverse of `to_metadata`; what an older log does not tell is unknown.
+
+        Raises LogError when the log is of another format.
+        """
         if metadata.get("format") != FORMAT:
             raise LogError(f"the log has format {metadata.get('format')!r}, this version reads {FORMAT!r}")
         try:
-            values = {field.name: json.loads(metadata[field.name]) for field in fields(cls)}
+            values = {field.name: json.loads(metadata[field.name]) for field in fields(cls) if field.name in metadata}
             return cls(**_frozen(values))
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(f"the log's header is damaged: {error}") from None
 
 
-def header_for(robot: Robot, period_ns: int, law: str, clock: str = REALTIME, plant: str = "") -> LogHeader:
+def header_for(
+    robot: Robot,
+    period_ns: int,
+    law: str,
+    clock: str = REALTIME,
+    plant: str = "",
+    velocity: str = "",
+    interpolation: str = "",
+) -> LogHeader:
     """Header of a log of `robot`; a caller in real time adds the wall clock and the set-up."""
     return LogHeader(
         robot=robot.name,
@@ -108,6 +123,8 @@ def header_for(robot: Robot, period_ns: int, law: str, clock: str = REALTIME, pl
         period_ns=period_ns,
         prismatic=tuple(bool(kind) for kind in robot.prismatic),
         law=law,
+        velocity=velocity,
+        interpolation=interpolation,
         clock=clock,
         plant=plant,
         version=_version(),
@@ -130,5 +147,5 @@ def attach_files(paths: Iterable[Path]) -> list[Attachment]:
 
 
 def _frozen(values: dict[str, Any]) -> dict[str, Any]:
-    setup = tuple(Step(**step) for step in values.pop("setup"))
+    setup = tuple(Step(**step) for step in values.pop("setup", ()))
     return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()} | {"setup": setup}

@@ -40,7 +40,7 @@ _MESSAGE_HEAD: Final = [
 ]
 _MESSAGE_AT: Final = np.dtype(_MESSAGE_HEAD).itemsize  # where a message's own bytes begin
 # what damaged bytes make of a record; CRCValidationError and UnicodeDecodeError are ValueErrors
-_DAMAGE: Final = (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError, MemoryError)
+_DAMAGE: Final = (McapError, ValueError, KeyError, OverflowError, struct.error, zstandard.ZstdError, MemoryError)
 
 
 @dataclass

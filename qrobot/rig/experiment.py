@@ -12,7 +12,7 @@ import io
 import runpy
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -28,8 +28,11 @@ from qrobot.log.record import write_log
 from qrobot.log.summary import TrackingSummary, tracking_summary
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.forms import DEFAULT_FORM
+from qrobot.servo.law import DEFAULT_LAW
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.velocity import DEFAULT_ESTIMATOR
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
@@ -49,12 +52,23 @@ class Run:
     rate_hz: int
     clock: Clock = "lockstep"
     plant: Plant = "nominal"
-    law: str = "qrobot"
+    law: str = DEFAULT_LAW
+    velocity: str = DEFAULT_ESTIMATOR
+    interpolation: str = DEFAULT_FORM
 
     @property
     def name(self) -> str:
-        """Name of its files."""
-        return f"{self.clock}-{self.rate_hz}-{self.plant}-{self.law}"
+        """Name of its files; what is not the default of estimator and interpolation is told."""
+        unusual = [self.velocity] * (self.velocity != DEFAULT_ESTIMATOR)
+        unusual += [self.interpolation] * (self.interpolation != DEFAULT_FORM)
+        return "-".join([self.clock, str(self.rate_hz), self.plant, self.law, *unusual])
+
+    @property
+    def settings(self) -> ServoSettings:
+        """The servo's, in lock-step."""
+        return ServoSettings(
+            rate_hz=self.rate_hz, law=self.law, velocity=self.velocity, interpolation=self.interpolation
+        )
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,8 @@ class Result:
             "clock": run.clock,
             "plant": run.plant,
             "law": run.law,
+            "velocity": run.velocity,
+            "interpolation": run.interpolation,
             "max_abs_error_rad": numbers["max_abs_error"],
             "rms_error_rad": numbers["rms_error"],
             "cycles": numbers["cycles"],
@@ -107,11 +123,11 @@ def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Resul
     """The experiment on virtual time; its log is written below `directory` afterwards."""
     robot = robot or load_robot("puma560")
     wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
-    rig = LockstepRig(robot, ServoSettings(rate_hz=run.rate_hz, law=run.law), Emulator(robot, mismatch=wrong))
+    rig = LockstepRig(robot, run.settings, Emulator(robot, mismatch=wrong))
     rig.ticks(1)  # loads the compiled loop, which is not the motion's time
     run_program(rig, program_path())
     rows = rig.rows()
-    header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant)
+    header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant, run.velocity, run.interpolation)
     directory.mkdir(parents=True, exist_ok=True)
     path = write_log(directory / f"{run.name}.mcap", rows, header)[0]
     return _result(run, read_log(path), rig.realtime_factor, hashlib.sha256(rows.tobytes()).hexdigest())
@@ -149,7 +165,8 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
 @contextlib.contextmanager
 def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[None]:
     """Servo, guardian and recorder for one run."""
-    processes.start_servo("--rate", str(run.rate_hz), "--law", run.law)
+    choices = ("--law", run.law, "--velocity", run.velocity, "--interpolation", run.interpolation)
+    processes.start_servo("--rate", str(run.rate_hz), *choices)
     processes.start_guardian()
     processes.start_log("--output", str(log), "--plant", run.plant)
     try:
@@ -166,17 +183,28 @@ def _result(run: Run, log: Log, factor: float, digest: str = "") -> Result:
 
 
 def plan(
-    lockstep: bool = False, rate_hz: int | None = None, plant: Plant | None = None, law: str | None = None
+    lockstep: bool = False,
+    rate_hz: int | None = None,
+    plant: Plant | None = None,
+    law: str | None = None,
+    velocity: str | None = None,
+    interpolation: str | None = None,
 ) -> list[Run]:
     """The runs of a demo: everything, or what the options choose."""
-    rates = (rate_hz,) if rate_hz else RATES_HZ
-    runs = (
-        [] if lockstep or plant == "mismatched" else [Run(rate, REALTIME, "nominal", law or "qrobot") for rate in rates]
+    usual = Run(
+        RATES_HZ[0],
+        law=law or DEFAULT_LAW,
+        velocity=velocity or DEFAULT_ESTIMATOR,
+        interpolation=interpolation or DEFAULT_FORM,
     )
+    rates = (rate_hz,) if rate_hz else RATES_HZ
     plants: tuple[Plant, ...] = (
         (plant,) if plant else ("nominal",) if lockstep and rate_hz else ("nominal", "mismatched")
     )
-    runs += [Run(rate, LOCKSTEP, p, law or "qrobot") for p in plants for rate in rates]
+    runs = []
+    if not lockstep and plant != "mismatched":
+        runs += [replace(usual, rate_hz=rate, clock=REALTIME) for rate in rates]
+    runs += [replace(usual, rate_hz=rate, plant=p) for p in plants for rate in rates]
     if not (rate_hz or plant or law):
-        runs.append(Run(RATES_HZ[0], LOCKSTEP, "nominal", "pd"))
+        runs.append(replace(usual, law="pd"))
     return runs

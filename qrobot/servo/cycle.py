@@ -100,7 +100,7 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         while frame_is_over(state):
             code, joint = take_frame(params, state, mail, now_ns)
             raise_code(state, code, joint)
-        reference(state.knots, state.f[PHASE], state.f[RATE], 0.0, state.q_ref, state.v_ref, state.a_ref)
+        follow_path(params, state, 0.0)
         follow_torque_joints(state)
     elif mode == STOPPING:
         left, slope = stop_profile((now_ns - state.i[STOP_SINCE_NS]) * 1e-9, state.f[STOP_SECONDS])
@@ -109,11 +109,17 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         advance_phase(state)
         while frame_is_over(state):
             shift_extrapolated(state.knots)
-        reference(
-            state.knots, state.f[PHASE], state.f[RATE], state.f[RATE_SLOPE], state.q_ref, state.v_ref, state.a_ref
-        )
+        follow_path(params, state, state.f[RATE_SLOPE])
         if left == 0.0:
             finish_stop(state)
+
+
+@lean_kernel
+def follow_path(params: ServoParameters, state: ServoState, rate_slope: float) -> None:
+    """Take the reference from the path, at the phase and the rate at hand."""
+    reference(
+        params.form, state.knots, state.f[PHASE], state.f[RATE], rate_slope, state.q_ref, state.v_ref, state.a_ref
+    )
 
 
 @lean_kernel

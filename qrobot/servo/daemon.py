@@ -29,6 +29,7 @@ from qrobot.servo.mailbox import (
     STATE_JOINT,
     STATE_MODE,
     create_servo_memory,
+    describe_choices,
     local_servo_memory,
 )
 from qrobot.servo.modes import mode_name
@@ -156,6 +157,7 @@ def serve(
     with create_servo_memory(
         arm, robot.name, settings.law, robot.n, settings.period_ns, settings.telemetry_capacity
     ) as memory:
+        describe_choices(memory.words, settings.velocity, settings.interpolation)
         discard_operations(board.words, int(Lane.SERVO))
         process = ServoProcess(
             arm, robot, settings, report, memory, board,

@@ -1,12 +1,8 @@
 """From setpoints 28 ms apart to a smooth reference at the servo rate.
 
-Four knots are the setpoints of four successive frames. The reference runs from knot 1 to knot 2 on a quintic
-polynomial whose velocity and acceleration at the knots are central differences, so it passes through every setpoint
-with continuous acceleration. The price is look-ahead: a setpoint is reached two frames after it was taken from the
-queue.
-
-    p(u) = k1 + v1 u + a1/2 u^2 + c3 u^3 + c4 u^4 + c5 u^5          0 <= u <= 1, in frames
-    v_i = (k_{i+1} - k_{i-1}) / 2        a_i = k_{i+1} - 2 k_i + k_{i-1}
+Four knots are the setpoints of four successive frames. A form of interpolation (`servo.forms`) is a table that makes of
+them a polynomial p(u), on which the reference runs through one frame, 0 <= u <= 1. Forms that look ahead reach a
+setpoint later than those that do not: a setpoint is always taken as knot 3, and the frame begins at an earlier one.
 
 The phase u runs with the rate r = du/dt. A controlled stop lowers r smoothly to zero, so the arm stops *on the path*;
 the path beyond the last setpoint goes on at its last velocity.
@@ -21,9 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.realtime.jit import lean_kernel
-
-N_KNOTS: Final = 4
-LOOK_AHEAD_FRAMES: Final = 2.0  # from taking a setpoint to reaching it
+from qrobot.servo.forms import N_KNOTS, N_POWERS
 
 # d/dx of the stop's smooth step 10 x^3 - 15 x^4 + 6 x^5 peaks at 15/8.
 PEAK_SLOPE: Final = 1.875
@@ -57,37 +51,37 @@ def shift_extrapolated(knots: Any) -> None:
 
 
 @lean_kernel
-def line_through(knots: Any, j: int, phase: float, q: float, step: float) -> None:
-    """Let the reference of joint `j` pass `q` at `phase` on a straight line of `step` per frame. Shape (4, n)."""
+def line_through(knots: Any, first_knot: int, j: int, phase: float, q: float, step: float) -> None:
+    """Let the reference of joint `j` pass `q` at `phase` on a straight line of `step` per frame. Shape (4, n).
+
+    `first_knot` is where the frames of the form in use begin (`Form.first_knot`).
+    """
     for i in range(N_KNOTS):
-        knots[i, j] = q + (i - 1 - phase) * step
+        knots[i, j] = q + (i - first_knot - phase) * step
 
 
 @lean_kernel
-def reference(knots: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any) -> None:
-    """Position, velocity and acceleration at `phase`.
+def reference(table: Any, knots: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any) -> None:
+    """Position, velocity and acceleration at `phase`: Horner's rule for a polynomial and its first two derivatives.
 
     Args:
+        table: coefficients of the form, see `Form.table`. Shape (6, 3).
         knots: the four setpoints around now. Shape (4, n), rad or m.
-        phase: u, 0 at knot 1 and 1 at knot 2.
+        phase: u, 0 where the frame begins and 1 where it ends.
         rate: r = du/dt, 1/s.
         rate_slope: dr/dt, 1/s^2.
         q, v, a: filled. Shape (n,), rad, rad/s, rad/s^2.
     """
-    u = phase
     for j in range(q.size):
-        k0, k1, k2, k3 = knots[0, j], knots[1, j], knots[2, j], knots[3, j]
-        distance = k2 - k1
-        v1, v2 = 0.5 * (k2 - k0), 0.5 * (k3 - k1)
-        a1, a2 = k2 - 2.0 * k1 + k0, k3 - 2.0 * k2 + k1
-        c3 = 10.0 * distance - 6.0 * v1 - 4.0 * v2 - 1.5 * a1 + 0.5 * a2
-        c4 = -15.0 * distance + 8.0 * v1 + 7.0 * v2 + 1.5 * a1 - a2
-        c5 = 6.0 * distance - 3.0 * v1 - 3.0 * v2 - 0.5 * a1 + 0.5 * a2
-        slope = v1 + u * (a1 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
-        curvature = a1 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
-        q[j] = k1 + u * (v1 + u * (0.5 * a1 + u * (c3 + u * (c4 + u * c5))))
+        d1, d2, d3 = knots[1, j] - knots[0, j], knots[2, j] - knots[1, j], knots[3, j] - knots[2, j]
+        way, slope, half_curvature = 0.0, 0.0, 0.0
+        for m in range(N_POWERS - 1, -1, -1):
+            half_curvature = half_curvature * phase + slope
+            slope = slope * phase + way
+            way = way * phase + table[m, 0] * d1 + table[m, 1] * d2 + table[m, 2] * d3
+        q[j] = knots[0, j] + way
         v[j] = slope * rate
-        a[j] = curvature * rate * rate + slope * rate_slope
+        a[j] = 2.0 * half_curvature * rate * rate + slope * rate_slope
 
 
 @lean_kernel

@@ -8,7 +8,7 @@ A law is called once a cycle, with arrays of shape (n,) in SI units unless said 
 | `v_ref`    | rad/s           | its derivative                                                               |
 | `a_ref`    | rad/s^2         | its second derivative                                                        |
 | `q`        | rad (m)         | measured position                                                            |
-| `v`        | rad/s           | measured velocity (backward difference, low pass)                            |
+| `v`        | rad/s           | estimated velocity, see `servo.velocity`                                     |
 | `gravity`  | N m (N)         | torque that carries the arm at `q`, already zero where compensation is off   |
 | `friction` | N m (N)         | torque the drives lose at `v_ref`, viscous and smoothed Coulomb, joint side  |
 | `sensors`  | -               | the board's analogue channels in volts. Shape (8,)                           |

@@ -13,7 +13,7 @@ int64 words; `Words.view(np.float64)` is the other view of the same memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -25,7 +25,9 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
+from qrobot.servo.forms import FORMS
 from qrobot.servo.telemetry import TelemetryLayout, ring_words
+from qrobot.servo.velocity import ESTIMATORS
 
 LAYOUT: Final = 1
 MAX_JOINTS: Final = 32
@@ -37,6 +39,8 @@ INFO_PERIOD_NS: Final = HEADER_WORDS + 1
 INFO_TELEMETRY_BASE: Final = HEADER_WORDS + 2
 INFO_TELEMETRY_CAPACITY: Final = HEADER_WORDS + 3
 INFO_READY: Final = HEADER_WORDS + 4  # 1 once the loop runs
+INFO_ESTIMATOR: Final = HEADER_WORDS + 5  # 1 + place in ESTIMATORS, 0 when not told
+INFO_FORM: Final = HEADER_WORDS + 6  # 1 + place in FORMS, 0 when not told
 INFO_NAME: Final = HEADER_WORDS + 8  # 64 bytes of UTF-8
 INFO_LAW: Final = INFO_NAME + 8  # 64 bytes of UTF-8
 NAME_BYTES: Final = 64
@@ -130,6 +134,8 @@ class ServoInfo:
     telemetry_base: int
     telemetry_capacity: int
     ready: bool
+    velocity: str
+    interpolation: str
 
     @property
     def rate_hz(self) -> float:
@@ -156,6 +162,16 @@ def describe_servo(words: Words, robot_name: str, law: str, n: int, period_ns: i
     words[INFO_TELEMETRY_BASE], words[INFO_TELEMETRY_CAPACITY] = _telemetry_base(n), telemetry_capacity
     _write_text(words, INFO_NAME, robot_name)
     _write_text(words, INFO_LAW, law)
+
+
+def describe_choices(words: Words, velocity: str, interpolation: str) -> None:
+    """Add to the INFO block how velocities are estimated and setpoints interpolated. Raises ValueError for others."""
+    words[INFO_ESTIMATOR] = 1 + list(ESTIMATORS).index(velocity)
+    words[INFO_FORM] = 1 + list(FORMS).index(interpolation)
+
+
+def _nth(names: Iterable[str], word: int) -> str:
+    return ("", *names)[word]
 
 
 def create_servo_memory(
@@ -191,6 +207,8 @@ def servo_info(words: Words) -> ServoInfo:
         telemetry_base=int(words[INFO_TELEMETRY_BASE]),
         telemetry_capacity=int(words[INFO_TELEMETRY_CAPACITY]),
         ready=bool(words[INFO_READY]),
+        velocity=_nth(ESTIMATORS, words[INFO_ESTIMATOR]),
+        interpolation=_nth(FORMS, words[INFO_FORM]),
     )
 
 

@@ -16,8 +16,10 @@ from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.realtime.record import record_of
+from qrobot.servo.forms import find_form
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.settings import NS_PER_S, ServoSettings
+from qrobot.servo.velocity import find_estimator
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
@@ -39,7 +41,12 @@ class ServoParameters(NamedTuple):
     friction: FrictionParams
     gravity_share: Any  # 1 where gravity is compensated, 0 elsewhere
     gains: Any  # (3, n): Kp, Kv, M0
+    inertia: Any  # M0, of the observer
+    estimator: int  # see `servo.velocity`
     filter_rad_s: float
+    observer_rad_s: float
+    form: Any  # (6, 3), see `servo.forms`
+    first_knot: int
     q_min: Any
     q_max: Any
     v_max: Any
@@ -65,6 +72,7 @@ class ServoParameters(NamedTuple):
 def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None = None) -> ServoParameters:
     """The constants of a servo for `robot`; `guarded` overrides the settings (lock-step has no guardian)."""
     control, guard, limits = robot.control, robot.guard, robot.limits
+    form = find_form(settings.interpolation)
     gains = np.zeros((N_GAINS, robot.n))
     gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia
     counts_per_tick = limits.v_max / np.abs(robot.transmission.rad_per_count) * settings.period_ns / NS_PER_S
@@ -78,7 +86,12 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             friction=friction_params(robot),
             gravity_share=control.gravity_joints.astype(np.float64),
             gains=gains,
+            inertia=np.array(control.inertia),
+            estimator=int(find_estimator(settings.velocity)),
             filter_rad_s=2.0 * math.pi * control.velocity_filter_hz,
+            observer_rad_s=2.0 * math.pi * control.velocity_observer_hz,
+            form=form.table,
+            first_knot=form.first_knot,
             q_min=np.array(limits.q_min),
             q_max=np.array(limits.q_max),
             v_max=np.array(limits.v_max),

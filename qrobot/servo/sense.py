@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
@@ -48,7 +47,9 @@ from qrobot.servo.state import (
     ServoState,
 )
 from qrobot.servo.supervisor import narrow_range, raise_code
+from qrobot.servo.velocity import Estimator, difference, observe, start_observer
 
+OBSERVER: Final = int(Estimator.OBSERVER)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
@@ -82,7 +83,7 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     since_ns = state.image[IMAGE_T_NS] - state.i[READ_NS]
     periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
     state.i[READ_NS] = state.image[IMAGE_T_NS]
-    state.f[SAMPLE_DT] = since_ns * 1e-9
+    state.f[SAMPLE_DT] += since_ns * 1e-9
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
     joint = unwrap_counts(words, state.raw, state.counts, state.jump)
@@ -104,6 +105,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
         state.raw[j] = words[j]
         state.counts[j] = signed_word(words[j])
     counts_to_joint(state.counts, params.transmission, state.q_before)
+    start_observer(state.q_before, state.observed, state.v, state.unmodelled)
     kept = state.i[STATUS] & params.scratch_bits
     if state.i[ADOPT] == ADOPT_JUMPED:
         kept &= ~STATUS_CALIBRATED
@@ -117,21 +119,39 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
 
 @lean_kernel
 def estimate(params: ServoParameters, state: ServoState) -> None:
-    """Joint positions from counts; velocity by backward difference and first-order low pass.
+    """Joint positions from counts, and velocities by the estimator chosen.
 
     The time between two samples is the board's: a board or a servo that stalled and caught up shows no false speed.
-    Without a new sample the velocity stays.
+    Without a new sample, or with a joint held back, the velocity stays and the time goes on counting.
     """
     if state.i[STARTED] == 0:
         return
     counts_to_joint(state.counts, params.transmission, state.q)
-    dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
-    if not dt > 0.0:
+    if state.i[GLITCHES] != 0 or not state.f[SAMPLE_DT] > 0.0:
         return
-    share = 1.0 - math.exp(-params.filter_rad_s * dt)
+    dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
+    if params.estimator == OBSERVER:
+        model_push(params, state)
+        observe(
+            state.q, state.q_before, state.scratch, dt, params.observer_rad_s,
+            state.observed, state.v, state.unmodelled,
+        )  # fmt: skip
+    else:
+        difference(state.q, state.q_before, dt, params.filter_rad_s, state.v)
     for j in range(state.q.size):
-        state.v[j] += share * ((state.q[j] - state.q_before[j]) / dt - state.v[j])
         state.q_before[j] = state.q[j]
+
+
+@lean_kernel
+def model_push(params: ServoParameters, state: ServoState) -> None:
+    """Acceleration, into `scratch`, that the last cycle's torque gives each joint beyond its load by the model.
+
+    Off the diagonal of the mass matrix nothing is modelled: the observer finds it.
+    """
+    driven = gives_torque(state.i[MODE])
+    for j in range(state.q.size):
+        excess = state.tau[j] - state.gravity[j] - state.friction[j]
+        state.scratch[j] = excess / params.inertia[j] if driven else 0.0
 
 
 @lean_kernel

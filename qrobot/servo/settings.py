@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
+from qrobot.servo.forms import DEFAULT_FORM, find_form
 from qrobot.servo.law import DEFAULT_LAW, find_law
+from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
 
 NS_PER_S = 1_000_000_000
 DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
@@ -19,6 +21,8 @@ class ServoSettings:
     Attributes:
         rate_hz: cycles per second; the period is rounded to whole nanoseconds.
         law: name of the control law, see `servo.law.LAWS`.
+        velocity: how velocities are estimated, see `servo.velocity.ESTIMATORS`.
+        interpolation: form of the path between setpoints, see `servo.forms.FORMS`.
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
         board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.
@@ -31,6 +35,8 @@ class ServoSettings:
 
     rate_hz: float = 1000.0
     law: str = DEFAULT_LAW
+    velocity: str = DEFAULT_ESTIMATOR
+    interpolation: str = DEFAULT_FORM
     guarded: bool = True
     guardian_timeout_ms: float = DEFAULT_TIMEOUT_MS
     board_timeout_ms: float = 1.0
@@ -52,6 +58,8 @@ class ServoSettings:
         if not set(self.sensor_channels) <= set(range(N_ADCS)):
             raise ConfigError(f"sensor channels {self.sensor_channels}: the board has 0 to {N_ADCS - 1}")
         find_law(self.law)
+        find_estimator(self.velocity)
+        find_form(self.interpolation)
 
     @property
     def period_ns(self) -> int:

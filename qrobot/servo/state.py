@@ -14,7 +14,7 @@ from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
 from qrobot.realtime.record import record_of
 from qrobot.servo.adc import AdcState, make_adc_state
-from qrobot.servo.interpolator import N_KNOTS
+from qrobot.servo.forms import N_KNOTS
 from qrobot.servo.law import MEMORY_WORDS
 from qrobot.servo.mailbox import frame_words, state_words
 from qrobot.servo.telemetry import TelemetryLayout
@@ -84,6 +84,8 @@ class ServoState(NamedTuple):
     q: Any
     q_before: Any
     v: Any
+    observed: Any  # the observer's position
+    unmodelled: Any  # the acceleration it finds that the torques do not explain
     range_min: Any  # range in force: the robot's, or wider where the arm was powered up outside it
     range_max: Any
     q_ref: Any
@@ -128,8 +130,8 @@ def make_state(n: int) -> ServoState:
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
-        q=vector(), q_before=vector(), v=vector(), q_ref=vector(), v_ref=vector(), a_ref=vector(),
-        work=dynamics_work(n),
+        q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
+        q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),

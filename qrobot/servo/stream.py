@@ -171,7 +171,9 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has
-            line_through(state.knots, j, state.f[PHASE] + 1.0, state.q[j], state.v[j] / state.f[RATE])
+            line_through(
+                state.knots, params.first_knot, j, state.f[PHASE] + 1.0, state.q[j], state.v[j] / state.f[RATE]
+            )
         if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
     return check_setpoint(

@@ -128,14 +128,14 @@ def narrow_range(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
-def _end_torque_mode(state: ServoState) -> None:
+def _end_torque_mode(params: ServoParameters, state: ServoState) -> None:
     """Joints driven by torque setpoints go on from where they are, at the speed they have, for the stop to end it."""
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT:
             state.joint_modes[j] = POSITION_SETPOINT
             state.torque_setpoint[j] = 0.0
             state.v_ref[j] = state.v[j]
-            line_through(state.knots, j, state.f[PHASE], state.q[j], state.v[j] / state.f[RATE])
+            line_through(state.knots, params.first_knot, j, state.f[PHASE], state.q[j], state.v[j] / state.f[RATE])
 
 
 @lean_kernel
@@ -146,7 +146,7 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
             state.i[AFTER_STOP] = after
         return
     end_stream(state, mail)
-    _end_torque_mode(state)
+    _end_torque_mode(params, state)
     state.i[AFTER_STOP] = after
     state.i[STOP_SINCE_NS] = now_ns
     state.f[RATE_AT_STOP] = state.f[RATE]

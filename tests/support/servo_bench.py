@@ -86,6 +86,8 @@ class ServoBench:
         *,
         rate_hz: float = 1000.0,
         law: str | Law = "qrobot",
+        velocity: str = "difference",
+        interpolation: str = "quintic",
         guarded: bool = False,
         pose: str = "park",
         calibrated: bool = True,
@@ -93,7 +95,13 @@ class ServoBench:
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
-        self.settings = ServoSettings(rate_hz=rate_hz, guarded=guarded, sensor_channels=sensor_channels)
+        self.settings = ServoSettings(
+            rate_hz=rate_hz,
+            velocity=velocity,
+            interpolation=interpolation,
+            guarded=guarded,
+            sensor_channels=sensor_channels,
+        )
         self.params = servo_parameters(self.robot, self.settings)
         self.state = make_state(n)
         self.law = find_law(law) if isinstance(law, str) else law

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.servo.interpolator import LOOK_AHEAD_FRAMES, PEAK_SLOPE
+from qrobot.servo.forms import FORMS, QUINTIC, Form
+from qrobot.servo.interpolator import PEAK_SLOPE
 from qrobot.servo.modes import Mode
 from qrobot.servo.stream import PLAYOUT_FRAMES
 from qrobot.servo.telemetry import Rows
@@ -16,7 +17,7 @@ from tests.support.servo_bench import FRAME_NS, ServoBench, changes, cruise, mov
 
 FRAME_S = FRAME_NS * 1e-9
 OUT_AND_BACK = np.array([0.3, -0.2, 0.4, 0.5, -0.5, 0.6])
-DELAY_FRAMES = PLAYOUT_FRAMES + LOOK_AHEAD_FRAMES
+DELAY_FRAMES = PLAYOUT_FRAMES + QUINTIC.delay_frames
 
 
 def continuous(bench: ServoBench, rows: Rows) -> bool:
@@ -53,6 +54,53 @@ def test_the_reference_is_the_path_two_and_a_half_frames_late(period_ms: int, ra
     assert bench.mode is Mode.TRACKING
     assert bench.snapshot.missed_frames == 0
     assert continuous(bench, rows)
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_every_form_follows_the_path_as_many_frames_late_as_it_says(form: Form) -> None:
+    bench = ServoBench(interpolation=form.name).hold()
+    program = play(bench, cruise(bench.q, 0.3 * OUT_AND_BACK))
+    bench.run(1.0)
+    late_s = (bench.rows()["t_ns"] - program.start_ns) * 1e-9 - (PLAYOUT_FRAMES + form.delay_frames) * FRAME_S
+    wanted = np.array([program.path(t) for t in late_s])
+    np.testing.assert_allclose(bench.rows()["q_ref"][-300:], wanted[-300:], atol=1e-9)  # a straight line by now
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_in_every_form_a_lost_stream_stops_on_the_line_it_was_on(form: Form) -> None:
+    bench = ServoBench(interpolation=form.name).hold()
+    start, velocity = bench.q.copy(), np.array([0.8, -0.4, 0.6, 0.3, -0.5, 0.9])
+    play(bench, cruise(start, velocity), last=30)
+    stopped(bench)
+    rows = bench.rows()
+    moved = rows["q_ref"] - start
+    np.testing.assert_allclose(moved, np.outer(moved[:, 0] / velocity[0], velocity), atol=1e-9)
+    stop = rows[rows["mode"] == Mode.STOPPING]
+    assert np.all(np.diff(np.abs(stop["v_ref"][:, 0])) <= 1e-9)
+    assert np.abs(stop["a_ref"]).max(axis=0) == pytest.approx(
+        PEAK_SLOPE * np.abs(velocity) / (len(stop) * bench.settings.period_ns * 1e-9), rel=0.02
+    )
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_in_every_form_a_torque_joint_goes_on_from_where_it_is(form: Form) -> None:
+    bench = ServoBench(interpolation=form.name).hold()
+
+    def edit(seq: int, modes: list[int], values: np.ndarray) -> None:
+        modes[5] = 2 if 5 < seq < 20 else 1
+        values[5] = 0.5 if 5 < seq < 20 else bench.q[5]
+
+    play(bench, swing(bench.q, 0.0 * OUT_AND_BACK, 2.0), edit=edit)
+    bench.run(0.2)
+    bench.follows = False
+    before = bench.q.copy()
+    bench.before.append(lambda now_ns: bench.q.__setitem__(5, before[5] + 0.2 * (now_ns - began_ns) * 1e-9))
+    began_ns = bench.now_ns
+    bench.until(lambda: bench.state.joint_modes[5] == 1)
+    rows = bench.rows()[-2:]
+    assert abs(np.diff(rows["q_ref"][:, 5])[0]) < 0.001
+    if form.continuity:
+        assert rows["v_ref"][-1, 5] == pytest.approx(0.2, rel=0.1)
 
 
 def test_setpoints_are_reached_exactly_at_frame_boundaries() -> None:
