@@ -13,6 +13,7 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 from qrobot.cli.console import note, out, write_json
+from qrobot.cli.log_compare import compare
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -116,6 +117,9 @@ def plot(
         path = (output or file.parent) / f"{file.stem}-{name}.png"
         save_figure(FIGURES[name](log), path)
         out.print(str(path), markup=False)
+
+
+app.command(compare)
 
 
 @app.command

@@ -114,13 +114,13 @@ def _joint_figure(log: Log, title: str, quantity: str, units: tuple[str, str], v
 
 def _plot_joints(axes: Axes, log: Log, joints: Sequence[int], values: NDArray[Any]) -> None:
     for j in joints:
-        time_s, line = _thin(log.time_s, values[:, j])
+        time_s, line = thin(log.time_s, values[:, j])
         colour, dash = COLOURS[j % len(COLOURS)], DASHES[j // len(COLOURS) % len(DASHES)]
         axes.plot(time_s, line, label=log.header.joint_names[j], color=colour, linestyle=dash)
     axes.margins(x=0.01)
 
 
-def _thin(time_s: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def thin(time_s: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The line through the smallest and largest value of each stretch: no peak is lost, however long the log."""
     stretch = 2 * -(-values.size // MAX_POINTS)
     if stretch <= 2:

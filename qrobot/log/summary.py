@@ -50,14 +50,15 @@ class TrackingSummary:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        return {key: _without_nan(value) for key, value in asdict(self).items()}
+        return {key: plain_numbers(value) for key, value in asdict(self).items()}
 
 
-def _without_nan(value: Any) -> Any:
+def plain_numbers(value: Any) -> Any:
+    """The same for JSON: NaN, which it does not know, becomes None."""
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
+        return {key: plain_numbers(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return [_without_nan(item) for item in value]
+        return [plain_numbers(item) for item in value]
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
