@@ -22,6 +22,7 @@ from qrobot.wire import document  # noqa: E402
 
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "faults": tables.faults,
+    "breakable": tables.breakable,
     "modes": tables.mode_diagram,
     "laws": tables.laws,
     "telemetry": tables.telemetry,
@@ -46,6 +47,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/laws.md": rewrite,
     "reference/telemetry.md": rewrite,
     "explanation/safety.md": rewrite,
+    "how-to/inject-faults.md": rewrite,
 }
 
 

@@ -1,4 +1,4 @@
-"""Tables of the reference pages that are read from the code: faults, modes, laws, telemetry."""
+"""Tables of the reference pages that are read from the code: faults, what can break, modes, laws, telemetry."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from qrobot.servo import modes
 from qrobot.servo.guard import stop_category
 from qrobot.servo.law import DEFAULT_LAW, LAWS
 from qrobot.servo.telemetry import COUNTERS, SCALARS, VECTORS
+from qrobot.sim_board.faults import KINDS
 
 SERVO: Final = Path(__file__).parents[1] / "qrobot/servo"
 
@@ -46,6 +47,19 @@ def faults() -> str:
 def raised_codes() -> set[str]:
     """Names of the codes that the servo raises: those its modules turn into plain numbers for the compiled cycle."""
     return {name for path in SERVO.glob("*.py") for name in re.findall(r"int\(FaultCode\.(\w+)\)", path.read_text())}
+
+
+def breakable() -> str:
+    """Everything that can be made to break in an emulated board."""
+    rows = (
+        (
+            f"`{kind.address} {kind.name}`",
+            "" if kind.default is None else f"{kind.default:g} {kind.unit}",
+            f"it {kind.what}",
+        )
+        for kind in KINDS
+    )
+    return table(("component and kind", "value, unless given", "what happens"), rows)
 
 
 def mode_diagram() -> str:

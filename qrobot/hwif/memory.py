@@ -7,7 +7,8 @@ Process image in, ordered operation list out:
   strictly in the order posted. A read with a side effect (ADC_START on revision E) is an operation too;
 * every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring;
 * an emulated board has an operator's panel as well: emergency stop, ARM POWER button, discrete and analogue inputs, a
-  push on each joint. A controller never touches it; tests, the pendant and a person at the command line do.
+  push on each joint, faults to inject. A controller never touches it; tests, the pendant and a person at the command
+  line do.
 
 The words live in a NumPy array of one process (lock-step, tests) or in a `Segment` shared by several: the kernels below
 do not know. All words are int64; times are CLOCK_MONOTONIC nanoseconds, or virtual ones in lock-step.
@@ -26,7 +27,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 
-LAYOUT: Final = 1
+LAYOUT: Final = 2
 
 
 class Lane(IntEnum):
@@ -49,6 +50,7 @@ BOARD_JOINTS: Final = HEADER_WORDS + 1
 BOARD_REVISION: Final = HEADER_WORDS + 2  # ord("E") or ord("F")
 BOARD_ILLEGAL_OPS: Final = HEADER_WORDS + 3  # operations on offsets of the wrong direction: ignored and counted [A]
 BOARD_SKIPPED: Final = HEADER_WORDS + 4  # periods an emulated board gave up because it was too late to catch up
+BOARD_NOW_NS: Final = HEADER_WORDS + 5  # time of an emulated board's newest sample, shown or not
 
 # The image: sequence, then time stamp, count and the input words as one seqlocked block.
 IMAGE_SEQ: Final = 16
@@ -78,7 +80,12 @@ PANEL_INPUTS: Final = PANEL_START + 2  # levels of discrete inputs 1-5 in their 
 PANEL_ANALOG: Final = PANEL_START + 8  # microvolts at the eight ADC channels; those with a potentiometer ignore it
 PANEL_PUSH: Final = PANEL_ANALOG + N_ADCS  # micro-N.m (micro-N for prismatic joints) somebody applies to each joint
 PANEL_MICRO: Final = 1_000_000
-N_WORDS: Final = PANEL_PUSH + N_ENCODERS
+# Faults injected into it: how many slots are in use, then the slots, laid out by `sim_board.injection`.
+FAULT_SLOTS: Final = 16
+FAULT_FIELDS: Final = 8
+PANEL_FAULTS: Final = PANEL_PUSH + N_ENCODERS
+PANEL_FAULT_SLOTS: Final = PANEL_FAULTS + 1
+N_WORDS: Final = PANEL_FAULT_SLOTS + FAULT_SLOTS * FAULT_FIELDS
 
 
 def create_board_memory(arm: str) -> Segment:

@@ -20,6 +20,8 @@ from qrobot.hwif.memory import PANEL_ANALOG, PANEL_MICRO
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
+from qrobot.sim_board.lehmer import first_state, normal
+from qrobot.sim_board.upset import POT_GAIN, POT_NOISE, POT_SHIFT, Knobs
 
 WAVE_UNITS: Final = 20.0  # [A] amplitude; 14 rms against 11-22 in the vendor's table
 WAVE_LENGTH_REVS: Final = 37.0  # [A] slow, and not a divisor of the range
@@ -27,9 +29,6 @@ NOISE_UNITS: Final = 5.0  # [A]
 
 _F_FULL_SCALE: Final = 32767
 _E_FULL_SCALE: Final = 255
-# Park and Miller's minimal standard generator, 1993 multiplier: exact in 64-bit integers, so runs are bit-identical.
-_LEHMER_MULTIPLIER: Final = 48271
-_LEHMER_MODULUS: Final = 2147483647
 
 
 class Analog(NamedTuple):
@@ -59,26 +58,10 @@ def make_analog(
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, N_ENCODERS)
     zeros = np.zeros(N_ENCODERS)
     zeros[: zero.size] = zero
-    state = np.array([1 + seed % (_LEHMER_MODULUS - 1)])
+    state = first_state(seed)
     slopes, waves = np.full(N_ENCODERS, slope), np.full(N_ENCODERS, wave)
     wiper, external = np.zeros(N_ENCODERS), np.zeros(N_ADCS)
     return Analog(wiper, zeros, slopes, waves, phases, state, external, zero.size, noise, backlash)
-
-
-@lean_kernel
-def uniform(random: NDArray[np.int64]) -> float:
-    """Next number of the generator, in (0, 1)."""
-    random[0] = random[0] * _LEHMER_MULTIPLIER % _LEHMER_MODULUS
-    return float(random[0] / _LEHMER_MODULUS)
-
-
-@lean_kernel
-def normal(random: NDArray[np.int64]) -> float:
-    """Standard normal to within the tails: twelve uniforms less six (bounded by 6, as noise of a converter is)."""
-    total = -6.0
-    for _ in range(12):
-        total += uniform(random)
-    return total
 
 
 @lean_kernel
@@ -91,19 +74,20 @@ def turn_wipers(analog: Analog, shaft: NDArray[np.float64], counts_per_rev: NDAr
 
 
 @lean_kernel
-def pot_units(analog: Analog, joint: int) -> float:
+def pot_units(analog: Analog, knob: Knobs, joint: int) -> float:
     """Reading of a potentiometer now, converter units of revision F before rounding; draws fresh noise."""
     turns = analog.wiper[joint]
     wave = math.sin(2.0 * math.pi * turns / WAVE_LENGTH_REVS + analog.wave_phase[joint])
     smooth = analog.zero[joint] + analog.slope[joint] * turns + analog.wave[joint] * wave
-    return float(smooth + analog.noise * normal(analog.random))
+    noise = knob[POT_NOISE, joint] * analog.noise * normal(analog.random)
+    return float(knob[POT_GAIN, joint] * (smooth + noise))
 
 
 @lean_kernel
-def input_volts(analog: Analog, memory: Words, channel: int) -> float:
+def input_volts(analog: Analog, memory: Words, knob: Knobs, channel: int) -> float:
     """Voltage at ADC channel 0..7: a potentiometer, or what panel and sensors set at a free channel."""
     if channel < analog.n_pots:
-        return pot_units(analog, channel) * ADC_F_VOLT_PER_COUNT
+        return float(pot_units(analog, knob, channel) * ADC_F_VOLT_PER_COUNT + knob[POT_SHIFT, channel])
     return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO + analog.external[channel])
 
 

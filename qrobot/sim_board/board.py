@@ -72,6 +72,19 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wipers
 from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, sample_encoders
+from qrobot.sim_board.upset import (
+    ADC_STUCK,
+    BRAKE_LATE_NS,
+    DEAF,
+    ESTOP_PRESSED,
+    POWER_OFF,
+    Upset,
+    make_upset,
+    settle_amplifiers,
+    settle_brakes,
+    spoil_image,
+    turn_counters,
+)
 
 CONVERSION_NS: Final = 20_000  # [A] longer than one I/O cycle, as the revision E sequence needs
 BRAKE_RELEASE_NS: Final = 30_000_000  # [A]
@@ -107,15 +120,19 @@ class Board(NamedTuple):
 
     encoders: Encoders
     analog: Analog
-    dac: NDArray[np.int64]  # [8] 12-bit words
+    upset: Upset  # what faults make of it
+    dac: NDArray[np.int64]  # [8] 12-bit words, as written
+    amplified: NDArray[np.int64]  # [8] the words the amplifiers see
+    brake: NDArray[np.float64]  # [6] share of its holding torque each brake has: 0 open, 1 closed
+    counted: NDArray[np.float64]  # [6] shaft positions as the encoders have them
     register: NDArray[np.int64]  # [N_REGISTERS]
     image: NDArray[np.int64]  # [IMAGE_WORDS] scratch
     operation: NDArray[np.int64]  # [OP_FIELDS] scratch
     options: BoardOptions
 
 
-def make_board(encoders: Encoders, analog: Analog, options: BoardOptions) -> Board:
-    """A board just powered up: zero torque, everything off, brakes closed, not calibrated."""
+def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: int = 0) -> Board:
+    """A board just powered up: zero torque, everything off, brakes closed, not calibrated. The seed is its faults'."""
     register = np.zeros(N_REGISTERS, np.int64)
     register[REG_FLAGS] = FLIP_FLOPS
     register[REG_BRAKED] = 1
@@ -123,7 +140,17 @@ def make_board(encoders: Encoders, analog: Analog, options: BoardOptions) -> Boa
     register[REG_ADC_DONE_NS] = _ADC_IDLE
     dac = np.full(N_DACS, DAC_ZERO, np.int64)
     return Board(
-        encoders, analog, dac, register, np.zeros(IMAGE_WORDS, np.int64), np.zeros(OP_FIELDS, np.int64), options
+        encoders=encoders,
+        analog=analog,
+        upset=make_upset(seed),
+        dac=dac,
+        amplified=dac.copy(),
+        brake=np.ones(N_ENCODERS),
+        counted=np.zeros(N_ENCODERS),
+        register=register,
+        image=np.zeros(IMAGE_WORDS, np.int64),
+        operation=np.zeros(OP_FIELDS, np.int64),
+        options=options,
     )
 
 
@@ -145,7 +172,7 @@ def _write_discrete(board: Board, value: int) -> None:
 def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
     """Sample the selected channel; its code shows `conversion_ns` later."""
     register = board.register
-    volts = input_volts(board.analog, memory, register[REG_ADC_CHANNEL])
+    volts = input_volts(board.analog, memory, board.upset.knob, register[REG_ADC_CHANNEL])
     register[REG_ADC_SAMPLE] = convert_f(volts) if board.options.revision_f else convert_e(volts)
     register[REG_ADC_DONE_NS] = t_ns + board.options.conversion_ns
 
@@ -198,19 +225,20 @@ def _watch(register: Words, dac: Words, watchdog_ns: int, t_ns: int) -> None:
 
 
 @lean_kernel
-def _update_power(register: Words, options: BoardOptions, memory: Words, t_ns: int) -> None:
+def _update_power(register: Words, switch: Words, options: BoardOptions, memory: Words, t_ns: int) -> None:
     """Arm power from enable bit, panel and emergency stop; brakes follow with their delays."""
     presses = load_acquire(memory, PANEL_PRESSES)
     pressed = register[REG_PRESSED] == 1 or presses != register[REG_PRESSES]
-    register[REG_ESTOP_OK] = 1 if load_acquire(memory, PANEL_ESTOP) == 0 else 0
-    allowed = register[REG_DISCRETE] & DISCRETE_POWER != 0 and register[REG_ESTOP_OK] == 1
+    register[REG_ESTOP_OK] = 1 if load_acquire(memory, PANEL_ESTOP) == 0 and switch[ESTOP_PRESSED] == 0 else 0
+    healthy = register[REG_ESTOP_OK] == 1 and switch[POWER_OFF] == 0
+    allowed = healthy and register[REG_DISCRETE] & DISCRETE_POWER != 0
     kept = register[REG_POWER] == 1 and register[REG_DROPPED] == 0
     power = 1 if allowed and (kept or pressed) else 0
     if power != register[REG_POWER]:
         register[REG_SWITCHED_NS] = t_ns
     register[REG_POWER], register[REG_PRESSES], register[REG_PRESSED], register[REG_DROPPED] = power, presses, 0, 0
     delay_ns = options.brake_release_ns if power else options.brake_engage_ns
-    if register[REG_BRAKED] == power and t_ns - register[REG_SWITCHED_NS] >= delay_ns:
+    if register[REG_BRAKED] == power and t_ns - register[REG_SWITCHED_NS] >= delay_ns + switch[BRAKE_LATE_NS]:
         register[REG_BRAKED] = 1 - power
 
 
@@ -221,9 +249,12 @@ def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
         for _ in range(LANE_CAPACITY):
             if not take_operation(memory, lane, board.operation):
                 break
-            _apply(board, memory, lane, t_ns)
+            if board.upset.switch[DEAF] == 0:
+                _apply(board, memory, lane, t_ns)
     _watch(board.register, board.dac, board.options.watchdog_ns, t_ns)
-    _update_power(board.register, board.options, memory, t_ns)
+    _update_power(board.register, board.upset.switch, board.options, memory, t_ns)
+    settle_amplifiers(board.upset.knob, board.dac, board.amplified)
+    settle_brakes(board.upset.knob, board.register[REG_BRAKED], board.brake)
 
 
 @lean_kernel
@@ -233,17 +264,19 @@ def _count(board: Board, shaft: NDArray[np.float64]) -> None:
     armed = register[REG_DISCRETE] & STATUS_INDEX
     pending = armed & register[REG_FLAGS]
     repeated = armed if board.options.relatch else 0
-    latched = sample_encoders(board.encoders, shaft, pending // INDEX_BIT_0, repeated // INDEX_BIT_0)
+    turn_counters(board.upset.knob, shaft, board.counted)
+    latched = sample_encoders(board.encoders, board.counted, pending // INDEX_BIT_0, repeated // INDEX_BIT_0)
     register[REG_FLAGS] &= ~(latched * INDEX_BIT_0)
     turn_wipers(board.analog, shaft, board.encoders.counts_per_rev)
 
 
 @lean_kernel
-def _finish_conversion(register: Words, t_ns: int) -> None:
+def _finish_conversion(register: Words, switch: Words, t_ns: int) -> None:
     """Show the code when its time has come; the done flip-flop drops when it is armed."""
     if register[REG_ADC_DONE_NS] == _ADC_IDLE or t_ns < register[REG_ADC_DONE_NS]:
         return
-    register[REG_ADC_VALUE] = register[REG_ADC_SAMPLE]
+    if switch[ADC_STUCK] == 0:
+        register[REG_ADC_VALUE] = register[REG_ADC_SAMPLE]
     register[REG_ADC_DONE_NS] = _ADC_IDLE
     register[REG_FLAGS] &= ~(register[REG_DISCRETE] & STATUS_ADC_BUSY)
 
@@ -261,7 +294,7 @@ def _status(register: Words, memory: Words) -> int:
 def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
     _count(board, shaft)
-    _finish_conversion(board.register, t_ns)
+    _finish_conversion(board.register, board.upset.switch, t_ns)
     image, register, latch, counter = board.image, board.register, board.encoders.latch, board.encoders.counter
     register[REG_COUNT] += 1
     image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, register[REG_COUNT]
@@ -270,4 +303,5 @@ def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns
         image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = counter[channel]
     image[IMAGE_INPUTS + STATUS // 2] = _status(register, memory)
     image[IMAGE_INPUTS + ADC_VALUE // 2] = register[REG_ADC_VALUE]
-    publish_image(memory, image)
+    if spoil_image(board.upset, image):
+        publish_image(memory, image)

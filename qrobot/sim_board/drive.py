@@ -47,7 +47,7 @@ class Drive(NamedTuple):
     stribeck_slowness: Floats  # 1 / v_s
     stiffness_dt: Floats  # k dt
     damping_share: Floats  # d / (k dt)
-    brake: Floats  # added to the friction limit when the brakes are closed; 0 for joints without
+    brake: Floats  # added to the friction limit by a closed brake; 0 for joints without
     coupling: Floats  # [n, n], C
     load: Floats  # state y
     tau_motor: Floats  # last motor torque less friction
@@ -80,11 +80,14 @@ def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) 
 
 
 @lean_kernel
-def friction_torque(drive: Drive, joint: int, velocity: float, brakes_closed: bool) -> float:
-    """Torque friction takes from a motor at `velocity`, N.m in joint units; advances the bristle by one step."""
+def friction_torque(drive: Drive, joint: int, velocity: float, braked: float) -> float:
+    """Torque friction takes from a motor at `velocity`, N.m in joint units; advances the bristle by one step.
+
+    `braked` is the share of its holding torque the joint's brake has now, 0 when it is open.
+    """
     slowness = velocity * drive.stribeck_slowness[joint]
     rise = 1.0 + (drive.stiction - 1.0) / (1.0 + slowness * slowness)
-    brake = drive.brake[joint] if brakes_closed else 0.0
+    brake = braked * drive.brake[joint]
     upper = drive.coulomb_pos[joint] * rise + brake
     lower = -drive.coulomb_neg[joint] * rise - brake
     before = drive.load[joint]
@@ -96,7 +99,7 @@ def friction_torque(drive: Drive, joint: int, velocity: float, brakes_closed: bo
 
 @lean_kernel
 def drive_torque(
-    drive: Drive, dac: NDArray[np.int64], powered: bool, brakes_closed: bool, velocity: Floats, tau_joint: Floats
+    drive: Drive, dac: NDArray[np.int64], powered: bool, braked: Floats, velocity: Floats, tau_joint: Floats
 ) -> None:
     """Joint torques of one step: amplifiers less friction, seen through the coupling.
 
@@ -104,7 +107,7 @@ def drive_torque(
         drive: the drives, whose bristles advance by one step.
         dac: int64[>= n] DAC words.
         powered: amplifiers are on.
-        brakes_closed: brakes add to friction.
+        braked: float64[>= n] share of its holding torque each brake adds to friction.
         velocity: float64[n] joint velocities.
         tau_joint: float64[n] torques on the joints (out).
     """
@@ -114,7 +117,7 @@ def drive_torque(
         for j in range(n):
             motor_velocity += coupling[i, j] * velocity[j]
         amplifier = (dac[i] - DAC_ZERO) * drive.torque_per_count[i] if powered else 0.0
-        drive.tau_motor[i] = amplifier - friction_torque(drive, i, motor_velocity, brakes_closed)
+        drive.tau_motor[i] = amplifier - friction_torque(drive, i, motor_velocity, braked[i])
     for j in range(n):
         total = 0.0
         for i in range(n):

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import BOARD_JOINTS, BOARD_PERIOD_NS, BOARD_REVISION, PANEL_MICRO, PANEL_PRESSES, PANEL_PUSH
+from qrobot.hwif.memory import (
+    BOARD_JOINTS,
+    BOARD_NOW_NS,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    PANEL_MICRO,
+    PANEL_PRESSES,
+    PANEL_PUSH,
+)
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import record_of
@@ -28,10 +36,13 @@ from qrobot.sim_board.board import (
 )
 from qrobot.sim_board.drive import Drive, drive_torque, make_drive
 from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
+from qrobot.sim_board.faults import FaultPlan
+from qrobot.sim_board.injection import FaultPanel, apply_faults
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.sim_board.mujoco_plant import Scene, load_plant
 from qrobot.sim_board.plant import Physics, Plant, PlantOwner, step_plant
 from qrobot.sim_board.rigid_plant import RigidPlant
+from qrobot.sim_board.upset import ENC_TURNED, PUSH
 
 PLANT_HZ: Final = 4000
 NS_PER_S: Final = 1_000_000_000
@@ -75,15 +86,17 @@ def _come_to_rest(v: Floats) -> None:
 def advance(bundle: EmulatorBundle, memory: Words, now_ns: int, sample_ns: int) -> None:
     """One plant step: apply what was posted until `now_ns`, move the arm, publish the image of `sample_ns`."""
     board, plant = bundle.board, bundle.plant
+    apply_faults(board, memory, now_ns)
     accept_operations(board, memory, now_ns)
-    powered, braked = board.register[REG_POWER] == 1, board.register[REG_BRAKED] == 1
+    powered = board.register[REG_POWER] == 1
     _come_to_rest(plant.v)
-    drive_torque(bundle.drive, board.dac, powered, braked, plant.v, plant.torque)
+    drive_torque(bundle.drive, board.amplified, powered, board.brake, plant.v, plant.torque)
     for i in range(plant.torque.size):
-        plant.torque[i] += memory[PANEL_PUSH + i] / PANEL_MICRO
+        plant.torque[i] += memory[PANEL_PUSH + i] / PANEL_MICRO + board.upset.knob[PUSH, i]
     step_plant(plant)
     turn_shafts(bundle)
     publish_sample(board, memory, bundle.shaft, sample_ns)
+    memory[BOARD_NOW_NS] = sample_ns
 
 
 @lean_kernel
@@ -114,6 +127,7 @@ class Emulator:
         plant_hz: plant and board steps per second.
         options: the board's; default those of the robot file's revision.
         seed: of potentiometer waviness and noise.
+        faults: what breaks, from the time a controller is connected on.
         scene: what stands around the arm.
         physics: "mujoco", or "rigid": several times faster, without contact and so without a scene.
         payload_kg: point mass at the flange, of which the controller does not know.
@@ -139,17 +153,20 @@ class Emulator:
         physics: Physics = "mujoco",
         payload_kg: float = 0.0,
         pots: bool = True,
+        faults: FaultPlan | None = None,
     ) -> None:
         if robot.n > N_ENCODERS:
             raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
         self.robot = robot
         self.mismatch = mismatch or PlantMismatch.nominal(robot.n)
+        self._plan = faults or FaultPlan()
+        self._panel: FaultPanel | None = None
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
         self.memory = _make_plant(physics, robot, dt, self.mismatch.gravity, scene, payload_kg)
         transmission, default = robot.transmission, BoardOptions(revision_f=robot.board.revision == "F")
         self.bundle = EmulatorBundle(
-            board=record_of(_make_board(robot, options or default, seed, pots)),
+            board=record_of(_make_board(robot, options or default, seed, pots, self._plan.seed)),
             drive=record_of(make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt)),
             plant=self.memory.plant,
             counts_per_unit=1.0 / transmission.rad_per_count,
@@ -165,6 +182,7 @@ class Emulator:
         board, n = self.bundle.board, self.robot.n
         edge = np.floor(self.bundle.shaft + 0.5).astype(np.int64)
         board.encoders.edge[:] = edge
+        board.upset.knob[ENC_TURNED, :N_ENCODERS] = self.bundle.shaft
         board.analog.wiper[:] = self.bundle.shaft / board.encoders.counts_per_rev
         if calibrated:
             board.encoders.counter[:n] = edge[:n] + self.robot.transmission.count_offset & COUNTER_MASK
@@ -176,7 +194,17 @@ class Emulator:
         memory[BOARD_JOINTS] = self.robot.n
         memory[BOARD_REVISION] = ord("F" if self.bundle.board.options.revision_f else "E")
         self.bundle.board.register[REG_PRESSES] = memory[PANEL_PRESSES]  # presses of the past
+        memory[BOARD_NOW_NS] = t_ns
+        self._panel = FaultPanel(memory)
+        self._panel.extend(self._plan)
         publish_sample(self.bundle.board, memory, self.bundle.shaft, t_ns)
+
+    @property
+    def faults(self) -> FaultPanel:
+        """Where faults are injected while it runs. Raises ConfigError before a controller is connected."""
+        if self._panel is None:
+            raise ConfigError("connect the emulator first: faults stand in the board memory")
+        return self._panel
 
     @property
     def q(self) -> Floats:
@@ -214,12 +242,12 @@ def _make_plant(
     return RigidPlant(robot, dt, gravity_factor, payload_kg)
 
 
-def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool) -> Board:
+def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, fault_seed: int) -> Board:
     transmission = robot.transmission
     encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
     at_zero = transmission.pot_at_zero if pots else np.zeros(0)
     analog = make_analog(at_zero, transmission.pot_per_rev, seed)
-    return make_board(encoders, analog, options)
+    return make_board(encoders, analog, options, fault_seed)
 
 
 def _pose(robot: Robot, start: str | Floats) -> Floats:

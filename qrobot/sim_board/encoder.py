@@ -27,6 +27,8 @@ class Encoders(NamedTuple):
     latch: NDArray[np.int64]  # 0..65535, what ENC_INDEX shows
     counts_per_rev: NDArray[np.int64]  # per motor revolution; joint 6 has half since revision E [V]
     phase: NDArray[np.int64]  # position of the index pulse, modulo counts_per_rev
+    pulses: NDArray[np.int64]  # index pulses per revolution: 1; by a fault 0, or 2 with one more half-way
+    odd: NDArray[np.int64]  # index pulses such a fault swallowed or added when a latch waited for one
 
 
 def make_encoders(counts_per_rev: NDArray[np.int64], phase: NDArray[np.int64]) -> Encoders:
@@ -34,8 +36,8 @@ def make_encoders(counts_per_rev: NDArray[np.int64], phase: NDArray[np.int64]) -
     revolution, index = np.ones(N_ENCODERS, np.int64), np.zeros(N_ENCODERS, np.int64)
     revolution[: counts_per_rev.size] = counts_per_rev
     index[: phase.size] = phase
-    counter, edge, latch = np.zeros((3, N_ENCODERS), np.int64)
-    return Encoders(counter, edge, latch, revolution, index)
+    counter, edge, latch, odd = np.zeros((4, N_ENCODERS), np.int64)
+    return Encoders(counter, edge, latch, revolution, index, np.ones(N_ENCODERS, np.int64), odd)
 
 
 @lean_kernel
@@ -55,6 +57,24 @@ def last_index(old: int, new: int, period: int, phase: int) -> int:
 
 
 @lean_kernel
+def latch_index(encoders: Encoders, channel: int, new: int, take_last: int) -> int:
+    """Latch the count at the first index pulse on the way to `new`, or at the last one; 1 when there was any."""
+    old, phase, pulses = encoders.edge[channel], encoders.phase[channel], encoders.pulses[channel]
+    turn = encoders.counts_per_rev[channel]
+    period = turn // max(1, pulses)
+    first = first_index(old, new, period, phase)
+    if abs(first - old) > abs(new - old):
+        return 0
+    at = last_index(old, new, period, phase) if take_last else first
+    if pulses == 0 or (at - phase) % turn != 0:
+        encoders.odd[channel] += 1
+    if pulses == 0:
+        return 0
+    encoders.latch[channel] = (encoders.counter[channel] + at - old) & COUNTER_MASK
+    return 1
+
+
+@lean_kernel
 def sample_encoders(encoders: Encoders, shaft: NDArray[np.float64], pending: int, armed: int) -> int:
     """Move all shafts to `shaft` (float64[6], counts) and latch the counts at index pulses passed on the way.
 
@@ -68,19 +88,14 @@ def sample_encoders(encoders: Encoders, shaft: NDArray[np.float64], pending: int
     Returns:
         Bit per channel that latched.
     """
-    counter, edge, latch = encoders.counter, encoders.edge, encoders.latch
+    counter, edge = encoders.counter, encoders.edge
     latched = 0
     for channel in range(N_ENCODERS):
         old, new = edge[channel], math.floor(shaft[channel] + 0.5)
         if new == old:
             continue
         if (pending | armed) >> channel & 1:
-            period, phase = encoders.counts_per_rev[channel], encoders.phase[channel]
-            first = first_index(old, new, period, phase)
-            if abs(first - old) <= abs(new - old):
-                at = last_index(old, new, period, phase) if armed >> channel & 1 else first
-                latch[channel] = (counter[channel] + at - old) & COUNTER_MASK
-                latched |= 1 << channel
+            latched |= latch_index(encoders, channel, new, armed >> channel & 1) << channel
         counter[channel] = (counter[channel] + new - old) & COUNTER_MASK
         edge[channel] = new
     return latched
