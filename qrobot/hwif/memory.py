@@ -85,7 +85,10 @@ FAULT_SLOTS: Final = 16
 FAULT_FIELDS: Final = 8
 PANEL_FAULTS: Final = PANEL_PUSH + N_ENCODERS
 PANEL_FAULT_SLOTS: Final = PANEL_FAULTS + 1
-N_WORDS: Final = PANEL_FAULT_SLOTS + FAULT_SLOTS * FAULT_FIELDS
+# Images that a slow board has taken and not shown yet; its own.
+HISTORY_IMAGES: Final = 256
+HISTORY_START: Final = PANEL_FAULT_SLOTS + FAULT_SLOTS * FAULT_FIELDS
+N_WORDS: Final = HISTORY_START + HISTORY_IMAGES * IMAGE_WORDS
 
 
 def create_board_memory(arm: str) -> Segment:

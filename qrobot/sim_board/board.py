@@ -303,5 +303,5 @@ def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns
         image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = counter[channel]
     image[IMAGE_INPUTS + STATUS // 2] = _status(register, memory)
     image[IMAGE_INPUTS + ADC_VALUE // 2] = register[REG_ADC_VALUE]
-    if spoil_image(board.upset, image):
+    if spoil_image(board.upset, memory, image):
         publish_image(memory, image)

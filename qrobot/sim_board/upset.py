@@ -15,9 +15,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_WORDS
+from qrobot.hwif.memory import HISTORY_IMAGES, HISTORY_START, IMAGE_INPUTS, IMAGE_WORDS
 from qrobot.hwif.registers import DAC_ZERO, ENC_COUNT, N_DACS, N_ENCODERS, N_INPUT_WORDS
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.segment import Words
 from qrobot.sim_board.lehmer import first_state, uniform
 
 Knobs = NDArray[np.float64]
@@ -56,7 +57,6 @@ ENC_SLIP, ENC_TURNED, ENC_STEP, N_KNOBS = range(N_RESET, N_RESET + 4)
 ) = range(9)
 DELAYED, TOUCHED, N_SWITCHES = range(N_SWITCHES_RESET, N_SWITCHES_RESET + 3)
 
-HISTORY: Final = 256  # images a late board keeps; a power of two
 _WRITTEN: Final = -1
 _KNOB_NEUTRAL: Final = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, _WRITTEN, 0.0, 1.0, 0.0])
 _SWITCH_NEUTRAL: Final = np.array([0, 0, 0, 0, 0, 0, _WRITTEN, 0])
@@ -68,17 +68,11 @@ class Upset(NamedTuple):
     knob: Knobs  # [N_KNOBS, N_CHANNELS]
     switch: NDArray[np.int64]  # [N_SWITCHES]
     random: NDArray[np.int64]  # [1] state of the generator
-    history: NDArray[np.int64]  # [HISTORY, IMAGE_WORDS] images a late board has not shown yet
 
 
 def make_upset(seed: int = 0) -> Upset:
     """Everything at neutral."""
-    upset = Upset(
-        np.zeros((N_KNOBS, N_CHANNELS)),
-        np.zeros(N_SWITCHES, np.int64),
-        first_state(seed),
-        np.zeros((HISTORY, IMAGE_WORDS), np.int64),
-    )
+    upset = Upset(np.zeros((N_KNOBS, N_CHANNELS)), np.zeros(N_SWITCHES, np.int64), first_state(seed))
     to_neutral(upset)
     return upset
 
@@ -121,7 +115,7 @@ def settle_brakes(knob: Knobs, closed: int, brake: NDArray[np.float64]) -> None:
 
 
 @lean_kernel
-def spoil_image(upset: Upset, image: NDArray[np.int64]) -> bool:
+def spoil_image(upset: Upset, memory: Words, image: NDArray[np.int64]) -> bool:
     """Make of the image (int64[IMAGE_WORDS]) what a controller gets to see; False when it sees nothing new."""
     knob, switch = upset.knob, upset.switch
     if switch[TOUCHED] == 0:
@@ -132,20 +126,21 @@ def spoil_image(upset: Upset, image: NDArray[np.int64]) -> bool:
     if switch[IMAGE_WORD] != _WRITTEN:
         for word in range(N_INPUT_WORDS):
             image[IMAGE_INPUTS + word] = switch[IMAGE_WORD]
-    _delay(upset, image)
+    _delay(upset.switch, memory, image)
     return bool(switch[IMAGE_FROZEN] == 0)
 
 
 @lean_kernel
-def _delay(upset: Upset, image: NDArray[np.int64]) -> None:
+def _delay(switch: Words, memory: Words, image: NDArray[np.int64]) -> None:
     """Replace the image by an older one; by the first one kept while there is none of that age."""
-    switch, history = upset.switch, upset.history
     if switch[IMAGE_DELAY] == 0:
         switch[DELAYED] = 0
         return
     newest = switch[DELAYED]
-    oldest = max(0, newest - min(switch[IMAGE_DELAY], HISTORY - 1))
+    oldest = max(0, newest - min(switch[IMAGE_DELAY], HISTORY_IMAGES - 1))
+    to = HISTORY_START + newest % HISTORY_IMAGES * IMAGE_WORDS
+    source = HISTORY_START + oldest % HISTORY_IMAGES * IMAGE_WORDS
     for word in range(IMAGE_WORDS):
-        history[newest % HISTORY, word] = image[word]
-        image[word] = history[oldest % HISTORY, word]
+        memory[to + word] = image[word]
+        image[word] = memory[source + word]
     switch[DELAYED] = newest + 1
