@@ -129,10 +129,11 @@ class Arm:
         if status == Status.UNREACHABLE:
             raise Unreachable(f"{where}: outside the workspace")
         if status == Status.JOINT_LIMIT:
-            raise JointLimit(f"{where}: {self._limits_passed(q)}")
+            raise JointLimit(f"{where}: {self.limits_passed(q)}")
         raise Singular(f"{where}: {SINGULAR[status]}")
 
-    def _limits_passed(self, q: Floats) -> str:
+    def limits_passed(self, q: Floats) -> str:
+        """Which joints would be out of their range at `q` (n,), in words; empty when none."""
         low, high = self.robot.limits.q_min, self.robot.limits.q_max
         names = self.robot.joint_names
         passed = [

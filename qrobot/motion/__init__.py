@@ -1,29 +1,46 @@
 """The engine under every programming library: requests in, one joint setpoint per sample out.
 
-Pure: time is an argument. `request` says what to do, `schedule` how long it takes, `path` joins legs (`leg`) by
-transitions (`blend`), `brake` and `diversion` leave it early, and `generator` decides which of them comes when.
+Pure: time is an argument. The world model is `trsf` (transforms of four kinds), `product` and `equation`. `request`
+says what to do, `course` which way leads there in the coordinates of a `chart`, `schedule` how long it takes. `path`
+joins legs (`leg`) by transitions (`blend`), `brake` and `diversion` leave it early, `watch` judges each setpoint,
+and `generator` decides which of them comes when.
 """
 
-from qrobot.motion.blend import Blend
+from qrobot.motion.blend import Blend, Correction
+from qrobot.motion.equation import Equation, Goal
 from qrobot.motion.events import EventKind, MotionEvent, Termination
-from qrobot.motion.generator import Generator, Output
+from qrobot.motion.generator import Generator
 from qrobot.motion.limits import MotionLimits, motion_limits
-from qrobot.motion.request import Duration, JointSpeed, MoveRequest, Pace, SpeedShare
+from qrobot.motion.output import Output
+from qrobot.motion.reach import Reach, reach_of
+from qrobot.motion.request import HERE, Duration, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed
+from qrobot.motion.trsf import T6, Kind, Trsf
 from qrobot.motion.warm import warm_up
 
 __all__ = [
+    "HERE",
+    "T6",
     "Blend",
+    "Correction",
     "Duration",
+    "Equation",
     "EventKind",
     "Generator",
+    "Goal",
     "JointSpeed",
+    "Kind",
+    "Mode",
     "MotionEvent",
     "MotionLimits",
     "MoveRequest",
     "Output",
     "Pace",
+    "Reach",
     "SpeedShare",
     "Termination",
+    "ToolSpeed",
+    "Trsf",
     "motion_limits",
+    "reach_of",
     "warm_up",
 ]

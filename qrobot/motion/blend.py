@@ -21,6 +21,13 @@ from typing import Final
 from qrobot.realtime.jit import kernel
 
 
+class Correction(IntEnum):
+    """Which polynomial fades out a velocity that the transition did not expect (frames that move, changes of mode)."""
+
+    CUBIC = 3  # Hayward & Paul 1986: c(h) = h (1 - h)^2; acceleration jumps at both ends
+    SMOOTH = 5  # ours: c(h) = h (1 - h)^3 (1 + 3 h); it does not
+
+
 class Blend(IntEnum):
     """Which polynomial joins two pieces of path; the number is its degree."""
 
@@ -32,6 +39,7 @@ class Blend(IntEnum):
 PEAK: Final[dict[Blend, float]] = {Blend.QUARTIC: 1.5, Blend.ZERO_JERK: 1.875}
 
 _QUARTIC: Final = int(Blend.QUARTIC)
+_CUBIC: Final = int(Correction.CUBIC)
 
 
 @kernel
@@ -60,3 +68,18 @@ def absorb(h: float) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     g = 1.0 - h
     return 0.5 * h * h * g * g * g, 0.5 * h * g * g * (2.0 - 5.0 * h), g * (1.0 + h * (-8.0 + 10.0 * h))
+
+
+@kernel
+def fade(correction: int, h: float) -> tuple[float, float, float]:
+    """(c, c', c'') of the polynomial that fades out an unexpected velocity, see `Correction`.
+
+    Adding vx D c(h) starts faster by vx and changes position and velocity nowhere else at the ends:
+    c(0) = c(1) = c'(1) = 0, c'(0) = 1. The cubic's largest value is 4/27, at h = 1/3.
+    """
+    if h >= 1.0:
+        return 0.0, 0.0, 0.0
+    g = 1.0 - h
+    if correction == _CUBIC:
+        return h * g * g, g * (1.0 - 3.0 * h), 6.0 * h - 4.0
+    return h * g * g * g * (1.0 + 3.0 * h), g * g * (1.0 + 2.0 * h - 15.0 * h * h), h * g * (60.0 * h - 36.0)

@@ -11,9 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.motion.leg import leg_from
+from qrobot.motion.course import joint_course
+from qrobot.motion.leg import Shape, leg_from
 from qrobot.motion.limits import Floats
-from qrobot.motion.path import Segment
+from qrobot.motion.path import Segment, segment_of
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.schedule import Scheduler
 
@@ -22,32 +23,36 @@ _TRIES: Final = 16
 _LONGER: Final = 1.4
 
 
-def divert(request: MoveRequest, state: Floats, clock: float, scheduler: Scheduler, following: int) -> Segment | None:
-    """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` into `request`.
+def divert(
+    request: MoveRequest,
+    target: Floats,
+    state: Floats,
+    clock: float,
+    scheduler: Scheduler,
+    shape: Shape,
+    following: int,
+) -> Segment | None:
+    """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` to `target` (n,).
 
     Longer and longer transitions are tried; None when none of them keeps the limits.
     """
     q, v, _ = state
     transition = 1
     for _ in range(_TRIES):
-        distance = request.target - (q + v * (transition * scheduler.period_s))
-        schedule = scheduler.plan(request, distance, v, least=transition, following=following)
+        corner = q + v * (transition * scheduler.period_s)
+        course = joint_course(corner, target)
+        schedule = scheduler.plan(request, course, v, least=transition, following=following)
         if schedule.transition == transition:  # else the corner lies elsewhere
-            velocity = distance / (schedule.length * scheduler.period_s)
-            if _safe(state, velocity, transition, scheduler):
-                return Segment(request, clock + transition, schedule, velocity)
+            segment = segment_of(request, course, schedule, clock + transition, scheduler.period_s)
+            if _safe(state, segment.velocity, transition, scheduler, shape):
+                return segment
             transition = int(_LONGER * transition) + 1
         else:
             transition = schedule.transition
     return None
 
 
-def _safe(state: Floats, velocity: Floats, transition: int, scheduler: Scheduler) -> bool:
+def _safe(state: Floats, velocity: Floats, transition: int, scheduler: Scheduler, shape: Shape) -> bool:
     """True when the transition keeps the limits wherever it is looked at."""
     leg = leg_from(state, velocity, 0.0, 2.0 * transition)
-    out = np.empty_like(state)
-    for look in np.linspace(0.0, leg.length, _LOOKS + 1)[1:]:
-        leg.state(look, scheduler.period_s, scheduler.blend, 1.0, 0.0, out)
-        if not scheduler.limits.allow(out):
-            return False
-    return True
+    return all(scheduler.limits.allow(leg.state(look, shape)) for look in np.linspace(0.0, leg.length, _LOOKS + 1)[1:])

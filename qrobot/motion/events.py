@@ -13,7 +13,11 @@ class Termination(IntEnum):
 
     NONE = 0
     COMPLETED = -1
-    STOPPED = -2
+    STOPPED = -2  # by `stop`, or because a motion before it failed
+    JOINT_LIMIT = -3  # a joint would have left its range
+    UNREACHABLE = -4  # the goal, or a place on the way to it, is out of the arm's reach
+    SINGULAR = -5  # the way led too close to a singularity
+    TOO_FAST = -6  # a joint would have passed its speed or acceleration, as when a frame jumps
 
 
 class EventKind(Enum):
@@ -21,6 +25,7 @@ class EventKind(Enum):
 
     BEGUN = "begun"  # the transition into the request's segment begins
     ENDED = "ended"  # the next one's begins, or the arm came to rest
+    LOST = "lost"  # the arm had arrived, but could not follow the goal any further
     IDLE = "idle"  # the arm is at rest and nothing waits
 
 

@@ -5,50 +5,40 @@
     while (output := generator.update(tick)).moving:
         tick += 1
 
-A request becomes a segment between two corners of the path. When another request follows in time, the path turns round
-the corner in a transition and never reaches it; otherwise the arm comes to rest there. Position, velocity and
-acceleration of the setpoints are continuous whatever happens, and stay within the limits.
+A request becomes a segment between two corners of the path, straight in the coordinates of its chart (chart.py). When
+another request follows in time, the path turns round the corner in a transition and never reaches it; otherwise the arm
+comes to rest there, relative to the goal when the goal moves, and stays with it. Position, velocity and acceleration of
+the setpoints are continuous whatever happens. On joint paths they are planned within the limits; of other setpoints,
+whose goals may move, each is judged before it goes out, and an absolute stop takes the place of one that must not be.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from qrobot.errors import MotionError
-from qrobot.motion.blend import Blend
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.brake import Brake, fitting_brake
+from qrobot.motion.chart import JOINTS
+from qrobot.motion.course import Course
 from qrobot.motion.diversion import divert
+from qrobot.motion.errand import Errand
 from qrobot.motion.events import EventKind, MotionEvent, Termination
+from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.output import Halt, Output
 from qrobot.motion.path import Path, Segment
+from qrobot.motion.planner import Departure, Planner, Room
 from qrobot.motion.queue import QUEUE_SIZE, RequestQueue
+from qrobot.motion.reach import Reach
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.schedule import Schedule, Scheduler
-
-
-@dataclass(frozen=True, eq=False)
-class Output:
-    """One sample.
-
-    Attributes:
-        q: joint setpoints, rad or m. Shape (n,).
-        request: being served, None at rest.
-        scal: how much of its segment is done, 0 to 1; 1 at rest.
-        events: what happened since the sample before, oldest first.
-        moving: a request is being served, or waits.
-    """
-
-    q: Floats
-    request: MoveRequest | None
-    scal: float
-    events: tuple[MotionEvent, ...]
-    moving: bool
+from qrobot.motion.schedule import Schedule
+from qrobot.motion.trail import Samples, Trail, motion_of
+from qrobot.motion.watch import halting_s, judge, reason
 
 
 class Generator:
-    """Joint-interpolated motion of one arm.
+    """Motion of one arm.
 
     Args:
         limits: of the arm.
@@ -57,6 +47,8 @@ class Generator:
         tick: number of that sample.
         blend: polynomial of the transitions.
         queue_size: how many requests may wait.
+        reach: kinematics of the arm; without them only joint positions can be gone to.
+        correction: polynomial that fades out a velocity the transition did not expect.
     """
 
     def __init__(
@@ -67,18 +59,27 @@ class Generator:
         tick: int = 0,
         blend: Blend = Blend.QUARTIC,
         queue_size: int = QUEUE_SIZE,
+        reach: Reach | None = None,
+        correction: Correction = Correction.SMOOTH,
     ) -> None:
         self.period_s = period_s
         self._limits = limits
-        self._blend = blend
-        self._scheduler = Scheduler(limits, period_s, blend)
+        self._shape = Shape(period_s, blend, correction)
+        self._planner = Planner(limits, self._shape, reach)
+        self._scheduler = self._planner.scheduler
+        self._reach = reach
         self._queue = RequestQueue(queue_size)
-        self._path = Path(q, period_s, blend)
+        self._path = Path(q, self._shape)
+        self._trail = Trail(tick, q)
         self._tick = tick
-        self._clock = 0.0  # path time, in samples; as fast as the ticks except during a stop
+        self._clock = 0.0  # path time, in samples; as fast as the ticks except during a brake
+        self._told_clock = 0.0  # path time of the newest setpoint given out
         self._brake: Brake | None = None
         self._brake_tick = 0
-        self._planned: tuple[MoveRequest, Schedule | None] | None = None  # the way round the next corner
+        self._halt: Halt | None = None
+        self._planned: tuple[Errand, Course, Schedule | None] | None = None  # the way round the next corner
+        self._interrupted: tuple[Segment, int] | None = None
+        self._arrived: MoveRequest | None = None
         self._told_idle = True
         self._events: list[MotionEvent] = []
 
@@ -92,43 +93,49 @@ class Generator:
     @property
     def busy(self) -> bool:
         """A request is being served, or waits."""
-        return self._path.segment is not None or len(self._queue) > 0
+        return self._path.segment is not None or self._halt is not None or len(self._queue) > 0
 
     def push(self, request: MoveRequest) -> None:
-        """Queue a request; it is judged as a motion from the target before it, from rest to rest.
+        """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
 
         Raises:
-            JointLimit: the target is outside the joints' range.
+            JointLimit: the goal, or a Cartesian way there, is outside the joints' range.
+            Unreachable, Singular: no configuration, or not this one, reaches the goal or a place on the way.
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
-        self._scheduler.check(request, self._last_target())
-        self._queue.push(request)
+        self._queue.push(self._planner.prepare(request, self._last_end(), self._trail.newest, self._tick))
         self._told_idle = False
 
     def interrupt(self, code: int) -> None:
-        """End the present request with `code` now: go on to the next one, or stop on the path if none waits.
+        """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 
         Does nothing at rest, nor during a stop.
         """
-        present = self._path.segment
-        if present is None or self._brake is not None:
-            return
-        request = self._queue.peek()
-        segment = None if request is None else self._diversion(request)
-        if segment is None:
-            self._begin_stop(present, code, 0.0)
-        else:
-            self._end(present, code)
-            self._enter(segment, self._clock)
+        segment = self._path.segment
+        if segment is not None and self._brake is None and self._halt is None:
+            self._interrupted = segment, code
 
     def stop(self, seconds: float = 0.0) -> None:
-        """Drop all waiting requests and come to rest on the path, in at least `seconds`."""
-        self._events += [MotionEvent(EventKind.ENDED, request, Termination.STOPPED) for request in self._queue.clear()]
-        if self._path.segment is not None and self._brake is None:
-            self._begin_stop(self._path.segment, Termination.STOPPED, seconds)
+        """Drop all waiting requests and come to an absolute rest, in at least `seconds`.
+
+        On a joint path the arm stays on it; else it stops where its joints can.
+        """
+        self._drop_waiting()
+        segment = self._path.segment
+        if self._brake is not None or self._halt is not None:
+            return
+        if self._path.chart is not JOINTS:
+            self._begin_halt(self._serving, Termination.STOPPED, seconds)
+        elif segment is not None:
+            self._begin_brake(segment, Termination.STOPPED, seconds)
 
     def state(self) -> Floats:
-        """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units."""
+        """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
+
+        Exact on joint paths; else of the parabola through the newest three setpoints.
+        """
+        if self._path.chart is not JOINTS:
+            return self._trail.state(self.period_s)
         if self._brake is None:
             return self._path.state(self._clock)
         return self._path.state(*self._brake.at(self._tick - self._brake_tick))
@@ -136,14 +143,20 @@ class Generator:
     # ----------------------------------------------------------------------------------------------- once per sample
 
     def update(self, tick: int) -> Output:
-        """Setpoints of sample `tick`. Raises MotionError when it is not later than the sample before."""
+        """Setpoints of sample `tick`.
+
+        Raises:
+            MotionError: it is not later than the sample before.
+            Exception: whatever a functional transform or a monitor raised.
+        """
         if tick <= self._tick:
             raise MotionError(f"sample {tick} asked for after sample {self._tick}")
         self._advance(tick)
-        while self._turn():
-            pass
-        self._finish_stop()
-        return self._output()
+        self._look()
+        q = self._follow()
+        self._trail.append(tick, q)
+        self._told_clock = self._clock
+        return self._output(q)
 
     def _advance(self, tick: int) -> None:
         if self._brake is None:
@@ -152,22 +165,60 @@ class Generator:
             self._clock = self._brake.at(tick - self._brake_tick)[0]
         self._tick = tick
 
-    def _output(self) -> Output:
+    def _look(self) -> None:
+        """Evaluate what moves, and ask the monitor."""
+        self._path.chart.sample(self._tick)
+        if (errand := self._queue.peek()) is not None:
+            errand.sample(self._tick)
         segment = self._path.segment
+        if segment is not None and segment.request.monitor is not None and (code := segment.request.monitor()):
+            self.interrupt(int(code))  # type: ignore[call-overload]
+
+    def _follow(self) -> Floats:
+        """The setpoint, kept from passing a limit."""
+        try:
+            q = self._next_setpoint()
+        except (JointLimit, Unreachable, Singular) as error:
+            self._give_up(reason(error))
+            return self._path.joints(self._clock)
+        if self._path.chart is not JOINTS and (code := self._judged(q)) is not Termination.NONE:
+            self._give_up(code)
+            return self._path.joints(self._clock)
+        return q
+
+    def _next_setpoint(self) -> Floats:
+        self._take_interruption()
+        while self._turn():
+            pass
+        self._finish_brake()
+        return self._path.joints(self._clock)
+
+    def _judged(self, q: Floats) -> Termination:
+        state = motion_of(self._trail.with_now(self._tick, q), self.period_s)
+        code = judge(state, self._limits, self._shape.blend)
+        if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._trail.newest):
+            return Termination.SINGULAR
+        return code
+
+    def _output(self, q: Floats) -> Output:
         if not self.busy and not self._told_idle:
             self._told_idle = True
             self._events.append(MotionEvent(EventKind.IDLE))
         events, self._events = tuple(self._events), []
-        q = self._path.state(self._clock)[0]
+        segment, halt = self._path.segment, self._halt
+        if halt is not None:
+            return Output(q, halt.request, halt.scal, events, True)
         if segment is None:
             return Output(q, None, 1.0, events, self.busy)
-        return Output(q, segment.request, segment.scal(self._clock), events, self.busy)
+        return Output(q, segment.request, segment.scal(self._clock), events, True)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 
     def _turn(self) -> bool:
         """Begin the next leg if its time has come."""
         segment = self._path.segment
+        if self._halt is not None:
+            return self._finish_halt(self._halt)
         if segment is None:
             return self._start()
         if self._path.ending:
@@ -177,25 +228,31 @@ class Generator:
         return self._approach_rest(segment)
 
     def _start(self) -> bool:
-        """From rest into the oldest request."""
-        request = self._queue.peek()
-        if request is None or self._brake is not None:
+        """From rest, or from the goal that is being followed, into the oldest request."""
+        errand = self._queue.peek()
+        if errand is None or self._brake is not None or not errand.settled:
             return False
-        distance = request.target - self._path.leg.rows[0]
-        schedule = self._scheduler.plan(request, distance, np.zeros_like(distance), following=self._transition_after())
-        self._enter(self._segment(request, self._clock + schedule.transition, schedule, distance), self._clock)
-        return True
+        if errand.here:
+            return self._begin_here()
+        return self._depart(errand, self._path.goal_joints(self._trail.newest), Room(following=self._ta_after()))
 
     def _pass_corner(self, segment: Segment) -> bool:
         """Into the transition to the request that follows, once it is time for it."""
-        request = self._queue.peek()
-        schedule = self._way_round(segment, request) if request is not None else None
-        if request is None or schedule is None or self._clock < segment.end - schedule.transition:
+        errand = self._queue.peek()
+        if errand is None or not errand.settled:
             return False
-        distance = request.target - segment.request.target
-        self._end(segment, Termination.COMPLETED)
-        self._enter(self._segment(request, segment.end, schedule, distance), segment.end - schedule.transition)
-        return True
+        if errand.here:
+            return self._clock >= segment.rest_begin and self._begin_here(Termination.COMPLETED)
+        course, schedule = self._way_round(segment, errand)
+        if course is None or schedule is None or self._clock < segment.end - schedule.transition:
+            return False
+        if course.chart is JOINTS and segment.chart is JOINTS:  # exact, whichever samples were left out
+            begin = segment.end - schedule.transition
+            there = self._planner.segment(errand, course, schedule, segment.end)
+            self._enter(Departure(there, self._path.state(begin)), begin, Termination.COMPLETED)
+            return True
+        room = Room(schedule.transition, following=self._ta_after())
+        return self._depart(errand, self._path.goal_joints(self._trail.newest), room, Termination.COMPLETED)
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Into the transition to rest, once it is time for it."""
@@ -208,67 +265,183 @@ class Generator:
         """Stand exactly at the target once the transition to rest is over."""
         if self._clock < self._path.leg.end:
             return False
-        self._path.hold(segment.request.target, self._clock)
+        self._path.hold(segment.target, self._clock)
         self._brake = None
-        self._end(segment, Termination.COMPLETED)
+        self._arrived = segment.request
+        self._end(segment.request, Termination.COMPLETED)
         return True
 
-    def _way_round(self, segment: Segment, request: MoveRequest) -> Schedule | None:
-        """How to turn into `request` at the end of `segment`; None when it came too late for that."""
-        if self._planned is None or self._planned[0] is not request:
+    def _way_round(self, segment: Segment, errand: Errand) -> tuple[Course | None, Schedule | None]:
+        """How to turn into `errand` at the end of `segment`; None when it came too late for that, or cannot be."""
+        if self._planned is None or self._planned[0] is not errand:
             room = segment.end - max(self._clock, self._path.leg.end)
+            course = self._lay(errand, self._path.goal_joints(self._trail.newest))
+            if course is None:
+                return None, None
             schedule = self._scheduler.plan(
-                request, request.target - segment.request.target, segment.velocity,
-                least=segment.schedule.braking, most=int(room), following=self._transition_after(),
+                errand.request, course, segment.arriving,
+                least=segment.schedule.braking, most=int(room), following=self._ta_after(),
             )  # fmt: skip
-            self._planned = request, schedule if schedule.transition <= room else None
-        return self._planned[1]
+            self._planned = errand, course, schedule if schedule.transition <= room else None
+        return self._planned[1], self._planned[2]
 
-    def _segment(self, request: MoveRequest, corner: float, schedule: Schedule, distance: Floats) -> Segment:
-        return Segment(request, corner, schedule, self._path.velocity_on(schedule, distance))
+    def _lay(self, errand: Errand, corner: Floats) -> Course | None:
+        try:
+            return self._planner.lay(errand, corner)
+        except MotionError as error:
+            self._refuse(error)
+            return None
 
-    def _enter(self, segment: Segment, begin: float) -> None:
+    def _depart(self, errand: Errand, corner: Floats, room: Room, code: int | None = None) -> bool:
+        """Into `errand` now; the present request ends with `code`. False when there turned out to be no way."""
+        points = self._points()
+        try:
+            departure = self._planner.depart(errand, corner, points, self._clock, room)
+        except MotionError as error:
+            self._refuse(error)
+            return False
+        self._enter(departure, self._clock, code)
+        return True
+
+    def _enter(self, departure: Departure, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
+        if self._path.segment is not None and code is not None:
+            self._end(self._path.segment.request, code)
         self._planned = None
-        self._path.enter(segment, begin)
-        self._events.append(MotionEvent(EventKind.BEGUN, self._queue.pop()))
+        self._path.enter(departure.segment, begin, departure.state)
+        self._events.append(MotionEvent(EventKind.BEGUN, self._queue.pop().request))
 
-    def _end(self, segment: Segment, code: int) -> None:
+    def _end(self, request: MoveRequest, code: int) -> None:
         """Tell how a request ended."""
-        self._events.append(MotionEvent(EventKind.ENDED, segment.request, code))
+        self._events.append(MotionEvent(EventKind.ENDED, request, code))
 
-    # ----------------------------------------------------------------------------------------------- interruptions
+    # --------------------------------------------------------------------------------- interruptions, stops, failures
 
-    def _diversion(self, request: MoveRequest) -> Segment | None:
-        """The way from where the arm is now, at the speed it has, into `request`; None when no such way is safe."""
-        return divert(request, self._path.state(self._clock), self._clock, self._scheduler, self._transition_after())
+    def _take_interruption(self) -> None:
+        """End the present request if that was asked for, as soon as the next one can begin."""
+        if self._interrupted is None or self._interrupted[0] is not self._path.segment:
+            self._interrupted = None
+            return
+        segment, code = self._interrupted
+        errand = self._queue.peek()
+        if errand is not None and not errand.settled:
+            return
+        self._interrupted = None
+        if errand is None:
+            self._begin_stop(segment, code)
+        elif errand.here:
+            self._begin_here(code)
+        elif self._path.chart is JOINTS and errand.target is not None:
+            self._divert(segment, errand, errand.target, code)
+        else:
+            self._depart(errand, self._ahead(errand.request), Room(following=self._ta_after()), code)
 
-    def _begin_stop(self, segment: Segment, code: int, seconds: float) -> None:
+    def _divert(self, segment: Segment, errand: Errand, target: Floats, code: int) -> None:
+        """From where the arm is now, at the speed it has, into `errand`; a stop when no such way is safe."""
+        state = self._path.state(self._clock)
+        there = divert(
+            errand.request, target, state, self._clock, self._scheduler, self._shape, self._ta_after()
+        )  # fmt: skip
+        if there is None:
+            self._begin_stop(segment, code)
+        else:
+            self._enter(Departure(there, state), self._clock, code)
+
+    def _ahead(self, request: MoveRequest) -> Floats:
+        """Where the joints will be, at their present speed, half a transition later: the corner of a diversion."""
+        q, v, _ = motion_of(self._points(), self.period_s)
+        ahead = q + v * (self._scheduler.preferred(request) * self.period_s)
+        inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
+        return inside
+
+    def _begin_stop(self, segment: Segment, code: int) -> None:
+        if self._path.chart is JOINTS:
+            self._begin_brake(segment, code, 0.0)
+        else:
+            self._begin_halt(segment.request, code, 0.0)
+
+    def _begin_brake(self, segment: Segment, code: int, seconds: float) -> None:
+        """Come to rest on the path, which stands still."""
         self._planned = None
         if not self._path.ending and self._clock > segment.rest_begin:  # a request that was to follow is gone
             self._path.end_segment(segment, self._clock)
         self._brake = fitting_brake(self._path, self._clock, code, seconds, self._scheduler)
         self._brake_tick = self._tick
 
-    def _finish_stop(self) -> None:
+    def _finish_brake(self) -> None:
         """Stand where path time has come to a halt."""
         brake, segment = self._brake, self._path.segment
         if brake is None or segment is None or self._tick - self._brake_tick < brake.length:
             return
         self._path.hold(self._path.state(self._clock)[0], self._clock)
         self._brake = None
-        self._end(segment, brake.code)
+        self._end(segment.request, brake.code)
+
+    def _begin_here(self, code: int | None = None) -> bool:
+        """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
+        segment = self._path.segment
+        if segment is not None and code is not None:
+            self._end(segment.request, code)
+        request = self._queue.pop().request
+        self._events.append(MotionEvent(EventKind.BEGUN, request))
+        self._begin_halt(request, Termination.COMPLETED, 0.0)
+        return True
+
+    def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float) -> None:
+        """Bring the joints to rest from the newest setpoint, whatever the path was."""
+        joint_path = self._path.chart is JOINTS
+        state = self._path.state(self._told_clock) if joint_path else self._trail.state(self.period_s)
+        length_s = max(seconds, self.period_s, halting_s(state[1], self._limits, self._shape.blend))
+        scal = 1.0 if self._path.segment is None else self._path.segment.scal(self._told_clock)
+        self._halt = Halt(request, code, scal)
+        self._planned = self._brake = None
+        self._path.halt(state, self._told_clock, length_s / self.period_s)
+
+    def _finish_halt(self, halt: Halt) -> bool:
+        """Stand where the joints have come to rest."""
+        if self._clock < self._path.leg.end:
+            return False
+        self._path.hold(self._path.state(self._path.leg.end)[0], self._clock)
+        self._halt = None
+        if halt.request is not None:
+            self._end(halt.request, halt.code)
+        return True
+
+    def _give_up(self, code: Termination) -> None:
+        """The setpoint of this sample must not be: an absolute stop instead, and nothing of what waits."""
+        if self._path.segment is None:
+            self._events.append(MotionEvent(EventKind.LOST, self._arrived, code))
+        self._drop_waiting()
+        self._begin_halt(self._serving, code, 0.0)
+
+    def _refuse(self, error: MotionError) -> None:
+        """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
+        self._end(self._queue.pop().request, reason(error))
+        self._drop_waiting()
+
+    def _drop_waiting(self) -> None:
+        self._planned = None
+        self._events += [MotionEvent(EventKind.ENDED, it.request, Termination.STOPPED) for it in self._queue.clear()]
 
     # ------------------------------------------------------------------------------------------------------- helpers
 
-    def _transition_after(self) -> int:
-        """Ta that the request behind the oldest asks for, 0 when there is none."""
-        request = self._queue.peek(1)
-        return 0 if request is None else self._scheduler.preferred(request)
+    @property
+    def _serving(self) -> MoveRequest | None:
+        return None if self._path.segment is None else self._path.segment.request
 
-    def _last_target(self) -> Floats:
-        """Where the arm will be when it has done all that was asked. Shape (n,)."""
+    def _points(self) -> Samples:
+        """The newest setpoints, that of this sample included."""
+        return self._trail.with_now(self._tick, self._path.joints(self._clock))
+
+    def _ta_after(self) -> int:
+        """Ta that the request behind the oldest asks for, 0 when there is none."""
+        errand = self._queue.peek(1)
+        return 0 if errand is None else self._scheduler.preferred(errand.request)
+
+    def _last_end(self) -> Floats | None:
+        """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
         if (last := self._queue.last()) is not None:
-            return last.target
-        segment = self._path.segment
-        return segment.request.target if segment is not None else self._path.leg.rows[0]
+            return last.end
+        if not self._path.chart.fixed or self._halt is not None:
+            return None
+        return self._path.goal_joints(self._trail.newest)

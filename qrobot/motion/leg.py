@@ -1,11 +1,13 @@
 """One piece of path: a transition and the straight line behind it.
 
-With t the time since its start and D the length of the transition (blend.py has beta and c):
+With t the time since its start and D the length of the transition (blend.py has beta, c and the fading polynomial f):
 
-    q(t) = q0 + v0 t + (v1 - v0) D beta(t/D) + a0 D^2 c(t/D)
+    x(t) = x0 + u0 t + (v1 - u0) D beta(t/D) + (v0 - u0) D f(t/D) + a0 D^2 c(t/D)
 
-Path time is counted in samples. It may run slower than the clock (a stop on the path does that): with the rate
-r = d(path time)/d(time), velocities scale with r and accelerations are q'' r^2 + q' dr/dt.
+u0 is the velocity that leads to the corner, v0 the one the arm really has; they differ when frames move or the mode
+changes, and the difference is faded out. Path time is counted in samples. It may run slower than the clock (a stop on
+the path does that): with the rate r = d(path time)/d(time), velocities scale with r and accelerations are
+x'' r^2 + x' dr/dt.
 """
 
 from __future__ import annotations
@@ -15,29 +17,53 @@ from typing import Any
 
 import numpy as np
 
-from qrobot.motion.blend import Blend, absorb, beta
+from qrobot.motion.blend import Blend, Correction, absorb, beta, fade
 from qrobot.motion.limits import Floats
 from qrobot.realtime.jit import kernel
 
 
 @kernel
 def evaluate(
-    rows: Any, blend: int, length_s: float, elapsed_s: float, rate: float, rate_slope: float, state: Any
+    rows: Any,
+    blend: int,
+    correction: int,
+    length_s: float,
+    elapsed_s: float,
+    rate: float,
+    rate_slope: float,
+    state: Any,
 ) -> None:
-    """Fill `state` (3, n: q, v, a) from `rows` (4, n: q0, v0, a0, v1), `elapsed_s` after the start of the leg.
+    """Fill `state` (3, m: x, v, a) from `rows` (5, m: x0, v0, a0, u0, v1), `elapsed_s` after the start of the leg.
 
     `rate_slope` is dr/dt in 1/s. SI units.
     """
     h = elapsed_s / length_s
     b, b1, b2 = beta(blend, h)
     c, c1, c2 = absorb(h)
+    f, f1, f2 = fade(correction, h)
     for j in range(rows.shape[1]):
-        v0, a0, dv = rows[1, j], rows[2, j], rows[3, j] - rows[1, j]
-        slope = v0 + dv * b1 + a0 * length_s * c1
-        bend = dv * b2 / length_s + a0 * c2
-        state[0, j] = rows[0, j] + v0 * elapsed_s + (dv * b + a0 * length_s * c) * length_s
+        a0, u0 = rows[2, j], rows[3, j]
+        extra, dv = rows[1, j] - u0, rows[4, j] - u0
+        slope = u0 + dv * b1 + extra * f1 + a0 * length_s * c1
+        bend = (dv * b2 + extra * f2) / length_s + a0 * c2
+        state[0, j] = rows[0, j] + u0 * elapsed_s + (dv * b + extra * f + a0 * length_s * c) * length_s
         state[1, j] = slope * rate
         state[2, j] = bend * rate * rate + slope * rate_slope
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How legs are drawn.
+
+    Attributes:
+        period_s: sample period.
+        blend: polynomial of the transitions.
+        correction: polynomial that fades out unexpected velocity.
+    """
+
+    period_s: float
+    blend: Blend = Blend.QUARTIC
+    correction: Correction = Correction.SMOOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +71,9 @@ class Leg:
     """A piece of path that begins at path time `start`.
 
     Attributes:
-        rows: q0, v0, a0, v1. Shape (4, n), SI units.
+        rows: x0, v0, a0, u0, v1. Shape (5, m), SI units.
         start: path time, samples.
-        length: of the transition (D = 2 Ta), samples.
+        length: of the transition (D), samples.
     """
 
     rows: Floats
@@ -59,19 +85,39 @@ class Leg:
         """Path time at which the transition is over."""
         return self.start + self.length
 
-    def state(self, clock: float, period_s: float, blend: Blend, rate: float, slope: float, out: Floats) -> None:
-        """Position, velocity and acceleration at path time `clock`, into `out` (3, n)."""
-        elapsed_s = (clock - self.start) * period_s
-        evaluate(self.rows, int(blend), self.length * period_s, elapsed_s, rate, slope, out)
+    def state(self, clock: float, shape: Shape, rate: float = 1.0, slope: float = 0.0) -> Floats:
+        """Position, velocity and acceleration at path time `clock`. Shape (3, m)."""
+        out = np.empty((3, self.rows.shape[1]))
+        elapsed_s, length_s = (clock - self.start) * shape.period_s, self.length * shape.period_s
+        evaluate(self.rows, int(shape.blend), int(shape.correction), length_s, elapsed_s, rate, slope, out)
+        return out
 
 
 def leg_from(state: Floats, v1: Floats, start: float, length: float) -> Leg:
-    """The leg that begins with `state` (3, n: q, v, a) and ends with velocity `v1` (n,)."""
-    return Leg(np.vstack((state, v1)), start, length)
+    """The leg that begins with `state` (3, m: x, v, a), heading straight on, and ends with velocity `v1` (m,)."""
+    return Leg(np.vstack((state, state[1], v1)), start, length)
 
 
-def rest(q: Floats, start: float) -> Leg:
-    """Stand at `q` (n,)."""
-    rows = np.zeros((4, q.size))
-    rows[0] = q
+def leg_round(
+    state: Floats, corner: Floats, corner_clock: float, v1: Floats, start: float, length: float, period_s: float
+) -> Leg:
+    """The leg that begins with `state` (3, m) and is, at its end, on the line that leaves `corner` with `v1`.
+
+    Args:
+        state: x, v, a at the start.
+        corner: where the line begins. Shape (m,).
+        corner_clock: path time at which it does.
+        v1: velocity on the line. Shape (m,).
+        start, length: path time of the start, length of the transition; samples.
+        period_s: sample period.
+    """
+    end = corner + v1 * (start + length - corner_clock) * period_s
+    u0 = 2.0 * (end - state[0]) / (length * period_s) - v1
+    return Leg(np.vstack((state, u0, v1)), start, length)
+
+
+def rest(x: Floats, start: float) -> Leg:
+    """Stand at `x` (m,)."""
+    rows = np.zeros((5, x.size))
+    rows[0] = x
     return Leg(rows, start, 1.0)

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qrobot.motion.blend import Blend
-from qrobot.motion.leg import Leg, leg_from, rest
+from qrobot.motion.chart import JOINTS, Chart
+from qrobot.motion.course import Course
+from qrobot.motion.leg import Leg, Shape, leg_from, leg_round, rest
 from qrobot.motion.limits import Floats
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.schedule import Schedule
@@ -19,24 +20,32 @@ from qrobot.motion.schedule import Schedule
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A request being served.
+    """A request being served, in the coordinates (m,) of its chart.
 
     Attributes:
         request: what was asked.
-        corner: path time of the corner it left.
+        chart: its coordinates.
+        begin: path time of the corner it left.
+        corner: that corner. Shape (m,).
+        target: the corner it goes to. Shape (m,).
         schedule: its times.
-        velocity: on its straight part. Shape (n,).
+        velocity: on its straight part. Shape (m,).
+        arriving: joint velocity at its far end, before any transition. Shape (n,).
     """
 
     request: MoveRequest
-    corner: float
+    chart: Chart
+    begin: float
+    corner: Floats
+    target: Floats
     schedule: Schedule
     velocity: Floats
+    arriving: Floats
 
     @property
     def end(self) -> float:
         """Path time at which the target would be reached without a transition."""
-        return self.corner + self.schedule.length
+        return self.begin + self.schedule.length
 
     @property
     def rest_begin(self) -> float:
@@ -45,7 +54,14 @@ class Segment:
 
     def scal(self, clock: float) -> float:
         """How much of the segment is done, 0 to 1."""
-        return min(max((clock - self.corner) / self.schedule.length, 0.0), 1.0)
+        return min(max((clock - self.begin) / self.schedule.length, 0.0), 1.0)
+
+
+def segment_of(request: MoveRequest, course: Course, schedule: Schedule, begin: float, period_s: float) -> Segment:
+    """The segment that leaves its corner at path time `begin`."""
+    seconds = schedule.length * period_s
+    velocity, arriving = course.velocity(seconds), course.arriving(seconds)
+    return Segment(request, course.chart, begin, course.corner, course.target, schedule, velocity, arriving)
 
 
 class Path:
@@ -53,59 +69,69 @@ class Path:
 
     Args:
         q: where it stands at path time 0. Shape (n,).
-        period_s: sample period.
-        blend: polynomial of the transitions.
+        shape: of the legs.
 
     Attributes:
+        chart: coordinates of the present leg.
         leg: the piece being followed.
         segment: the request being served, None at rest.
         ending: the leg is the transition to rest at the segment's target.
+        shape: of the legs.
     """
 
-    def __init__(self, q: Floats, period_s: float, blend: Blend) -> None:
+    def __init__(self, q: Floats, shape: Shape) -> None:
+        self.chart: Chart = JOINTS
         self.leg = rest(np.array(q, dtype=np.float64), 0.0)
         self.segment: Segment | None = None
         self.ending = False
-        self._period_s = period_s
-        self._blend = blend
+        self.shape = shape
 
     def state(self, clock: float, rate: float = 1.0, slope: float = 0.0) -> Floats:
-        """Position, velocity and acceleration; shape (3, n), SI units.
+        """Coordinates, velocity and acceleration; shape (3, m), SI units.
 
         Path time passes at `rate` (1: as fast as time), which changes by `slope` per sample.
         """
-        return self._state(self.leg, clock, rate, slope)
+        return self.leg.state(clock, self.shape, rate, slope / self.shape.period_s)
 
-    def hold(self, q: Floats, clock: float) -> None:
-        """Stand at `q` (n,)."""
-        self.leg, self.segment, self.ending = rest(q, clock), None, False
+    def joints(self, clock: float) -> Floats:
+        """Joint positions (n,) at the newest sample. Raises Unreachable, JointLimit or Singular."""
+        return self.chart.joints(self.state(clock)[0])
 
-    def enter(self, segment: Segment, begin: float) -> None:
-        """Turn into `segment`, beginning at path time `begin`."""
-        self.leg = leg_from(self.state(begin), segment.velocity, begin, 2.0 * segment.schedule.transition)
-        self.segment, self.ending = segment, False
+    def goal_joints(self, near: Floats) -> Floats:
+        """Joint positions (n,) at the end of the present segment, or where the arm rests. Raises as `joints`."""
+        goal = self.leg.rows[0] if self.segment is None else self.segment.target
+        return self.chart.look(goal, near)
+
+    def hold(self, x: Floats, clock: float) -> None:
+        """Stand at `x` (m,): still, or with the goal when the goal moves."""
+        self.leg, self.segment, self.ending = rest(x, clock), None, False
+
+    def enter(self, segment: Segment, begin: float, state: Floats) -> None:
+        """Turn into `segment`, beginning at path time `begin` with `state` (3, m) in the segment's coordinates."""
+        self.leg = leg_round(
+            state, segment.corner, segment.begin, segment.velocity, begin, 2.0 * segment.schedule.transition,
+            self.shape.period_s,
+        )  # fmt: skip
+        self.chart, self.segment, self.ending = segment.chart, segment, False
 
     def end_segment(self, segment: Segment, begin: float) -> None:
         """Turn into the transition to rest at the target of `segment`, the present one."""
         self.leg, self.ending = self._leg_to_rest(segment, begin), True
 
-    def velocity_on(self, schedule: Schedule, distance: Floats) -> Floats:
-        """Velocity of the straight part over `distance` (n,)."""
-        return distance / (schedule.length * self._period_s)
+    def halt(self, state: Floats, clock: float, length: float) -> None:
+        """Bring the joints to rest from `state` (3, n) within `length` samples, wherever that is."""
+        self.chart, self.ending = JOINTS, True
+        self.leg = leg_from(state, np.zeros_like(state[1]), clock, length)
 
     def states_ahead(self, moments: Iterator[tuple[float, float, float]]) -> Iterator[Floats]:
-        """States (3, n) at future (path time, rate, slope per sample), if nothing follows the present segment."""
+        """States (3, m) at future (path time, rate, slope per sample), if nothing follows the present segment."""
         final, final_from = self.leg, float("inf")
         if self.segment is not None and not self.ending:
             final_from = self.segment.rest_begin
             final = self._leg_to_rest(self.segment, final_from)
         for clock, rate, slope in moments:
-            yield self._state(final if clock >= final_from else self.leg, clock, rate, slope)
+            leg = final if clock >= final_from else self.leg
+            yield leg.state(clock, self.shape, rate, slope / self.shape.period_s)
 
     def _leg_to_rest(self, segment: Segment, begin: float) -> Leg:
         return leg_from(self.state(begin), np.zeros_like(segment.velocity), begin, 2.0 * (segment.end - begin))
-
-    def _state(self, leg: Leg, clock: float, rate: float, slope: float) -> Floats:
-        state = np.empty((3, leg.rows.shape[1]))
-        leg.state(clock, self._period_s, self._blend, rate, slope / self._period_s, state)
-        return state

@@ -6,7 +6,7 @@ from collections import deque
 from typing import Final
 
 from qrobot.errors import MotionError
-from qrobot.motion.request import MoveRequest
+from qrobot.motion.errand import Errand
 
 QUEUE_SIZE: Final = 64
 
@@ -15,31 +15,33 @@ class RequestQueue:
     """Requests that nobody serves yet, oldest first."""
 
     def __init__(self, size: int = QUEUE_SIZE) -> None:
-        self._waiting: deque[MoveRequest] = deque()
+        self._waiting: deque[Errand] = deque()
         self._size = size
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def push(self, request: MoveRequest) -> None:
+    def push(self, errand: Errand) -> None:
         """Append. Raises MotionError when the queue is full."""
         if len(self._waiting) >= self._size:
-            raise MotionError(f"move to {request.name}: {self._size} motions are waiting already, no room for more")
-        self._waiting.append(request)
+            raise MotionError(
+                f"move to {errand.request.name}: {self._size} motions are waiting already, no room for more"
+            )
+        self._waiting.append(errand)
 
-    def pop(self) -> MoveRequest:
+    def pop(self) -> Errand:
         """Take the oldest."""
         return self._waiting.popleft()
 
-    def peek(self, index: int = 0) -> MoveRequest | None:
+    def peek(self, index: int = 0) -> Errand | None:
         """The request that is `index` places from the front, None when there is none."""
         return self._waiting[index] if index < len(self._waiting) else None
 
-    def last(self) -> MoveRequest | None:
+    def last(self) -> Errand | None:
         """The newest, None when empty."""
         return self._waiting[-1] if self._waiting else None
 
-    def clear(self) -> list[MoveRequest]:
+    def clear(self) -> list[Errand]:
         """Take all, oldest first."""
         taken = list(self._waiting)
         self._waiting.clear()

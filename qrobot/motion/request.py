@@ -5,13 +5,17 @@ Times come in two ways, as in RCCL: the time the segment takes, or a speed from 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from math import ceil, floor
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from qrobot.errors import MotionError
+from qrobot.model.branch import Branch
+from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats, MotionLimits
 
 _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them stays that number
@@ -32,6 +36,19 @@ def _positive(value: float, what: str) -> None:
         raise MotionError(f"{what} must be positive and finite, not {value}")
 
 
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The way of one segment, from corner to corner.
+
+    Attributes:
+        joints: how far each joint goes. Shape (n,).
+        tool: DRIVE of the controlled frame. Shape (6,); None when the kinematics are not known.
+    """
+
+    joints: Floats
+    tool: Floats | None = None
+
+
 @dataclass(frozen=True)
 class Duration:
     """The segment lasts `seconds`, rounded to whole samples."""
@@ -41,7 +58,7 @@ class Duration:
     def __post_init__(self) -> None:
         _positive(self.seconds, "the time of a motion")
 
-    def samples(self, _distance: Floats, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, _way: Way, _limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner."""
         return whole_samples(self.seconds, period_s)
 
@@ -55,9 +72,9 @@ class JointSpeed:
     def __post_init__(self) -> None:
         _positive(self.speed, "the speed of a motion")
 
-    def samples(self, distance: Floats, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, way: Way, _limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner, rounded up: never faster than asked."""
-        return enough_samples(float(np.abs(distance).max()) / self.speed, period_s)
+        return enough_samples(float(np.abs(way.joints).max()) / self.speed, period_s)
 
 
 @dataclass(frozen=True)
@@ -70,12 +87,47 @@ class SpeedShare:
         if not 0.0 < self.share <= 1.0:
             raise MotionError(f"the share of the joints' speed must be above 0 and at most 1, not {self.share}")
 
-    def samples(self, distance: Floats, limits: MotionLimits, period_s: float) -> int:
+    def samples(self, way: Way, limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner, rounded up: never faster than asked."""
-        return enough_samples(float((np.abs(distance) / limits.v_max).max()) / self.share, period_s)
+        return enough_samples(float((np.abs(way.joints) / limits.v_max).max()) / self.share, period_s)
 
 
-Pace: TypeAlias = Duration | JointSpeed | SpeedShare
+@dataclass(frozen=True)
+class ToolSpeed:
+    """The controlled frame moves at `linear` m/s or turns at `angular` rad/s, whichever takes longer (A-18)."""
+
+    linear: float
+    angular: float
+
+    def __post_init__(self) -> None:
+        _positive(self.linear, "the speed of the tool")
+        _positive(self.angular, "the turning speed of the tool")
+
+    def samples(self, way: Way, _limits: MotionLimits, period_s: float) -> int:
+        """Samples from corner to corner, rounded up: never faster than asked. Raises MotionError: no kinematics."""
+        if way.tool is None:
+            raise MotionError("a tool speed needs the arm's kinematics, which were not given")
+        distance, turn = (float(np.linalg.norm(part)) for part in (way.tool[:3], way.tool[3:]))
+        return enough_samples(max(distance / self.linear, turn / self.angular), period_s)
+
+
+Pace: TypeAlias = Duration | JointSpeed | SpeedShare | ToolSpeed
+
+
+class Mode(Enum):
+    """What is straight about the way."""
+
+    JOINT = "joint"
+    CARTESIAN = "cartesian"
+
+
+class Here(Enum):
+    """The position that is always the arm's own: a motion to it is an absolute stop (A-33)."""
+
+    HERE = "here"
+
+
+HERE: Final = Here.HERE
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +136,27 @@ class MoveRequest:
 
     Attributes:
         name: for people and traces.
-        target: joint positions, rad or m. Shape (n,). Copied and made read-only.
+        target: joint positions, rad or m, shape (n,), copied and made read-only; or the goal of an equation; or HERE.
         pace: how long the segment takes.
         transition_s: Ta, half the time of the transition that leads into this segment; None takes the default and
             lengthens it as the arm needs.
+        mode: how to get to a goal; joint positions are gone to in joint mode always.
+        branch: configuration at the goal; None keeps the present one. Only joint mode can change it.
+        monitor: called at each sample while the request is served; a true result ends it with that code (A-37).
     """
 
     name: str
-    target: Floats
+    target: Floats | Goal | Here
     pace: Pace
     transition_s: float | None = None
+    mode: Mode = Mode.JOINT
+    branch: Branch | None = None
+    monitor: Callable[[], object] | None = None
 
     def __post_init__(self) -> None:
-        target = np.array(self.target, dtype=np.float64)
-        target.flags.writeable = False
-        object.__setattr__(self, "target", target)
+        if isinstance(self.target, np.ndarray):
+            target = np.array(self.target, dtype=np.float64)
+            target.flags.writeable = False
+            object.__setattr__(self, "target", target)
         if self.transition_s is not None and not 0.0 <= self.transition_s < float("inf"):
             raise MotionError(f"{self.name}: the transition time must not be negative, nor {self.transition_s}")

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.course import Course
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
 
@@ -53,46 +54,45 @@ class Scheduler:
     period_s: float
     blend: Blend
 
-    def check(self, request: MoveRequest, start: Floats) -> None:
-        """Judge a request that begins and ends at rest; `start` has shape (n,).
+    def check(self, request: MoveRequest, course: Course) -> None:
+        """Judge a request that begins and ends at rest.
 
         Raises:
             JointLimit: the target is outside the joints' range.
             MotionError: the time, the speed or the transition asks for more than the arm can do.
         """
         what = f"move to {request.name}"
-        self.limits.check_position(request.target, what)
-        distance = request.target - start
         ta = self.preferred(request)
-        least = enough_samples(float((np.abs(distance) / self.limits.v_max).max()), self.period_s)
-        length = max(self._asked(request, distance), 2 * ta)
-        v = distance / (length * self.period_s)
-        self.limits.check_velocity(v, what, f"give it {self._ms(least)} or more")
+        length = max(self._asked(request, course), 2 * ta)
+        v = np.abs(course.rates).max(axis=0) / (length * self.period_s)
+        a = np.abs(course.bends).max(axis=0) / (length * self.period_s) ** 2
+        remedy = f"give it {self._ms(self._least(course))} or more"
+        self.limits.check_velocity(v, what, remedy)
+        self.limits.check_acceleration(a, what, remedy)
         if request.transition_s is not None:
-            a = PEAK[self.blend] * v / (2 * ta * self.period_s)
+            entering = PEAK[self.blend] * v / (2 * ta * self.period_s)
             needed = self._ms(self.needed(v))
-            self.limits.check_acceleration(a, what, f"give the transition {needed} or more")
+            self.limits.check_acceleration(entering, what, f"give the transition {needed} or more")
 
     def plan(
-        self, request: MoveRequest, distance: Floats, v0: Floats, least: int = 1, most: int = MANY, following: int = 0
+        self, request: MoveRequest, course: Course, v0: Floats, least: int = 1, most: int = MANY, following: int = 0
     ) -> Schedule:
         """A schedule that keeps the limits, stretching times where needed.
 
         Args:
             request: what was asked.
-            distance: from the corner the segment leaves to its target. Shape (n,).
-            v0: velocity before the transition. Shape (n,).
+            course: the way from corner to corner.
+            v0: joint velocity before the transition. Shape (n,).
             least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
             following: Ta of the request behind it in the queue, 0 when there is none.
         """
-        slowest = enough_samples(float((np.abs(distance) / self.limits.v_max).max()), self.period_s)
-        asked = max(self._asked(request, distance), slowest)
+        asked = max(self._asked(request, course), self._least(course))
         resting = self.preferred(request)
         transition = max(min(resting, most), least)
         while True:  # both transitions only grow, and what they need is bounded by the speed asked for
             length = max(asked, transition + max(resting, following))
-            v1 = distance / (length * self.period_s)
-            entering, braking = self.needed(v1 - v0), self.needed(v1)
+            seconds = length * self.period_s
+            entering, braking = self.needed(course.leaving(seconds) - v0), self.needed(course.arriving(seconds))
             if entering <= transition and braking <= resting:
                 return Schedule(transition, length, braking, resting)
             transition, resting = max(transition, entering), max(resting, braking)
@@ -107,8 +107,14 @@ class Scheduler:
         seconds = float((np.abs(dv) / self.limits.a_planned).max()) * PEAK[self.blend] / 2.0
         return enough_samples(seconds, self.period_s)
 
-    def _asked(self, request: MoveRequest, distance: Floats) -> int:
-        return request.pace.samples(distance, self.limits, self.period_s)
+    def _asked(self, request: MoveRequest, course: Course) -> int:
+        return request.pace.samples(course.way, self.limits, self.period_s)
+
+    def _least(self, course: Course) -> int:
+        """Samples in which no joint passes its speed, nor, where the way bends, its acceleration."""
+        speed = float((np.abs(course.rates) / self.limits.v_max).max())
+        bend = float((np.abs(course.bends) / self.limits.a_planned).max())
+        return enough_samples(max(speed, bend**0.5), self.period_s)
 
     def _ms(self, samples: int) -> str:
         return f"{1000.0 * samples * self.period_s:.0f} ms"

@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qrobot.motion.blend import PEAK, Blend, absorb, beta
-from qrobot.motion.leg import leg_from
+from qrobot.motion.blend import PEAK, Blend, Correction, absorb, beta, fade
+from qrobot.motion.leg import Shape, leg_from, leg_round
 
 A, B, C, T1, TA = 8.0, 10.0, 40.0, 1.0, 0.1
 TICK = 0.01
 BLENDS = list(Blend)
+FUNCTIONS = [
+    lambda h: beta(Blend.QUARTIC, h),
+    lambda h: beta(Blend.ZERO_JERK, h),
+    absorb,
+    lambda h: fade(Correction.CUBIC, h),
+    lambda h: fade(Correction.SMOOTH, h),
+]
 
 
 def paul_1981(h: float) -> tuple[float, float, float]:
@@ -27,10 +34,8 @@ def paul_1981(h: float) -> tuple[float, float, float]:
 def worked_example(h: float) -> tuple[float, ...]:
     """The same transition as a leg: D = 2 Ta, in samples of 10 ms."""
     start = np.array([[A], [(B - A) / TA], [0.0]])
-    state = np.empty((3, 1))
     leg = leg_from(start, np.array([(C - B) / T1]), 0.0, 2 * TA / TICK)
-    leg.state(h * 2 * TA / TICK, TICK, Blend.QUARTIC, 1.0, 0.0, state)
-    return tuple(state[:, 0])
+    return tuple(leg.state(h * 2 * TA / TICK, Shape(TICK))[:, 0])
 
 
 @pytest.mark.parametrize(("h", "q"), [(0, 8.0), (0.25, 9.02734375), (0.5, 10.1875), (0.75, 11.52734375), (1, 13.0)])
@@ -77,7 +82,7 @@ def test_velocities_stay_between_the_two_they_join_and_peak_is_the_largest_accel
     assert max(bends) == pytest.approx(PEAK[blend], abs=1e-5)
 
 
-@pytest.mark.parametrize("function", [lambda h: beta(Blend.QUARTIC, h), lambda h: beta(Blend.ZERO_JERK, h), absorb])
+@pytest.mark.parametrize("function", FUNCTIONS)
 @pytest.mark.parametrize("h", [0.1, 0.35, 0.5, 0.8])
 def test_the_derivatives_are_the_derivatives(function, h) -> None:
     step = 1e-5
@@ -90,3 +95,25 @@ def test_a_left_over_acceleration_fades_out_and_changes_nothing_else() -> None:
     assert absorb(0.0) == (0.0, 0.0, 1.0)
     assert absorb(1.0 - 1e-12) == pytest.approx((0.0, 0.0, 0.0), abs=1e-11)
     assert absorb(3.0) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("correction", list(Correction))
+def test_an_unexpected_velocity_fades_out_and_changes_nothing_else(correction) -> None:
+    assert fade(correction, 0.0)[:2] == (0.0, 1.0)
+    assert fade(correction, 1.0 - 1e-12)[:2] == pytest.approx((0.0, 0.0), abs=1e-11)
+    assert fade(correction, 3.0) == (0.0, 0.0, 0.0)
+
+
+def test_the_correction_of_the_papers_is_a_cubic_whose_acceleration_jumps_and_ours_does_not_jump() -> None:
+    """c = h (1 - h)^2: c''(0) = -4, c''(1) = 2, largest value 4/27 at a third (Hayward & Paul 1986, section 2.3)."""
+    assert fade(Correction.CUBIC, 1 / 3)[0] == pytest.approx(4 / 27)
+    assert [fade(Correction.CUBIC, h)[2] for h in (0.0, 1.0 - 1e-12)] == pytest.approx([-4.0, 2.0])
+    assert [fade(Correction.SMOOTH, h)[2] for h in (0.0, 1.0 - 1e-12)] == pytest.approx([0.0, 0.0], abs=1e-10)
+
+
+def test_a_transition_that_starts_too_fast_still_ends_on_the_line_that_leaves_the_corner() -> None:
+    start = np.array([[A], [35.0], [-60.0]])
+    v1 = np.array([(C - B) / T1])
+    leg = leg_round(start, np.array([B]), TA / TICK, v1, 0.0, 2 * TA / TICK, TICK)
+    assert leg.state(0.0, Shape(TICK)) == pytest.approx(start)
+    assert leg.state(leg.end, Shape(TICK))[:, 0] == pytest.approx([B + v1[0] * TA, v1[0], 0.0])

@@ -1,0 +1,75 @@
+"""A request in the queue, with what was found out about its goal when it was issued."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qrobot.errors import MotionError
+from qrobot.motion.aim import Aim
+from qrobot.motion.equation import Goal
+from qrobot.motion.limits import Floats
+from qrobot.motion.reach import Reach
+from qrobot.motion.request import HERE, Mode, MoveRequest
+
+
+@dataclass(frozen=True, eq=False)
+class Errand:
+    """A request that waits.
+
+    Attributes:
+        request: what was asked.
+        aim: the goal of an equation, followed; None for joint positions and for HERE.
+        target: joint positions of a goal that stands still and is gone to in joint mode. Shape (n,).
+        end: where the joints will be in the end, as far as that can be known. Shape (n,).
+    """
+
+    request: MoveRequest
+    aim: Aim | None = None
+    target: Floats | None = None
+    end: Floats | None = None
+
+    @property
+    def here(self) -> bool:
+        """It is an absolute stop."""
+        return self.request.target is HERE
+
+    @property
+    def settled(self) -> bool:
+        """It can begin: the velocity of its goal is known."""
+        return self.aim is None or self.aim.settled
+
+    def sample(self, tick: int) -> None:
+        """Look where the goal is."""
+        if self.aim is not None:
+            self.aim.sample(tick)
+
+
+def errand_of(request: MoveRequest, start: Floats, reach: Reach | None, tick: int) -> Errand:
+    """Prepare `request` for an arm that will come from about `start` (n,).
+
+    Raises:
+        MotionError: a goal of an equation, but the arm's inverse kinematics are not known.
+        Unreachable, JointLimit, Singular: a goal that stands still has no solution.
+    """
+    if request.target is HERE:
+        return Errand(request)
+    if isinstance(request.target, np.ndarray):
+        return Errand(request, target=request.target, end=request.target)
+    if reach is None or not isinstance(request.target, Goal):
+        raise MotionError(f"move to {request.name}: this arm has no inverse kinematics, so name joint positions")
+    aim = Aim(request.target)
+    if not request.target.fixed:
+        return Errand(request, aim)
+    aim.sample(tick)
+    q = _solution(request, aim, start, reach)
+    return Errand(request, aim, q if request.mode is Mode.JOINT else None, q)
+
+
+def _solution(request: MoveRequest, aim: Aim, start: Floats, reach: Reach) -> Floats:
+    branch = reach.branch(start) if request.branch is None else request.branch
+    try:
+        return reach.inverse(aim.newest.pose, branch, start, singular=True)
+    except MotionError as error:
+        raise type(error)(f"move to {request.name}: {error}") from error

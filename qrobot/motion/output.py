@@ -1,0 +1,43 @@
+"""What the generator gives out, and how it stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from qrobot.motion.events import MotionEvent
+from qrobot.motion.limits import Floats
+from qrobot.motion.request import MoveRequest
+
+
+@dataclass(frozen=True)
+class Halt:
+    """An absolute stop under way.
+
+    Attributes:
+        request: being ended, None when none was served.
+        code: it ends with.
+        scal: how much of it was done.
+    """
+
+    request: MoveRequest | None
+    code: int
+    scal: float
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """One sample.
+
+    Attributes:
+        q: joint setpoints, rad or m. Shape (n,).
+        request: being served, None at rest.
+        scal: how much of its segment is done, 0 to 1; 1 at rest.
+        events: what happened since the sample before, oldest first.
+        moving: a request is being served, or waits.
+    """
+
+    q: Floats
+    request: MoveRequest | None
+    scal: float
+    events: tuple[MotionEvent, ...]
+    moving: bool

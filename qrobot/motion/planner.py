@@ -1,0 +1,147 @@
+"""From a queued request and the state of the arm to the segment that serves it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.motion.chart import JOINTS, measured
+from qrobot.motion.course import Course, lay_course
+from qrobot.motion.errand import Errand, errand_of
+from qrobot.motion.leg import Leg, Shape, leg_from, leg_round
+from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.path import Segment, segment_of
+from qrobot.motion.reach import Reach
+from qrobot.motion.request import MoveRequest
+from qrobot.motion.schedule import MANY, Schedule, Scheduler
+from qrobot.motion.trail import Samples, motion_of
+
+_LOOKS: Final = 16
+_TRIES: Final = 12
+_LONGER: Final = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """How a segment is entered.
+
+    Attributes:
+        segment: to be served.
+        state: of the arm at its start, in the segment's coordinates. Shape (3, m).
+    """
+
+    segment: Segment
+    state: Floats
+
+
+@dataclass(frozen=True)
+class Room:
+    """Bounds of a transition, samples: `least`, wished `most`, and Ta of the request that follows, 0 for none."""
+
+    least: int = 1
+    most: int = MANY
+    following: int = 0
+
+
+class Planner:
+    """Plans for one arm.
+
+    Args:
+        limits: of the arm.
+        shape: of the legs.
+        reach: kinematics, None when they are not known.
+
+    Attributes:
+        scheduler: of times.
+    """
+
+    def __init__(self, limits: MotionLimits, shape: Shape, reach: Reach | None) -> None:
+        self.scheduler = Scheduler(limits, shape.period_s, shape.blend)
+        self._limits = limits
+        self._shape = shape
+        self._reach = reach
+
+    def prepare(self, request: MoveRequest, start: Floats | None, near: Floats, tick: int) -> Errand:
+        """Judge a request as a motion from rest at `start` (n,) to rest, as far as both are known.
+
+        Args:
+            request: what was asked.
+            start: where the arm will be before it; None when that moves.
+            near: where it is now. Shape (n,).
+            tick: newest sample.
+
+        Raises:
+            JointLimit, Unreachable, Singular: the goal, or the way there, is not for this arm.
+            MotionError: the arm cannot do it in that time.
+        """
+        errand = errand_of(request, near if start is None else start, self._reach, tick)
+        if errand.end is not None:
+            self._limits.check_position(errand.end, f"move to {request.name}")
+        if errand.end is not None and start is not None:
+            self.scheduler.check(request, lay_course(errand, start, self._reach))
+        return errand
+
+    def lay(self, errand: Errand, corner: Floats) -> Course:
+        """The way from the joint positions `corner` (n,); raises what `lay_course` raises."""
+        return lay_course(errand, corner, self._reach)
+
+    def depart(self, errand: Errand, corner: Floats, points: Samples, clock: float, room: Room) -> Departure:
+        """Into `errand` now, at path time `clock`.
+
+        Args:
+            errand: what comes next.
+            corner: joint positions from which its straight way leads. Shape (n,).
+            points: the newest setpoints, that of now included.
+            clock: path time.
+            room: for the transition.
+
+        Raises:
+            MotionError: see `lay_course`.
+        """
+        course = self.lay(errand, corner)
+        state, v = self._measured(course, points), motion_of(points, self._shape.period_s)[1]
+        least = room.least
+        for _ in range(_TRIES):
+            schedule = self.scheduler.plan(errand.request, course, v, least, room.most, room.following)
+            segment = self.segment(errand, course, schedule, clock + schedule.transition)
+            if self._fits(segment, state, clock, points[-1][1]):
+                break
+            least = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
+        return Departure(segment, state)
+
+    def segment(self, errand: Errand, course: Course, schedule: Schedule, begin: float) -> Segment:
+        """The segment that leaves its corner at path time `begin`."""
+        return segment_of(errand.request, course, schedule, begin, self._shape.period_s)
+
+    def _measured(self, course: Course, points: Samples) -> Floats:
+        return measured(course.chart, points, self._shape.period_s)
+
+    def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
+        """True when the joints keep their limits in the transitions; not to be known when the goal moves."""
+        if segment.chart is JOINTS or not segment.chart.fixed:
+            return True
+        entering = leg_round(
+            state, segment.corner, segment.begin, segment.velocity, clock, 2.0 * segment.schedule.transition,
+            self._shape.period_s,
+        )  # fmt: skip
+        legs = (entering, to_rest(segment, self._shape))
+        return all(self._keeps_limits(segment, leg, near) for leg in legs)
+
+    def _keeps_limits(self, segment: Segment, leg: Leg, near: Floats) -> bool:
+        step_s = leg.length * self._shape.period_s / _LOOKS
+        joints = np.empty((_LOOKS + 1, near.size))
+        for i, look in enumerate(np.linspace(leg.start, leg.end, _LOOKS + 1)):
+            joints[i] = near = segment.chart.look(leg.state(look, self._shape)[0], near)
+        v = np.gradient(joints, step_s, axis=0, edge_order=2)
+        a = np.diff(joints, 2, axis=0) / step_s**2
+        return bool((np.abs(v) <= self._limits.v_max).all() and (np.abs(a) <= self._limits.a_max).all())
+
+
+def to_rest(segment: Segment, shape: Shape) -> Leg:
+    """The transition to rest at the end of a segment."""
+    length = 2.0 * segment.schedule.resting
+    behind = segment.velocity * (segment.schedule.resting * shape.period_s)
+    state = np.vstack((segment.target - behind, segment.velocity, np.zeros_like(behind)))
+    return leg_from(state, np.zeros_like(behind), segment.rest_begin, length)

@@ -1,0 +1,88 @@
+"""The arm's kinematics as the generator needs it: every sample, and with a reason when there is no solution."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.model.arm import SINGULAR, Arm
+from qrobot.model.branch import Branch
+from qrobot.model.puma import Status, puma_branch, puma_inverse
+from qrobot.motion.limits import Floats
+
+NEAR_SINGULAR: Final = (
+    0.08  # smallest singular value of the Jacobian (m, rad); about 0.3 in the middle of the workspace
+)
+
+
+class Reach(Protocol):
+    """Kinematics of one arm. Joint positions have shape (n,), poses of T6 shape (4, 4)."""
+
+    def forward(self, q: Floats) -> Floats:
+        """T6 of joint positions."""
+
+    def branch(self, q: Floats) -> Branch:
+        """The configuration in which the arm stands."""
+
+    def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
+        """Joint positions of a configuration, by whole turns nearest to `near`.
+
+        Args:
+            T: pose of T6.
+            branch: the configuration.
+            near: where the arm is.
+            singular: take a solution at a singular pose too; one where it ends, not where it passes.
+
+        Raises:
+            Unreachable, JointLimit, Singular: there is none, and why.
+        """
+
+    def near_singular(self, q: Floats) -> bool:
+        """Some motion of T6 would need joints far faster than others."""
+
+
+class PumaReach:
+    """The PUMA family, in closed form."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._q = np.empty(arm.robot.n)
+
+    def forward(self, q: Floats) -> Floats:
+        """See `Reach.forward`."""
+        return self._arm.forward(q)
+
+    def branch(self, q: Floats) -> Branch:
+        """See `Reach.branch`."""
+        return Branch(puma_branch(np.array(q), self._arm.params))
+
+    def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
+        """See `Reach.inverse`."""
+        pose, around = np.array(T), np.array(near)  # the one type for which the kernel is compiled
+        status = puma_inverse(pose, self._arm.params, int(branch), around, self._q)
+        if status != Status.OK and not (singular and status in SINGULAR and self._inside()):
+            raise self._error(Status(status), T, branch)
+        return self._q.copy()
+
+    def near_singular(self, q: Floats) -> bool:
+        """See `Reach.near_singular`."""
+        return float(np.linalg.svd(self._arm.jacobian(q), compute_uv=False)[-1]) < NEAR_SINGULAR
+
+    def _inside(self) -> bool:
+        params = self._arm.params
+        return bool(((params.q_min <= self._q) & (self._q <= params.q_max)).all())
+
+    def _error(self, status: Status, T: Floats, branch: Branch) -> MotionError:
+        where = f"configuration {branch.letters!r}, T6 at {np.round(1e3 * T[:3, 3], 1).tolist()} mm"
+        if status == Status.UNREACHABLE:
+            return Unreachable(f"{where}: out of the arm's reach")
+        if status == Status.JOINT_LIMIT:
+            return JointLimit(f"{where}: {self._arm.limits_passed(self._q)}")
+        return Singular(f"{where}: {SINGULAR[status]}")
+
+
+def reach_of(arm: Arm) -> Reach | None:
+    """The closed form for `arm`, None when there is none."""
+    return PumaReach(arm) if arm.robot.geometry.family == "puma" else None

@@ -1,0 +1,92 @@
+"""Transforms as terms of position equations: four kinds, told apart by when their value counts (Hayward & Paul 1986).
+
+| kind | its value counts |
+|---|---|
+| constant | as it was when the motion was asked for; multiplied with its neighbours beforehand |
+| variable | as it is at each sample: whoever changes it must keep the steps small |
+| hold | as it was when the motion was asked for; one transform serves many motions with different values |
+| functional | computed anew by its function at each sample, once, however often it occurs |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.errors import MotionError
+from qrobot.model.transform import is_transform
+from qrobot.motion.limits import Floats
+
+
+class Kind(Enum):
+    """When the value of a transform counts."""
+
+    CONST = "const"
+    VARB = "varb"
+    HOLD = "hold"
+    FUNCTION = "function"
+    UNKNOWN = "unknown"  # what an equation is solved for
+
+
+class Trsf:
+    """A term: the pose of one frame in another, or a motion of the first.
+
+    Args:
+        name: for traces and messages.
+        kind: when its value counts.
+        value: pose, shape (4, 4), m; default identity. Copied.
+        function: of a functional transform; called with the transform, whose `value` it changes.
+
+    Attributes:
+        value: the newest value. Shape (4, 4).
+
+    Raises:
+        MotionError: the value is no rigid transform, or a function is missing or too many.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: Kind = Kind.VARB,
+        value: Floats | None = None,
+        function: Callable[[Any], object] | None = None,
+    ) -> None:
+        if (kind is Kind.FUNCTION) != (function is not None):
+            raise MotionError(f"transform {name}: a function belongs to a functional transform, and only there")
+        self.name = name
+        self.kind = kind
+        self.value = np.eye(4)
+        self._function = function
+        self._age: int | None = None  # sample of the latest evaluation
+        if value is not None:
+            self.set(value)
+
+    def set(self, value: Floats) -> None:
+        """Give it another value, shape (4, 4), in one step. Raises MotionError when that is no rigid transform."""
+        value = np.array(value, dtype=np.float64)
+        if not is_transform(value):
+            raise MotionError(f"transform {self.name}: not a rigid transform: {np.round(value, 6).tolist()}")
+        self.value = value
+
+    def at(self, tick: int) -> Floats:
+        """The value at sample `tick`. Shape (4, 4).
+
+        Raises:
+            MotionError: a functional transform's function left something that is no rigid transform.
+        """
+        if self._function is not None and self._age != tick:
+            self._function(self)
+            self._age = tick
+            if not is_transform(self.value):
+                raise MotionError(f"transform {self.name}: its function left no rigid transform: {self.value.tolist()}")
+        return self.value
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {self.kind.value})"
+
+
+T6: Final = Trsf("T6", Kind.UNKNOWN)
+"""The end of the arm in its base, the unknown of every position equation."""

@@ -1,0 +1,45 @@
+"""The last look at a setpoint of which nobody could know beforehand that it keeps the limits: the goal may move."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.events import Termination
+from qrobot.motion.limits import Floats, MotionLimits
+
+# Speed and acceleration are differences of samples, which exceed what was planned a little where it changes.
+_SLACK: Final = 1.05
+
+_REASONS: Final[dict[type[MotionError], Termination]] = {
+    JointLimit: Termination.JOINT_LIMIT,
+    Unreachable: Termination.UNREACHABLE,
+    Singular: Termination.SINGULAR,
+}
+
+
+def reason(error: MotionError) -> Termination:
+    """The code for what the kinematics raised."""
+    return _REASONS.get(type(error), Termination.UNREACHABLE)
+
+
+def halting_s(v: Floats, limits: MotionLimits, blend: Blend) -> float:
+    """Time in which joints of velocity `v` (n,) come to rest together, the busiest with its a_stop."""
+    return float((np.abs(v) / limits.a_stop).max()) * PEAK[blend]
+
+
+def judge(state: Floats, limits: MotionLimits, blend: Blend) -> Termination:
+    """What is wrong with a setpoint of `state` (3, n: q, v, a): NONE, JOINT_LIMIT or TOO_FAST.
+
+    A joint limit is a limit from which the arm could no longer be stopped: before it is passed.
+    """
+    q, v, a = state
+    if not (np.abs(v) <= _SLACK * limits.v_max).all() or not (np.abs(a) <= _SLACK * limits.a_max).all():
+        return Termination.TOO_FAST
+    stopped = q + v * (0.5 * halting_s(v, limits, blend))
+    if not ((limits.q_min <= stopped) & (stopped <= limits.q_max)).all():
+        return Termination.JOINT_LIMIT
+    return Termination.NONE
