@@ -74,7 +74,7 @@ def lay_course(errand: Errand, corner: Floats, reach: Reach | None) -> Course:
     if errand.target is not None:
         return joint_course(corner, errand.target, tool)
     if errand.aim is None or reach is None or tool is None:
-        raise MotionError(f"move to {errand.request.name}: there is no way to nowhere")
+        raise MotionError("there is no goal")
     present, request = reach.branch(corner), errand.request
     if request.mode is Mode.CARTESIAN:
         _same_branch(request, present)
@@ -87,7 +87,7 @@ def lay_course(errand: Errand, corner: Floats, reach: Reach | None) -> Course:
 def _same_branch(request: MoveRequest, present: Branch) -> None:
     if request.branch is not None and request.branch != present:
         change = f"from {present.letters!r} to {request.branch.letters!r}"
-        raise MotionError(f"move to {request.name}: no straight line changes configuration {change}; use joint mode")
+        raise MotionError(f"no straight line changes configuration {change}; use joint mode")
 
 
 def _tool(errand: Errand, corner: Floats, reach: Reach | None) -> Floats | None:

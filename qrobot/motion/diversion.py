@@ -7,11 +7,12 @@ corner is no place anybody asked for: the way is looked at beforehand, and taken
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from qrobot.motion.course import joint_course
+from qrobot.motion.course import Course
 from qrobot.motion.leg import Shape, leg_from
 from qrobot.motion.limits import Floats
 from qrobot.motion.path import Segment, segment_of
@@ -25,22 +26,22 @@ _LONGER: Final = 1.4
 
 def divert(
     request: MoveRequest,
-    target: Floats,
+    lay: Callable[[Floats], Course],
     state: Floats,
     clock: float,
     scheduler: Scheduler,
     shape: Shape,
     following: int,
 ) -> Segment | None:
-    """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` to `target` (n,).
+    """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` into `request`.
 
-    Longer and longer transitions are tried; None when none of them keeps the limits.
+    `lay` gives the joint course that begins at a corner (n,). Longer and longer transitions are tried; None when
+    none of them keeps the limits.
     """
     q, v, _ = state
     transition = 1
     for _ in range(_TRIES):
-        corner = q + v * (transition * scheduler.period_s)
-        course = joint_course(corner, target)
+        course = lay(q + v * (transition * scheduler.period_s))
         schedule = scheduler.plan(request, course, v, least=transition, following=following)
         if schedule.transition == transition:  # else the corner lies elsewhere
             segment = segment_of(request, course, schedule, clock + transition, scheduler.period_s)

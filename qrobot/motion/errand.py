@@ -58,18 +58,11 @@ def errand_of(request: MoveRequest, start: Floats, reach: Reach | None, tick: in
     if isinstance(request.target, np.ndarray):
         return Errand(request, target=request.target, end=request.target)
     if reach is None or not isinstance(request.target, Goal):
-        raise MotionError(f"move to {request.name}: this arm has no inverse kinematics, so name joint positions")
+        raise MotionError("this arm has no inverse kinematics, so name joint positions")
     aim = Aim(request.target)
     if not request.target.fixed:
         return Errand(request, aim)
     aim.sample(tick)
-    q = _solution(request, aim, start, reach)
-    return Errand(request, aim, q if request.mode is Mode.JOINT else None, q)
-
-
-def _solution(request: MoveRequest, aim: Aim, start: Floats, reach: Reach) -> Floats:
     branch = reach.branch(start) if request.branch is None else request.branch
-    try:
-        return reach.inverse(aim.newest.pose, branch, start, singular=True)
-    except MotionError as error:
-        raise type(error)(f"move to {request.name}: {error}") from error
+    q = reach.inverse(aim.newest.pose, branch, start, singular=True)
+    return Errand(request, aim, q if request.mode is Mode.JOINT else None, q)

@@ -14,6 +14,8 @@ whose goals may move, each is judged before it goes out, and an absolute stop ta
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
@@ -194,6 +196,8 @@ class Generator:
         return self._path.joints(self._clock)
 
     def _judged(self, q: Floats) -> Termination:
+        if np.abs(q - self._trail.newest).max() > np.pi:
+            return Termination.JOINT_LIMIT  # some joint could go on a whole turn away only
         state = motion_of(self._trail.with_now(self._tick, q), self.period_s)
         code = judge(state, self._limits, self._shape.blend)
         if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._trail.newest):
@@ -332,15 +336,15 @@ class Generator:
         elif errand.here:
             self._begin_here(code)
         elif self._path.chart is JOINTS and errand.target is not None:
-            self._divert(segment, errand, errand.target, code)
+            self._divert(segment, errand, code)
         else:
             self._depart(errand, self._ahead(errand.request), Room(following=self._ta_after()), code)
 
-    def _divert(self, segment: Segment, errand: Errand, target: Floats, code: int) -> None:
+    def _divert(self, segment: Segment, errand: Errand, code: int) -> None:
         """From where the arm is now, at the speed it has, into `errand`; a stop when no such way is safe."""
-        state = self._path.state(self._clock)
+        state, lay = self._path.state(self._clock), partial(self._planner.lay, errand)
         there = divert(
-            errand.request, target, state, self._clock, self._scheduler, self._shape, self._ta_after()
+            errand.request, lay, state, self._clock, self._scheduler, self._shape, self._ta_after()
         )  # fmt: skip
         if there is None:
             self._begin_stop(segment, code)
@@ -391,7 +395,7 @@ class Generator:
         """Bring the joints to rest from the newest setpoint, whatever the path was."""
         joint_path = self._path.chart is JOINTS
         state = self._path.state(self._told_clock) if joint_path else self._trail.state(self.period_s)
-        length_s = max(seconds, self.period_s, halting_s(state[1], self._limits, self._shape.blend))
+        length_s = max(seconds, halting_s(state[1], self._limits, self._shape.blend))
         scal = 1.0 if self._path.segment is None else self._path.segment.scal(self._told_clock)
         self._halt = Halt(request, code, scal)
         self._planned = self._brake = None

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from qrobot.errors import MotionError
 from qrobot.motion.chart import JOINTS, measured
 from qrobot.motion.course import Course, lay_course
 from qrobot.motion.errand import Errand, errand_of
@@ -76,11 +79,15 @@ class Planner:
             JointLimit, Unreachable, Singular: the goal, or the way there, is not for this arm.
             MotionError: the arm cannot do it in that time.
         """
-        errand = errand_of(request, near if start is None else start, self._reach, tick)
+        what = f"move to {request.name}"
+        with _told(what):
+            errand = errand_of(request, near if start is None else start, self._reach, tick)
         if errand.end is not None:
-            self._limits.check_position(errand.end, f"move to {request.name}")
+            self._limits.check_position(errand.end, what)
         if errand.end is not None and start is not None:
-            self.scheduler.check(request, lay_course(errand, start, self._reach))
+            with _told(what):
+                course = self.lay(errand, start)
+            self.scheduler.check(request, course)
         return errand
 
     def lay(self, errand: Errand, corner: Floats) -> Course:
@@ -137,6 +144,15 @@ class Planner:
         v = np.gradient(joints, step_s, axis=0, edge_order=2)
         a = np.diff(joints, 2, axis=0) / step_s**2
         return bool((np.abs(v) <= self._limits.v_max).all() and (np.abs(a) <= self._limits.a_max).all())
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Say with every refusal what was asked."""
+    try:
+        yield
+    except MotionError as error:
+        raise type(error)(f"{what}: {error}") from error
 
 
 def to_rest(segment: Segment, shape: Shape) -> Leg:

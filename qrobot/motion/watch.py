@@ -14,6 +14,8 @@ from qrobot.motion.limits import Floats, MotionLimits
 # Speed and acceleration are differences of samples, which exceed what was planned a little where it changes.
 _SLACK: Final = 1.05
 
+SHORTEST_HALT_S: Final = 0.1  # however slow: the acceleration must not come and go within a sample
+
 _REASONS: Final[dict[type[MotionError], Termination]] = {
     JointLimit: Termination.JOINT_LIMIT,
     Unreachable: Termination.UNREACHABLE,
@@ -28,7 +30,7 @@ def reason(error: MotionError) -> Termination:
 
 def halting_s(v: Floats, limits: MotionLimits, blend: Blend) -> float:
     """Time in which joints of velocity `v` (n,) come to rest together, the busiest with its a_stop."""
-    return float((np.abs(v) / limits.a_stop).max()) * PEAK[blend]
+    return max(SHORTEST_HALT_S, float((np.abs(v) / limits.a_stop).max()) * PEAK[blend])
 
 
 def judge(state: Floats, limits: MotionLimits, blend: Blend) -> Termination:
