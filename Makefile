@@ -32,7 +32,7 @@ lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
 	$(BIN)/mypy
 	$(BIN)/codespell
 
-bench: $(VENV)/dev.stamp ## measure this machine (wants a quiet one)
+bench: $(VENV)/dev.stamp ## measure this machine (ten minutes; wants a quiet one)
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs.stamp ## build docs/_build/html; a warning is an error

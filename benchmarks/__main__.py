@@ -2,39 +2,133 @@
 
 from __future__ import annotations
 
+import json as json_format
 import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
+from typing import Final
 
+from cyclopts import App
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import lockstep, wakeup
-from benchmarks.rows import Row, machine, save
+from benchmarks import page
+from benchmarks.machine import described, machine
+from benchmarks.rows import Row, load, save
+from benchmarks.timing import FULL, QUICK, Effort
 
-OUTPUT = Path("out/bench.json")
+OUTPUT: Final = Path("out/bench.json")
+# Wake-ups last: they pin this process to processors and lock its memory.
+GROUPS: Final = ("laws", "models", "servo", "lockstep", "logs", "startup", "wakeup")
+
+app = App(name="python -m benchmarks", help="How fast QRobot is on this machine, and against whom.")
+console = Console()
 
 
-def main() -> None:
-    """Run everything, or the groups named on the command line (lockstep, wakeup)."""
-    groups = {"lockstep": lockstep.rows, "wakeup": wakeup.rows}
-    chosen = sys.argv[1:] or list(groups)
-    console, rows = Console(), list[Row]()
-    for name in chosen:
-        if name not in groups:
-            sys.exit(f"no benchmark {name!r}; there are: {', '.join(groups)}")
-        for row in groups[name]():
-            console.print(f"{row.name}: {row.value:.4g} {row.unit}", style="dim")
-            rows.append(row)
-    table = Table(title=machine(), title_justify="left")
-    for heading in ("figure", "value", "unit", "reference", "ratio"):
+@app.default
+def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: Path = OUTPUT) -> int:
+    """Measure, print a table and write it as JSON. A full run takes some ten minutes of a quiet machine.
+
+    Parameters
+    ----------
+    groups
+        Only these: laws, models, servo, lockstep, logs, startup, wakeup.
+    quick
+        A few seconds: shows that everything runs, not how fast.
+    write_docs
+        Put the tables into docs/performance.md as well.
+    output
+        The JSON file.
+    """
+    unknown = [name for name in groups if name not in GROUPS]
+    if unknown:
+        console.print(f"no benchmark {unknown[0]!r}; there are: {', '.join(GROUPS)}")
+        return 2
+    facts, rows = machine(), list[Row]()
+    for row in measured(groups or GROUPS, QUICK if quick else FULL):
+        console.print(f"{row.name}: {page.number(row.value)} {row.unit}", style="dim", highlight=False)
+        rows.append(row)
+    console.print(results_table(rows, described(facts)))
+    save(rows, facts, output)
+    console.print(f"written to {output}")
+    if write_docs:
+        write_page(output)
+    return 0
+
+
+@app.command
+def docs(source: Path = OUTPUT) -> int:
+    """Put the tables of an earlier run into docs/performance.md.
+
+    Parameters
+    ----------
+    source
+        The JSON file of that run.
+    """
+    write_page(source)
+    return 0
+
+
+@app.command
+def soak(*, hours: float = 1.0, seed: int = 0, rigid: bool = False, json: Path | None = None) -> int:
+    """Hours of emulated operation in lock-step at 4 kHz: random moves, every cycle logged and counted.
+
+    Parameters
+    ----------
+    hours
+        Robot time; an hour takes a few minutes.
+    seed
+        Of the moves and of the board's noise.
+    rigid
+        The rigid plant instead of MuJoCo.
+    json
+        Write the result to this file as well.
+    """
+    from benchmarks.soak import Soak
+    from benchmarks.soak import soak as run
+
+    with console.status("starting") as status:
+
+        def progress(so_far: Soak) -> None:
+            status.update(f"{so_far.robot_s:.0f} of {hours * 3600:.0f} s, {so_far.fault or 'no fault'}")
+
+        result = run(hours, seed, "rigid" if rigid else "mujoco", progress=progress)
+    report = json_format.dumps(result.to_dict(), indent=2)
+    console.print(report, highlight=False)
+    if json is not None:
+        json.parent.mkdir(parents=True, exist_ok=True)
+        json.write_text(report + "\n")
+    return 1 if result.failures else 0
+
+
+def measured(groups: tuple[str, ...], effort: Effort) -> Iterator[Row]:
+    """All rows of these groups."""
+    for name in groups:
+        rows: Callable[[Effort], Iterator[Row]] = import_module(f"benchmarks.{name}").rows
+        yield from rows(effort)
+
+
+def results_table(rows: list[Row], title: str) -> Table:
+    """The rows for people; of the wake-ups only those with a goal."""
+    table = Table(title=title, title_justify="left")
+    for heading in ("figure", "value", "against", "ratio", "goal", "met"):
         table.add_column(heading)
     for row in rows:
-        peer = ("", "") if row.ratio is None else (f"{row.reference:.4g}", f"{row.ratio:.3g}")
-        table.add_row(row.name, f"{row.value:.4g}", row.unit, *peer)
-    console.print(table)
-    save(rows, OUTPUT)
-    console.print(f"written to {OUTPUT}")
+        if not row.labels or row.met is not None:
+            peer = f"{page.number(row.reference)} {row.peer}" if row.reference is not None else ""
+            ratio = page.number(row.ratio) if row.ratio is not None else ""
+            met = "" if row.met is None else "[green]yes[/]" if row.met else "[red]no[/]"
+            table.add_row(row.name, f"{page.number(row.value)} {row.unit}", peer, ratio, row.goal, met)
+    return table
+
+
+def write_page(source: Path) -> None:
+    """Rewrite the measured part of the page."""
+    rows, facts = load(source)
+    page.PAGE.write_text(page.rewrite(page.PAGE.read_text(), rows, facts))
+    console.print(f"written to {page.PAGE}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(app())

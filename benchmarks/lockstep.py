@@ -1,73 +1,158 @@
-"""How many times faster than the clock on the wall the emulated robot runs, and where the time goes."""
+"""Row 4c: how many times faster than the wall clock the emulated robot runs, repeats itself, and agrees with itself."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
-from typing import Any
+from time import perf_counter
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.rows import Row, against, best_of
+from benchmarks.box import FRAME_NS, setpoints
+from benchmarks.rows import Goal, Row, row
+from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
+from qrobot.errors import QRobotError
 from qrobot.realtime.jit import lean_kernel
-from qrobot.rig.experiment import RATES_HZ, program_path, run_program
-from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.law import KP, KV
-from qrobot.servo.loop import one_cycle
+from qrobot.rig.experiment import program_path, run_program
+from qrobot.rig.lockstep import LockstepRig, run_ticks
+from qrobot.servo.mailbox import (
+    FRAME_JOINTS,
+    FRAME_PERIOD_NS,
+    FRAME_SEQ,
+    FRAME_STREAM,
+    FRAME_T_NS,
+    POSITION_SETPOINT,
+    frame_words,
+    push_frame,
+)
+from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.emulator import Emulator, emulator_run
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.plant import Physics
 
-TICKS = 20_000
-REPEATS = 7
+MOTION_S: Final = 60.0  # robot time
+RATE_HZ: Final = 4000
+PROGRAM_RATES_HZ: Final = (1000, 2000, 4000)
+REPEATS: Final = 3
+SLOWEST: Final[dict[Physics, float]] = {"rigid": 300.0, "mujoco": 100.0}
+PLANTS: Final[dict[Physics, str]] = {"rigid": "rigid plant", "mujoco": "MuJoCo"}
 
 
 @lean_kernel
-def cycles(params: Any, state: Any, law: Any, mail: Any, board: Any, now_ns: int, n: int) -> int:
-    """`n` servo cycles on an image that does not change, board and plant left out."""
-    for _ in range(n):
-        one_cycle(params, state, law, mail, board, now_ns, 0)
-        now_ns += 250_000
+def play(
+    params: Any, state: Any, law: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int
+) -> int:
+    """Servo, board and plant through all `frames`, int64[k, words], each handed over when its time has come."""
+    for k in range(frames.shape[0]):
+        frames[k, FRAME_T_NS] = now_ns
+        push_frame(mail, frames[k], frames.shape[1])
+        until_ns = now_ns + FRAME_NS
+        n = (until_ns - now_ns) // params.period_ns
+        now_ns = run_ticks(params, state, law, mail, board, emulator, now_ns, n, substeps)
     return now_ns
 
 
-def powered_rig(rate_hz: int) -> LockstepRig:
-    """A rig that holds the arm."""
-    rig = LockstepRig(load_robot("puma560"), ServoSettings(rate_hz=rate_hz), keep_telemetry=False)
+def frames_of(positions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Frames of one stream that ask for `positions`, shape (k, n)."""
+    k, n = positions.shape
+    frames = np.zeros((k, frame_words(n)), dtype=np.int64)
+    frames[:, FRAME_STREAM], frames[:, FRAME_SEQ], frames[:, FRAME_PERIOD_NS] = 1, np.arange(k), FRAME_NS
+    frames[:, FRAME_JOINTS : FRAME_JOINTS + n] = POSITION_SETPOINT
+    frames.view(np.float64)[:, FRAME_JOINTS + n :] = positions
+    return frames
+
+
+def powered_rig(physics: Physics, keep_telemetry: bool = False) -> LockstepRig:
+    """A rig that holds the arm at its ready pose."""
+    robot = load_robot("puma560")
+    emulator = Emulator(robot, physics=physics, start="ready")
+    rig = LockstepRig(robot, ServoSettings(rate_hz=RATE_HZ), emulator, keep_telemetry=keep_telemetry)
     rig.ticks(1)
     rig.mailbox.request_power(True)
     rig.run_for(0.2)
     return rig
 
 
-def rows() -> Iterator[Row]:
+def rows(effort: Effort) -> Iterator[Row]:
     """The rows."""
-    rig = powered_rig(4000)
-    program = program_path()
-    for rate in RATES_HZ:
-        fastest = 0.0
-        for _ in range(3):
-            whole = LockstepRig(rig.robot, ServoSettings(rate_hz=rate), Emulator(rig.robot))
-            whole.ticks(1)
-            run_program(whole, program)
-            fastest = max(fastest, whole.realtime_factor)
-        yield Row(f"lock-step, paper's experiment at {rate} Hz, program to plant", fastest, "x real time")
-    step = best_of(REPEATS, lambda: emulator_run(rig.emulator.bundle, rig.board, rig.now_ns, TICKS)) / TICKS
-    arguments = (rig.params, rig.state, rig.law, rig.mail, rig.board, rig.now_ns)
-    cycles(*arguments, 1)
-    cycle = best_of(REPEATS, lambda: cycles(*arguments, TICKS)) / TICKS
-    yield Row("board and MuJoCo plant, one step", step * 1e6, "us")
-    yield against("servo cycle against the law alone in NumPy", cycle * 1e9, "ns", numpy_law_ns(rig))
-    yield Row("lock-step at 4000 Hz, servo, board and plant alone", 250e-6 / (step + cycle), "x real time")
+    path = setpoints(load_robot("puma560"), max(1.0, effort.work * MOTION_S))
+    yield from loop_rows(path, effort)
+    yield from repeat_rows(path)
+    rates = PROGRAM_RATES_HZ if effort.cold else PROGRAM_RATES_HZ[-1:]
+    for rate in rates:
+        goal = Goal(50.0, at_least=True) if rate == RATE_HZ else None
+        yield row(f"lock-step at {rate} Hz, MuJoCo, program to plant", program_factor(rate, effort), "x", goal)
 
 
-def numpy_law_ns(rig: LockstepRig) -> float:
-    """The QRobot law's feedback written with NumPy arrays, ns per evaluation."""
-    kp, kv = np.array(rig.params.gains[KP]), np.array(rig.params.gains[KV])
-    q, v, gravity, friction = (np.full(kp.size, 0.1) for _ in range(4))
-    q_ref, v_ref, limit = q + 0.001, v + 0.001, np.full(kp.size, 50.0)
+def loop_rows(path: NDArray[np.float64], effort: Effort) -> Iterator[Row]:
+    """Servo, board and plant in one compiled loop, through the box motion."""
+    for physics in PLANTS:
+        play_once(physics, path[:2])
+    factors: dict[Physics, float] = dict.fromkeys(PLANTS, 0.0)
+    for _ in range(effort.rounds):
+        for physics in PLANTS:
+            factors[physics] = max(factors[physics], play_once(physics, path))
+    for physics, plant in PLANTS.items():
+        goal = Goal(SLOWEST[physics], at_least=True)
+        yield row(f"lock-step at {RATE_HZ} Hz, {plant}, compiled loop", factors[physics], "x", goal)
 
-    def law() -> None:
-        for _ in range(2000):
-            np.clip(kp * (q_ref - q) + kv * (v_ref - v) + friction + gravity, -limit, limit)
 
-    return best_of(REPEATS, law) / 2000 * 1e9
+def play_once(physics: Physics, path: NDArray[np.float64]) -> float:
+    """Robot time over wall-clock time. Raises QRobotError when the servo does not follow to the end."""
+    rig, frames = powered_rig(physics), frames_of(path)
+    arguments = (rig.params, rig.state, rig.law, rig.mail, rig.board, rig.emulator.bundle)
+    began_ns, began_s = rig.now_ns, perf_counter()
+    rig.now_ns = play(*arguments, frames, rig.now_ns, rig.substeps)
+    took_s = perf_counter() - began_s
+    _check_tracking(rig)
+    return (rig.now_ns - began_ns) * 1e-9 / took_s
+
+
+def _check_tracking(rig: LockstepRig) -> None:
+    seen = rig.mailbox.snapshot()
+    if seen.mode != Mode.TRACKING or seen.event:
+        raise QRobotError(f"the box motion ended in {Mode(seen.mode).name} with event {seen.event}, not in tracking")
+
+
+def repeat_rows(path: NDArray[np.float64]) -> Iterator[Row]:
+    """The same motion again and again, bit for bit; and with both plants."""
+    seen: dict[Physics, NDArray[np.float64]] = {}
+    for physics, plant in PLANTS.items():
+        digests = set()
+        for _ in range(REPEATS):
+            digest, seen[physics] = watched(physics, path)
+            digests.add(digest)
+        name = f"different telemetry of {REPEATS} equal runs, {plant}"
+        yield row(name, len(digests) - 1, "", Goal(0))
+    apart = float(np.abs(seen["rigid"] - seen["mujoco"]).max())
+    yield row("largest distance between the plants", apart, "rad", Goal(1e-4))
+
+
+def watched(physics: Physics, path: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+    """Digest of all telemetry of a run, and the true positions after each frame. Shape (frames, n)."""
+    rig, frames, positions = powered_rig(physics, keep_telemetry=True), frames_of(path), []
+    for frame in frames:
+        frame[FRAME_T_NS] = rig.now_ns
+        push_frame(rig.mail, frame, frame.size)
+        rig.ticks(FRAME_NS // rig.period_ns)
+        positions.append(rig.emulator.q)
+    _check_tracking(rig)
+    return hashlib.sha256(rig.rows().tobytes()).hexdigest(), np.array(positions)
+
+
+def program_factor(rate_hz: int, effort: Effort) -> float:
+    """The paper's experiment with everything a program meets: library, packets, bridge, servo, board, MuJoCo."""
+    robot, program = load_robot("puma560"), program_path()
+
+    def fly() -> None:
+        rig = LockstepRig(robot, ServoSettings(rate_hz=rate_hz), Emulator(robot))
+        rig.ticks(1)
+        run_program(rig, program)
+        factors.append(rig.realtime_factor)
+
+    factors: list[float] = []
+    interleaved({"program": fly}, effort.rounds)
+    return max(factors)

@@ -123,10 +123,17 @@ class LockstepRig:
         self.ticks(round(seconds * NS_PER_S / self.period_ns))
 
     def rows(self) -> Rows:
-        """Telemetry of every cycle so far, oldest first."""
+        """Telemetry of every cycle so far that has not been taken, oldest first."""
         if not self._kept:
             return self._reader.layout.empty(0)
         return np.concatenate(self._kept)
+
+    def take_rows(self) -> Rows:
+        """The same, once: long runs keep nothing."""
+        rows = self.rows()
+        if self._kept:
+            self._kept.clear()
+        return rows
 
 
 class LockstepBridge:

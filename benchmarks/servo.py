@@ -1,0 +1,107 @@
+"""A whole tick of the servo, and the telemetry row at its end, on a board that only shows new images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from benchmarks.box import FRAME_NS
+from benchmarks.rows import Goal, Row, row
+from benchmarks.timing import Effort, interleaved
+from qrobot.config import load_robot
+from qrobot.hwif.memory import (
+    IMAGE_COUNT,
+    IMAGE_START,
+    IMAGE_T_NS,
+    Lane,
+    discard_operations,
+    take_operation,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.loop import one_cycle
+from qrobot.servo.mailbox import (
+    FRAME_JOINTS,
+    FRAME_PERIOD_NS,
+    FRAME_SEQ,
+    FRAME_STREAM,
+    FRAME_T_NS,
+    INFO_TELEMETRY_BASE,
+    INFO_TELEMETRY_CAPACITY,
+    POSITION_SETPOINT,
+    frame_words,
+    push_frame,
+)
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.telemetry import append_row
+
+SERVO_LANE: Final = int(Lane.SERVO)
+TICKS: Final = 200_000
+RATE_HZ: Final = 4000
+
+
+@lean_kernel
+def ticks(params: Any, state: Any, law: Any, mail: Any, board: Any, frame: Any, now_ns: int, n: int) -> int:
+    """`n` servo ticks: each finds a new image, frames come in time, and what is written goes nowhere."""
+    for _ in range(n):
+        board[IMAGE_START + IMAGE_T_NS] = now_ns
+        board[IMAGE_START + IMAGE_COUNT] += 1
+        if now_ns >= frame[FRAME_T_NS] + FRAME_NS:
+            frame[FRAME_SEQ] += 1
+            frame[FRAME_T_NS] = now_ns
+            push_frame(mail, frame, frame.size)
+        one_cycle(params, state, law, mail, board, now_ns, 0)
+        discard_operations(board, SERVO_LANE)
+        take_operation(board, SERVO_LANE, state.ops[0])  # there is none: the lane sees that it is empty
+        now_ns += params.period_ns
+    return now_ns
+
+
+@lean_kernel
+def telemetry_rows(mail: Any, state: Any, n: int) -> None:
+    """`n` rows of telemetry."""
+    for k in range(n):
+        state.row[0] = k
+        append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
+
+
+def holding_rig() -> LockstepRig:
+    """A rig with the arm under power at its ready pose."""
+    robot = load_robot("puma560")
+    rig = LockstepRig(robot, ServoSettings(rate_hz=RATE_HZ), keep_telemetry=False)
+    rig.ticks(1)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.3)
+    return rig
+
+
+def frame_here(rig: LockstepRig) -> Any:
+    """A frame of a new stream that asks every joint to stay where its reference is."""
+    n = rig.robot.n
+    frame = np.zeros(frame_words(n), dtype=np.int64)
+    frame[FRAME_STREAM], frame[FRAME_SEQ], frame[FRAME_PERIOD_NS] = 1, -1, FRAME_NS
+    frame[FRAME_JOINTS : FRAME_JOINTS + n] = POSITION_SETPOINT
+    frame.view(np.float64)[FRAME_JOINTS + n :] = rig.mailbox.snapshot().q_ref
+    return frame
+
+
+def rows(effort: Effort) -> Iterator[Row]:
+    """The rows."""
+    rig, many = holding_rig(), effort.times(TICKS)
+    frame = frame_here(rig)
+
+    def run(n: int) -> None:
+        rig.now_ns = ticks(rig.params, rig.state, rig.law, rig.mail, rig.board, frame, rig.now_ns, n)
+
+    run(2 * FRAME_NS // rig.period_ns)
+    telemetry_rows(rig.mail, rig.state, 1)
+    contenders = {"tick": lambda: run(many), "row": lambda: telemetry_rows(rig.mail, rig.state, many)}
+    times = {name: duration / many * 1e9 for name, duration in interleaved(contenders, effort.rounds).items()}
+    mode = Mode(rig.mailbox.snapshot().mode)
+    if mode is not Mode.TRACKING:
+        raise RuntimeError(f"the servo on the bench is {mode.name}, not tracking: its tick is not the whole one")
+    yield row("servo tick while tracking, image to register writes and telemetry", times["tick"], "ns", Goal(500.0))
+    yield row("telemetry row into the ring", times["row"], "ns", Goal(50.0))

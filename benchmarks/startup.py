@@ -1,0 +1,42 @@
+"""How long a start takes, with everything compiled and with nothing compiled yet."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from benchmarks.rows import Row, row
+from benchmarks.timing import Effort, interleaved, seconds
+
+ROOT: Final = Path(__file__).parents[1]
+RIG: Final = (
+    "from qrobot.config import load_robot; from qrobot.rig.lockstep import LockstepRig; "
+    "from qrobot.servo.settings import ServoSettings; "
+    "LockstepRig(load_robot('puma560'), ServoSettings(rate_hz=4000)).ticks(1)"
+)
+
+
+def start(program: tuple[str, ...], cache: Path | None = None) -> None:
+    """Run one short-lived interpreter, with compiled code kept in `cache` instead of the usual place."""
+    environment = dict(os.environ)
+    if cache is not None:
+        environment |= {"NUMBA_CACHE_DIR": str(cache / "numba"), "QROBOT_CACHE": str(cache / "qrobot")}
+    subprocess.run([sys.executable, *program], env=environment, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
+def rows(effort: Effort) -> Iterator[Row]:
+    """The rows."""
+    rig, program = ("-c", RIG), ("-m", "qrobot", "--help")
+    start(rig)
+    warm = interleaved({"rig": lambda: start(rig), "help": lambda: start(program)}, effort.rounds)
+    yield row("start of servo, board and plant, compiled before", warm["rig"], "s")
+    yield row("`qrobot --help`", warm["help"], "s")
+    if effort.cold:
+        with tempfile.TemporaryDirectory() as folder:
+            cold = seconds(lambda: start(rig, Path(folder)))
+        yield row("first start of servo, board and plant, with all there is to compile", cold, "s")
