@@ -25,6 +25,7 @@ PER_JOINT: Final = {
     "PerJointInts": "whole numbers",
     "PerJointCounts": "whole numbers above zero",
     "PerJointSigns": "signs, 1 or -1",
+    "PerJointChannels": "different ADC channels, 0 to 7",
     "PerJointFlags": "of true or false",
     "PerJointVectors": "rows of 3 numbers",
     "PerJointInertia": "rows of 3 numbers from zero",

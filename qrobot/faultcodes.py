@@ -16,6 +16,9 @@ class FaultCode(IntEnum):
     ENC_STUCK = 1
     ENC_JUMP = 2
     ENC_SIGN = 3
+    CAL_MISMATCH = 5
+    CAL_VOTE = 6
+    CAL_INDEX = 7
     BOARD_GONE = 9
     VEL_LIMIT = 10
     # actuators and power
@@ -44,6 +47,12 @@ class FaultCode(IntEnum):
     JOINT_LIMIT = 65
     FOLLOWING = 66
     TORQUE_LIMIT = 67
+    # calibration, beside 5, 6 and 7
+    CAL_BLOCKED = 70
+    CAL_ROOM = 71
+    CAL_STOPPED = 72
+    CAL_MOVED = 73
+    CAL_NO_TABLE = 74
     # operator
     ESTOP = 47
     RESET_DENIED = 49
@@ -60,6 +69,18 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "check the encoder cable, then reset",
     ),
     FaultCode.ENC_SIGN: ("a joint accelerates against its torque", "check encoder and motor polarity"),
+    FaultCode.CAL_MISMATCH: (
+        "a potentiometer contradicts the counters or the calibration table, or does not answer",
+        "check its wiring and the table, then `qrobot calibrate`",
+    ),
+    FaultCode.CAL_VOTE: (
+        "the readings of a potentiometer do not agree on one place in the calibration table",
+        "check its wiring and the table, then calibrate again with more indexes",
+    ),
+    FaultCode.CAL_INDEX: (
+        "an index pulse was missing, or came where none can be",
+        "check the encoder cable, then calibrate again",
+    ),
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",
         "check the board or its process, then reset",
@@ -93,6 +114,23 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.FOLLOWING: ("a joint lags behind its setpoint by more than allowed", "clear obstacles, then reset"),
     FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then reset"),
+    FaultCode.CAL_BLOCKED: (
+        "a joint needed too much torque to creep",
+        "clear what is in its way, then calibrate again",
+    ),
+    FaultCode.CAL_ROOM: (
+        "a joint came to the end of its range while it was calibrated",
+        "move it towards its middle by hand, then calibrate again; or use fewer indexes",
+    ),
+    FaultCode.CAL_STOPPED: ("the calibration was stopped on request", "calibrate again"),
+    FaultCode.CAL_MOVED: (
+        "the arm did not stay at rest while its counters were loaded",
+        "keep it free from touch, then calibrate again",
+    ),
+    FaultCode.CAL_NO_TABLE: (
+        "the servo has no calibration table",
+        "name one with `calibration_table` in the deployment file",
+    ),
     FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
     FaultCode.RESET_DENIED: ("the cause of the fault persists", "remove the cause first"),
 }

@@ -36,16 +36,21 @@ def config_path(name_or_path: str | Path, folder: str = "") -> Path:
     Raises:
         ConfigError: there is no such file; names those that exist.
     """
-    if str(name_or_path).endswith(".toml"):
+    return packaged_path(name_or_path, folder, ".toml")
+
+
+def packaged_path(name_or_path: str | Path, folder: str, ending: str) -> Path:
+    """Find a file as `config_path` does, among files with another `ending`. Raises ConfigError."""
+    if str(name_or_path).endswith(ending):
         path = Path(name_or_path)
         if path.is_file():
             return path
         raise ConfigError(f"no configuration file {path}")
     directory = _packaged() / folder
-    path = directory / f"{name_or_path}.toml"
+    path = directory / f"{name_or_path}{ending}"
     if path.is_file():
         return path
-    known = sorted(p.stem for p in directory.glob("*.toml"))
+    known = sorted(p.stem for p in directory.glob(f"*{ending}"))
     raise ConfigError(f"no configuration named {str(name_or_path)!r}{_nearest(str(name_or_path), known)}")
 
 

@@ -23,6 +23,7 @@ from qrobot.config.values import (
     JointDegreesPositive,
     JointKinds,
     PerJoint,
+    PerJointChannels,
     PerJointCounts,
     PerJointFlags,
     PerJointInertia,
@@ -115,7 +116,8 @@ class Transmission(Section):
 
     `gear` is motor radians per joint unit. `coupling` is C of r = C (q - q_offset): motor displacements in joint units.
     `dac_per_Nm` is signed; on a prismatic joint it is DAC counts per newton. `count_offset` is what the host adds to a
-    counter so that the joint's range fits a signed 16-bit word. `pot_at_zero` and `pot_per_rev` are ADC units of
+    counter so that the joint's range fits a signed 16-bit word. `pot_channel` is the ADC channel of the joint's
+    potentiometer; `pot_at_zero` and `pot_per_rev` are ADC units of
     20 V/65536 at encoder zero and per motor turn in the direction of rising counts. With `scales = "vendor"`
     the board vendor's radians per count replace those that follow from `gear` (shape (n,), signed).
     """
@@ -130,6 +132,7 @@ class Transmission(Section):
     dac_per_Nm: PerJointNonzero  # noqa: N815 (newton-metre)
     brake: PerJointFlags
     index_phase: PerJointInts
+    pot_channel: PerJointChannels
     pot_at_zero: PerJointPositive
     pot_per_rev: float = Field(allow_inf_nan=False)
     scales: Literal["gear", "vendor"]

@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+ADC_CHANNELS = 8  # of the TRC004
+
 
 @dataclass(frozen=True)
 class JointKinds:
@@ -144,6 +146,12 @@ def _signs(array: Ints) -> Ints:
     return array
 
 
+def _channels(array: Ints) -> Ints:
+    if not ((array >= 0) & (array < ADC_CHANNELS)).all() or np.unique(array).size != array.size:
+        raise ValueError(f"must be different ADC channels, 0 to {ADC_CHANNELS - 1}")
+    return array
+
+
 PerJoint = Annotated[Floats, PlainValidator(_numbers())]
 PerJointPositive = Annotated[PerJoint, AfterValidator(_positive)]
 PerJointNotNegative = Annotated[PerJoint, AfterValidator(_not_negative)]
@@ -153,6 +161,7 @@ PerJointInertia = Annotated[PerJointVectors, AfterValidator(_not_negative)]
 PerJointInts = Annotated[Ints, PlainValidator(_integers)]
 PerJointCounts = Annotated[PerJointInts, AfterValidator(_positive)]
 PerJointSigns = Annotated[PerJointInts, AfterValidator(_signs)]
+PerJointChannels = Annotated[PerJointInts, AfterValidator(_channels)]
 PerJointFlags = Annotated[Bools, PlainValidator(_flags)]
 Degrees = Annotated[Floats, PlainValidator(_degrees)]
 JointDegrees = Annotated[Floats, PlainValidator(_joint_degrees)]

@@ -25,6 +25,7 @@ from qrobot.model.transmission import (
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.adc import start_sample
+from qrobot.servo.calibrate import post_latches
 from qrobot.servo.guard import (
     limit_torque,
 )
@@ -37,6 +38,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.pots import has_table, wanted_channels
 from qrobot.servo.state import (
     CLIPPED,
     DISCRETE_SENT,
@@ -83,7 +85,7 @@ def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
 @lean_kernel
 def model_terms(params: ServoParameters, state: ServoState) -> None:
     """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
-    if state.i[MODE] == UNCALIBRATED:  # the pose is not known: no model can help
+    if state.i[MODE] == UNCALIBRATED and not has_table(params):  # the pose is not known: no model can help
         for j in range(state.q.size):
             state.gravity[j], state.friction[j] = 0.0, 0.0
         return
@@ -128,7 +130,8 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
         state.tau[:] = 0.0
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
-    compose_discrete(state, mail[COMMAND_HAND], params.sensor_mask != 0)
+    channels = wanted_channels(params, state)
+    compose_discrete(state, mail[COMMAND_HAND], channels != 0)
     mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
     if state.i[STARTED] == 0:
         return 0
@@ -144,11 +147,12 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
         n = put_write(state.ops, n, DAC + 2 * channel, code)
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
-    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
-    if params.sensor_mask != 0:
+    n = post_latches(state, n)
+    if channels != 0:
         n = start_sample(
-            state.adc, state.ops, n, state.i[DISCRETE_WORD], params.sensor_mask, state.i[IMAGE_SEEN], state.i[REVISION]
+            state.adc, state.ops, n, state.i[DISCRETE_WORD], channels, state.i[IMAGE_SEEN], state.i[REVISION]
         )
+    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
     return n
 
 

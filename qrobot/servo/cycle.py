@@ -13,6 +13,8 @@ from typing import Any, Final
 
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.actuate import drive, write
+from qrobot.servo.calibrate import IDLE, calibrate, leave_calibration
+from qrobot.servo.calibration_state import STAGE
 from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.mailbox import (
     TORQUE_SETPOINT,
@@ -46,6 +48,7 @@ from qrobot.servo.supervisor import (
 )
 from qrobot.servo.tell import tell
 
+CALIBRATING: Final = int(Mode.CALIBRATING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
 
@@ -93,7 +96,11 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.i[MODE]
-    if not gives_torque(mode):
+    if mode != CALIBRATING and state.cal.i[STAGE] != IDLE:
+        leave_calibration(state)
+    if mode == CALIBRATING:
+        calibrate(params, state)
+    elif not gives_torque(mode):
         hold_here(state)  # without torque the reference is wherever the arm is
     elif mode == TRACKING:
         advance_phase(state)

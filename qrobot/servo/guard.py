@@ -39,6 +39,7 @@ _CATEGORY: Final[dict[FaultCode, Stop]] = {
     FaultCode.LAW_SLOW: Stop.CATEGORY_1,
     FaultCode.BRAKE_STUCK: Stop.CATEGORY_1,
     FaultCode.OVERRUN: Stop.CATEGORY_1,
+    **{code: Stop.CATEGORY_2 for code in FaultCode if code.name.startswith("CAL_")},
     FaultCode.STREAM_LOST: Stop.CATEGORY_2,
     FaultCode.SP_INVALID: Stop.CATEGORY_2,
     FaultCode.SP_LIMIT: Stop.CATEGORY_2,

@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from qrobot.errors import ConfigError, LinkError
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import float_bits
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 from qrobot.servo.forms import FORMS
 from qrobot.servo.telemetry import TelemetryLayout, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
-LAYOUT: Final = 1
+LAYOUT: Final = 2
 MAX_JOINTS: Final = 32
 FORCE_AXES: Final = 6
 
@@ -44,6 +45,13 @@ INFO_FORM: Final = HEADER_WORDS + 6  # 1 + place in FORMS, 0 when not told
 INFO_NAME: Final = HEADER_WORDS + 8  # 64 bytes of UTF-8
 INFO_LAW: Final = INFO_NAME + 8  # 64 bytes of UTF-8
 NAME_BYTES: Final = 64
+
+# CALIBRATION: how far the servo is with it; the results of the joints stand behind the state block
+CALIBRATION_STAGE: Final = 32  # a `servo.calibration_state.Stage`
+CALIBRATION_JOINT: Final = 33
+CALIBRATION_FOUND: Final = 34  # index pulses of that joint
+CALIBRATION_WANTED: Final = 35
+CALIBRATION_FIELDS: Final = 3  # of each joint: misfit, margin (floats), votes
 
 # HEARTBEAT of the servo
 BEAT_T_NS: Final = 40  # time of the last cycle
@@ -62,6 +70,8 @@ COMMAND_CLEARS: Final = 57  # raised to clear a fault
 COMMAND_STOPS: Final = 58  # raised to ask for a category 2 stop
 COMMAND_SHUTDOWN: Final = 59  # 1: end the daemon after a controlled stop
 COMMAND_HAND: Final = 60  # 0 relaxed, 1 open, 2 closed
+COMMAND_CALIBRATE: Final = 61  # raised to ask for a calibration
+COMMAND_INDEXES: Final = 62  # index pulses a joint for it, 0 for the default
 
 # Setpoint queue: single producer, single consumer
 QUEUE_HEAD: Final = 64
@@ -113,8 +123,13 @@ def _state_seq(n: int) -> int:
     return QUEUE_START + QUEUE_CAPACITY * frame_words(n)
 
 
-def _telemetry_base(n: int) -> int:
+def calibration_base(n: int) -> int:
+    """Where the calibration's results stand: misfit of n joints, then margin, then votes."""
     return _state_seq(n) + 8 + state_words(n) + 8
+
+
+def _telemetry_base(n: int) -> int:
+    return calibration_base(n) + CALIBRATION_FIELDS * n + 8
 
 
 def memory_words(n: int, telemetry_capacity: int) -> int:
@@ -235,6 +250,26 @@ class ServoSnapshot:
     force: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class CalibrationProgress:
+    """A calibration as it stands; read word by word, so a tick may show between two of them.
+
+    Attributes:
+        stage: a `servo.calibration_state.Stage`. joint: which one is at work. found: its index pulses so far.
+        wanted: how many are wanted. misfit: mean distance from the table's rows, ADC units. Shape (n,).
+        margin: by how much the second best place in the table is worse. Shape (n,).
+        votes: index pulses that agree with the place found. Shape (n,).
+    """
+
+    stage: int
+    joint: int
+    found: int
+    wanted: int
+    misfit: NDArray[np.float64]
+    margin: NDArray[np.float64]
+    votes: NDArray[np.int64]
+
+
 class ServoMailbox:
     """The commander's and the readers' side of the servo memory, in Python."""
 
@@ -277,6 +312,20 @@ class ServoMailbox:
     def request_stop(self) -> None:
         """Ask for a category 2 stop on the path."""
         self.words[COMMAND_STOPS] += 1
+
+    def request_calibration(self, indexes: int = 0) -> None:
+        """Ask an uncalibrated, powered arm to calibrate itself over so many index pulses a joint; 0: the default."""
+        self.words[COMMAND_INDEXES] = indexes
+        self.words[COMMAND_CALIBRATE] += 1
+
+    def calibration(self) -> CalibrationProgress:
+        """How far a calibration is, and what it found."""
+        n, words = self.info.n, self.words
+        base = calibration_base(n)
+        found = words[base : base + CALIBRATION_FIELDS * n].reshape(CALIBRATION_FIELDS, n)
+        misfit, margin = found[:2].view(np.float64).copy()
+        stage, joint, indexes, wanted = words[CALIBRATION_STAGE : CALIBRATION_WANTED + 1].tolist()
+        return CalibrationProgress(stage, joint, indexes, wanted, misfit, margin, found[2].copy())
 
     def request_hand(self, hand: int) -> None:
         """0 relaxes, 1 opens, 2 closes the hand."""
@@ -342,6 +391,18 @@ def publish_state(words: Any, n: int, state: Any) -> None:
     """Servo: publish the state block, int64[state_words(n)]."""
     seq = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n)
     seqlock_write(words, seq, seq + 8, state, STATE_VECTORS + 4 * n + FORCE_AXES)
+
+
+@lean_kernel
+def publish_calibration(words: Any, n: int, calibration: Any, stage: int, joint: int, found: int, wanted: int) -> None:
+    """Servo: tell how far a calibration is. `calibration` has `misfit`, `margin` and `votes`, shapes (n,)."""
+    words[CALIBRATION_STAGE], words[CALIBRATION_JOINT] = stage, joint
+    words[CALIBRATION_FOUND], words[CALIBRATION_WANTED] = found, wanted
+    base = QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n) + 8 + STATE_VECTORS + 4 * n + FORCE_AXES + 8
+    for j in range(n):
+        words[base + j] = float_bits(calibration.misfit[j])
+        words[base + n + j] = float_bits(calibration.margin[j])
+        words[base + 2 * n + j] = calibration.votes[j]
 
 
 @lean_kernel

@@ -16,6 +16,7 @@ from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.realtime.record import record_of
+from qrobot.servo.calibration_table import CalibrationParams, calibration_params
 from qrobot.servo.forms import find_form
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.settings import NS_PER_S, ServoSettings
@@ -27,6 +28,14 @@ GUARDIAN_PERIODS: Final = 2  # the guardian's heartbeat may be as old as so many
 SHORTEST_STOP_S: Final = 0.02
 ADC_PATIENCE_NS: Final = 20_000_000  # a conversion takes microseconds, its way through a slow bus milliseconds
 ADC_PATIENCE_CYCLES: Final = 8
+# Calibration [A]: slow enough for hundreds of potentiometer readings a turn, 0.15 to 0.3 rad/s on a PUMA 560.
+CREEP_TURNS_S: Final = 2.5  # motor turns a second
+CREEP_SHARE: Final = 0.25  # of the joint's greatest speed, at most
+CREEP_RISE_S: Final = 0.2
+CREEP_TORQUE: Final = 0.6  # of the guard's limit: weight and friction take 40 %
+SETTLE_NS: Final = 100_000_000  # no counter moves for so long before they are loaded
+SETTLE_PATIENCE_NS: Final = 5 * NS_PER_S
+LOAD_PATIENCE_NS: Final = 50_000_000
 JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joint makes are a glitch
 JUMP_FLOOR_COUNTS: Final = 20.0
 SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the true derivative a little
@@ -66,6 +75,14 @@ class ServoParameters(NamedTuple):
     shortest_stop_s: float
     sensor_mask: int  # ADC channels that are always sampled
     adc_patience: int  # cycles a conversion may take
+    pot_channel: Any  # int64[n]
+    calibration: CalibrationParams
+    creep_speed: Any  # while calibrating
+    creep_acceleration: Any
+    creep_torque: Any
+    settle_cycles: int
+    settle_patience: int
+    load_patience: int
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -76,6 +93,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
     gains = np.zeros((N_GAINS, robot.n))
     gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia
     counts_per_tick = limits.v_max / np.abs(robot.transmission.rad_per_count) * settings.period_ns / NS_PER_S
+    turn = 2.0 * math.pi / robot.transmission.gear
+    creep = np.minimum(CREEP_TURNS_S * turn, CREEP_SHARE * limits.v_max)
     needs_guardian = settings.guarded if guarded is None else guarded
     guardian_ns = int(GUARDIAN_PERIODS * settings.guardian_timeout_ms * 1e6)
     return record_of(
@@ -111,6 +130,14 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             shortest_stop_s=SHORTEST_STOP_S,
             sensor_mask=sum(1 << channel for channel in set(settings.sensor_channels)),
             adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
+            pot_channel=np.array(robot.transmission.pot_channel),
+            calibration=calibration_params(robot.n, settings.calibration),
+            creep_speed=creep,
+            creep_acceleration=creep / CREEP_RISE_S,
+            creep_torque=CREEP_TORQUE * robot.guard.tau_max,
+            settle_cycles=math.ceil(SETTLE_NS / settings.period_ns),
+            settle_patience=math.ceil(SETTLE_PATIENCE_NS / settings.period_ns),
+            load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

@@ -19,6 +19,8 @@ from qrobot.model.transmission import (
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.adc import collect_sample
+from qrobot.servo.calibrate import see_load
+from qrobot.servo.calibration_state import STAGE, Stage
 from qrobot.servo.guard import (
     check_following,
     check_image,
@@ -27,6 +29,7 @@ from qrobot.servo.guard import (
 )
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.pots import forget_pots, gather_pot, watch_pots
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_BOARD,
@@ -51,6 +54,8 @@ from qrobot.servo.velocity import Estimator, difference, observe, start_observer
 
 OBSERVER: Final = int(Estimator.OBSERVER)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+CALIBRATING: Final = int(Mode.CALIBRATING)
+LOADING: Final = int(Stage.LOADING)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
 
@@ -70,7 +75,10 @@ def read(params: ServoParameters, state: ServoState) -> None:
         state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
     if fresh and state.i[IMAGE_OK] != 0:
         read_encoders(params, state)
-    collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
+    channel = collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
+    if state.i[STARTED] != 0:
+        watch_pots(params, state, channel)
+        gather_pot(params, state, channel)
 
 
 @lean_kernel
@@ -80,6 +88,8 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     words = state.image[first : first + state.raw.size]
     if state.i[ADOPT] != ADOPT_NOTHING:
         adopt(params, state, words)
+    if state.cal.i[STAGE] == LOADING and see_load(params, state, words):
+        return
     since_ns = state.image[IMAGE_T_NS] - state.i[READ_NS]
     periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
     state.i[READ_NS] = state.image[IMAGE_T_NS]
@@ -115,6 +125,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     state.i[READ_NS] = state.image[IMAGE_T_NS] - params.period_ns
     state.i[ADOPT] = ADOPT_NOTHING
     state.i[STARTED] = 1
+    forget_pots(state)
 
 
 @lean_kernel
@@ -163,7 +174,7 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     raise_code(state, code, joint)
     code, joint = check_following(state.q_ref, state.q, params.following_error)
     raise_code(state, code, joint)
-    if state.i[MODE] != UNCALIBRATED:
+    if state.i[MODE] not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
         raise_code(state, code, joint)

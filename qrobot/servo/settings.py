@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
+from qrobot.servo.calibration_table import CalibrationTable
 from qrobot.servo.forms import DEFAULT_FORM, find_form
 from qrobot.servo.law import DEFAULT_LAW, find_law
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
@@ -31,6 +32,7 @@ class ServoSettings:
         priority: SCHED_FIFO priority of the loop thread.
         telemetry_capacity: rows of the telemetry ring, a power of two.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
+        calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
 
     rate_hz: float = 1000.0
@@ -45,6 +47,7 @@ class ServoSettings:
     priority: int = 80
     telemetry_capacity: int = 1 << 15
     sensor_channels: tuple[int, ...] = ()
+    calibration: CalibrationTable | None = None
 
     def __post_init__(self) -> None:
         if not 50.0 <= self.rate_hz <= 20_000.0:

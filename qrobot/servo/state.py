@@ -14,6 +14,7 @@ from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
 from qrobot.realtime.record import record_of
 from qrobot.servo.adc import AdcState, make_adc_state
+from qrobot.servo.calibration_state import CalibrationState, PotState, make_calibration_state, make_pot_state
 from qrobot.servo.forms import N_KNOTS
 from qrobot.servo.law import MEMORY_WORDS
 from qrobot.servo.mailbox import frame_words, state_words
@@ -60,8 +61,9 @@ from qrobot.servo.telemetry import TelemetryLayout
     READ_NS,  # when encoder words were last taken from an image
     ADOPT,  # what to take over from the next good image
     REVISION,  # of the board, as it says itself
+    CALIBRATES_SEEN,
     N_INTEGERS,
-) = range(40)
+) = range(41)
 
 # indexes into `f`
 (DT, SAMPLE_DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(8)
@@ -106,6 +108,8 @@ class ServoState(NamedTuple):
     frame: Any
     sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
     adc: AdcState
+    pots: PotState
+    cal: CalibrationState
     memory: Any  # (64,), the law's own
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
@@ -135,6 +139,7 @@ def make_state(n: int) -> ServoState:
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
+        pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64), block=block,
         row=row,
     ))  # fmt: skip

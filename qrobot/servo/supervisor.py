@@ -11,11 +11,26 @@ from typing import Any, Final
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.calibration_state import (
+    DEFAULT_INDEXES,
+    FEWEST_INDEXES,
+    JOINT_NOW,
+    MOST_INDEXES,
+    PLAUSIBLE,
+    SPEED,
+    STAGE,
+    SUSPECT,
+    VERDICT,
+    WANTED,
+    Stage,
+)
 from qrobot.servo.guard import category_of
 from qrobot.servo.interpolator import line_through, rest_at, room_duration, stop_duration
 from qrobot.servo.mailbox import (
     BEAT_TRIPS_SEEN,
+    COMMAND_CALIBRATE,
     COMMAND_CLEARS,
+    COMMAND_INDEXES,
     COMMAND_POWER,
     COMMAND_SHUTDOWN,
     COMMAND_STOPS,
@@ -28,12 +43,15 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.pots import has_table, pots_judged
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_JUMPED,
     AFTER_STOP,
+    CALIBRATES_SEEN,
     CLEAR_UNTIL_NS,
     CLEARS_SEEN,
+    DISCRETE_WORD,
     EVENT,
     FAULT,
     GLITCHES,
@@ -59,6 +77,7 @@ from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream
 OFF: Final = int(Mode.OFF)
 POWERING: Final = int(Mode.POWERING)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+CALIBRATING: Final = int(Mode.CALIBRATING)
 HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
@@ -73,6 +92,10 @@ GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
 RESET_DENIED: Final = int(FaultCode.RESET_DENIED)
 MOVING_AT_START: Final = int(FaultCode.MOVING_AT_START)
+CAL_MISMATCH: Final = int(FaultCode.CAL_MISMATCH)
+CAL_STOPPED: Final = int(FaultCode.CAL_STOPPED)
+CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
+STAGE_IDLE: Final = int(Stage.IDLE)
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
 CLEAR_PATIENCE_NS: Final = 100_000_000
@@ -104,6 +127,16 @@ def hold_here(state: ServoState) -> None:
     """Make the measured position the reference, at rest."""
     for j in range(state.q.size):
         state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
+        state.joint_modes[j] = POSITION_SETPOINT
+        state.torque_setpoint[j] = 0.0
+    rest_at(state.knots, state.q_ref)
+
+
+@lean_kernel
+def hold_reference(state: ServoState) -> None:
+    """Stay at the reference, at rest."""
+    for j in range(state.q.size):
+        state.v_ref[j], state.a_ref[j] = 0.0, 0.0
         state.joint_modes[j] = POSITION_SETPOINT
         state.torque_setpoint[j] = 0.0
     rest_at(state.knots, state.q_ref)
@@ -201,6 +234,10 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         state.i[EVENT] = GUARD_LOST
     elif not _at_rest(state):
         state.i[EVENT] = MOVING_AT_START
+    elif not pots_judged(params, state):
+        state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
+    elif state.pots.i[VERDICT] > PLAUSIBLE:
+        state.i[EVENT], state.i[JOINT] = CAL_MISMATCH, state.pots.i[SUSPECT]
     else:
         state.i[EVENT] = 0
         state.i[POWERING_SINCE_NS] = now_ns
@@ -219,6 +256,43 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
     elif now_ns - state.i[POWERING_SINCE_NS] > params.power_timeout_ns:
         state.i[EVENT] = POWER_NO_ACK
         enter(state, OFF)
+
+
+@lean_kernel
+def _forget_calibration(state: ServoState) -> None:
+    """Without power, asked to calibrate counters that the potentiometers contradict: they are not calibrated at all."""
+    if state.pots.i[VERDICT] > PLAUSIBLE:
+        state.i[DISCRETE_WORD] &= ~STATUS_CALIBRATED
+        state.i[ADOPT], state.i[EVENT] = ADOPT_JUMPED, 0
+
+
+@lean_kernel
+def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) -> None:
+    """Leave UNCALIBRATED for CALIBRATING, or say why not; `indexes` pulses a joint, 0 for the default."""
+    if not has_table(params):
+        state.i[EVENT] = CAL_NO_TABLE
+        return
+    wanted = indexes if indexes > 0 else DEFAULT_INDEXES
+    state.cal.i[WANTED] = min(max(wanted, FEWEST_INDEXES), MOST_INDEXES)
+    state.cal.i[STAGE], state.cal.f[SPEED] = STAGE_IDLE, 0.0
+    state.i[EVENT], state.i[JOINT] = 0, 0
+    enter(state, CALIBRATING)
+
+
+@lean_kernel
+def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
+    """Begin a calibration when asked to, end it when asked to stop."""
+    mode = state.i[MODE]
+    asked = mail[COMMAND_CALIBRATE] != state.i[CALIBRATES_SEEN]
+    state.i[CALIBRATES_SEEN] = mail[COMMAND_CALIBRATE]
+    if mode == CALIBRATING and stopped:
+        state.i[EVENT], state.i[JOINT] = CAL_STOPPED, state.cal.i[JOINT_NOW]
+        hold_here(state)
+        enter(state, UNCALIBRATED)
+    elif mode == UNCALIBRATED and asked:
+        begin_calibration(params, state, mail[COMMAND_INDEXES])
+    elif mode == OFF and asked:
+        _forget_calibration(state)
 
 
 @lean_kernel
@@ -254,6 +328,8 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     if state.i[MODE] == TRACKING or state.i[MODE] == STOPPING:
         begin_stop(params, state, mail, now_ns, OFF)
     elif state.i[MODE] != FAULTED:
+        if state.i[MODE] == CALIBRATING:
+            state.i[EVENT], state.i[JOINT] = CAL_STOPPED, state.cal.i[JOINT_NOW]
         enter(state, OFF)
 
 
@@ -266,6 +342,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     stopped = mail[COMMAND_STOPS] != state.i[STOPS_SEEN]
     state.i[POWER_SEEN], state.i[CLEARS_SEEN] = power, mail[COMMAND_CLEARS]
     state.i[STOPS_SEEN] = mail[COMMAND_STOPS]
+    _obey_calibration(params, state, mail, stopped)
     mode = state.i[MODE]
     if power == 0 and wants_power(mode):
         _power_off(params, state, mail, now_ns)
@@ -314,9 +391,5 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
 def finish_stop(state: ServoState) -> None:
     """The stop has come to rest: go where it was meant to end."""
     if state.i[AFTER_STOP] == HOLDING:
-        for j in range(state.q.size):
-            state.v_ref[j], state.a_ref[j] = 0.0, 0.0
-            state.joint_modes[j] = POSITION_SETPOINT
-            state.torque_setpoint[j] = 0.0
-        rest_at(state.knots, state.q_ref)
+        hold_reference(state)
     enter(state, state.i[AFTER_STOP])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from qrobot.hwif.registers import (
     STATUS_CALIBRATED,
@@ -12,8 +12,10 @@ from qrobot.hwif.registers import (
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
+from qrobot.servo.calibration_state import FOUND, JOINT_NOW, STAGE, WANTED
 from qrobot.servo.mailbox import (
     BEAT_T_NS,
+    CALIBRATION_STAGE,
     COMMAND_HAND,
     FLAG_AT_REST,
     FLAG_CALIBRATED,
@@ -33,8 +35,10 @@ from qrobot.servo.mailbox import (
     STATE_T_NS,
     STATE_TICK,
     STATE_VECTORS,
+    publish_calibration,
     publish_state,
 )
+from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     BUSY_NS,
@@ -57,6 +61,8 @@ from qrobot.servo.supervisor import (
     guardian_alive,
 )
 
+CALIBRATING: Final = int(Mode.CALIBRATING)
+
 
 @lean_kernel
 def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
@@ -76,6 +82,9 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
         block[STATE_VECTORS + 2 * n + j] = float_bits(state.tau[j])
         block[STATE_VECTORS + 3 * n + j] = float_bits(state.q_ref[j])
     publish_state(mail, n, block)
+    if state.i[MODE] == CALIBRATING or mail[CALIBRATION_STAGE] != 0:
+        cal = state.cal
+        publish_calibration(mail, n, cal, cal.i[STAGE], cal.i[JOINT_NOW], cal.i[FOUND], cal.i[WANTED])
     mail[BEAT_T_NS] = now_ns
     fill_row(state, now_ns, late_ns)
 

@@ -32,7 +32,7 @@ _E_FULL_SCALE: Final = 255
 
 
 class Analog(NamedTuple):
-    """Potentiometers of joints 1..n on channels 0..n-1; the channels above are free inputs."""
+    """Potentiometers of joints 1..n, each on its channel; the other channels are free inputs."""
 
     wiper: NDArray[np.float64]  # [6] position of the pot's train, motor revolutions from the encoder zero
     zero: NDArray[np.float64]  # [6] units at the encoder zero
@@ -40,6 +40,7 @@ class Analog(NamedTuple):
     wave: NDArray[np.float64]  # [6] units
     wave_phase: NDArray[np.float64]  # [6] rad
     random: NDArray[np.int64]  # [1] state of the generator, 1..2^31-2
+    pot_of: NDArray[np.int64]  # [8] joint whose potentiometer a channel carries, -1 for a free input
     external: NDArray[np.float64]  # [8] volts that sensors of the plant add at the free channels
     n_pots: int
     noise: float  # units
@@ -53,15 +54,21 @@ def make_analog(
     noise: float = NOISE_UNITS,
     wave: float = WAVE_UNITS,
     backlash: float = 0.0,
+    channels: NDArray[np.int64] | None = None,
 ) -> Analog:
-    """Potentiometers with the given readings at encoder zero. The seed draws their waviness and all later noise."""
+    """Potentiometers with the given readings at encoder zero, on the given channels or on 0 and above.
+
+    The seed draws their waviness and all later noise.
+    """
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, N_ENCODERS)
     zeros = np.zeros(N_ENCODERS)
     zeros[: zero.size] = zero
     state = first_state(seed)
     slopes, waves = np.full(N_ENCODERS, slope), np.full(N_ENCODERS, wave)
+    pot_of = np.full(N_ADCS, -1, dtype=np.int64)
+    pot_of[np.arange(zero.size) if channels is None else channels[: zero.size]] = np.arange(zero.size)
     wiper, external = np.zeros(N_ENCODERS), np.zeros(N_ADCS)
-    return Analog(wiper, zeros, slopes, waves, phases, state, external, zero.size, noise, backlash)
+    return Analog(wiper, zeros, slopes, waves, phases, state, pot_of, external, zero.size, noise, backlash)
 
 
 @lean_kernel
@@ -86,8 +93,9 @@ def pot_units(analog: Analog, knob: Knobs, joint: int) -> float:
 @lean_kernel
 def input_volts(analog: Analog, memory: Words, knob: Knobs, channel: int) -> float:
     """Voltage at ADC channel 0..7: a potentiometer, or what panel and sensors set at a free channel."""
-    if channel < analog.n_pots:
-        return float(pot_units(analog, knob, channel) * ADC_F_VOLT_PER_COUNT + knob[POT_SHIFT, channel])
+    joint = analog.pot_of[channel]
+    if joint >= 0:
+        return float(pot_units(analog, knob, joint) * ADC_F_VOLT_PER_COUNT + knob[POT_SHIFT, joint])
     return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO + analog.external[channel])
 
 

@@ -227,6 +227,16 @@ class Emulator:
         return bool(self.bundle.board.register[REG_POWER])
 
     @property
+    def calibrated(self) -> bool:
+        """The CALIB bit is set: a host has loaded the counters."""
+        return bool(self.bundle.board.register[REG_DISCRETE] & DISCRETE_CALIBRATED)
+
+    @property
+    def counters(self) -> NDArray[np.int64]:
+        """Encoder counters, 16 bits. Shape (n,)."""
+        return self.bundle.board.encoders.counter[: self.robot.n].copy()
+
+    @property
     def braked(self) -> bool:
         """The brakes are closed."""
         return bool(self.bundle.board.register[REG_BRAKED])
@@ -246,7 +256,7 @@ def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, faul
     transmission = robot.transmission
     encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
     at_zero = transmission.pot_at_zero if pots else np.zeros(0)
-    analog = make_analog(at_zero, transmission.pot_per_rev, seed)
+    analog = make_analog(at_zero, transmission.pot_per_rev, seed, channels=transmission.pot_channel)
     return make_board(encoders, analog, options, fault_seed)
 
 
