@@ -5,6 +5,7 @@ from __future__ import annotations
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
 from qrobot.errors import ConfigError
+from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.law import LAWS
 from qrobot.servo.settings import ServoSettings
 
@@ -29,6 +30,12 @@ def robot_of_arm(arm: Arm) -> Robot:
     return load_robot(arm.robot)
 
 
+def calibration_of_arm(arm: Arm) -> CalibrationTable | None:
+    """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
+    name = arm.board.calibration_table
+    return None if name is None else load_table(name, robot_of_arm(arm))
+
+
 def servo_settings(
     arm: Arm,
     rate_hz: float | None = None,
@@ -46,6 +53,7 @@ def servo_settings(
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
+        calibration=calibration_of_arm(arm),
     )
 
 

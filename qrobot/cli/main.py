@@ -39,6 +39,7 @@ COMMANDS: Final = (
     Command("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
     Command("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
     Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
+    Command("calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."),
     Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
     Command("board", "qrobot.cli.board:board", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
     Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),

@@ -22,9 +22,10 @@ class BoardChoice(Table):
     """The board of an arm; `emulator` is the only kind that needs no hardware.
 
     `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
-    and their ADC channels are free inputs. `plant` is the physics behind the emulated board: the robot file's own
-    (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and stiction (`mismatched`). `calibrated` is
-    the state of the counters at chassis power-up.
+    and their ADC channels are free inputs. `calibration_table` is a packaged table or a `.txt`; without one the servo
+    looks at no potentiometer, and cannot calibrate the arm. `plant` is the physics behind the emulated board: the robot
+    file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and stiction (`mismatched`).
+    `calibrated` is the state of the counters at chassis power-up.
     """
 
     kind: Literal["emulator"] = "emulator"
@@ -34,6 +35,7 @@ class BoardChoice(Table):
     start_pose: str = "park"
     seed: int = Field(default=0, ge=0)
     pots: bool = True
+    calibration_table: str | None = None
 
 
 class ServoChoice(Table):

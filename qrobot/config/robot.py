@@ -19,6 +19,7 @@ from qrobot.config.values import (
     Coupling,
     Degrees,
     Floats,
+    Ints,
     JointDegrees,
     JointDegreesPositive,
     JointKinds,
@@ -117,7 +118,7 @@ class Transmission(Section):
     `gear` is motor radians per joint unit. `coupling` is C of r = C (q - q_offset): motor displacements in joint units.
     `dac_per_Nm` is signed; on a prismatic joint it is DAC counts per newton. `count_offset` is what the host adds to a
     counter so that the joint's range fits a signed 16-bit word. `pot_channel` is the ADC channel of the joint's
-    potentiometer; `pot_at_zero` and `pot_per_rev` are ADC units of
+    potentiometer, by default 0 for the first and so on; `pot_at_zero` and `pot_per_rev` are ADC units of
     20 V/65536 at encoder zero and per motor turn in the direction of rising counts. With `scales = "vendor"`
     the board vendor's radians per count replace those that follow from `gear` (shape (n,), signed).
     """
@@ -132,17 +133,22 @@ class Transmission(Section):
     dac_per_Nm: PerJointNonzero  # noqa: N815 (newton-metre)
     brake: PerJointFlags
     index_phase: PerJointInts
-    pot_channel: PerJointChannels
     pot_at_zero: PerJointPositive
     pot_per_rev: float = Field(allow_inf_nan=False)
     scales: Literal["gear", "vendor"]
     vendor_rad_per_count: PerJointNonzero | None = None
+    pot_channel: PerJointChannels | None = None
 
     @model_validator(mode="after")
     def _vendor_scales_given(self) -> Transmission:
         if self.scales == "vendor" and self.vendor_rad_per_count is None:
             raise ValueError('scales = "vendor" needs vendor_rad_per_count')
         return self
+
+    @property
+    def pot_channels(self) -> Ints:
+        """ADC channel of each joint's potentiometer. Shape (n,)."""
+        return np.arange(self.gear.size) if self.pot_channel is None else self.pot_channel
 
     @property
     def rad_per_count(self) -> Floats:

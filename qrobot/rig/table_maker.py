@@ -70,7 +70,7 @@ class _Recorder:
         """Rows (pots, counts) met while the arm is led through `places` (m, n)."""
         transmission = self.emulator.robot.transmission
         slope = transmission.pot_per_rev / transmission.counts_per_rev[joint]
-        channel, adc = int(transmission.pot_channel[joint]), make_adc_state()
+        channel, adc = int(transmission.pot_channels[joint]), make_adc_state()
         pots, counts, residues = [], [], []
         bit, valid_at = INDEX_BIT_0 << joint, -1
         for number, q in enumerate(places):

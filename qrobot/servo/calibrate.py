@@ -29,7 +29,7 @@ from qrobot.hwif.registers import (
     INDEX_BIT_0,
     STATUS_CALIBRATED,
 )
-from qrobot.model.transmission import count_word, counts_to_joint, signed_word
+from qrobot.model.transmission import count_word, signed_word
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.adc import IMAGES_TO_ANSWER
 from qrobot.servo.calibration_state import (
@@ -54,6 +54,7 @@ from qrobot.servo.calibration_state import (
 )
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.pots import move_frame
 from qrobot.servo.state import DISCRETE_WORD, DT, EVENT, JOINT, STATUS, ServoState
 from qrobot.servo.supervisor import allow_range, enter, hold_here, hold_reference
 from qrobot.servo.vote import find_rows
@@ -81,6 +82,7 @@ POSE_TURNS: Final = 0.5  # what the pose before calibration may be wrong by
 FEWEST_SAMPLES: Final = 4  # pot readings a turn
 MOST_ATTEMPTS: Final = 2  # of a joint whose index pulses do not come as they should
 ARRIVED: Final = 1e-4  # rad or m
+ROUND: Final = 6  # settling times until a joint that does not come to rest is nudged
 NEAR_COUNTS: Final = 20  # an arm held at rest moves by less while counters are loaded
 
 
@@ -279,11 +281,13 @@ def post_latches(state: ServoState, n: int) -> int:
 def _settle(params: ServoParameters, state: ServoState) -> None:
     """Wait until no counter has moved for a while, then have the new counts loaded."""
     cal = state.cal
-    still = True
+    restless = -1
     for j in range(state.raw.size):
-        still = still and state.raw[j] == cal.before[j]
+        if state.raw[j] != cal.before[j]:
+            restless = j
         cal.before[j] = state.raw[j]
-    cal.i[STILL] = cal.i[STILL] + 1 if still else 0
+    cal.i[STILL] = cal.i[STILL] + 1 if restless < 0 else 0
+    _nudge(params, state, restless)
     cal.i[WAITED] += 1
     if cal.i[WAITED] > params.settle_patience:
         refuse(state, CAL_MOVED, 0)
@@ -291,6 +295,18 @@ def _settle(params: ServoParameters, state: ServoState) -> None:
         for j in range(state.raw.size):
             cal.words[j] = count_word(state.counts[j] + cal.shift[j])
         cal.i[LOAD], cal.i[MOVED], cal.i[WAITED], cal.i[STAGE] = 1, 0, 0, LOADING
+
+
+@lean_kernel
+def _nudge(params: ServoParameters, state: ServoState, restless: int) -> None:
+    """Move a joint on a little that came to rest on an encoder's edge, where its counter flickers under servo."""
+    cal = state.cal
+    rounds, phase = cal.i[WAITED] // (ROUND * params.settle_cycles), cal.i[WAITED] % (ROUND * params.settle_cycles)
+    if restless >= 0 and 2 * phase > ROUND * params.settle_cycles:
+        cal.i[JOINT_NOW] = restless
+    joint = cal.i[JOINT_NOW]
+    moving = rounds > 0 and phase < params.settle_cycles
+    creep(params, state, joint, params.creep_speed[joint] if moving else 0.0)
 
 
 @lean_kernel
@@ -327,15 +343,12 @@ def see_load(params: ServoParameters, state: ServoState, words: Any) -> bool:
 
 @lean_kernel
 def _take_frame(params: ServoParameters, state: ServoState) -> None:
-    """The counters are the new ones: so are positions and reference, without any motion."""
+    """The counters are the new ones."""
     cal = state.cal
     for j in range(state.raw.size):
         state.raw[j] = cal.words[j]
         state.counts[j] = signed_word(cal.words[j])
-    counts_to_joint(state.counts, params.transmission, state.scratch)
-    for j in range(state.q.size):
-        state.q_ref[j] += state.scratch[j] - state.q_before[j]
-        state.q_before[j] = state.scratch[j]
+    move_frame(params, state)
     cal.i[STAGE], cal.i[WAITED] = MARKING, 0
 
 

@@ -130,7 +130,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             shortest_stop_s=SHORTEST_STOP_S,
             sensor_mask=sum(1 << channel for channel in set(settings.sensor_channels)),
             adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
-            pot_channel=np.array(robot.transmission.pot_channel),
+            pot_channel=np.array(robot.transmission.pot_channels),
             calibration=calibration_params(robot.n, settings.calibration),
             creep_speed=creep,
             creep_acceleration=creep / CREEP_RISE_S,

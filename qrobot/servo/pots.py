@@ -142,9 +142,18 @@ def _take_pose(params: ServoParameters, state: ServoState) -> None:
         residue = state.pots.sum[j] / state.pots.readings[j]
         off = (residue - transmission.pot_at_zero[j]) / transmission.pot_per_count[j] + transmission.count_offset[j]
         state.counts[j] += math.floor(off + 0.5)
-    counts_to_joint(state.counts, transmission, state.q)
+    move_frame(params, state)
+
+
+@lean_kernel
+def move_frame(params: ServoParameters, state: ServoState) -> None:
+    """The counts have another zero now: positions and reference follow, and nothing has moved."""
+    counts_to_joint(state.counts, params.transmission, state.scratch)
     for j in range(state.q.size):
-        state.q_before[j] = state.q[j]
+        step = state.scratch[j] - state.q_before[j]
+        state.q_ref[j] += step
+        state.observed[j] += step
+        state.q_before[j] = state.scratch[j]
 
 
 @lean_kernel

@@ -1,0 +1,122 @@
+"""`qrobot calibrate`: exact counters from potentiometers and index pulses, and the tables that takes."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.table import Table
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import SUCCESS, err, note, out, write_json
+
+if TYPE_CHECKING:
+    from qrobot.config import Robot
+    from qrobot.config.deployment import Arm
+    from qrobot.servo.calibration_client import CalibrationReport
+    from qrobot.servo.mailbox import CalibrationProgress
+
+
+def calibrate(
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    arm: str | None = None,
+    indexes: int = 5,
+    make_table: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Calibrate an arm whose servo runs, or make a calibration table on the emulator.
+
+    The joints creep one after the other over a few index pulses each, up to a turn of a motor more on either side:
+    keep clear. The potentiometers tell which index pulse is which. Then the counters are loaded, and stay right until
+    the board loses its supply, whatever is restarted meanwhile. A calibration that cannot be certain is refused, with
+    its reason. Arm power is left as it was.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    indexes
+        Index pulses of each joint that have to agree, 3 to 14. More travel, more certainty.
+    make_table
+        Write the table of the deployment's emulated arm to this file instead, and move nothing. Name it in the file as
+        `calibration_table`.
+    json
+        Print the result as JSON.
+    """
+    chosen = choose_arm(deployment, arm)
+    if make_table is not None:
+        return _make_table(chosen, make_table, json)
+    from qrobot.servo.calibration_client import run_calibration
+    from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+
+    robot = robot_of_arm(chosen)
+    memory = attach_servo_memory(chosen.name)
+    try:
+        with _Bars(robot) as bars:
+            report = run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
+    finally:
+        memory.close()
+    if json:
+        write_json(report.to_dict())
+    elif report.was_calibrated:
+        out.print(f"{chosen.name} is calibrated already: its board has kept the counters")
+    else:
+        out.print(_results(robot, report))
+    return SUCCESS
+
+
+class _Bars:
+    """A bar per joint, on the terminal only."""
+
+    def __init__(self, robot: Robot) -> None:
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} index pulses"))
+        self._progress = Progress(*columns, console=err, disable=not err.is_terminal)
+        self._tasks: list[TaskID] = [self._progress.add_task(name, total=None) for name in robot.joint_names]
+
+    def __enter__(self) -> _Bars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show(self, now: CalibrationProgress) -> None:
+        """Fill the bars of the joints that are done, and of the one at work as far as it is."""
+        for joint, task in enumerate(self._tasks):
+            done = now.wanted if joint < now.joint else now.found if joint == now.joint else 0
+            self._progress.update(task, total=now.wanted, completed=done)
+
+
+def _results(robot: Robot, report: CalibrationReport) -> Table:
+    table = Table(title="calibrated", title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for heading in ("joint", "index pulses", "agree", "off the table", "next best place"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for name, misfit, margin, votes in zip(robot.joint_names, report.misfit, report.margin, report.votes, strict=True):
+        table.add_row(name, str(report.indexes), str(votes), f"{misfit:.0f} units", f"{misfit + margin:.0f} units")
+    return table
+
+
+def _make_table(arm: Arm, path: Path, as_json: bool) -> int:
+    from qrobot.rig.table_maker import make_table
+    from qrobot.servo.calibration_table import write_table
+    from qrobot.sim_board.board import BoardOptions
+    from qrobot.sim_board.emulator import Emulator
+
+    robot, choice = robot_of_arm(arm), arm.board
+    revision = choice.revision or robot.board.revision
+    options = BoardOptions(revision_f=revision == "F")
+    emulator = Emulator(robot, options=options, seed=choice.seed, physics="rigid")
+    with Progress(TextColumn("{task.description}"), BarColumn(), console=err, disable=not err.is_terminal) as progress:
+        tasks = [progress.add_task(name, total=1.0) for name in robot.joint_names]
+        table = make_table(emulator, lambda joint, share: progress.update(tasks[joint], completed=share))
+    write_table(path, table, f"calibration table of the emulated {robot.name}, board revision {revision}")
+    if as_json:
+        write_json({"file": str(path), "rows": [int(pots.size) for pots in table.pots]})
+    else:
+        note(f"table of {robot.name} written to {path}: name it as `calibration_table` in the deployment file")
+    return SUCCESS
