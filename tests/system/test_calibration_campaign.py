@@ -1,0 +1,59 @@
+"""Power-up anywhere: two hundred random poses, boards of both revisions, arms that are not quite their model."""
+
+from __future__ import annotations
+
+import pytest
+
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.rig.table_maker import make_table
+from qrobot.servo.calibration_table import CalibrationTable
+from qrobot.sim_board.board import BoardOptions
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.mismatch import PlantMismatch
+from tests.support.calibrating import PUMA, TABLE, CalibratingRig, random_pose
+
+POSES = {"F": range(130), "E": range(130, 200)}
+LAST_JOINT = PUMA.n - 1
+
+
+def calibrated_from(seed: int, revision: str, table: CalibrationTable) -> tuple[FaultCode, int] | None:
+    """None when the counters came out exact, else why and on which joint it was refused. Asserts that it is one."""
+    wrong_plant = PlantMismatch.mismatched(PUMA.n) if seed % 4 == 3 else None
+    emulator = Emulator(
+        PUMA, physics="rigid", start=random_pose(seed), calibrated=False, seed=seed, mismatch=wrong_plant,
+        options=BoardOptions(revision_f=revision == "F", relatch=seed % 2 == 0),
+    )  # fmt: skip
+    emulator.bundle.board.analog["backlash"] = 0.3 * (seed % 3 == 1)
+    rig = CalibratingRig(emulator=emulator, table=table)
+    try:
+        rig.calibrate()
+    except ServoFault as refusal:
+        assert not emulator.calibrated
+        return FaultCode(refusal.code), rig.event[1]
+    assert emulator.calibrated
+    assert rig.exact(), f"pose {seed}: calibrated, and wrong"
+    return None
+
+
+@pytest.mark.slow
+def test_on_a_twelve_bit_converter_every_pose_comes_out_exact() -> None:
+    outcomes = {seed: calibrated_from(seed, "F", TABLE) for seed in POSES["F"]}
+    assert {seed: why for seed, why in outcomes.items() if why is not None} == {}
+
+
+@pytest.mark.slow
+def test_on_an_eight_bit_converter_only_poses_beyond_its_five_volts_are_refused() -> None:
+    table = make_table(Emulator(PUMA, physics="rigid", options=BoardOptions(revision_f=False)))
+    reach = PUMA.limits.q_max[LAST_JOINT] * 0.5  # joint 6 turns its potentiometer past 5 V or 0 V, see its table
+    outcomes = {seed: calibrated_from(seed, "E", table) for seed in POSES["E"]}
+    refusals = {seed: why for seed, why in outcomes.items() if why is not None}
+    assert {joint for _, joint in refusals.values()} <= {LAST_JOINT}
+    assert all(abs(random_pose(seed)[LAST_JOINT]) > reach for seed in refusals)
+    assert len(refusals) < len(POSES["E"]) // 2
+
+
+def test_the_packaged_table_is_the_one_the_emulator_makes() -> None:
+    made = make_table(Emulator(PUMA, physics="rigid"))
+    assert [pots.tolist() for pots in made.pots] == [pots.tolist() for pots in TABLE.pots]
+    assert [counts.tolist() for counts in made.counts] == [counts.tolist() for counts in TABLE.counts]
