@@ -128,7 +128,7 @@ def _upset_pot(board: Board, kind: int, channel: int, value: float) -> bool:
         knob[POT_GAIN, channel] = 0.0
     else:
         knob[POT_SHIFT, channel] += value
-    return bool(board.register[REG_ADC_CHANNEL] == channel)
+    return bool(board.analog.pot_of[board.register[REG_ADC_CHANNEL]] == channel)
 
 
 @lean_kernel

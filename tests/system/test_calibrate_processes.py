@@ -1,0 +1,60 @@
+"""`qrobot calibrate` against a real servo, board and guardian."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from qrobot.config.deployment import load_deployment
+from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.processes import ProcessRig
+from qrobot.servo.mailbox import FLAG_CALIBRATED, ServoMailbox, attach_servo_memory
+from qrobot.servo.modes import Mode
+from tests.support.processes import left_behind, qrobot, wait_until, write_deployment
+
+pytestmark = pytest.mark.realtime
+
+CALIBRATION_S = 200.0
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[ArmProcesses]:
+    """Board (not calibrated), servo and guardian of a fresh arm whose deployment names the table."""
+    path = write_deployment(tmp_path)
+    path.write_text(path.read_text().replace("servo = ", 'board = { calibration_table = "puma560" }\nservo = '))
+    arm = load_deployment(path).arm[0]
+    with ProcessRig(tmp_path / "processes") as rig:
+        processes = ArmProcesses(rig, str(path), arm)
+        processes.start_board("--uncalibrated")
+        processes.start_servo()
+        processes.start_guardian()
+        yield processes
+    assert left_behind(arm.name) == []
+
+
+def test_an_arm_just_switched_on_is_calibrated_and_a_new_servo_adopts_that(processes: ArmProcesses) -> None:
+    arm = processes.arm.name
+    command = qrobot("calibrate", processes.deployment, "--arm", arm, "--indexes", "3", "--json")
+    said, complaints = command.communicate(timeout=CALIBRATION_S)
+    assert command.returncode == 0, complaints
+    assert json.loads(said)["votes"] == [3] * 6
+    assert flags(arm) & FLAG_CALIBRATED
+    processes.end("servo")
+    processes.start_servo()
+    wait_until(lambda: flags(arm) & FLAG_CALIBRATED, "the new servo adopts the counters")
+    again = qrobot("calibrate", processes.deployment, "--arm", arm)
+    said, _ = again.communicate(timeout=CALIBRATION_S)
+    assert again.returncode == 0
+    assert "calibrated already" in said
+
+
+def flags(arm: str) -> int:
+    """FLAG_* of the running servo, which is off."""
+    memory = attach_servo_memory(arm)
+    state = ServoMailbox(memory.words).snapshot()
+    memory.close()
+    assert state.mode == Mode.OFF or state.tick == 0
+    return state.flags
