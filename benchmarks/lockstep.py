@@ -43,7 +43,7 @@ PLANTS: Final[dict[Physics, str]] = {"rigid": "rigid plant", "mujoco": "MuJoCo"}
 
 @lean_kernel
 def play(
-    params: Any, state: Any, law: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int
+    params: Any, state: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int
 ) -> int:
     """Servo, board and plant through all `frames`, int64[k, words], each handed over when its time has come."""
     for k in range(frames.shape[0]):
@@ -51,7 +51,7 @@ def play(
         push_frame(mail, frames[k], frames.shape[1])
         until_ns = now_ns + FRAME_NS
         n = (until_ns - now_ns) // params.period_ns
-        now_ns = run_ticks(params, state, law, mail, board, emulator, now_ns, n, substeps)
+        now_ns = run_ticks(params, state, mail, board, emulator, now_ns, n, substeps)
     return now_ns
 
 
@@ -103,7 +103,7 @@ def loop_rows(path: NDArray[np.float64], effort: Effort) -> Iterator[Row]:
 def play_once(physics: Physics, path: NDArray[np.float64]) -> float:
     """Robot time over wall-clock time. Raises QRobotError when the servo does not follow to the end."""
     rig, frames = powered_rig(physics), frames_of(path)
-    arguments = (rig.params, rig.state, rig.law, rig.mail, rig.board, rig.emulator.bundle)
+    arguments = (rig.params, rig.state, rig.mail, rig.board, rig.emulator.bundle)
     began_ns, began_s = rig.now_ns, perf_counter()
     rig.now_ns = play(*arguments, frames, rig.now_ns, rig.substeps)
     took_s = perf_counter() - began_s

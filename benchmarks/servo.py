@@ -44,7 +44,7 @@ RATE_HZ: Final = 4000
 
 
 @lean_kernel
-def ticks(params: Any, state: Any, law: Any, mail: Any, board: Any, frame: Any, now_ns: int, n: int) -> int:
+def ticks(params: Any, state: Any, mail: Any, board: Any, frame: Any, now_ns: int, n: int) -> int:
     """`n` servo ticks: each finds a new image, frames come in time, and what is written goes nowhere."""
     for _ in range(n):
         board[IMAGE_START + IMAGE_T_NS] = now_ns
@@ -53,7 +53,7 @@ def ticks(params: Any, state: Any, law: Any, mail: Any, board: Any, frame: Any, 
             frame[FRAME_SEQ] += 1
             frame[FRAME_T_NS] = now_ns
             push_frame(mail, frame, frame.size)
-        one_cycle(params, state, law, mail, board, now_ns, 0)
+        one_cycle(params, state, mail, board, now_ns, 0)
         discard_operations(board, SERVO_LANE)
         take_operation(board, SERVO_LANE, state.ops[0])  # there is none: the lane sees that it is empty
         now_ns += params.period_ns
@@ -94,7 +94,7 @@ def rows(effort: Effort) -> Iterator[Row]:
     frame = frame_here(rig)
 
     def run(n: int) -> None:
-        rig.now_ns = ticks(rig.params, rig.state, rig.law, rig.mail, rig.board, frame, rig.now_ns, n)
+        rig.now_ns = ticks(rig.params, rig.state, rig.mail, rig.board, frame, rig.now_ns, n)
 
     run(2 * FRAME_NS // rig.period_ns)
     telemetry_rows(rig.mail, rig.state, 1)

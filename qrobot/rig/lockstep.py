@@ -41,7 +41,6 @@ RING_ROWS: Final = 1 << 12
 def run_ticks(
     params: ServoParameters,
     state: ServoState,
-    law: Any,
     mail: Any,
     board: Any,
     emulator: EmulatorBundle,
@@ -54,7 +53,7 @@ def run_ticks(
     Each cycle sees the image of its own instant; what it writes acts from then on.
     """
     for _ in range(n_ticks):
-        one_cycle(params, state, law, mail, board, now_ns, 0)
+        one_cycle(params, state, mail, board, now_ns, 0)
         now_ns = emulator_run(emulator, board, now_ns, substeps)
     return now_ns
 
@@ -89,8 +88,8 @@ class LockstepRig:
             plant_hz = NS_PER_S / self.emulator.bundle.period_ns
             raise ConfigError(f"{settings.rate_hz} Hz does not divide the plant's {plant_hz:.0f} Hz")
         self.params = servo_parameters(robot, settings, guarded=False)
-        self.state = make_state(robot.n)
         self.law = find_law(settings.law)
+        self.state = make_state(self.params, self.law)
         self.mail = local_servo_memory(robot.name, settings.law, robot.n, period_ns, RING_ROWS)
         self.board = local_board_memory()
         self.mailbox = ServoMailbox(self.mail)
@@ -111,7 +110,7 @@ class LockstepRig:
         while n > 0:
             chunk = min(n, RING_ROWS // 2)
             self.now_ns = run_ticks(
-                self.params, self.state, self.law, self.mail, self.board, self.emulator.bundle,
+                self.params, self.state, self.mail, self.board, self.emulator.bundle,
                 self.now_ns, chunk, self.substeps,
             )  # fmt: skip
             if self._kept is not None:

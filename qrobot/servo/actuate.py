@@ -43,6 +43,7 @@ from qrobot.servo.state import (
     CLIPPED,
     DISCRETE_SENT,
     DISCRETE_WORD,
+    DT,
     IMAGE_SEEN,
     LAW_FAILED,
     MODE,
@@ -53,25 +54,37 @@ from qrobot.servo.state import (
 from qrobot.servo.supervisor import (
     raise_code,
 )
+from qrobot.servo.swap import (
+    LAW_AT,
+    NEXT_LAW_AT,
+    NOT_NOW,
+    answer_swap,
+    fade_bias,
+    forget_bias,
+    install,
+    install_after_trial,
+    law_at,
+    swap_asked,
+)
 
+OFF: Final = int(Mode.OFF)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+HOLDING: Final = int(Mode.HOLDING)
+TRACKING: Final = int(Mode.TRACKING)
 LAW_NAN: Final = int(FaultCode.LAW_NAN)
 
 
 @lean_kernel
-def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
+def drive(params: ServoParameters, state: ServoState) -> None:
     """Torque of the law, guarded, in modes that give any."""
     state.i[CLIPPED] = 0
+    if gives_torque(state.i[MODE]):
+        model_terms(params, state)
+        law_torque(params, state)
+    if swap_asked(state.swap.i):
+        answer_swap(state.swap, swap_law(state))
     if not gives_torque(state.i[MODE]):
         return
-    model_terms(params, state)
-    if state.i[LAW_FAILED] != 0:
-        built_in_law(params, state)
-    else:
-        law(  # [:]: the pointer takes plain arrays, not fields of a record
-            state.q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
-            state.friction[:], state.sensors[:], params.gains[:], state.memory[:], state.tau[:],
-        )  # fmt: skip
     add_torque_setpoints(state)
     code, joint, clipped = limit_torque(state.tau, params.tau_max)
     if code == LAW_NAN:
@@ -80,6 +93,41 @@ def drive(params: ServoParameters, state: ServoState, law: Any) -> None:
         built_in_law(params, state)
         code, joint, clipped = limit_torque(state.tau, params.tau_max)
     state.i[CLIPPED] = clipped
+
+
+@lean_kernel
+def law_torque(params: ServoParameters, state: ServoState) -> None:
+    """What the law in force says, with the bias of the last swap."""
+    if state.i[LAW_FAILED] != 0:
+        built_in_law(params, state)
+        return
+    call_law(state, state.swap.i[LAW_AT], state.swap.gains, state.memory, state.tau)
+    if state.i[MODE] == TRACKING:
+        fade_bias(state.swap, state.f[DT])
+    for j in range(state.tau.size):
+        state.tau[j] += state.swap.bias[j]
+
+
+@lean_kernel
+def call_law(state: ServoState, address: int, gains: Any, memory: Any, tau: Any) -> None:
+    """Run the law at `address` on what the servo knows in this cycle; `tau` is filled. Shape (n,)."""
+    law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
+        state.q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
+        state.friction[:], state.sensors[:], gains[:], memory[:], tau[:],
+    )  # fmt: skip
+
+
+@lean_kernel
+def swap_law(state: ServoState) -> int:
+    """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump."""
+    mode, swap = state.i[MODE], state.swap
+    if mode == OFF:
+        return install(swap)
+    if mode != HOLDING or state.i[LAW_FAILED] != 0:
+        return NOT_NOW
+    swap.trial_memory[:] = 0.0
+    call_law(state, swap.i[NEXT_LAW_AT], swap.next_gains, swap.trial_memory, swap.trial)
+    return install_after_trial(swap, state.tau, state.memory)
 
 
 @lean_kernel
@@ -109,7 +157,8 @@ def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
 
 @lean_kernel
 def built_in_law(params: ServoParameters, state: ServoState) -> None:
-    """What replaces a law that failed: PD with gravity compensation."""
+    """What replaces a law that failed: PD with gravity compensation and the robot file's gains, without a bias."""
+    forget_bias(state.swap)
     for j in range(state.tau.size):
         feedback = params.gains[KP, j] * (state.q_ref[j] - state.q[j]) + params.gains[KV, j] * (
             state.v_ref[j] - state.v[j]

@@ -54,13 +54,13 @@ STOPPING: Final = int(Mode.STOPPING)
 
 
 @lean_kernel
-def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int, law: Any) -> int:
+def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> int:
     """Run one cycle on `state.image` and leave the register writes in `state.ops`.
 
     Args:
         params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
             board, `IMAGE_OK` whether it was whole. mail: servo memory, see `servo.mailbox`. now_ns: planned time of
-            this cycle. late_ns: how much later it really runs. law: pointer to the control law, a `servo.law.Law`.
+            this cycle. late_ns: how much later it really runs.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
@@ -73,7 +73,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     obey_requests(params, state, mail, now_ns)
     refer(params, state, mail, now_ns)
     react(params, state, mail, now_ns)
-    drive(params, state, law)
+    drive(params, state)
     react(params, state, mail, now_ns)
     n_ops = write(params, state, mail)
     tell(params, state, mail, now_ns, late_ns)

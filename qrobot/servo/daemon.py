@@ -46,12 +46,12 @@ Report = Callable[[str], None]
 
 def warm_up(robot: Robot, settings: ServoSettings) -> None:
     """Compile, or load from the cache, everything the loop calls, on memory of its own."""
-    params, state = servo_parameters(robot, settings), make_state(robot.n)
+    params, law = servo_parameters(robot, settings), find_law(settings.law)
     mail = local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING)
     board = local_board_memory()
-    one_cycle(params, state, find_law(settings.law), mail, board, settings.period_ns, 0)
+    one_cycle(params, make_state(params, law), mail, board, settings.period_ns, 0)
     mail[COMMAND_SHUTDOWN] = 1
-    run(params, make_state(robot.n), find_law(settings.law), mail, board, 0, BOARD_AWAY_NS)
+    run(params, make_state(params, law), mail, board, 0, BOARD_AWAY_NS)
 
 
 @dataclass
@@ -85,9 +85,7 @@ class ServoProcess:
 
     def _run_once(self) -> int:
         margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
-        return int(
-            run(self.params, self.state, self.law, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS)
-        )
+        return int(run(self.params, self.state, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS))
 
     def _insist_on_realtime(self) -> None:
         refused = [step for step in self.steps if not step.ok]
@@ -159,11 +157,10 @@ def serve(
     ) as memory:
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         discard_operations(board.words, int(Lane.SERVO))
+        params, law = servo_parameters(robot, settings), find_law(settings.law)
         process = ServoProcess(
-            arm, robot, settings, report, memory, board,
-            servo_parameters(robot, settings), make_state(robot.n), find_law(settings.law),
-            require_realtime,
-        )  # fmt: skip
+            arm, robot, settings, report, memory, board, params, make_state(params, law), law, require_realtime
+        )
         with shutdown_on_signals(memory.words):
             started()
             _run_and_watch(process)

@@ -58,22 +58,18 @@ def wait_until(deadline_ns: int, margin_ns: int) -> int:
 
 
 @lean_kernel
-def one_cycle(
-    params: ServoParameters, state: ServoState, law: Any, mail: Any, board: Any, now_ns: int, late_ns: int
-) -> None:
+def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
     state.i[REVISION] = board[BOARD_REVISION]
-    n_ops = cycle(params, state, mail, now_ns, late_ns, law)
+    n_ops = cycle(params, state, mail, now_ns, late_ns)
     if not post_operations(board, SERVO_LANE, state.ops, n_ops):
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
     append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
 
 
 @lean_kernel
-def run(
-    params: ServoParameters, state: ServoState, law: Any, mail: Any, board: Any, margin_ns: int, away_ns: int
-) -> int:
+def run(params: ServoParameters, state: ServoState, mail: Any, board: Any, margin_ns: int, away_ns: int) -> int:
     """Run until shutdown is requested and the arm is without power.
 
     Args:
@@ -85,7 +81,7 @@ def run(
     while True:
         margin_ns = wait_until(deadline, margin_ns)
         started = monotonic_ns()
-        one_cycle(params, state, law, mail, board, deadline, started - deadline)
+        one_cycle(params, state, mail, board, deadline, started - deadline)
         finished = monotonic_ns()
         state.i[BUSY_NS] = finished - started
         powered = wants_power(state.i[MODE])

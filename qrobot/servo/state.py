@@ -16,8 +16,10 @@ from qrobot.realtime.record import record_of
 from qrobot.servo.adc import AdcState, make_adc_state
 from qrobot.servo.calibration_state import CalibrationState, PotState, make_calibration_state, make_pot_state
 from qrobot.servo.forms import N_KNOTS
-from qrobot.servo.law import MEMORY_WORDS
+from qrobot.servo.law import MEMORY_WORDS, Law
 from qrobot.servo.mailbox import frame_words, state_words
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.swap import SwapState, make_swap_state
 from qrobot.servo.telemetry import TelemetryLayout
 
 # indexes into `i`
@@ -111,13 +113,15 @@ class ServoState(NamedTuple):
     pots: PotState
     cal: CalibrationState
     memory: Any  # (64,), the law's own
+    swap: SwapState
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
     row: Any  # the telemetry row, floats as bit patterns
 
 
-def make_state(n: int) -> ServoState:
-    """Fresh state for `n` joints: mode OFF, nothing seen yet."""
+def make_state(params: ServoParameters, law: Law) -> ServoState:
+    """Fresh state: mode OFF, nothing seen yet. `law` has to live as long as the state."""
+    n = params.q_min.size
 
     def vector() -> Any:
         return np.zeros(n)
@@ -140,6 +144,7 @@ def make_state(n: int) -> ServoState:
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         pots=make_pot_state(n), cal=make_calibration_state(n),
-        memory=np.zeros(MEMORY_WORDS), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64), block=block,
-        row=row,
+        memory=np.zeros(MEMORY_WORDS),
+        swap=make_swap_state(law.address, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
+        block=block, row=row,
     ))  # fmt: skip

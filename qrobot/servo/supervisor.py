@@ -73,6 +73,7 @@ from qrobot.servo.state import (
     ServoState,
 )
 from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
+from qrobot.servo.swap import forget_bias
 
 OFF: Final = int(Mode.OFF)
 POWERING: Final = int(Mode.POWERING)
@@ -251,6 +252,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         allow_range(params, state)
         for k in range(state.memory.size):
             state.memory[k] = 0.0
+        forget_bias(state.swap)
         drop_all_frames(mail)
         enter(state, HOLDING if state.i[STATUS] & STATUS_CALIBRATED != 0 else UNCALIBRATED)
     elif now_ns - state.i[POWERING_SINCE_NS] > params.power_timeout_ns:

@@ -47,6 +47,7 @@ from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import make_state
+from qrobot.servo.swap import LAW_AT
 from qrobot.servo.telemetry import Rows, TelemetryLayout
 
 Floats = NDArray[np.float64]
@@ -103,8 +104,8 @@ class ServoBench:
             sensor_channels=sensor_channels,
         )
         self.params = servo_parameters(self.robot, self.settings)
-        self.state = make_state(n)
-        self.law = find_law(law) if isinstance(law, str) else law
+        self._law = find_law(law) if isinstance(law, str) else law
+        self.state = make_state(self.params, self._law)
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
         self.mailbox = ServoMailbox(self.mail)
         self.board = local_board_memory()
@@ -122,6 +123,16 @@ class ServoBench:
         self._rows: list[NDArray[np.int64]] = []
         self._transmission = transmission_params(self.robot)
 
+    @property
+    def law(self) -> Law:
+        """The law in force; set, it is so at once and without more ado."""
+        return self._law
+
+    @law.setter
+    def law(self, law: Law) -> None:
+        self._law = law
+        self.state.swap.i[LAW_AT] = law.address
+
     # ------------------------------------------------------------------------------------------------- running it
 
     def tick(self, times: int = 1) -> ServoBench:
@@ -133,7 +144,7 @@ class ServoBench:
                 self._publish()
             if self.beating:
                 self.mail[GUARD_T_NS] = self.now_ns
-            one_cycle(self.params, self.state, self.law, self.mail, self.board, self.now_ns, 0)
+            one_cycle(self.params, self.state, self.mail, self.board, self.now_ns, 0)
             self._rows.append(np.array(self.state.row))
             self.collect()
             if self.follows and gives_torque(self.mode):

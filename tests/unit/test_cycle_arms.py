@@ -205,7 +205,7 @@ def test_spare_dacs_stay_at_zero_torque() -> None:
 
 def test_torque_is_clipped_to_the_limit_and_counted_not_faulted() -> None:
     bench = ServoBench().hold()
-    bench.params.gains[KP] = 1e6
+    bench.state.swap.gains[KP] = 1e6
     bench.follows = False
     bench.q = bench.q + 2e-3 * np.eye(6)[3]
     bench.run(0.1)

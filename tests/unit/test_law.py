@@ -100,16 +100,6 @@ def test_all_laws_share_one_compiled_cycle() -> None:
         assert cycle.signatures == compiled  # type: ignore[attr-defined]
 
 
-def test_the_law_can_change_while_holding_without_a_step_in_torque_beyond_its_terms() -> None:
-    bench = ServoBench(law="qrobot").hold()
-    bench.run(0.2)
-    before = bench.snapshot.tau.copy()
-    bench.law = find_law("qrobot+a")
-    bench.tick()
-    np.testing.assert_allclose(bench.snapshot.tau, before, atol=1e-9)
-    assert bench.mode is Mode.HOLDING
-
-
 def test_a_law_that_does_not_fit_the_signature_is_refused_when_it_is_made() -> None:
     def too_few(q: Any, tau: Any) -> None:
         tau[0] = q[0]
