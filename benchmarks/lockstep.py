@@ -42,9 +42,7 @@ PLANTS: Final[dict[Physics, str]] = {"rigid": "rigid plant", "mujoco": "MuJoCo"}
 
 
 @lean_kernel
-def play(
-    params: Any, state: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int
-) -> int:
+def play(params: Any, state: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int) -> int:
     """Servo, board and plant through all `frames`, int64[k, words], each handed over when its time has come."""
     for k in range(frames.shape[0]):
         frames[k, FRAME_T_NS] = now_ns
