@@ -99,9 +99,14 @@ class ServoFollower:
 
     def _end(self, drain: bool) -> None:
         assert self._session is not None
-        self._session.recorder.close(drain)
-        status = self._session.recorder.status
-        self._report(f"{self._session.name} ends: {status.rows} cycles, {status.lost} lost")
+        recorder = self._session.recorder
+        recorder.close(drain)
+        self._report(f"{self._session.name} ends: {recorder.status.rows} cycles, {recorder.status.lost} lost")
+        if recorder.backlog:
+            self._report(
+                f"the disk did not take its last {recorder.backlog} bytes ({recorder.last_error}): "
+                f"`qrobot log info {self._session.name}` tells how far it reaches"
+            )
         self._session.segment.close()
         self._session = None
         self._look_at_ns = 0

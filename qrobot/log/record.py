@@ -44,6 +44,11 @@ class Recorder:
         """What the disk said when it last refused; empty when it never did."""
         return self._writer.last_error
 
+    @property
+    def backlog(self) -> int:
+        """Bytes that wait for the disk; after `close`, bytes that it never took."""
+        return self._writer.backlog
+
     def poll(self, now_ns: int) -> int:
         """Write what the ring has, flush when it is time; returns the number of rows taken."""
         taken = self._take()
@@ -56,14 +61,20 @@ class Recorder:
         return taken
 
     def close(self, drain: bool = True) -> None:
-        """End the log, with what is left in the ring unless `drain` is False (the ring is another servo's now)."""
+        """End the log, with what is left in the ring unless `drain` is False (the ring is another servo's now).
+
+        Rows that a disk still full leaves in the ring are lost, and counted.
+        """
         while drain and self._take():
             pass
+        if drain:
+            self._writer.count_lost(self._reader.waiting)
         self._writer.close()
 
     def _take(self) -> int:
-        if self._writer.backlog > BACKLOG_BYTES:  # let the rows wait in the ring
+        if self._writer.backlog > BACKLOG_BYTES:
             self._writer.drain()
+        if self._writer.backlog > BACKLOG_BYTES:  # let the rows wait in the ring
             return 0
         rows = self._reader.read()
         if rows.size or self._reader.lost > self._lost:

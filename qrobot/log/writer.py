@@ -68,9 +68,13 @@ class LogWriter:
         """Add rows, shape (m,), in order; `lost` is the number missing before them."""
         self._stream.log_rows(rows)
         self._rows += rows.size
-        self._lost += lost
+        self.count_lost(lost)
         if rows.size:
             self._t_ns = int(rows["t_ns"][-1])
+
+    def count_lost(self, rows: int) -> None:
+        """Note that so many rows will never come."""
+        self._lost += rows
 
     def flush(self) -> None:
         """Give the disk everything up to here, with the status behind it; begin a new part when this one is full."""

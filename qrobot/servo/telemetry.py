@@ -170,3 +170,8 @@ class TelemetryReader:
         self.next_row += copied + lost
         self.lost += lost
         return out[:copied].copy().view(self.layout.dtype).reshape(copied)
+
+    @property
+    def waiting(self) -> int:
+        """Rows written that this reader has not asked for yet."""
+        return max(0, int(head_row(self._words, self._base)) - self.next_row)

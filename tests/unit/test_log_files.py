@@ -7,11 +7,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from log_samples import START_NS, make_header, make_rows
+from log_samples import START_NS, FullDisk, Ring, make_header, make_rows
 
 from qrobot.errors import LogError
 from qrobot.log.header import LOCKSTEP, Attachment, LogHeader
@@ -20,39 +19,6 @@ from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, Recorder, write_log
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.setup import Step
-from qrobot.servo.telemetry import Rows, TelemetryLayout, TelemetryReader, append_row, ring_words
-
-
-class Ring:
-    """A ring with its writer's end."""
-
-    def __init__(self, capacity: int = 1024, n: int = 6) -> None:
-        self.n, self.capacity = n, capacity
-        self.row_words = TelemetryLayout(n).row_words
-        self.words = np.zeros(ring_words(self.row_words, capacity), dtype=np.int64)
-
-    def append(self, rows: Rows) -> None:
-        for row in rows.view(np.int64).reshape(rows.size, self.row_words):
-            append_row(self.words, 0, self.capacity, self.row_words, row)
-
-    def reader(self) -> TelemetryReader:
-        return TelemetryReader(self.words, 0, self.capacity, self.n)
-
-
-class FullDisk:
-    """`os.write` of a disk that takes `room` more bytes."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, room: int) -> None:
-        self.room = room
-        self._write = os.write
-        monkeypatch.setattr(os, "write", self.write)
-
-    def write(self, fd: int, data: Any) -> int:
-        if self.room == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        done = self._write(fd, bytes(data[: self.room]))
-        self.room -= done
-        return done
 
 
 @pytest.mark.parametrize("n", [1, 6, 9])
