@@ -181,7 +181,7 @@ def _header_differences(a: LogHeader, b: LogHeader) -> Iterator[Difference]:
         if field.name not in NOT_A_CHOICE and one != other:
             yield Difference(field.name, one, other)
     steps_a, steps_b = ({step.name: step.ok for step in header.setup} for header in (a, b))
-    for name in sorted(steps_a.keys() | steps_b.keys()):
+    for name in sorted(steps_a.keys() | steps_b.keys()) if steps_a and steps_b else ():  # lock-step sets nothing up
         if steps_a.get(name) != steps_b.get(name):
             yield Difference(f"set-up: {name}", steps_a.get(name), steps_b.get(name))
 

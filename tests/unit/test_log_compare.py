@@ -75,9 +75,13 @@ def test_time_counts_from_the_first_tracking_cycle() -> None:
 
 
 def test_what_headers_and_attached_files_record_differently_is_told_key_by_key() -> None:
-    a = replace(make_log(), attachments={"arm.toml": ROBOT, "only-here.toml": b""})
+    kernel, refused = Step("kernel", True, "", ""), Step("scheduler", False, "", "")
+    a = replace(
+        make_log(header=replace(make_header(3), setup=(kernel,))),
+        attachments={"arm.toml": ROBOT, "only-here.toml": b""},
+    )
     b = replace(
-        make_log(header=replace(make_header(3), law="pd", setup=(Step("scheduler", False, "", ""),))),
+        make_log(header=replace(make_header(3), law="pd", setup=(kernel, refused))),
         attachments={"arm.toml": ROBOT.replace(b"kv = 3", b"kv = 4").replace(b"mass = 1", b"mass = 2")},
     )
     assert compare_logs(a, b).differences == (
