@@ -22,6 +22,7 @@ from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import VirtualLink
 from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.record import block_of
 from qrobot.servo.law import find_law
 from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import ServoMailbox, local_servo_memory
@@ -56,6 +57,18 @@ def run_ticks(
         one_cycle(params, state, mail, board, now_ns, 0)
         now_ns = emulator_run(emulator, board, now_ns, substeps)
     return now_ns
+
+
+@lean_kernel
+def run_blocks(
+    params: Any, state: Any, mail: Any, board: Any, emulator: Any, now_ns: int, n_ticks: int, substeps: int
+) -> int:
+    """`run_ticks` for a call from Python, where records come as blocks."""
+    bundle = EmulatorBundle(
+        emulator.board[0], emulator.drive[0], emulator.plant,
+        emulator.counts_per_unit, emulator.q_offset, emulator.shaft, emulator.period_ns,
+    )  # fmt: skip
+    return run_ticks(params[0], state[0], mail, board, bundle, now_ns, n_ticks, substeps)
 
 
 class LockstepRig:
@@ -98,6 +111,9 @@ class LockstepRig:
         info = self.mailbox.info
         self._reader = TelemetryReader(self.mail, info.telemetry_base, info.telemetry_capacity, robot.n)
         self._kept: list[Rows] | None = [] if keep_telemetry else None
+        bundle: Any = self.emulator.bundle
+        emulated = bundle._replace(board=block_of(bundle.board), drive=block_of(bundle.drive))
+        self._blocks = block_of(self.params), block_of(self.state), self.mail, self.board, emulated
         self.emulator.connect(self.board, self.now_ns)
 
     @property
@@ -109,10 +125,7 @@ class LockstepRig:
         """Advance by `n` servo cycles, at most the telemetry ring's length at a time."""
         while n > 0:
             chunk = min(n, RING_ROWS // 2)
-            self.now_ns = run_ticks(
-                self.params, self.state, self.mail, self.board, self.emulator.bundle,
-                self.now_ns, chunk, self.substeps,
-            )  # fmt: skip
+            self.now_ns = run_blocks(*self._blocks, self.now_ns, chunk, self.substeps)
             if self._kept is not None:
                 self._kept.append(self._reader.read())
             n -= chunk
