@@ -52,6 +52,7 @@ def _is_bundle(value: Any) -> bool:
 def _dtype_of(bundle: Any) -> np.dtype[Any]:
     fields: list[Any] = []
     for name, value in zip(bundle._fields, bundle, strict=True):
+        assert not hasattr(np.record, name), f"{name!r} is a method of every NumPy record, which would hide the field"
         if _is_bundle(value):
             fields.append((name, _dtype_of(value)))
         else:

@@ -92,7 +92,7 @@ class PotState(NamedTuple):
     """The potentiometers since the board was met."""
 
     i: Any  # int64[N_POT_INTEGERS]
-    sum: Any  # float64[n] pot - slope * counts, summed over the readings
+    total: Any  # float64[n] pot - slope * counts, summed over the readings
     readings: Any  # int64[n]
 
 

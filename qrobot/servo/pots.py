@@ -60,8 +60,8 @@ def pots_judged(params: ServoParameters, state: ServoState) -> bool:
 def forget_pots(state: ServoState) -> None:
     """Another board, or other counters: read everything anew."""
     state.pots.i[VERDICT], state.pots.i[TIMEOUTS_BEFORE] = UNJUDGED, state.adc.i[TIMEOUTS]
-    for j in range(state.pots.sum.size):
-        state.pots.sum[j], state.pots.readings[j] = 0.0, 0
+    for j in range(state.pots.total.size):
+        state.pots.total[j], state.pots.readings[j] = 0.0, 0
 
 
 @lean_kernel
@@ -100,7 +100,7 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
     enough = True
     for j in range(params.pot_channel.size):
         if params.pot_channel[j] == channel:
-            state.pots.sum[j] += pot_residue(params, state, j)
+            state.pots.total[j] += pot_residue(params, state, j)
             state.pots.readings[j] += 1
         enough = enough and state.pots.readings[j] >= READINGS
     if enough and not gives_torque(state.i[MODE]):
@@ -125,7 +125,7 @@ def _judge(params: ServoParameters, state: ServoState) -> None:
         return
     coarse = HALF_STEP_E if state.i[REVISION] == REVISION_E else 0.0
     for j in range(state.counts.size):
-        residue = state.pots.sum[j] / state.pots.readings[j]
+        residue = state.pots.total[j] / state.pots.readings[j]
         pot = residue + params.transmission.pot_per_count[j] * state.counts[j]
         turn = params.transmission.pot_per_count[j] * params.transmission.counts_per_rev[j]
         count = state.counts[j] - params.transmission.count_offset[j]
@@ -139,7 +139,7 @@ def _take_pose(params: ServoParameters, state: ServoState) -> None:
     """Shift the counts so that the straight line of the robot file holds: pot = zero + slope * (counts - offset)."""
     transmission = params.transmission
     for j in range(state.counts.size):
-        residue = state.pots.sum[j] / state.pots.readings[j]
+        residue = state.pots.total[j] / state.pots.readings[j]
         off = (residue - transmission.pot_at_zero[j]) / transmission.pot_per_count[j] + transmission.count_offset[j]
         state.counts[j] += math.floor(off + 0.5)
     move_frame(params, state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import block_of, record_of
@@ -51,3 +52,11 @@ def test_a_block_keeps_its_record_alive() -> None:
     block = block_of(outer())
     assert block[0].vector.tolist() == [1.0, 2.0]
     assert block.nbytes == outer().nbytes
+
+
+def test_a_field_that_a_numpy_method_would_hide_from_the_interpreter_is_refused() -> None:
+    class Hidden(NamedTuple):
+        sum: Any
+
+    with pytest.raises(AssertionError, match="'sum' is a method"):
+        record_of(Hidden(np.zeros(2)))
