@@ -15,7 +15,7 @@ from qrobot.motion.output import Output
 from qrobot.motion.reach import Reach, reach_of
 from qrobot.motion.request import HERE, Duration, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed
 from qrobot.motion.trsf import T6, Kind, Trsf
-from qrobot.motion.warm import warm_up
+from qrobot.motion.warm import warm_up, warm_up_reach
 
 __all__ = [
     "HERE",
@@ -43,4 +43,5 @@ __all__ = [
     "motion_limits",
     "reach_of",
     "warm_up",
+    "warm_up_reach",
 ]

@@ -214,7 +214,7 @@ class Generator:
             return Output(q, halt.request, halt.scal, events, True)
         if segment is None:
             return Output(q, None, 1.0, events, self.busy)
-        return Output(q, segment.request, segment.scal(self._clock), events, True)
+        return Output(q, segment.request, self._scal(segment, self._clock), events, True)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 
@@ -396,7 +396,7 @@ class Generator:
         joint_path = self._path.chart is JOINTS
         state = self._path.state(self._told_clock) if joint_path else self._trail.state(self.period_s)
         length_s = max(seconds, halting_s(state[1], self._limits, self._shape.blend))
-        scal = 1.0 if self._path.segment is None else self._path.segment.scal(self._told_clock)
+        scal = 1.0 if self._path.segment is None else self._scal(self._path.segment, self._told_clock)
         self._halt = Halt(request, code, scal)
         self._planned = self._brake = None
         self._path.halt(state, self._told_clock, length_s / self.period_s)
@@ -432,6 +432,9 @@ class Generator:
     @property
     def _serving(self) -> MoveRequest | None:
         return None if self._path.segment is None else self._path.segment.request
+
+    def _scal(self, segment: Segment, clock: float) -> float:
+        return segment.scal(clock, self._shape.blend, self._path.ending)
 
     def _points(self) -> Samples:
         """The newest setpoints, that of this sample included."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qrobot.motion.blend import Blend, beta
 from qrobot.motion.chart import JOINTS, Chart
 from qrobot.motion.course import Course
 from qrobot.motion.leg import Leg, Shape, leg_from, leg_round, rest
@@ -52,9 +53,22 @@ class Segment:
         """Path time at which the transition to rest begins when nothing follows."""
         return self.end - self.schedule.resting
 
-    def scal(self, clock: float) -> float:
-        """How much of the segment is done, 0 to 1."""
-        return min(max((clock - self.begin) / self.schedule.length, 0.0), 1.0)
+    def scal(self, clock: float, blend: Blend, ending: bool) -> float:
+        """How much of the segment is done, 0 to 1: the s of a way from rest, smooth where the motion is.
+
+        Args:
+            clock: path time.
+            blend: polynomial of the transitions.
+            ending: the transition to rest has begun.
+        """
+        length = self.schedule.length
+        if ending:
+            d = 2.0 * self.schedule.resting
+            h = min((clock - self.rest_begin) / d, 1.0)
+            return 1.0 + (d * (h - 0.5 - beta(int(blend), h)[0])) / length
+        d = 2.0 * self.schedule.transition
+        h = max((clock - self.begin) / d + 0.5, 0.0)
+        return min(d * beta(int(blend), h)[0] / length, 1.0)
 
 
 def segment_of(request: MoveRequest, course: Course, schedule: Schedule, begin: float, period_s: float) -> Segment:

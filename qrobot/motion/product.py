@@ -66,7 +66,7 @@ class Product:
         value: Floats | None = None
         for part in self._parts:
             factor = part.at(tick) if isinstance(part, Factor) else part
-            value = factor if value is None else value @ factor
+            value = np.array(factor) if value is None else value @ factor  # never a term's own array
         return np.eye(4) if value is None else value
 
     def _append(self, part: Factor | Floats) -> None:

@@ -6,9 +6,12 @@ from functools import cache
 
 import numpy as np
 
+from qrobot.model.transform import inverse
 from qrobot.motion.blend import Blend
+from qrobot.motion.drive import drive, drive_parameters
 from qrobot.motion.generator import Generator
-from qrobot.motion.limits import MotionLimits
+from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.reach import Reach
 from qrobot.motion.request import Duration, MoveRequest
 
 _PERIOD_S = 0.05
@@ -17,7 +20,7 @@ _TICKS = 40
 
 @cache
 def warm_up(n: int, blend: Blend) -> None:
-    """Make a generator for `n` joints do everything once: move, turn, be interrupted and stop."""
+    """Make a generator for `n` joints do everything once in joint space: move, turn, be interrupted and stop."""
     one = np.ones(n)
     limits = MotionLimits(-one, one, one, 10.0 * one, 10.0 * one, np.zeros(n, dtype=np.bool_), ("joint",) * n)
     generator = Generator(limits, _PERIOD_S, 0.0 * one, blend=blend)
@@ -29,3 +32,11 @@ def warm_up(n: int, blend: Blend) -> None:
         if tick == _TICKS // 2:
             generator.stop(0.1)
         generator.update(tick)
+
+
+def warm_up_reach(reach: Reach, q: Floats) -> None:
+    """Make kinematics do everything once around joint positions `q` (n,), which the arm can have."""
+    pose = reach.forward(q)
+    reach.inverse(pose, reach.branch(q), q, singular=True)
+    reach.near_singular(q)
+    drive(drive_parameters(inverse(pose) @ pose))

@@ -1,4 +1,4 @@
-"""RCCL in Python: an arm programmed with the calls of the papers (Hayward & Paul 1986), as far as they exist yet.
+"""RCCL in Python: an arm programmed with the calls of the papers (Hayward & Paul 1986).
 
     from qrobot import rccl
 
@@ -7,9 +7,10 @@
         arm.waitfor(arm.completed)
 
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
-RCCL's global variables `completed`, `nbrequest`, `how` and `park`. Degrees (mm on a sliding joint) and milliseconds at
-this boundary. Where the robot is, is chosen outside the program: `use` for
-whoever starts it, else the variable QROBOT_BRIDGE ("host:port"), else the default port of this machine.
+RCCL's global variables `completed`, `nbrequest`, `how`, `park` and `there`. Transforms and position equations belong to
+no arm: `newtrans`, the `gentr_` family, `makeposition`. Degrees, millimetres and milliseconds at this boundary. Where
+the robot is, is chosen outside the program: `use` for whoever starts it, else the variable QROBOT_BRIDGE ("host:port"),
+else the default port of this machine.
 """
 
 from __future__ import annotations
@@ -20,48 +21,104 @@ from qrobot.motion import Blend, Termination
 from qrobot.rccl import program
 from qrobot.rccl.channel import NO, YES, Channel
 from qrobot.rccl.event import Event
-from qrobot.rccl.position import Position
+from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.program import (
     CLOSE,
     OPEN,
     control,
+    distance,
+    evalfn,
     jposition,
     move,
     nextmove,
     pose,
     release,
+    sample,
+    setconf,
     setime,
     setjvel,
     setmode,
+    setvel,
     stop,
+    update,
     use,
     waitas,
     waitfor,
 )
+from qrobot.rccl.transforms import (
+    Transform,
+    assigntr,
+    const,
+    gentr_eul,
+    gentr_pao,
+    gentr_rot,
+    gentr_rpy,
+    gentr_trsl,
+    hold,
+    invert,
+    newtrans,
+    rot,
+    t6,
+    trmult,
+    trsl,
+    varb,
+    xunit,
+    yunit,
+    zunit,
+)
 
 __all__ = [
     "CLOSE",
+    "EQ",
     "NO",
     "OPEN",
+    "TL",
     "YES",
     "Blend",
     "Channel",
     "Event",
     "Position",
     "Termination",
+    "Transform",
+    "assigntr",
+    "const",
     "control",
+    "distance",
+    "evalfn",
+    "gentr_eul",
+    "gentr_pao",
+    "gentr_rot",
+    "gentr_rpy",
+    "gentr_trsl",
+    "hold",
+    "invert",
     "jposition",
+    "makeposition",
     "move",
+    "newtrans",
     "nextmove",
     "pose",
+    "rccl",
     "release",
+    "rot",
+    "sample",
+    "setconf",
     "setime",
     "setjvel",
     "setmode",
+    "setvel",
     "stop",
+    "t6",
+    "trmult",
+    "trsl",
+    "update",
     "use",
+    "varb",
     "waitas",
     "waitfor",
+    "xunit",
+    "yunit",
+    "zunit",
 ]
 
 

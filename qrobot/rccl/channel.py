@@ -1,4 +1,4 @@
-"""A program's hold of one arm: the calls of RCCL 1.0 as methods, for joint positions.
+"""A program's hold of one arm: the calls of RCCL 1.0 as methods.
 
 Units are those of the papers: degrees (mm on a sliding joint) and milliseconds. Nothing here waits except `control`,
 `release`, `waitfor` and `waitas`.
@@ -7,18 +7,21 @@ Units are those of the papers: degrees (mm on a sliding joint) and milliseconds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
-from qrobot.motion import Blend, Duration, JointSpeed, MoveRequest, Pace, SpeedShare, warm_up
+from qrobot.model.arm import Arm
+from qrobot.motion import Blend, Trsf, reach_of, warm_up, warm_up_reach
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
-from qrobot.rccl.position import Position
+from qrobot.rccl.parameters import Parameters, Update, milliseconds, small_move
+from qrobot.rccl.position import Position, there
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rci import Link, LinkFactory, hello_for
 from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
@@ -27,8 +30,6 @@ from qrobot.wire.vocabulary import Hand
 
 YES: Final = 1
 NO: Final = 0
-JOINT: Final = "joint"
-DEFAULT_PACE: Final = SpeedShare(0.3)
 _US_PER_MS: Final = 1000
 _S_PER_MS: Final = 1e-3
 
@@ -39,6 +40,7 @@ class Channel:
     Attributes:
         robot: the arm.
         completed: event, true while the arm has nothing to do.
+        there: the position that is always the arm's own; a move to it is an absolute stop.
     """
 
     def __init__(self, robot: Robot, link: Link, task: TrajectoryTask) -> None:
@@ -47,9 +49,9 @@ class Channel:
         self._task = task
         self._hold = Hold(robot.name, link, task)
         self._alone = link.virtual_time  # nobody but this program lets time pass
-        self._pace: Pace = DEFAULT_PACE
-        self._once: tuple[float, float] | None = None  # setime's ta and ts, s
+        self._said = Parameters()
         self._origin_ns = 0
+        self.there = there()
         self._poses = {name: Position(name, q) for name, q in robot.poses.items()}
         self._radians = np.where(robot.prismatic, M_PER_MM, RAD_PER_DEG)
 
@@ -117,13 +119,70 @@ class Channel:
     # ---------------------------------------------------------------------------------------------------- motions
 
     def setmode(self, mode: str) -> None:
-        """Path of the following motions. Raises MotionError: only "joint" exists."""
-        if mode != JOINT:
-            raise MotionError(f"mode {mode!r}: only {JOINT!r} exists")
+        """What is straight about the following motions: the path of the joints, or that of the controlled frame.
+
+        Positions that are given by their joints are gone to in joint mode always.
+
+        Args:
+            mode: "joint" or "cartesian", or their first letters.
+
+        Raises:
+            MotionError: neither.
+        """
+        self._said.setmode(mode)
+
+    def setvel(self, tv: float, rv: float) -> None:
+        """Speed of the controlled frame in the following motions of either mode: mm/s and degrees/s.
+
+        Raises:
+            MotionError: it is no speed.
+        """
+        self._said.setvel(tv, rv)
+
+    def setconf(self, letters: str) -> None:
+        """Configuration at the goals of the following motions, as in "lun"; "" keeps the present one.
+
+        Raises:
+            MotionError: unknown letters.
+        """
+        self._said.setconf(letters)
+
+    def sample(self, ms: float) -> None:
+        """The sample period. Raises MotionError when it is another: it is agreed on in `control`."""
+        if round(ms * _US_PER_MS) != round(self._task.period_s * 1e6):
+            period_ms = self._task.period_s * 1e3
+            raise MotionError(f"sample({ms:g}): the period is {period_ms:g} ms; choose it with control(period_ms=...)")
 
     def setime(self, ta: float, ts: float) -> None:
         """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
-        self._once = ta * _S_PER_MS, ts * _S_PER_MS
+        self._say(setime=milliseconds(ta, ts))
+
+    def evalfn(self, function: Callable[[], object]) -> None:
+        """A function to be called at each sample of the next motion alone; a true result ends it with that code."""
+        self._say(evalfn=function)
+
+    def distance(self, spec: str, *values: float) -> None:
+        """Modify the goal of the next motion alone in its controlled frame: `distance("dz", -10)` backs up 10 mm.
+
+        Args:
+            spec: directions out of dx dy dz (mm) and rx ry rz (a turn about them, degrees).
+            values: one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one value for each.
+        """
+        self._say(distance=small_move(spec, values))
+
+    def update(self, trsf: Trsf, position: Position) -> None:
+        """When the next motion ends, give `trsf` the value that makes the equation of `position` true.
+
+        The measured T6 counts, as it is at that instant.
+
+        Raises:
+            MotionError: the position has no equation, or that does not name the transform once.
+        """
+        position.equation.solve(trsf, np.eye(4), self._task.tick)
+        self._say(update=Update(trsf, position.equation))
 
     def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:
         """Speed of the following motions; ours, not historical.
@@ -135,25 +194,25 @@ class Channel:
         Raises:
             MotionError: not exactly one of them is given, or it is no speed.
         """
-        if (speed is None) == (share is None):
-            raise MotionError("setjvel takes either a speed or a share")
-        self._pace = JointSpeed(speed) if speed is not None else SpeedShare(share or 0.0)
+        self._said.setjvel(speed, share)
 
     def move(self, position: Position) -> None:
         """Queue a motion to `position` and return at once.
 
+        Its equation becomes true, and remains true until another motion begins: frames that move are followed.
+
         Raises:
-            JointLimit: the position is out of the joints' range.
+            JointLimit, Unreachable, Singular: the position, or a straight way there, is not for this arm.
             MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
         """
-        once, self._once = self._once, None
-        pace, ta = (self._pace, None) if once is None else (Duration(once[1]), once[0])
-        request = MoveRequest(position.name, position.q, pace, ta)
         with self._hold.task():
-            self._task.push(request, position)
+            self._task.push(self._said.order(position))
 
     def stop(self, ms: float = 0.0) -> None:
-        """Forget all motions and come to rest on the path, in at least `ms`; `completed` when it stands."""
+        """Forget all motions and come to rest, in at least `ms`; `completed` when the arm stands.
+
+        On a joint path it stays on it. The rest is absolute, also while a moving frame is followed.
+        """
         with self._hold.task():
             self._task.generator.stop(ms * _S_PER_MS)
 
@@ -188,6 +247,9 @@ class Channel:
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
         self._hold.wait(lambda: bool(predicate()))
 
+    def _say(self, **once: Any) -> None:
+        self._said.once = replace(self._said.once, **once)
+
     def _happened(self, event: Event) -> bool:
         if event.take():
             return True
@@ -213,7 +275,7 @@ class Channel:
 def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clear_fault: bool, blend: Blend) -> Channel:
     """Connect to `robot` and take control; see `control`."""
     arm = load_robot(robot)
-    warm_up(arm.n, blend)  # no sample may wait for the compiler
+    _warm_up(arm, blend)
     link = factory(hello_for(arm.name, 0 if period_ms is None else round(period_ms * _US_PER_MS)))
     try:
         welcome = link.open()
@@ -223,6 +285,13 @@ def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clea
     except BaseException as error:
         link.close(str(error))
         raise
+
+
+def _warm_up(robot: Robot, blend: Blend) -> None:
+    """No sample may wait for the compiler."""
+    warm_up(robot.n, blend)
+    if (reach := reach_of(Arm(robot))) is not None:
+        warm_up_reach(reach, robot.poses["park"])
 
 
 def _check_robot(robot: Robot, welcome: Welcome) -> None:

@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from typing import Any, Final
 
 from qrobot.errors import LinkError
-from qrobot.motion import Blend
+from qrobot.motion import Blend, Trsf
 from qrobot.rccl.channel import YES, Channel, open_channel
 from qrobot.rccl.event import Event
 from qrobot.rccl.position import Position
@@ -20,6 +20,7 @@ VARIABLES: Final[dict[str, Callable[[Channel], Any]]] = {
     "nbrequest": lambda arm: arm.nbrequest,
     "how": lambda arm: arm.how,
     "park": lambda arm: arm.pose("park"),
+    "there": lambda arm: arm.there,
 }
 """RCCL's global variables, of one arm."""
 
@@ -95,8 +96,38 @@ def pose(name: str) -> Position:
 
 
 def setmode(mode: str) -> None:
-    """Path of the following motions; see `Channel.setmode`."""
+    """Joint or Cartesian mode of the following motions; see `Channel.setmode`."""
     arm().setmode(mode)
+
+
+def setvel(tv: float, rv: float) -> None:
+    """Speed of the controlled frame, mm/s and degrees/s; see `Channel.setvel`."""
+    arm().setvel(tv, rv)
+
+
+def setconf(letters: str) -> None:
+    """Configuration of the following motions; see `Channel.setconf`."""
+    arm().setconf(letters)
+
+
+def sample(ms: float) -> None:
+    """Sample period, ms; see `Channel.sample`."""
+    arm().sample(ms)
+
+
+def evalfn(function: Callable[[], object]) -> None:
+    """A function called at each sample of the next motion; see `Channel.evalfn`."""
+    arm().evalfn(function)
+
+
+def distance(spec: str, *values: float) -> None:
+    """Modify the goal of the next motion; see `Channel.distance`."""
+    arm().distance(spec, *values)
+
+
+def update(trsf: Trsf, position: Position) -> None:
+    """Measure a transform when the next motion ends; see `Channel.update`."""
+    arm().update(trsf, position)
 
 
 def setime(ta: float, ts: float) -> None:

@@ -19,8 +19,20 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError
-from qrobot.motion import Blend, EventKind, Generator, MotionEvent, MoveRequest, Output, Termination, motion_limits
+from qrobot.model.arm import Arm
+from qrobot.motion import (
+    Blend,
+    EventKind,
+    Generator,
+    MotionEvent,
+    MoveRequest,
+    Output,
+    Termination,
+    motion_limits,
+    reach_of,
+)
 from qrobot.rccl.event import Level
+from qrobot.rccl.parameters import Order
 from qrobot.rccl.position import Position
 from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
 from qrobot.rci import Chg
@@ -55,6 +67,8 @@ class TrajectoryTask:
         how: the robot as it was heard last, None before the first sample.
         chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
         completed: true while the arm has nothing to do.
+        period_s: sample period.
+        tick: samples so far.
     """
 
     def __init__(self, robot: Robot, period_s: float, clear_fault: bool = False, blend: Blend = Blend.QUARTIC) -> None:
@@ -64,13 +78,16 @@ class TrajectoryTask:
         self.completed = Level("completed", 1)
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._limits = motion_limits(robot)
-        self._period_s = period_s
+        self.period_s = period_s
+        self.tick = 0
+        self._arm = Arm(robot)
+        self._reach = reach_of(self._arm)
         self._blend = blend
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
-        self._positions: dict[MoveRequest, Position] = {}
-        self._tick = 0
+        self._orders: dict[MoveRequest, Order] = {}
+        self._arrived: Position | None = None
         self._seq: int | None = None
         self._started_tick = 0
 
@@ -88,15 +105,15 @@ class TrajectoryTask:
         """Motions are going on or waiting."""
         return self._generator is not None and self._generator.busy
 
-    def push(self, request: MoveRequest, position: Position) -> None:
-        """Queue a motion whose course is told to `position`. Raises what `Generator.push` raises."""
-        self.generator.push(request)
-        self._positions[request] = position
+    def push(self, order: Order) -> None:
+        """Queue a motion whose course is told to its position. Raises what `Generator.push` raises."""
+        self.generator.push(order.request)
+        self._orders[order.request] = order
         self.completed.count = 0
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
-        self._power_down = PowerDown(self._period_s, power_off)
+        self._power_down = PowerDown(self.period_s, power_off)
         self.phase = Phase.LEAVING
 
     # ------------------------------------------------------------------------------------------------ once per sample
@@ -124,22 +141,22 @@ class TrajectoryTask:
 
     def _count(self, seq: int) -> None:
         """Samples since the first one; left-out ones count, and the number on the wire wraps."""
-        self._tick += 1 if self._seq is None else (seq - self._seq) % _SEQ_MODULUS
+        self.tick += 1 if self._seq is None else (seq - self._seq) % _SEQ_MODULUS
         self._seq = seq
 
     def _power(self, robot: RobotState, now_ns: int) -> None:
         if self._power_up.step(robot, self.chg):
             start = np.array(robot.q_setpoint)
-            self._generator = Generator(self._limits, self._period_s, start, self._tick, self._blend)
+            self._generator = Generator(self._limits, self.period_s, start, self.tick, self._blend, reach=self._reach)
             self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             self.chg.go_to(robot.q_setpoint)
-            self._started_tick = self._tick
+            self._started_tick = self.tick
             self.phase = Phase.STARTING
 
     def _start(self, robot: RobotState) -> None:
         if robot.mode == RobotMode.TRACKING:
             self.phase = Phase.TRACKING
-        elif robot.mode != RobotMode.HOLDING or (self._tick - self._started_tick) * self._period_s > START_S:
+        elif robot.mode != RobotMode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
             raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
         self._generate()
 
@@ -153,7 +170,7 @@ class TrajectoryTask:
             self.phase = Phase.LEFT
 
     def _generate(self) -> None:
-        output = self.generator.update(self._tick)
+        output = self.generator.update(self.tick)
         self.chg.go_to(tuple(output.q.tolist()))
         if output.events:
             for event in output.events:
@@ -166,15 +183,23 @@ class TrajectoryTask:
             if event.kind is EventKind.IDLE:
                 self.completed.signal()
             return
-        position = self._positions[event.request]
         if event.kind is EventKind.BEGUN:
+            position = self._orders[event.request].position
             position.code, position.scal = Termination.NONE, 0.0
         elif event.kind is EventKind.ENDED:
-            del self._positions[event.request]
-            position.code = event.code
-            position.scal = 1.0 if event.code == Termination.COMPLETED else position.scal
-            position.end.signal()
+            self._end(self._orders.pop(event.request), event.code)
+        elif event.kind is EventKind.LOST and self._arrived is not None:
+            self._arrived.code = event.code
+
+    def _end(self, order: Order, code: int) -> None:
+        position = self._arrived = order.position
+        if order.update is not None and self.how is not None:
+            update = order.update
+            update.trsf.set(update.equation.solve(update.trsf, self._arm.forward(np.array(self.how.q)), self.tick))
+        position.code = code
+        position.scal = 1.0 if code == Termination.COMPLETED else position.scal
+        position.end.signal()
 
     def _tell_progress(self, output: Output) -> None:
         if output.request is not None:
-            self._positions[output.request].scal = output.scal
+            self._orders[output.request].position.scal = output.scal

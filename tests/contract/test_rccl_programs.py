@@ -415,7 +415,7 @@ def test_a_pose_is_always_the_same_descriptor(quiet_robot) -> None:
         (lambda: rccl.pose("nowhere"), Exception, "no pose 'nowhere'; it has"),
         (lambda: rccl.jposition("p", [1, 2, 3]), MotionError, "position p: puma560 has 6 joints, not 3"),
         (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), JointLimit, "joint 1"),
-        (lambda: rccl.setmode("cartesian"), MotionError, "only 'joint' exists"),
+        (lambda: rccl.setmode("curved"), MotionError, "neither 'joint' nor 'cartesian'"),
         (rccl.setjvel, MotionError, "either"),
         (lambda: rccl.setjvel(1.0, share=0.5), MotionError, "either"),
         (lambda: rccl.setjvel(share=1.5), MotionError, "at most 1"),

@@ -1,0 +1,133 @@
+"""What a program says about its motions before it asks for them: parameters that stick, and those of the next alone.
+
+Every call only fills in a `MoveRequest` (Hayward & Paul 1986, section 3.2). Units of the papers: mm, degrees, ms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import ConfigError, MotionError
+from qrobot.model.branch import Branch, branch_of
+from qrobot.model.transform import so3_exp, transform
+from qrobot.motion import Duration, Equation, Goal, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed, Trsf
+from qrobot.motion.limits import Floats
+from qrobot.motion.request import Here
+from qrobot.rccl.position import Position
+from qrobot.units import M_PER_MM, RAD_PER_DEG
+
+DEFAULT_PACE: Final = SpeedShare(0.3)
+_S_PER_MS: Final = 1e-3
+_MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
+_DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Update:
+    """Solve `equation` for `trsf` with the measured T6 when the motion ends."""
+
+    trsf: Trsf
+    equation: Equation
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """A motion as a program asked for it.
+
+    Attributes:
+        request: for the generator.
+        position: whose fields tell how it goes.
+        update: to be done when it ends.
+    """
+
+    request: MoveRequest
+    position: Position
+    update: Update | None = None
+
+
+@dataclass(frozen=True)
+class Once:
+    """Parameters of the next motion alone; see the calls of the same names."""
+
+    setime: tuple[float, float] | None = None
+    evalfn: Callable[[], object] | None = None
+    distance: Floats | None = None
+    update: Update | None = None
+
+
+class Parameters:
+    """What is said about the motions of one arm.
+
+    Attributes:
+        once: of the next motion alone.
+    """
+
+    def __init__(self) -> None:
+        self.once = Once()
+        self._pace: Pace = DEFAULT_PACE
+        self._mode = Mode.JOINT
+        self._branch: Branch | None = None
+
+    def setvel(self, tv: float, rv: float) -> None:
+        """See `Channel.setvel`."""
+        self._pace = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
+
+    def setjvel(self, speed: float | None, share: float | None) -> None:
+        """See `Channel.setjvel`."""
+        if (speed is None) == (share is None):
+            raise MotionError("setjvel takes either a speed or a share")
+        self._pace = JointSpeed(speed) if speed is not None else SpeedShare(share or 0.0)
+
+    def setmode(self, mode: str) -> None:
+        """See `Channel.setmode`."""
+        if mode not in _MODES:
+            raise MotionError(f"mode {mode!r} is neither 'joint' nor 'cartesian'")
+        self._mode = _MODES[mode]
+
+    def setconf(self, letters: str) -> None:
+        """See `Channel.setconf`."""
+        try:
+            self._branch = branch_of(letters) if letters else None
+        except ConfigError as error:
+            raise MotionError(str(error)) from error
+
+    def order(self, position: Position) -> Order:
+        """The motion that a call of `move` asks for; what was said for one motion is used up."""
+        once, self.once = self.once, Once()
+        pace, ta = (self._pace, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
+        goal = _goal(position, once.distance)
+        request = MoveRequest(position.name, goal, pace, ta, self._mode, self._branch, once.evalfn)
+        return Order(request, position, once.update)
+
+
+def _goal(position: Position, distance: Floats | None) -> Floats | Goal | Here:
+    if isinstance(position.target, Equation):
+        return position.target.goal(distance)
+    if distance is not None:
+        raise MotionError(f"move to {position.name}: distance modifies positions that have an equation")
+    return position.target
+
+
+def milliseconds(ta: float, ts: float) -> tuple[float, float]:
+    """Times of a motion in seconds."""
+    return ta * _S_PER_MS, ts * _S_PER_MS
+
+
+def small_move(spec: str, values: tuple[float, ...]) -> Floats:
+    """The transform of `distance`: named directions of the controlled frame, mm and degrees. Shape (4, 4).
+
+    Raises:
+        MotionError: an unknown direction, or not one value for each.
+    """
+    names = spec.split()
+    if len(names) != len(values) or not set(names) <= set(_DIRECTIONS) or len(set(names)) != len(names):
+        allowed = " ".join(_DIRECTIONS)
+        raise MotionError(f"distance({spec!r}, ...): name directions out of {allowed!r}, one value each")
+    parts = np.zeros(6)
+    for name, value in zip(names, values, strict=True):
+        parts[_DIRECTIONS.index(name)] = value
+    return transform(so3_exp(parts[3:] * RAD_PER_DEG), parts[:3] * M_PER_MM)

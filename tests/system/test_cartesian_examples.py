@@ -1,0 +1,121 @@
+"""The programs of Hayward & Paul 1986 as examples, run as they are against a robot that follows perfectly."""
+
+from __future__ import annotations
+
+import builtins
+import re
+import runpy
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.rci import VirtualLink
+from qrobot.wire.vocabulary import Hand
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK, PERIOD_S, arm, shift
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TIP = shift(z=0.1).value
+
+
+@pytest.fixture
+def robot() -> Iterator[FakeRobot]:
+    fake = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        yield fake
+
+
+def run(name: str) -> dict[str, object]:
+    return runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+
+
+def tips(robot: FakeRobot) -> np.ndarray:
+    """Where the tip of the tool was at each sample, mm. Shape (samples, 3)."""
+    return 1000.0 * np.array([(arm().forward(np.array(q)) @ TIP)[:3, 3] for q in robot.path])
+
+
+def test_four_corners_are_traced_with_the_program_in_step_s01(robot, capsys) -> None:
+    left = run("02_four_corners.py")
+    said = capsys.readouterr().out
+    assert "16 motions wait" in said or "17 motions wait" in said
+    assert re.findall(r"starting square (\d)", said) == ["1", "2", "3", "4"]
+    assert [corner.end.count for corner in left["p"]] == [0, 4, 4, 4]
+    path = tips(robot)
+    on_table = path[np.abs(path[:, 2] + 300.0) < 1e-6]
+    assert len(on_table) > 0.9 * 4 * (500 / 200) / PERIOD_S
+    # the square: from 500, 50 over y + 150 to x + 100 (TABLE's x points the other way), its corners rounded
+    assert on_table.min(axis=0) == pytest.approx([500.0, 50.0, -300.0], abs=12.0)
+    assert on_table.max(axis=0) == pytest.approx([600.0, 200.0, -300.0], abs=12.0)
+    on_a_side = (np.abs(on_table[:, :1] - [500.0, 600.0]) < 1e-6).any(axis=1) | (
+        np.abs(on_table[:, 1:2] - [50.0, 200.0]) < 1e-6
+    ).any(axis=1)
+    assert on_a_side.mean() > 0.4  # the rest is transitions
+    assert left["arm"].completed.count == 1
+
+
+def test_the_hand_closes_in_the_middle_of_the_dwell_s02(robot, capsys) -> None:
+    hands: list[tuple[float, int]] = []
+    robot.before_period = lambda _seq: hands.append((len(robot.path) * PERIOD_S, robot.hand))
+    run("03_grasp.py")
+    times = [float(ms) for ms in re.findall(r"at (\d+) ms", capsys.readouterr().out)]
+    above, at_part, closed, done = times
+    assert closed - at_part == pytest.approx(200.0, abs=60.0)
+    assert above < at_part < closed < done
+    path = tips(robot)
+    near = path[np.abs(path[:, 2] + 290.0).argmin()]
+    assert near == pytest.approx([500.0, 100.0, -290.0], abs=5.0)  # the approach, rounded by its transition
+    assert path[-1] == pytest.approx([500.0, 100.0, -300.0], abs=1e-6)
+    closing = next(t for t, hand in hands if hand == Hand.CLOSED)
+    assert path[int(closing / PERIOD_S)] == pytest.approx([500.0, 100.0, -300.0], abs=0.1)
+
+
+def test_no_location_of_the_data_base_is_lost_or_changed_s03(robot, capsys) -> None:
+    run("04_data_base.py")
+    assert "5 locations visited" in capsys.readouterr().out
+    path = tips(robot)
+    for x, y, z in [(0, 0, 0), (0, 80, 0), (-60, 80, -30), (-60, 0, -30)]:  # REF's x and z point the other way
+        assert np.linalg.norm(path - [500 - x, 50 + y, -300 - z], axis=1).min() < 12.0
+    assert path[-1] == pytest.approx([530.0, 90.0, -240.0], abs=1e-6)
+
+
+def test_the_arm_stops_when_return_is_hit_and_the_world_model_learns_where_s04(robot, capsys, monkeypatch) -> None:
+    def hit_return_half_way(prompt: str) -> str:
+        print(prompt)
+        begin = rccl.how.t_ns
+        rccl.waitas(lambda: rccl.how.t_ns > begin + 2e9)
+        return ""
+
+    monkeypatch.setattr(builtins, "input", hit_return_half_way)
+    left = run("05_stop_on_keyboard.py")
+    said = capsys.readouterr().out
+    assert left["p"].code == rccl.YES
+    assert "hit <return>" in said
+    assert "was in P" not in said
+    stopped = tips(robot)[-1]
+    assert 80.0 < stopped[1] < 240.0
+    loc = left["loc"]
+    assert [500.0 - loc.p.x, 50.0 + loc.p.y, -300.0 - loc.p.z] == pytest.approx(stopped, abs=10.0)  # before it braked
+
+
+def test_return_after_the_arrival_finds_the_arm_in_p_s04(robot, capsys, monkeypatch) -> None:
+    def hit_return_late(_prompt: str) -> str:
+        rccl.waitfor(rccl.completed)
+        return ""
+
+    monkeypatch.setattr(builtins, "input", hit_return_late)
+    left = run("05_stop_on_keyboard.py")
+    assert "The arm was in P when <return> was hit" in capsys.readouterr().out
+    assert [left["loc"].p.x, left["loc"].p.y, left["loc"].p.z] == pytest.approx([0.0, 200.0, 0.0], abs=0.02)
+
+
+def test_the_tool_stays_with_the_belt_and_then_stands_still(robot, capsys) -> None:
+    run("06_conveyor.py")
+    assert "with the belt for" in capsys.readouterr().out
+    path = tips(robot)
+    step = np.linalg.norm(np.diff(path, axis=0), axis=1) / PERIOD_S
+    low = np.abs(path[:-1, 2] + 300.0) < 1e-6
+    assert np.median(step[low]) == pytest.approx(60.0, abs=0.1)
+    assert np.array(robot.path[-1]) == pytest.approx(PARK)
