@@ -7,7 +7,7 @@ ordinary function that returns a `Transform`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -51,7 +51,7 @@ class Column:
     def __setitem__(self, row: int, number: float) -> None:
         self._trsf.value[row, self._index] = number / self._scale
 
-    def __iter__(self) -> object:
+    def __iter__(self) -> Iterator[float]:
         return iter([self[row] for row in range(3)])
 
     @property
