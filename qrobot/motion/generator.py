@@ -14,8 +14,6 @@ whose goals may move, each is judged before it goes out, and an absolute stop ta
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
@@ -23,7 +21,6 @@ from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.brake import Brake, fitting_brake
 from qrobot.motion.chart import JOINTS
 from qrobot.motion.course import Course
-from qrobot.motion.diversion import divert
 from qrobot.motion.errand import Errand
 from qrobot.motion.events import EventKind, MotionEvent, Termination
 from qrobot.motion.leg import Shape
@@ -338,25 +335,17 @@ class Generator:
         elif self._path.chart is JOINTS and errand.target is not None:
             self._divert(segment, errand, code)
         else:
-            self._depart(errand, self._ahead(errand.request), Room(following=self._ta_after()), code)
+            self._depart(
+                errand, self._planner.ahead(errand.request, self._points()), Room(following=self._ta_after()), code
+            )
 
     def _divert(self, segment: Segment, errand: Errand, code: int) -> None:
         """From where the arm is now, at the speed it has, into `errand`; a stop when no such way is safe."""
-        state, lay = self._path.state(self._clock), partial(self._planner.lay, errand)
-        there = divert(
-            errand.request, lay, state, self._clock, self._scheduler, self._shape, self._ta_after()
-        )  # fmt: skip
-        if there is None:
+        departure = self._planner.divert(errand, self._path.state(self._clock), self._clock, self._ta_after())
+        if departure is None:
             self._begin_stop(segment, code)
         else:
-            self._enter(Departure(there, state), self._clock, code)
-
-    def _ahead(self, request: MoveRequest) -> Floats:
-        """Where the joints will be, at their present speed, half a transition later: the corner of a diversion."""
-        q, v, _ = motion_of(self._points(), self.period_s)
-        ahead = q + v * (self._scheduler.preferred(request) * self.period_s)
-        inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
-        return inside
+            self._enter(departure, self._clock, code)
 
     def _begin_stop(self, segment: Segment, code: int) -> None:
         if self._path.chart is JOINTS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from qrobot.errors import MotionError
 from qrobot.motion.chart import JOINTS, measured
 from qrobot.motion.course import Course, lay_course
+from qrobot.motion.diversion import divert
 from qrobot.motion.errand import Errand, errand_of
 from qrobot.motion.leg import Leg, Shape, leg_from, leg_round
 from qrobot.motion.limits import Floats, MotionLimits
@@ -117,6 +119,22 @@ class Planner:
                 break
             least = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
         return Departure(segment, state)
+
+    def divert(self, errand: Errand, state: Floats, clock: float, following: int) -> Departure | None:
+        """Out of a joint path, at `state` (3, n), into the joint path of `errand`; None when no such way is safe."""
+        lay = partial(self.lay, errand)
+        segment = divert(errand.request, lay, state, clock, self.scheduler, self._shape, following)
+        return None if segment is None else Departure(segment, state)
+
+    def ahead(self, request: MoveRequest, points: Samples) -> Floats:
+        """Where the joints will be, at their present speed, half a transition later: the corner of a diversion.
+
+        Shape (n,).
+        """
+        q, v, _ = motion_of(points, self._shape.period_s)
+        ahead = q + v * (self.scheduler.preferred(request) * self._shape.period_s)
+        inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
+        return inside
 
     def segment(self, errand: Errand, course: Course, schedule: Schedule, begin: float) -> Segment:
         """The segment that leaves its corner at path time `begin`."""
