@@ -9,10 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.rig.experiment import program_path, run_program
+from qrobot.rig.witness import WitnessRig
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
 
-from estimation import PAGE, PARTS, forms, measure, rewrite  # type: ignore[import-not-found]  # noqa: E402
+from estimation import PAGE, PARTS, forms, measure, rewrite, robot  # type: ignore[import-not-found]  # noqa: E402
 
 TEXT = PAGE.read_text()
 DIGITS = 0.08  # last digits printed, and what rounding makes of a run of thousands of cycles
@@ -57,3 +62,13 @@ def test_the_observer_is_at_least_twice_as_good_everywhere_and_far_quieter() -> 
         assert np.all(2.0 * observer.velocity_error < difference.velocity_error)
         assert np.median(4.0 * np.abs(observer.lag_s)) < np.median(difference.lag_s)
         assert np.all(2.5 * observer.ripple < difference.ripple)
+
+
+@pytest.mark.parametrize("factor", [0.5, 4.0])
+def test_the_observer_forgives_a_payload_nobody_told_it_of_and_an_inertia_far_off(factor: float) -> None:
+    rig = WitnessRig(robot(), ServoSettings(velocity="observer"), Emulator(robot(), physics="rigid", payload_kg=2.5))
+    rig.params.inertia[:] *= factor
+    run_program(rig, program_path())
+    seen = rig.witnessed()
+    assert not seen.rows["fault"].any()
+    assert np.all(seen.velocity_error < measure(1000, "nominal", "difference", "quintic").velocity_error)

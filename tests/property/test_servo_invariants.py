@@ -13,9 +13,11 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from qrobot.hwif.memory import Lane
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
+from qrobot.servo.forms import FORMS
 from qrobot.servo.law import LAWS, law
 from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS, TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.servo.velocity import ESTIMATORS
 from tests.support.servo_bench import Program, ServoBench, cruise
 
 N = 6
@@ -43,10 +45,15 @@ class ServoMachine(RuleBasedStateMachine):
         rate_hz=st.sampled_from([1000.0, 4000.0]),
         law_name=st.sampled_from([*LAWS, "erratic"]),
         calibrated=st.integers(0, 7).map(bool),
+        velocity=st.sampled_from([*ESTIMATORS]),
+        interpolation=st.sampled_from([*FORMS]),
     )
-    def begin(self, rate_hz: float, law_name: str, calibrated: bool) -> None:
+    def begin(self, rate_hz: float, law_name: str, calibrated: bool, velocity: str, interpolation: str) -> None:
         chosen = erratic if law_name == "erratic" else law_name
-        self.bench = ServoBench(rate_hz=rate_hz, law=chosen, guarded=True, calibrated=calibrated, pose="end")
+        self.bench = ServoBench(
+            rate_hz=rate_hz, law=chosen, velocity=velocity, interpolation=interpolation, guarded=True,
+            calibrated=calibrated, pose="end",
+        )  # fmt: skip
         self.program: Program | None = None
         self.stream = 0
         self.asked = self.power = 0

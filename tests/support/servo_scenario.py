@@ -16,9 +16,16 @@ from tests.support.servo_bench import ServoBench, play, swing
 PERIOD_NS = 10_000_000  # short frames, so that much happens in few cycles
 
 
-def eventful_run() -> Rows:
+def eventful_runs() -> Rows:
+    """The eventful run with the paper's estimator and the default interpolation, then with others."""
+    return np.concatenate([eventful_run("difference", "quintic"), eventful_run("observer", "b-spline")])
+
+
+def eventful_run(velocity: str, interpolation: str) -> Rows:
     """Power-up, motion, a lost frame, a torque joint, a glitch, a refused setpoint, an emergency stop, a reset."""
-    bench = ServoBench(rate_hz=1000.0, law="qrobot+a", guarded=True).hold()
+    bench = ServoBench(
+        rate_hz=1000.0, law="qrobot+a", velocity=velocity, interpolation=interpolation, guarded=True
+    ).hold()
 
     def edit(seq: int, modes: list[int], values: np.ndarray) -> None:
         if seq > 8:
@@ -47,4 +54,4 @@ def eventful_run() -> Rows:
 
 
 if __name__ == "__main__":
-    np.save(Path(sys.argv[1]), eventful_run())
+    np.save(Path(sys.argv[1]), eventful_runs())

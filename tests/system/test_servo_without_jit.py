@@ -11,7 +11,7 @@ import numpy as np
 
 from qrobot.faultcodes import FaultCode
 from qrobot.servo.modes import Mode
-from tests.support.servo_scenario import eventful_run
+from tests.support.servo_scenario import eventful_runs
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,7 +28,7 @@ def python(*arguments: str, **environment: str) -> None:
 
 def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> None:
     python("tests.support.servo_scenario", str(tmp_path / "plain.npy"))
-    plain, compiled = np.load(tmp_path / "plain.npy"), eventful_run()
+    plain, compiled = np.load(tmp_path / "plain.npy"), eventful_runs()
     assert {Mode.TRACKING, Mode.STOPPING, Mode.FAULT} <= set(compiled["mode"])
     assert {FaultCode.SP_INVALID, FaultCode.ESTOP} <= set(compiled["fault"])
     for name in compiled.dtype.names:  # bit for bit: no fast-math, no reordering
