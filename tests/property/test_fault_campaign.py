@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import read_trace
+from qrobot.hwif.memory import load_head
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.servo.guard import stop_category
 from qrobot.servo.modes import Mode, Stop
-from tests.support.campaign import FRAME_S, PUMA, SAMPLE_S, FastLeg, Outcome, fast_leg
+from tests.support.campaign import FRAME_S, PUMA, SAMPLE_S, FastLeg, Outcome, fast_leg, writes_since
 
 RATES = pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
 PLACES = pytest.mark.parametrize("share", [0.4, 0.6])
@@ -114,11 +114,12 @@ def _the_way_out_is_a_clear_and_a_request(leg: FastLeg, case: Case) -> None:
         assert (leg.mode, leg.event) == (Mode.FAULT, FaultCode.RESET_DENIED)
     rig.emulator.faults.clear()
     rig.run_for(0.4)
-    q, writes = rig.emulator.q, len(read_trace(rig.board))
+    q, head = rig.emulator.q, int(load_head(rig.board))
     rig.mailbox.request_clear()
     rig.run_for(0.15)
     assert leg.mode is Mode.OFF
-    new = read_trace(rig.board)[writes:]
+    new = writes_since(rig.board, head)
+    assert len(new) > 0
     assert np.all(new[new[:, 2] != DISCRETE, 3] == DAC_ZERO)
     assert not np.any(new[new[:, 2] == DISCRETE, 3] & DISCRETE_POWER)
     assert not rig.emulator.powered

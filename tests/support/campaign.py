@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import read_trace
+from qrobot.hwif.memory import load_head, read_trace
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
+from qrobot.realtime.segment import Words
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
@@ -43,6 +44,12 @@ def fast_leg() -> Floats:
         rows.append(output.q)
         if not output.moving:
             return np.array([*rows, *[output.q] * 10])
+
+
+def writes_since(board: Words, head: int) -> NDArray[np.int64]:
+    """DAC and DISCRETE writes after the first `head`; as many as the trace still holds. Shape (k, 4)."""
+    trace = read_trace(board)
+    return np.asarray(trace[len(trace) - min(int(load_head(board)) - head, len(trace)) :])
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +130,9 @@ class FastLeg:
     def __init__(self, rate_hz: float, *faults: str) -> None:
         emulator = Emulator(PUMA, start="end", physics="rigid", faults=FaultPlan.parse(faults))
         self.rig = LockstepRig(PUMA, ServoSettings(rate_hz=rate_hz), emulator)
-        self.seq = 0
+        self.seq = self.first = 0
+        self.stream = 1
+        self.offset = np.zeros(N)
         self.true_q: list[Floats] = []
 
     @property
@@ -149,11 +158,15 @@ class FastLeg:
 
     def send(self, q: Floats | None = None, seq: int | None = None) -> None:
         """One frame now: the leg's next setpoint, or another one."""
-        values = fast_leg()[min(self.seq, len(fast_leg()) - 1)] if q is None else q
+        values = fast_leg()[min(self.first + self.seq, len(fast_leg()) - 1)] + self.offset if q is None else q
         modes = [POSITION_SETPOINT] * N
         number = self.seq if seq is None else seq
-        self.rig.mailbox.push_setpoint(1, number, self.rig.now_ns, FRAME_NS, modes, values.tolist())
+        self.rig.mailbox.push_setpoint(self.stream, number, self.rig.now_ns, FRAME_NS, modes, values.tolist())
         self.seq = number + 1
+
+    def begin_stream(self, first: int, offset: Floats) -> None:
+        """A new stream: the leg from its setpoint `first` on, shifted."""
+        self.stream, self.seq, self.first, self.offset = self.stream + 1, 0, first, offset
 
     def fly(self, frames: int) -> None:
         """Send so many frames as they fall due."""
