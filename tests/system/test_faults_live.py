@@ -1,0 +1,141 @@
+"""Faults in a board process while a program moves the arm: what the other processes make of it, on the wall clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.errors import LinkError
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import attach_board_memory
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.servo.modes import Mode
+from qrobot.sim_board.injection import FaultPanel, Injected
+from tests.support.processes import PATIENCE_S, RunningArm, qrobot, running_arms, wait_until, write_deployment
+
+pytestmark = pytest.mark.realtime
+
+SOON_NS = 100_000_000  # a tick or two, and what a busy virtual machine adds
+FAST = 0.8  # rad/s
+PROGRAM = """
+from qrobot import rccl
+
+arm = rccl.control("puma560", clear_fault=True)
+arm.setjvel(1.05)
+while True:
+    for name in ("park", "end"):
+        arm.move(arm.pose(name))
+        arm.waitfor(arm.completed)
+"""
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
+    with running_arms(tmp_path_factory.mktemp("faults")) as arms:
+        yield arms[0]
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    """A program that goes back and forth for ever."""
+    path = tmp_path / "legs.py"
+    path.write_text(PROGRAM)
+    return path
+
+
+def inject(arm: RunningArm, line: str) -> int:
+    """Inject a fault into the running board; the time just before."""
+    with attach_board_memory(arm.name) as segment:
+        panel = FaultPanel(segment.words)
+        panel.clear()
+        t_ns = time.monotonic_ns()
+        panel.add(line)
+    return t_ns
+
+
+def repair(arm: RunningArm) -> Injected:
+    """Repair everything; what became of the fault injected last."""
+    with attach_board_memory(arm.name) as segment:
+        panel = FaultPanel(segment.words)
+        report = panel.reports()[-1]
+        panel.clear()
+    return report
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("power drop", FaultCode.POWER_LOST),
+        ("estop pressed", FaultCode.ESTOP),
+        ("board off", FaultCode.BOARD_GONE),
+    ],
+)
+def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_back(
+    arm: RunningArm, program: Path, line: str, code: FaultCode
+) -> None:
+    with arm.moving(program, FAST):
+        injected_ns = inject(arm, line)
+        arm.wait_for(Mode.FAULT)
+        safe_ns = _torque_gone_ns(arm, injected_ns)
+    assert FaultCode(arm.snapshot().fault) is code
+    assert 0 <= safe_ns - injected_ns < SOON_NS
+    assert repair(arm).acted > 0
+    wait_until(lambda: not arm.powered, "power off")
+    before = np.array(arm.encoders())
+    with attach_servo_memory(arm.name) as segment:
+        ServoMailbox(segment.words).request_power(False)
+        ServoMailbox(segment.words).request_clear()
+    arm.wait_for(Mode.OFF)
+    assert not arm.powered
+    assert np.abs(np.array(arm.encoders())[:3] - before[:3]).max() <= 2
+    with arm.moving(program, FAST):
+        assert arm.mode is Mode.TRACKING
+
+
+def _torque_gone_ns(arm: RunningArm, since_ns: int) -> int:
+    """When, after a time, all DACs had been set to zero torque and power was off, by the board's clock."""
+    held, power = dict.fromkeys(range(DAC, DAC + 2 * N_DACS, 2), -1), True
+    for t_ns, _lane, offset, value in arm.trace().tolist():
+        if offset == DISCRETE:
+            power = bool(value & DISCRETE_POWER)
+        else:
+            held[offset] = value
+        if t_ns > since_ns and not power and set(held.values()) == {DAC_ZERO}:
+            return int(t_ns)
+    raise AssertionError("torque or power was never taken away")
+
+
+def test_the_command_injects_into_a_running_board_and_shows_whether_it_acted(arm: RunningArm) -> None:
+    shown = qrobot("inject", "estop pressed +50ms", "--clear", "--deployment", arm.deployment, "--arm", arm.name)
+    assert shown.communicate(timeout=PATIENCE_S)[0].count("estop pressed") == 1
+    wait_until(lambda: _over(arm), "the end of the fault")
+    assert repair(arm).acted > 0
+
+
+def _over(arm: RunningArm) -> bool:
+    with attach_board_memory(arm.name) as segment:
+        return FaultPanel(segment.words).report(0).over
+
+
+def test_a_board_is_broken_from_its_start_when_asked(tmp_path: Path) -> None:
+    deployment = write_deployment(tmp_path)
+    board = qrobot("board", deployment, "--fault", "estop pressed")
+    try:
+        name = deployment.read_text().split('name = "')[1].split('"')[0]
+        wait_until(lambda: _acted(name), "a fault that acts")
+    finally:
+        board.terminate()
+        board.communicate(timeout=PATIENCE_S)
+
+
+def _acted(name: str) -> bool:
+    try:
+        with attach_board_memory(name) as segment:
+            return FaultPanel(segment.words).report(0).acted > 0
+    except (KeyError, LinkError):
+        return False
