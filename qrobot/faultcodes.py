@@ -19,6 +19,7 @@ class FaultCode(IntEnum):
     CAL_MISMATCH = 5
     CAL_VOTE = 6
     CAL_INDEX = 7
+    ENC_LOSS = 8
     BOARD_GONE = 9
     VEL_LIMIT = 10
     # actuators and power
@@ -80,6 +81,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.CAL_INDEX: (
         "an index pulse was missing, or came where none can be",
         "check the encoder cable, then calibrate again",
+    ),
+    FaultCode.ENC_LOSS: (
+        "an encoder has lost or gained counts: an index pulse came elsewhere than it must",
+        "check the encoder cable, reset, then `qrobot calibrate`",
     ),
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",

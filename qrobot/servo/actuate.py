@@ -29,6 +29,7 @@ from qrobot.servo.calibrate import post_latches
 from qrobot.servo.guard import (
     limit_torque,
 )
+from qrobot.servo.index_watch import post_index_watch
 from qrobot.servo.law import KP, KV
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
@@ -197,6 +198,7 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
     n = post_latches(state, n)
+    n = post_index_watch(state, n, state.i[DISCRETE_WORD])
     if channels != 0:
         n = start_sample(
             state.adc, state.ops, n, state.i[DISCRETE_WORD], channels, state.i[IMAGE_SEEN], state.i[REVISION]

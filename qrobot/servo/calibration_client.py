@@ -14,7 +14,8 @@ from qrobot.servo.modes import Mode, mode_name
 
 POLL_S: Final = 0.05
 POWER_PATIENCE_S: Final = 6.0  # the servo's own is 3 s
-FORGET_PATIENCE_S: Final = 2.0
+FORGET_S: Final = 0.2  # until the board shows that the calibrated bit is gone
+POWERED: Final = (Mode.UNCALIBRATED, Mode.HOLDING)
 CALIBRATION_PATIENCE_S: Final = 600.0  # six joints take half a minute; fourteen pulses twice that
 
 Wait = Callable[[float], None]
@@ -44,6 +45,9 @@ class CalibrationReport:
         return {**self.__dict__}
 
 
+ALREADY: Final = CalibrationReport(True, 0, [], [], [])
+
+
 def run_calibration(
     mailbox: ServoMailbox, wait: Wait, indexes: int = 0, progress: Progress = lambda _: None
 ) -> CalibrationReport:
@@ -64,11 +68,11 @@ def run_calibration(
         raise ConfigError(f"{indexes} index pulses: {FEWEST_INDEXES} to {MOST_INDEXES} are possible")
     before = mailbox.snapshot()
     if before.flags & FLAG_CALIBRATED and before.event != FaultCode.CAL_MISMATCH:
-        return CalibrationReport(True, 0, [], [], [])
+        return ALREADY
     had_power = before.mode == Mode.UNCALIBRATED
     try:
-        if not had_power:
-            _power_on(mailbox, wait, before)
+        if not had_power and _power_on(mailbox, wait, before) == Mode.HOLDING:
+            return ALREADY
         found = _calibrate(mailbox, wait, indexes, progress)
     except BaseException:
         mailbox.request_stop()
@@ -81,25 +85,28 @@ def run_calibration(
     )
 
 
-def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> None:
-    """From OFF to UNCALIBRATED; counters that the potentiometers contradict are given up first."""
+def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
+    """Out of OFF; returns the mode: UNCALIBRATED, or HOLDING when the counters are right after all.
+
+    Counters that the potentiometers contradict are given up first.
+    """
     if before.mode != Mode.OFF:
         raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
     if before.flags & FLAG_CALIBRATED:
         mailbox.request_calibration()
-        _until(mailbox, wait, lambda state: not state.flags & FLAG_CALIBRATED, FORGET_PATIENCE_S)
     mailbox.request_power(False)
-    wait(POLL_S)
+    wait(FORGET_S)
     began = mailbox.snapshot()
     mailbox.request_power(True)
     state = _until(
         mailbox,
         wait,
-        lambda state: state.mode == Mode.UNCALIBRATED or (state.event != 0 and state.tick > began.tick + 1),
+        lambda state: state.mode in POWERED or (state.event != 0 and state.tick > began.tick + 1),
         POWER_PATIENCE_S,
     )
-    if state.mode != Mode.UNCALIBRATED:
+    if state.mode not in POWERED:
         raise ServoFault(state.event, _refusal(state, "no arm power"))
+    return state.mode
 
 
 def _calibrate(mailbox: ServoMailbox, wait: Wait, indexes: int, progress: Progress) -> CalibrationProgress:

@@ -34,6 +34,7 @@ VELOCITY_CATEGORY_0: Final = 1.5
 _CATEGORY: Final[dict[FaultCode, Stop]] = {
     FaultCode.VEL_LIMIT: Stop.CATEGORY_1,
     FaultCode.JOINT_LIMIT: Stop.CATEGORY_1,
+    FaultCode.ENC_LOSS: Stop.CATEGORY_1,
     FaultCode.GUARD_LOST: Stop.CATEGORY_1,
     FaultCode.LAW_NAN: Stop.CATEGORY_1,
     FaultCode.LAW_SLOW: Stop.CATEGORY_1,

@@ -75,6 +75,7 @@ class ServoParameters(NamedTuple):
     shortest_stop_s: float
     sensor_mask: int  # ADC channels that are always sampled
     adc_patience: int  # cycles a conversion may take
+    index_phase: Any  # int64[n] index pulse modulo counts_per_rev
     pot_channel: Any  # int64[n]
     calibration: CalibrationParams
     creep_speed: Any  # while calibrating
@@ -130,6 +131,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             shortest_stop_s=SHORTEST_STOP_S,
             sensor_mask=sum(1 << channel for channel in set(settings.sensor_channels)),
             adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
+            index_phase=np.array(robot.transmission.index_phase),
             pot_channel=np.array(robot.transmission.pot_channels),
             calibration=calibration_params(robot.n, settings.calibration),
             creep_speed=creep,

@@ -36,10 +36,12 @@ from qrobot.servo.calibration_state import (
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import MODE, REVISION, STATUS, ServoState
+from qrobot.servo.vote import in_table
 
 READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) against 150 a turn
 MOST_SILENCES: Final = 3  # conversions without an answer
 OFF_TURNS: Final = 0.6  # pot against table: backlash 0.3 turns, waviness, noise
+FULL_SCALE_E: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the 8-bit converter ends, ADC units; it begins at 0
 HALF_STEP_E: Final = 0.5 * ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # what 8 bits leave open, ADC units
 SWEEPING: Final = int(Stage.SWEEPING)
 
@@ -120,18 +122,23 @@ def gather_pot(params: ServoParameters, state: ServoState, channel: int) -> None
 @lean_kernel
 def _judge(params: ServoParameters, state: ServoState) -> None:
     state.pots.i[VERDICT] = PLAUSIBLE
-    if state.i[STATUS] & STATUS_CALIBRATED == 0:
-        _take_pose(params, state)
-        return
-    coarse = HALF_STEP_E if state.i[REVISION] == REVISION_E else 0.0
+    calibrated = state.i[STATUS] & STATUS_CALIBRATED != 0
+    eight_bits = state.i[REVISION] == REVISION_E
+    coarse = HALF_STEP_E if eight_bits else 0.0
     for j in range(state.counts.size):
         residue = state.pots.total[j] / state.pots.readings[j]
         pot = residue + params.transmission.pot_per_count[j] * state.counts[j]
         turn = params.transmission.pot_per_count[j] * params.transmission.counts_per_rev[j]
         count = state.counts[j] - params.transmission.count_offset[j]
-        if not abs(pot - table_pot(params.calibration, j, count)) <= OFF_TURNS * abs(turn) + coarse:
+        told = table_pot(params.calibration, j, count)
+        if eight_bits:
+            told = min(max(told, 0.0), FULL_SCALE_E)
+        off = abs(pot - told)
+        if not in_table(params.calibration, j, pot) or (calibrated and not off <= OFF_TURNS * abs(turn) + coarse):
             state.pots.i[VERDICT], state.pots.i[SUSPECT] = IMPLAUSIBLE, j
             return
+    if not calibrated:
+        _take_pose(params, state)
 
 
 @lean_kernel

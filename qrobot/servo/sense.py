@@ -7,7 +7,9 @@ from typing import Any, Final
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
 from qrobot.hwif.registers import (
+    DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
+    DISCRETE_INDEX,
     ENC_COUNT,
     STATUS_CALIBRATED,
 )
@@ -27,9 +29,10 @@ from qrobot.servo.guard import (
     check_range,
     check_velocity,
 )
+from qrobot.servo.index_watch import ARMED, check_indexes, stop_watching
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import forget_pots, gather_pot, watch_pots
+from qrobot.servo.pots import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_BOARD,
@@ -168,7 +171,11 @@ def model_push(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def watch_arm(params: ServoParameters, state: ServoState) -> None:
     """Raise what the measured motion calls for while the motors carry torque."""
-    if not gives_torque(state.i[MODE]):
+    mode = state.i[MODE]
+    if state.index_watch.i[ARMED] != 0 and (not gives_torque(mode) or mode in (UNCALIBRATED, CALIBRATING)):
+        stop_watching(state)
+        state.i[DISCRETE_WORD] &= ~DISCRETE_INDEX
+    if not gives_torque(mode):
         return
     code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
     raise_code(state, code, joint)
@@ -178,3 +185,16 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
         raise_code(state, code, joint)
+        watch_indexes(params, state)
+
+
+@lean_kernel
+def watch_indexes(params: ServoParameters, state: ServoState) -> None:
+    """Look for lost counts; counters that have some are not calibrated any more."""
+    if not has_table(params) or state.i[IMAGE_OK] == 0:
+        return
+    state.i[DISCRETE_WORD] |= DISCRETE_INDEX
+    code, joint = check_indexes(params.transmission, params.index_phase, state, state.i[STATUS])
+    raise_code(state, code, joint)
+    if code != 0:
+        state.i[DISCRETE_WORD] &= ~DISCRETE_CALIBRATED

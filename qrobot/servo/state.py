@@ -16,6 +16,7 @@ from qrobot.realtime.record import record_of
 from qrobot.servo.adc import AdcState, make_adc_state
 from qrobot.servo.calibration_state import CalibrationState, PotState, make_calibration_state, make_pot_state
 from qrobot.servo.forms import N_KNOTS
+from qrobot.servo.index_watch import IndexWatch, make_index_watch
 from qrobot.servo.law import MEMORY_WORDS, Law
 from qrobot.servo.mailbox import frame_words, state_words
 from qrobot.servo.parameters import ServoParameters
@@ -110,6 +111,7 @@ class ServoState(NamedTuple):
     frame: Any
     sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
     adc: AdcState
+    index_watch: IndexWatch
     pots: PotState
     cal: CalibrationState
     memory: Any  # (64,), the law's own
@@ -143,7 +145,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
-        pots=make_pot_state(n), cal=make_calibration_state(n),
+        index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law.address, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
         block=block, row=row,

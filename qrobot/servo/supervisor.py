@@ -14,9 +14,11 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration_state import (
     DEFAULT_INDEXES,
     FEWEST_INDEXES,
+    IMPLAUSIBLE,
     JOINT_NOW,
     MOST_INDEXES,
     PLAUSIBLE,
+    SILENT,
     SPEED,
     STAGE,
     SUSPECT,
@@ -43,7 +45,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import has_table, pots_judged
+from qrobot.servo.pots import forget_pots, has_table, pots_judged
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_JUMPED,
@@ -239,6 +241,8 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
     elif state.pots.i[VERDICT] > PLAUSIBLE:
         state.i[EVENT], state.i[JOINT] = CAL_MISMATCH, state.pots.i[SUSPECT]
+        if state.pots.i[VERDICT] == SILENT:
+            forget_pots(state)  # tried again when asked again
     else:
         state.i[EVENT] = 0
         state.i[POWERING_SINCE_NS] = now_ns
@@ -263,7 +267,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
 @lean_kernel
 def _forget_calibration(state: ServoState) -> None:
     """Without power, asked to calibrate counters that the potentiometers contradict: they are not calibrated at all."""
-    if state.pots.i[VERDICT] > PLAUSIBLE:
+    if state.pots.i[VERDICT] == IMPLAUSIBLE:
         state.i[DISCRETE_WORD] &= ~STATUS_CALIBRATED
         state.i[ADOPT], state.i[EVENT] = ADOPT_JUMPED, 0
 

@@ -153,10 +153,72 @@ def test_power_asked_for_at_once_waits_for_the_potentiometers() -> None:
     assert rig.mode is Mode.HOLDING
 
 
-def test_potentiometers_that_do_not_answer_keep_the_arm_without_power() -> None:
-    rig = CalibratingRig(conversion_ns=1 << 50).powered()
+def test_potentiometers_that_do_not_answer_keep_the_arm_without_power_until_they_do() -> None:
+    rig = CalibratingRig(calibrated=True, conversion_ns=1 << 50).powered()
     assert rig.mode is Mode.OFF
     assert rig.event[0] is FaultCode.CAL_MISMATCH
+    rig.emulator.bundle.board.options["conversion_ns"] = 20_000
+    rig.mailbox.request_power(False)
+    rig.run_for(0.1)
+    assert rig.powered().mode is Mode.HOLDING
+    assert rig.emulator.calibrated
+
+
+@pytest.mark.parametrize("joint", range(PUMA.n))
+def test_a_calibrated_arm_at_the_end_of_its_range_gets_power_from_both_converters(joint: int) -> None:
+    pose = PUMA.poses["park"].copy()
+    for end in (PUMA.limits.q_min, PUMA.limits.q_max):
+        pose[joint] = end[joint]
+        for revision_f in (True, False):
+            rig = CalibratingRig(pose, calibrated=True, revision_f=revision_f).powered()
+            assert rig.mode is Mode.HOLDING
+
+
+# --- lost counts ---------------------------------------------------------------------------------------------------
+
+
+def moved(rig: CalibratingRig, joint: int, turns: float) -> None:
+    """Push a held joint by hand through so many motor turns, with the torque limit out of the way."""
+    bundle = rig.emulator.bundle
+    way = turns * 2.0 * np.pi / PUMA.transmission.gear[joint]
+    for step in range(200):
+        bundle.plant.q[joint] += way / 200
+        rig.state.q_ref[joint] += way / 200
+        rig.state.knots[:, joint] += way / 200
+        rig.ticks(3)
+        if step and rig.mode is Mode.FAULT:
+            return
+
+
+@pytest.mark.parametrize("joint", range(PUMA.n))
+def test_whole_counters_stay_calibrated_over_many_index_pulses(joint: int) -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    moved(rig, joint, 4.0)
+    assert rig.mode is Mode.HOLDING
+    assert rig.emulator.calibrated
+
+
+def test_counts_lost_are_found_at_the_next_index_pulse_and_end_the_calibration() -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    moved(rig, 4, 2.0)
+    rig.emulator.bundle.board.encoders.counter[4] -= 5
+    moved(rig, 4, 1.2)
+    assert rig.mode is Mode.FAULT
+    assert rig.event == (FaultCode.ENC_LOSS, 4)
+    rig.run_for(0.1)
+    assert not rig.emulator.calibrated
+    rig.mailbox.request_power(False)
+    rig.mailbox.request_clear()
+    rig.run_for(0.2)
+    rig.calibrate()
+    assert rig.exact()
+
+
+def test_three_counts_are_forgiven() -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    rig.emulator.bundle.board.encoders.counter[4] += 3
+    moved(rig, 4, 2.5)
+    assert rig.mode is Mode.HOLDING
 
 
 # --- why not -------------------------------------------------------------------------------------------------------
@@ -174,6 +236,14 @@ def test_a_potentiometer_outside_the_table_is_a_mismatch() -> None:
     rig.emulator.bundle.board.analog.zero[1] += 15_000.0
     rig.mailbox.request_calibration()
     refused(rig.finish(), FaultCode.CAL_MISMATCH, 1)
+
+
+def test_a_potentiometer_that_reads_nothing_keeps_the_arm_without_power() -> None:
+    rig = CalibratingRig()
+    rig.emulator.bundle.board.analog.zero[1], rig.emulator.bundle.board.analog.slope[1] = 0.0, 0.0
+    rig.powered()
+    assert rig.mode is Mode.OFF
+    assert rig.event == (FaultCode.CAL_MISMATCH, 1)
 
 
 def test_a_dead_potentiometer_has_no_majority() -> None:
