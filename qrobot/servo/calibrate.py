@@ -76,7 +76,7 @@ CAL_ROOM: Final = int(FaultCode.CAL_ROOM)
 CAL_MOVED: Final = int(FaultCode.CAL_MOVED)
 
 MISSING_TURNS: Final = 1.5  # so far without an index pulse: one is missing
-SPACING_COUNTS: Final = 2  # by which the turn between two index pulses may seem longer or shorter
+SPACING_COUNTS: Final = 2  # by which the turns between index pulses may seem longer or shorter
 SPARE_TURNS: Final = 2.0  # of room beyond the turns wanted: one to the first pulse, one to come to rest
 POSE_TURNS: Final = 0.5  # what the pose before calibration may be wrong by
 FEWEST_SAMPLES: Final = 4  # pot readings a turn
@@ -220,7 +220,7 @@ def _take_index(params: ServoParameters, state: ServoState, joint: int) -> None:
     count = state.counts[joint] + signed_word(latched - state.raw[joint])
     if cal.i[FIRST] == 1:
         cal.i[FIRST] = 0
-    elif abs(abs(count - cal.i[LAST_INDEX]) - params.transmission.counts_per_rev[joint]) > SPACING_COUNTS:
+    elif not _spaced(cal, count, params.transmission.counts_per_rev[joint]):
         _try_again(params, state, joint)
         return
     elif cal.i[SAMPLES] < FEWEST_SAMPLES:
@@ -234,6 +234,16 @@ def _take_index(params: ServoParameters, state: ServoState, joint: int) -> None:
     _begin_turn(state, count)
     if cal.i[FOUND] == cal.i[WANTED]:
         _decide(params, state, joint)
+
+
+@lean_kernel
+def _spaced(cal: Any, count: int, turn: int) -> bool:
+    """An index pulse at `count` is one turn after the last one, and whole turns after the first that counts."""
+    one, found = abs(count - cal.i[LAST_INDEX]), cal.i[FOUND]
+    spaced = abs(one - turn) <= SPACING_COUNTS
+    if found > 0:
+        spaced = spaced and abs(abs(count - cal.index[0]) - found * turn) <= SPACING_COUNTS
+    return bool(spaced)
 
 
 @lean_kernel
@@ -252,8 +262,9 @@ def _decide(params: ServoParameters, state: ServoState, joint: int) -> None:
     if code != 0:
         refuse(state, code, joint)
         return
-    true = table.count[joint, row] + params.transmission.count_offset[joint]
-    cal.shift[joint] = true - cal.index[0]
+    newest = cal.i[WANTED] - 1
+    true = table.count[joint, row + newest] + params.transmission.count_offset[joint]
+    cal.shift[joint] = true - cal.index[newest]
     cal.i[STAGE] = SLOWING
 
 

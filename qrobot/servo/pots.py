@@ -40,6 +40,7 @@ from qrobot.servo.vote import in_table
 
 READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) against 150 a turn
 MOST_SILENCES: Final = 3  # conversions without an answer
+ROWS_BEYOND: Final = 3  # a table begins in the second turn of the range, and an arm may stand a little outside of it
 OFF_TURNS: Final = 0.6  # pot against table: backlash 0.3 turns, waviness, noise
 FULL_SCALE_E: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the 8-bit converter ends, ADC units; it begins at 0
 HALF_STEP_E: Final = 0.5 * ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # what 8 bits leave open, ADC units
@@ -73,7 +74,7 @@ def wanted_channels(params: ServoParameters, state: ServoState) -> int:
         return int(params.sensor_mask)
     if state.cal.i[STAGE] == SWEEPING:  # nothing else, so that every turn has many readings
         return int(1 << params.pot_channel[state.cal.i[JOINT_NOW]])
-    if state.pots.i[VERDICT] != UNJUDGED:
+    if state.pots.i[VERDICT] in (PLAUSIBLE, IMPLAUSIBLE):
         return int(params.sensor_mask)
     wanted = params.sensor_mask
     for j in range(params.pot_channel.size):
@@ -96,7 +97,12 @@ def pot_residue(params: ServoParameters, state: ServoState, joint: int) -> float
 
 @lean_kernel
 def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
-    """Take a new conversion of `channel` (-1: none in this cycle) until every joint has its readings; then judge."""
+    """Take a new conversion of `channel` (-1: none in this cycle) until every joint has its readings; then judge.
+
+    A converter that has been silent is asked again and again, and believed once it answers.
+    """
+    if state.pots.i[VERDICT] == SILENT and channel >= 0:
+        forget_pots(state)
     if state.pots.i[VERDICT] != UNJUDGED or not has_table(params):
         return
     enough = True
@@ -134,7 +140,9 @@ def _judge(params: ServoParameters, state: ServoState) -> None:
         if eight_bits:
             told = min(max(told, 0.0), FULL_SCALE_E)
         off = abs(pot - told)
-        if not in_table(params.calibration, j, pot) or (calibrated and not off <= OFF_TURNS * abs(turn) + coarse):
+        if not in_table(params.calibration, j, pot, ROWS_BEYOND) or (
+            calibrated and not off <= OFF_TURNS * abs(turn) + coarse
+        ):
             state.pots.i[VERDICT], state.pots.i[SUSPECT] = IMPLAUSIBLE, j
             return
     if not calibrated:

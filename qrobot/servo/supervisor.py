@@ -18,7 +18,6 @@ from qrobot.servo.calibration_state import (
     JOINT_NOW,
     MOST_INDEXES,
     PLAUSIBLE,
-    SILENT,
     SPEED,
     STAGE,
     SUSPECT,
@@ -45,7 +44,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import forget_pots, has_table, pots_judged
+from qrobot.servo.pots import has_table, pots_judged
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_JUMPED,
@@ -241,8 +240,6 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
     elif state.pots.i[VERDICT] > PLAUSIBLE:
         state.i[EVENT], state.i[JOINT] = CAL_MISMATCH, state.pots.i[SUSPECT]
-        if state.pots.i[VERDICT] == SILENT:
-            forget_pots(state)  # tried again when asked again
     else:
         state.i[EVENT] = 0
         state.i[POWERING_SINCE_NS] = now_ns

@@ -50,9 +50,9 @@ def pot_step(table: Any, joint: int) -> float:
 
 
 @lean_kernel
-def in_table(table: Any, joint: int, pot: float) -> bool:
-    """True for a reading between those of the table's ends, a row more on each side. NaN is not."""
-    step = pot_step(table, joint)
+def in_table(table: Any, joint: int, pot: float, beyond: int) -> bool:
+    """True for a reading between those of the table's ends, `beyond` rows more on each side. NaN is not."""
+    step = beyond * pot_step(table, joint)
     first, last = table.pot[joint, 0], table.pot[joint, table.rows[joint] - 1]
     return bool(min(first, last) - step <= pot <= max(first, last) + step)
 
@@ -65,7 +65,7 @@ def find_rows(table: Any, joint: int, pots: Any, n: int) -> tuple[int, int, floa
     best place fits badly, or the second best nearly as well. `margin` is by how much the second best is worse.
     """
     for k in range(n):
-        if not in_table(table, joint, pots[k]):
+        if not in_table(table, joint, pots[k], 1):
             return CAL_MISMATCH, 0, 0.0, 0.0, 0
     best, second, row = 1e9, 1e9, 0
     for first in range(table.rows[joint] - n + 1):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from qrobot.config import Robot, load_robot
+from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration_client import CalibrationReport, run_calibration
@@ -94,6 +95,18 @@ class CalibratingRig(LockstepRig):
     def calibrate(self, indexes: int = 0) -> CalibrationReport:
         """As the command line does it."""
         return run_calibration(self.mailbox, self.run_for, indexes)
+
+    def outcome(self) -> FaultCode | None:
+        """Why a calibration was refused, or None for counters that are exact; fails the test for wrong ones."""
+        try:
+            self.calibrate()
+        except ServoFault as refusal:
+            why = FaultCode(refusal.code)
+        else:
+            why = None
+        assert self.emulator.calibrated == (why is None)
+        assert why is not None or self.exact(), "calibrated, and wrong"
+        return why
 
     def exact(self) -> bool:
         """The counters hold the true positions to the last count."""

@@ -11,6 +11,8 @@ from qrobot.hwif.memory import PANEL_PUSH
 from qrobot.servo.calibration_state import Stage
 from qrobot.servo.mailbox import FLAG_CALIBRATED
 from qrobot.servo.modes import Mode
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.faults import FaultPlan
 from tests.support.calibrating import PUMA, CalibratingRig, random_pose
 
 
@@ -255,6 +257,13 @@ def test_a_dead_potentiometer_has_no_majority() -> None:
     refused(rig.finish(), FaultCode.CAL_VOTE, 2)
 
 
+def test_an_encoder_that_loses_counts_is_told_by_the_distance_of_its_index_pulses() -> None:
+    rig = CalibratingRig().powered()
+    rig.emulator.bundle.board.encoders.counts_per_rev[3] = 999  # one in a thousand
+    rig.mailbox.request_calibration()
+    refused(rig.finish(), FaultCode.CAL_INDEX, 3)
+
+
 def test_a_missing_index_pulse_is_tried_twice_and_then_told_within_a_few_turns() -> None:
     rig = CalibratingRig().powered()
     rig.emulator.bundle.board.encoders.counts_per_rev[0] = 1 << 40
@@ -270,6 +279,23 @@ def test_an_index_pulse_where_none_can_be_is_told() -> None:
     rig.emulator.bundle.board.encoders.counts_per_rev[4] = 400
     rig.mailbox.request_calibration()
     refused(rig.finish(), FaultCode.CAL_INDEX, 4)
+
+
+@pytest.mark.parametrize(
+    ("fault", "codes"),
+    [
+        ("pot:3 noise 10", {None}),
+        ("pot:3 dead", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("pot:3 wrong 3", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("adc stuck", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("index:3 missing", {FaultCode.CAL_INDEX}),
+        ("index:3 double", {FaultCode.CAL_INDEX}),
+        ("board slow 5", {None, FaultCode.CAL_INDEX}),
+    ],
+)
+def test_with_a_broken_part_it_is_exact_or_refused(fault: str, codes: set[FaultCode | None]) -> None:
+    emulator = Emulator(PUMA, physics="rigid", calibrated=False, faults=FaultPlan.parse([fault]))
+    assert CalibratingRig(emulator=emulator).outcome() in codes
 
 
 @pytest.mark.parametrize("joint", [0, 4])
@@ -359,7 +385,7 @@ def test_the_client_leaves_power_as_it_was() -> None:
 
 
 def test_the_client_tells_the_servos_reason() -> None:
-    rig = CalibratingRig()
+    rig = CalibratingRig().powered()
     rig.emulator.bundle.board.encoders.counts_per_rev[4] = 400
     with pytest.raises(ServoFault, match="joint 5: CAL_INDEX: an index pulse was missing") as refusal:
         rig.calibrate()

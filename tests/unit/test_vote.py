@@ -78,7 +78,7 @@ def test_a_reading_that_is_none_of_the_table_is_a_mismatch(wrong: float) -> None
     pots = readings(3, 10)
     pots[1] = wrong
     assert find_rows(TABLE, 3, pots, N)[0] == FaultCode.CAL_MISMATCH
-    assert not in_table(TABLE, 3, wrong)
+    assert not in_table(TABLE, 3, wrong, 1)
 
 
 def test_the_nearest_row_is_the_one_whose_reading_is() -> None:
