@@ -335,9 +335,9 @@ class Generator:
         elif self._path.chart is JOINTS and errand.target is not None:
             self._divert(segment, errand, code)
         else:
-            self._depart(
-                errand, self._planner.ahead(errand.request, self._points()), Room(following=self._ta_after()), code
-            )
+            corner = self._planner.ahead(errand.request, self._points())
+            if not self._depart(errand, corner, Room(following=self._ta_after()), code):
+                self._begin_stop(segment, code)
 
     def _divert(self, segment: Segment, errand: Errand, code: int) -> None:
         """From where the arm is now, at the speed it has, into `errand`; a stop when no such way is safe."""

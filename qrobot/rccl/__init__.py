@@ -8,9 +8,9 @@
 
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
 RCCL's global variables `completed`, `nbrequest`, `how`, `park` and `there`. Transforms and position equations belong to
-no arm: `newtrans`, the `gentr_` family, `makeposition`. Degrees, millimetres and milliseconds at this boundary. Where
-the robot is, is chosen outside the program: `use` for whoever starts it, else the variable QROBOT_BRIDGE ("host:port"),
-else the default port of this machine.
+no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and milliseconds at this
+boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable QROBOT_BRIDGE
+("host:port"), else the default port of this machine.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any
 from qrobot.motion import Blend, Termination
 from qrobot.rccl import program
 from qrobot.rccl.channel import NO, YES, Channel
+from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
 from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.program import (
@@ -76,6 +77,7 @@ __all__ = [
     "YES",
     "Blend",
     "Channel",
+    "DataBase",
     "Event",
     "Position",
     "Termination",

@@ -239,6 +239,21 @@ def test_a_motion_that_fails_only_when_its_turn_comes_is_told_and_the_arm_stays(
     assert not gen.busy
 
 
+def test_an_interruption_into_what_turns_out_impossible_stops_the_arm_with_the_codes_of_both() -> None:
+    belt = Conveyor(lambda _: (3.0, 0.0, 0.0, 0.0))
+    gen = puma_generator()
+    gen.push(to(at_park(shift(y=0.2), name="first")))
+
+    def interfere(tick: int) -> None:
+        if tick == 20:
+            gen.push(to(at_park(belt.trsf, name="far"), Mode.JOINT))
+            gen.interrupt(9)
+
+    outputs = run_on(gen, belt, 60, interfere)
+    assert ended(outputs) == [("far", Termination.UNREACHABLE), ("first", 9)]
+    assert_stopped_within_limits(outputs)
+
+
 # ---------------------------------------------------------------------------------------------------------- refusals
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from qrobot.errors import MotionError
-from qrobot.model.transform import inverse, so3_exp, transform
+from qrobot.model.transform import inverse, is_transform, so3_exp, transform
 from qrobot.motion import T6, Equation, Kind, Trsf
 from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion.trsf import rigid
 
 RNG = np.random.default_rng(4)
 TICK = 7
@@ -199,3 +200,16 @@ def test_a_turn_that_passes_half_a_circle_is_read_on_from_the_turn_before() -> N
     after = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.pi + 0.01])
     assert drive_parameters(drive(after), before) == pytest.approx(after)
     assert drive_parameters(drive(after))[5] == pytest.approx(0.01 - np.pi)
+
+
+@pytest.mark.parametrize(
+    "spoil", [(0, 3, np.nan), (1, 3, np.inf), (0, 0, np.nan), (1, 2, 0.1), (3, 3, 2.0), (3, 1, 0.1)]
+)
+def test_the_fast_check_of_every_sample_agrees_with_the_thorough_one(spoil) -> None:
+    row, column, number = spoil
+    good = some_pose()
+    bad = good.copy()
+    bad[row, column] = number
+    mirrored = good @ np.diag([1.0, 1.0, -1.0, 1.0])
+    assert [rigid(T) for T in (good, bad, mirrored)] == [is_transform(T) for T in (good, bad, mirrored)]
+    assert [rigid(T) for T in (good, bad, mirrored)] == [True, False, False]
