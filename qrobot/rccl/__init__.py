@@ -9,8 +9,8 @@
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
 RCCL's global variables `completed`, `nbrequest`, `how`, `park` and `there`. Transforms and position equations belong to
 no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and milliseconds at this
-boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable QROBOT_BRIDGE
-("host:port"), else the default port of this machine.
+boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable
+QROBOT_BRIDGE ("host:port"), else the default port of this machine.
 """
 
 from __future__ import annotations
