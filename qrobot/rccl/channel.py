@@ -214,7 +214,7 @@ class Channel:
         On a joint path it stays on it. The rest is absolute, also while a moving frame is followed.
         """
         with self._hold.task():
-            self._task.generator.stop(ms * _S_PER_MS)
+            self._task.stop(ms * _S_PER_MS)
 
     def nextmove(self, code: int = YES) -> None:
         """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.

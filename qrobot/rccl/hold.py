@@ -73,8 +73,7 @@ class Hold:
 
     def _come_to_rest(self) -> None:
         with self._driver.lock():
-            if self._task.busy:
-                self._task.generator.stop()
+            self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.busy)
 
     def _leave(self, power_off: bool) -> None:

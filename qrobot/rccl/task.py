@@ -111,6 +111,11 @@ class TrajectoryTask:
         self._orders[order.request] = order
         self.completed.count = 0
 
+    def stop(self, seconds: float = 0.0) -> None:
+        """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
+        if self._generator is not None:
+            self._generator.stop(seconds)
+
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
         self._power_down = PowerDown(self.period_s, power_off)

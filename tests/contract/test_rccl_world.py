@@ -14,7 +14,7 @@ from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtr
 from qrobot.rci import VirtualLink
 from qrobot.wire import RobotMode
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import PARK, PERIOD_S, arm, shift
+from tests.support.puma import LIMITS, PARK, PERIOD_S, arm, shift
 
 DONE = Termination.COMPLETED
 TIP = shift(z=0.1).value
@@ -189,6 +189,21 @@ def test_a_move_to_there_is_an_absolute_stop(robot) -> None:
     sample(10)
     assert (tip(robot) == still).all()
     assert rccl.there.code == DONE
+
+
+def test_an_arm_that_follows_a_frame_is_brought_to_rest_before_it_is_released(robot) -> None:
+    def drift(t: rccl.Transform) -> None:
+        t.p.y += 2.0
+
+    rccl.move(on_table("P", newtrans("DRIFT", drift)))
+    rccl.waitfor(rccl.completed)
+    sample(20)
+    rccl.release()
+    steps = np.diff(np.array(robot.path), axis=0)
+    assert np.abs(steps).max() > 1e-3
+    assert np.abs(steps[-1]).max() < 2e-4
+    braking = np.diff(steps[-25:], axis=0) / PERIOD_S**2
+    assert (np.abs(braking) <= 1.06 * LIMITS.a_max).all()
 
 
 def test_a_frame_that_carries_the_arm_out_of_reach_ends_in_a_stop_with_its_code(robot) -> None:
