@@ -265,7 +265,7 @@ def _count(board: Board, shaft: NDArray[np.float64]) -> None:
     pending = armed & register[REG_FLAGS]
     repeated = armed if board.options.relatch else 0
     turn_counters(board.upset.knob, shaft, board.counted)
-    latched = sample_encoders(board.encoders, board.counted, pending // INDEX_BIT_0, repeated // INDEX_BIT_0)
+    latched = sample_encoders(board.encoders, shaft, board.counted, pending // INDEX_BIT_0, repeated // INDEX_BIT_0)
     register[REG_FLAGS] &= ~(latched * INDEX_BIT_0)
     turn_wipers(board.analog, shaft, board.encoders.counts_per_rev)
 

@@ -182,6 +182,7 @@ class Emulator:
         board, n = self.bundle.board, self.robot.n
         edge = np.floor(self.bundle.shaft + 0.5).astype(np.int64)
         board.encoders.edge[:] = edge
+        board.encoders.shaft[:] = edge
         board.upset.knob[ENC_TURNED, :N_ENCODERS] = self.bundle.shaft
         board.analog.wiper[:] = self.bundle.shaft / board.encoders.counts_per_rev
         if calibrated:

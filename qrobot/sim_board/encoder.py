@@ -23,7 +23,8 @@ class Encoders(NamedTuple):
     """Six channels; every array int64[6]. Channels without an encoder stand still."""
 
     counter: NDArray[np.int64]  # 0..65535, what ENC_COUNT shows
-    edge: NDArray[np.int64]  # shaft position at the last sample, counts
+    edge: NDArray[np.int64]  # what was counted of the shaft until the last sample, counts
+    shaft: NDArray[np.int64]  # where the shaft was then, counts
     latch: NDArray[np.int64]  # 0..65535, what ENC_INDEX shows
     counts_per_rev: NDArray[np.int64]  # per motor revolution; joint 6 has half since revision E [V]
     phase: NDArray[np.int64]  # position of the index pulse, modulo counts_per_rev
@@ -36,8 +37,8 @@ def make_encoders(counts_per_rev: NDArray[np.int64], phase: NDArray[np.int64]) -
     revolution, index = np.ones(N_ENCODERS, np.int64), np.zeros(N_ENCODERS, np.int64)
     revolution[: counts_per_rev.size] = counts_per_rev
     index[: phase.size] = phase
-    counter, edge, latch, odd = np.zeros((4, N_ENCODERS), np.int64)
-    return Encoders(counter, edge, latch, revolution, index, np.ones(N_ENCODERS, np.int64), odd)
+    counter, edge, shaft, latch, odd = np.zeros((5, N_ENCODERS), np.int64)
+    return Encoders(counter, edge, shaft, latch, revolution, index, np.ones(N_ENCODERS, np.int64), odd)
 
 
 @lean_kernel
@@ -57,30 +58,37 @@ def last_index(old: int, new: int, period: int, phase: int) -> int:
 
 
 @lean_kernel
-def latch_index(encoders: Encoders, channel: int, new: int, take_last: int) -> int:
-    """Latch the count at the first index pulse on the way to `new`, or at the last one; 1 when there was any."""
-    old, phase, pulses = encoders.edge[channel], encoders.phase[channel], encoders.pulses[channel]
+def latch_index(encoders: Encoders, channel: int, turned: int, counted: int, take_last: int) -> int:
+    """Latch the count at the first index pulse on the shaft's way to `turned`, or at the last; 1 when there was any.
+
+    The pulse is a mark on the shaft, wherever the counter has got to: on the way to `turned` it goes on by `counted`.
+    """
+    old, phase, pulses = encoders.shaft[channel], encoders.phase[channel], encoders.pulses[channel]
     turn = encoders.counts_per_rev[channel]
     period = turn // max(1, pulses)
-    first = first_index(old, new, period, phase)
-    if abs(first - old) > abs(new - old):
+    first = first_index(old, turned, period, phase)
+    if abs(first - old) > abs(turned - old):
         return 0
-    at = last_index(old, new, period, phase) if take_last else first
+    at = last_index(old, turned, period, phase) if take_last else first
     if pulses == 0 or (at - phase) % turn != 0:
         encoders.odd[channel] += 1
     if pulses == 0:
         return 0
-    encoders.latch[channel] = (encoders.counter[channel] + at - old) & COUNTER_MASK
+    share = (at - old) * counted // (turned - old)
+    encoders.latch[channel] = (encoders.counter[channel] + share) & COUNTER_MASK
     return 1
 
 
 @lean_kernel
-def sample_encoders(encoders: Encoders, shaft: NDArray[np.float64], pending: int, armed: int) -> int:
-    """Move all shafts to `shaft` (float64[6], counts) and latch the counts at index pulses passed on the way.
+def sample_encoders(
+    encoders: Encoders, shaft: NDArray[np.float64], counted: NDArray[np.float64], pending: int, armed: int
+) -> int:
+    """Move all shafts to `shaft` and latch the counts at index pulses passed on the way.
 
     Args:
         encoders: the channels.
-        shaft: positions now; the edge counted is the nearest integer.
+        shaft: positions now, counts; float64[6].
+        counted: what the counters make of them: the same, but for faults. Edges counted are the nearest integers.
         pending: bit per channel whose latch waits for its first index: it keeps the first one met.
         armed: bit per channel whose latch takes every index: it keeps the last one met. Whether a latch that has seen
             its index takes another is unknown [A].
@@ -91,11 +99,10 @@ def sample_encoders(encoders: Encoders, shaft: NDArray[np.float64], pending: int
     counter, edge = encoders.counter, encoders.edge
     latched = 0
     for channel in range(N_ENCODERS):
-        old, new = edge[channel], math.floor(shaft[channel] + 0.5)
-        if new == old:
-            continue
-        if (pending | armed) >> channel & 1:
-            latched |= latch_index(encoders, channel, new, armed >> channel & 1) << channel
-        counter[channel] = (counter[channel] + new - old) & COUNTER_MASK
-        edge[channel] = new
+        turned, new = math.floor(shaft[channel] + 0.5), math.floor(counted[channel] + 0.5)
+        step = new - edge[channel]
+        if turned != encoders.shaft[channel] and (pending | armed) >> channel & 1:
+            latched |= latch_index(encoders, channel, turned, step, armed >> channel & 1) << channel
+        counter[channel] = (counter[channel] + step) & COUNTER_MASK
+        edge[channel], encoders.shaft[channel] = new, turned
     return latched

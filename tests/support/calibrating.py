@@ -110,5 +110,6 @@ class CalibratingRig(LockstepRig):
 
     def exact(self) -> bool:
         """The counters hold the true positions to the last count."""
-        true = self.emulator.bundle.board.encoders.edge[: self.robot.n] + self.robot.transmission.count_offset
+        shaft = np.floor(self.emulator.bundle.shaft[: self.robot.n] + 0.5).astype(np.int64)
+        true = shaft + self.robot.transmission.count_offset
         return bool(np.array_equal(true & 0xFFFF, self.emulator.counters))

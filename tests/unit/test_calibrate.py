@@ -257,13 +257,6 @@ def test_a_dead_potentiometer_has_no_majority() -> None:
     refused(rig.finish(), FaultCode.CAL_VOTE, 2)
 
 
-def test_an_encoder_that_loses_counts_is_told_by_the_distance_of_its_index_pulses() -> None:
-    rig = CalibratingRig().powered()
-    rig.emulator.bundle.board.encoders.counts_per_rev[3] = 999  # one in a thousand
-    rig.mailbox.request_calibration()
-    refused(rig.finish(), FaultCode.CAL_INDEX, 3)
-
-
 def test_a_missing_index_pulse_is_tried_twice_and_then_told_within_a_few_turns() -> None:
     rig = CalibratingRig().powered()
     rig.emulator.bundle.board.encoders.counts_per_rev[0] = 1 << 40
@@ -290,6 +283,8 @@ def test_an_index_pulse_where_none_can_be_is_told() -> None:
         ("adc stuck", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
         ("index:3 missing", {FaultCode.CAL_INDEX}),
         ("index:3 double", {FaultCode.CAL_INDEX}),
+        ("encoder:3 scale 1.01", {FaultCode.CAL_INDEX}),
+        ("encoder:3 lost 500", {FaultCode.CAL_INDEX}),
         ("board slow 5", {None, FaultCode.CAL_INDEX}),
     ],
 )
