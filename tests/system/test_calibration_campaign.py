@@ -12,7 +12,8 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.support.calibrating import PUMA, TABLE, CalibratingRig, random_pose
 
-POSES = {"F": range(130), "E": range(130, 200)}
+TWELVE_BITS, EIGHT_BITS = range(130), range(130, 200)
+CHUNK = 26  # poses a test, some ten seconds
 LAST_JOINT = PUMA.n - 1
 
 
@@ -30,8 +31,9 @@ def calibrated_from(seed: int, revision: str, table: CalibrationTable) -> tuple[
 
 
 @pytest.mark.slow
-def test_on_a_twelve_bit_converter_every_pose_comes_out_exact() -> None:
-    outcomes = {seed: calibrated_from(seed, "F", TABLE) for seed in POSES["F"]}
+@pytest.mark.parametrize("first", TWELVE_BITS[::CHUNK])
+def test_on_a_twelve_bit_converter_every_pose_comes_out_exact(first: int) -> None:
+    outcomes = {seed: calibrated_from(seed, "F", TABLE) for seed in TWELVE_BITS[first : first + CHUNK]}
     assert {seed: why for seed, why in outcomes.items() if why is not None} == {}
 
 
@@ -39,11 +41,11 @@ def test_on_a_twelve_bit_converter_every_pose_comes_out_exact() -> None:
 def test_on_an_eight_bit_converter_only_poses_beyond_its_five_volts_are_refused() -> None:
     table = make_table(Emulator(PUMA, physics="rigid", options=BoardOptions(revision_f=False)))
     reach = PUMA.limits.q_max[LAST_JOINT] * 0.5  # joint 6 turns its potentiometer past 5 V or 0 V, see its table
-    outcomes = {seed: calibrated_from(seed, "E", table) for seed in POSES["E"]}
+    outcomes = {seed: calibrated_from(seed, "E", table) for seed in EIGHT_BITS}
     refusals = {seed: why for seed, why in outcomes.items() if why is not None}
     assert {joint for _, joint in refusals.values()} <= {LAST_JOINT}
     assert all(abs(random_pose(seed)[LAST_JOINT]) > reach for seed in refusals)
-    assert len(refusals) < len(POSES["E"]) // 2
+    assert len(refusals) < len(EIGHT_BITS) // 2
 
 
 def test_the_packaged_table_is_the_one_the_emulator_makes() -> None:
