@@ -15,6 +15,7 @@ DOCS: Final = Path(__file__).parent
 sys.path.insert(0, str(DOCS))
 
 import command_line  # noqa: E402 (found through the line above)
+import fault_facts  # noqa: E402
 import file_keys  # noqa: E402
 import tables  # noqa: E402
 
@@ -22,6 +23,7 @@ from qrobot.wire import document  # noqa: E402
 
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "faults": tables.faults,
+    "reactions": fault_facts.reactions,
     "breakable": tables.breakable,
     "modes": tables.mode_diagram,
     "laws": tables.laws,
@@ -41,6 +43,7 @@ def rewrite(page: str) -> str:
 PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/wire-protocol.md": document.refresh,
     "reference/modes.md": rewrite,
+    "reference/faults.md": rewrite,
     "reference/command-line.md": rewrite,
     "reference/deployment-file.md": rewrite,
     "reference/robot-file.md": rewrite,

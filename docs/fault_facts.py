@@ -1,0 +1,117 @@
+"""How soon the servo reacts to each fault, and the test that makes it happen: what the page of faults adds to the code.
+
+A test holds this table to the tests it names.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from tables import raised_codes, table
+
+from qrobot.faultcodes import EXPLANATION, FaultCode
+from qrobot.servo.guard import stop_category
+from qrobot.servo.modes import Stop
+
+CAMPAIGN: Final = "tests/property/test_fault_campaign.py"
+BREAKS: Final = f"{CAMPAIGN}::test_what_breaks_on_the_way_stops_the_arm_in_time"
+STREAM: Final = f"{CAMPAIGN}::test_what_goes_wrong_with_the_stream_ends_on_the_path"
+CYCLE: Final = "tests/unit/test_cycle_faults.py"
+SUPERVISOR: Final = "tests/unit/test_supervisor.py"
+
+
+CALIBRATE: Final = "tests/unit/test_calibrate.py"
+GENTLE: Final = "calibration ends; the arm stays held"
+
+
+class Fact(NamedTuple):
+    """Bound from the injection to the reaction, the test that injects it, and whether there is anything to clear."""
+
+    bound: str
+    test: str
+    latches: bool = True
+
+
+F = FaultCode
+FACTS: Final = {
+    F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
+    F.BOARD_GONE: Fact(
+        "1 cycle when all words read ones; 4 cycles or the board's time-out when nothing is new", BREAKS
+    ),
+    F.VEL_LIMIT: Fact(
+        "the cycle that measures it",
+        f"{CYCLE}::test_a_joint_too_fast_while_tracking_is_stopped_on_the_path_and_then_cut",
+    ),
+    F.RUNAWAY: Fact(
+        "the cycle that measures it", f"{CYCLE}::test_a_measured_speed_beyond_half_as_much_again_is_a_runaway"
+    ),
+    F.FOLLOWING: Fact("the cycle that measures it", f"{CYCLE}::test_an_arm_that_is_not_where_it_should_be_is_cut"),
+    F.JOINT_LIMIT: Fact(
+        "the cycle that measures it", f"{CYCLE}::test_a_joint_that_leaves_its_range_and_the_margin_is_cut"
+    ),
+    F.POWER_LOST: Fact("1 cycle after STATUS shows it", BREAKS),
+    F.POWER_NO_ACK: Fact("3 s", f"{CAMPAIGN}::test_power_that_does_not_come_on_is_given_up_after_three_seconds"),
+    F.ESTOP: Fact("2 cycles", BREAKS),
+    F.GUARD_TRIP: Fact(
+        "the guardian's time-out and one of its looks",
+        "tests/unit/test_guardian.py::test_an_armed_servo_that_falls_silent_loses_the_board_within_the_bound_and_one_look",
+    ),
+    F.GUARD_LOST: Fact(
+        "twice the guardian's time-out",
+        f"{CYCLE}::test_a_servo_without_its_guardian_stops_the_arm_within_ten_milliseconds",
+    ),
+    F.LAW_NAN: Fact(
+        "the same cycle; no such torque is written",
+        f"{CYCLE}::test_a_law_that_breaks_while_tracking_is_replaced_and_the_arm_stopped",
+    ),
+    F.MOVING_AT_START: Fact(
+        "power is refused", f"{SUPERVISOR}::test_power_is_refused_with_the_reason_and_not_given_later_by_itself", False
+    ),
+    F.STREAM_LOST: Fact("two frames after the last one", STREAM),
+    F.SP_INVALID: Fact("when the frame is due; it is not played", STREAM),
+    F.SP_LIMIT: Fact("when the frame is due; it is not played", STREAM),
+    F.SP_STEP: Fact("when the frame is due; it is not played", STREAM),
+    F.START_POSE: Fact(
+        "the stream is refused",
+        "tests/unit/test_stream.py::test_a_stream_that_does_not_begin_where_the_arm_stands_is_refused",
+    ),
+    F.CAL_MISMATCH: Fact(
+        "power or calibration is refused",
+        f"{CALIBRATE}::test_counters_that_the_potentiometers_contradict_get_no_power_and_are_mended_by_a_calibration",
+    ),
+    F.CAL_VOTE: Fact(GENTLE, f"{CALIBRATE}::test_a_dead_potentiometer_has_no_majority"),
+    F.CAL_INDEX: Fact(
+        "a few revolutions of the motor",
+        f"{CALIBRATE}::test_a_missing_index_pulse_is_tried_twice_and_then_told_within_a_few_turns",
+    ),
+    F.CAL_BLOCKED: Fact(GENTLE, f"{CALIBRATE}::test_an_obstacle_ends_it_before_the_torque_is_large"),
+    F.CAL_ROOM: Fact(GENTLE, f"{CALIBRATE}::test_the_end_of_the_range_ends_it_whatever_the_plan_was"),
+    F.CAL_STOPPED: Fact(GENTLE, f"{CALIBRATE}::test_a_stop_ends_it_and_the_arm_stays_held"),
+    F.CAL_MOVED: Fact(GENTLE, f"{CALIBRATE}::test_an_arm_that_is_shaken_is_not_loaded"),
+    F.CAL_NO_TABLE: Fact("calibration is refused", f"{CALIBRATE}::test_without_a_table_it_says_so_and_holds_as_ever"),
+    F.RESET_DENIED: Fact("0.1 s after the clear", BREAKS),
+}
+CLEARED: Final = {
+    Stop.CATEGORY_0: "a clear once the cause is gone, then a request for power",
+    Stop.CATEGORY_1: "a clear once the cause is gone, then a request for power",
+    Stop.CATEGORY_2: "nothing to clear",
+}
+
+
+def reactions() -> str:
+    """Every code the servo raises: meaning, stop, bound, what clears it, and the test that makes it happen."""
+    raised = raised_codes()
+    return table(
+        ("code", "what happened", "category", "reaction within", "cleared by", "injected by"),
+        (_row(code) for code in sorted(FaultCode) if code.name in raised and code),
+    )
+
+
+def _row(code: FaultCode) -> tuple[object, ...]:
+    fact = FACTS.get(code, Fact("", ""))
+    category = stop_category(code)
+    test = f"`{fact.test}`" if fact.test else ""
+    cleared = CLEARED[category if fact.latches else Stop.CATEGORY_2]
+    return (
+        f"{code.name} ({code.value})", EXPLANATION[code][0], int(category), fact.bound, cleared, test,
+    )  # fmt: skip
