@@ -61,8 +61,22 @@ def line_through(knots: Any, first_knot: int, j: int, phase: float, q: float, st
 
 
 @lean_kernel
+def step_weight(table: Any, step: int, phase: float) -> tuple[float, float, float]:
+    """Share of one of the three steps between the knots in the reference, and its first two derivatives by phase.
+
+    Horner's rule for a polynomial and its derivatives; `table` has shape (6, 3).
+    """
+    share, slope, half_curvature = 0.0, 0.0, 0.0
+    for m in range(N_POWERS - 1, -1, -1):
+        half_curvature = half_curvature * phase + slope
+        slope = slope * phase + share
+        share = share * phase + table[m, step]
+    return share, slope, 2.0 * half_curvature
+
+
+@lean_kernel
 def reference(table: Any, knots: Any, phase: float, rate: float, rate_slope: float, q: Any, v: Any, a: Any) -> None:
-    """Position, velocity and acceleration at `phase`: Horner's rule for a polynomial and its first two derivatives.
+    """Position, velocity and acceleration at `phase`.
 
     Args:
         table: coefficients of the form, see `Form.table`. Shape (6, 3).
@@ -72,16 +86,16 @@ def reference(table: Any, knots: Any, phase: float, rate: float, rate_slope: flo
         rate_slope: dr/dt, 1/s^2.
         q, v, a: filled. Shape (n,), rad, rad/s, rad/s^2.
     """
+    share1, slope1, curvature1 = step_weight(table, 0, phase)  # the same for every joint
+    share2, slope2, curvature2 = step_weight(table, 1, phase)
+    share3, slope3, curvature3 = step_weight(table, 2, phase)
     for j in range(q.size):
         d1, d2, d3 = knots[1, j] - knots[0, j], knots[2, j] - knots[1, j], knots[3, j] - knots[2, j]
-        way, slope, half_curvature = 0.0, 0.0, 0.0
-        for m in range(N_POWERS - 1, -1, -1):
-            half_curvature = half_curvature * phase + slope
-            slope = slope * phase + way
-            way = way * phase + table[m, 0] * d1 + table[m, 1] * d2 + table[m, 2] * d3
-        q[j] = knots[0, j] + way
+        slope = slope1 * d1 + slope2 * d2 + slope3 * d3
+        curvature = curvature1 * d1 + curvature2 * d2 + curvature3 * d3
+        q[j] = knots[0, j] + share1 * d1 + share2 * d2 + share3 * d3
         v[j] = slope * rate
-        a[j] = 2.0 * half_curvature * rate * rate + slope * rate_slope
+        a[j] = curvature * rate * rate + slope * rate_slope
 
 
 @lean_kernel
