@@ -23,7 +23,7 @@ OUTPUT: Final = Path("out/bench.json")
 GROUPS: Final = ("laws", "models", "servo", "lockstep", "logs", "startup", "wakeup")
 
 app = App(name="python -m benchmarks", help="How fast QRobot is on this machine, and against whom.")
-console = Console()
+console = Console(width=None if sys.stdout.isatty() else 140)
 
 
 @app.default
@@ -77,7 +77,7 @@ def soak(*, hours: float = 1.0, seed: int = 0, rigid: bool = False, json: Path |
     Parameters
     ----------
     hours
-        Robot time; an hour takes a few minutes.
+        Robot time; an hour takes five to ten minutes.
     seed
         Of the moves and of the board's noise.
     rigid
