@@ -35,6 +35,10 @@ class Fact(NamedTuple):
 F = FaultCode
 FACTS: Final = {
     F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
+    F.ENC_LOSS: Fact(
+        "the next index pulse",
+        f"{CALIBRATE}::test_counts_lost_are_found_at_the_next_index_pulse_and_end_the_calibration",
+    ),
     F.BOARD_GONE: Fact(
         "1 cycle when all words read ones; 4 cycles or the board's time-out when nothing is new", BREAKS
     ),
