@@ -29,6 +29,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import set_fifo
+    from qrobot.servo.authority import Authority
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
@@ -40,4 +41,5 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
         ServoPort(chosen.name, robot.name, robot.n),
         settings,
         lambda host, number: note(f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}"),
+        Authority(chosen.name),
     )

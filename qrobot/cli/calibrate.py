@@ -51,15 +51,18 @@ def calibrate(
     chosen = choose_arm(deployment, arm)
     if make_table is not None:
         return _make_table(chosen, make_table, json)
+    from qrobot.servo.authority import Authority
     from qrobot.servo.calibration_client import run_calibration
     from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 
     robot = robot_of_arm(chosen)
-    memory = attach_servo_memory(chosen.name)
+    memory, authority = attach_servo_memory(chosen.name), Authority(chosen.name)
     try:
+        authority.take("qrobot calibrate")
         with _Bars(robot) as bars:
             report = run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
     finally:
+        authority.release()
         memory.close()
     if json:
         write_json(report.to_dict())

@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
+from qrobot.errors import LinkBusy
+
+
+class ArmAuthority(Protocol):
+    """The right to command the arm, for which the bridge competes with others on this machine."""
+
+    def take(self, label: str) -> None:
+        """Hold it. Raises LinkBusy naming who does."""
+
+    def release(self) -> None:
+        """Let go."""
+
 
 class Lease:
     """At most one holder; whoever has it keeps it until they let go.
 
+    Args:
+        authority: held for as long as the lease is; None where the bridge is the only way to the arm.
+
     Attributes:
-        label: the holder in words for people, "" when nobody commands.
+        refusal: why the last `take` failed, in words for people.
     """
 
-    def __init__(self) -> None:
-        self.label = ""
+    def __init__(self, authority: ArmAuthority | None = None) -> None:
+        self.refusal = ""
+        self._authority = authority
+        self._label = ""
         self._holder: object = None
         self._stream = 0
 
@@ -23,15 +42,24 @@ class Lease:
     def take(self, who: object, label: str) -> bool:
         """Give the lease to `who`; False when somebody else has it."""
         if self._holder is not None and self._holder is not who:
+            self.refusal = f"is commanded by {self._label}"
             return False
-        self._holder, self.label = who, label
+        if self._authority is not None:
+            try:
+                self._authority.take(label)
+            except LinkBusy as error:
+                self.refusal = f"cannot be commanded: {error}"
+                return False
+        self._holder, self._label = who, label
         return True
 
     def release(self, who: object) -> bool:
         """Let go; False when `who` did not hold it."""
         if self._holder is not who or who is None:
             return False
-        self._holder, self.label = None, ""
+        self._holder, self._label = None, ""
+        if self._authority is not None:
+            self._authority.release()
         return True
 
     def new_stream(self, now_ns: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Final
 
 from qrobot.errors import LinkError
@@ -71,6 +72,8 @@ class ServoPort:
         self._segment: Segment | None = None
         self._mailbox: ServoMailbox | None = None
         self._generation = 0
+        self._was_here = False
+        self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
@@ -86,7 +89,10 @@ class ServoPort:
 
     def write_setpoint(self, frame: SetpointFrame) -> None:
         """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""
-        _pass_on(self._follow(), frame)
+        mailbox = self._follow()
+        if not frame.power:
+            self._power_locked = False
+        _pass_on(mailbox, replace(frame, power=False) if self._power_locked else frame)
 
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""
@@ -107,6 +113,8 @@ class ServoPort:
             if (info.robot_name, info.n) != (self.robot_name, self.n):
                 self._mailbox = None
                 raise LinkError(f"the servo of {self.arm} drives {info.robot_name!r}, not {self.robot_name!r}")
+            self._power_locked = self._power_locked or self._was_here
+            self._was_here = True
             self._mailbox = mailbox
         return self._mailbox
 

@@ -18,7 +18,7 @@ from typing import Final, cast
 
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.rccl_bridge.actions import Action, carry_out
-from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.lease import ArmAuthority, Lease
 from qrobot.rccl_bridge.port import RobotPort, RobotState
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
@@ -34,10 +34,10 @@ LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after th
 class BridgeServer:
     """Serves one robot to its clients, inside a running event loop."""
 
-    def __init__(self, port: RobotPort, settings: BridgeSettings) -> None:
+    def __init__(self, port: RobotPort, settings: BridgeSettings, authority: ArmAuthority | None = None) -> None:
         self.port = port
         self.settings = settings
-        self.lease = Lease()
+        self.lease = Lease(authority)
         self.clients: set[_Client] = set()
         self._server: asyncio.Server | None = None
         self._messages = Throttle()
@@ -187,16 +187,22 @@ def precise_loop() -> asyncio.AbstractEventLoop:
     return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
-def run_bridge(port: RobotPort, settings: BridgeSettings, on_ready: Callable[[str, int], None] | None = None) -> None:
+def run_bridge(
+    port: RobotPort,
+    settings: BridgeSettings,
+    on_ready: Callable[[str, int], None] | None = None,
+    authority: ArmAuthority | None = None,
+) -> None:
     """Serve until SIGTERM or SIGINT. Raises LinkBusy or LinkError when the address cannot be had.
 
     Args:
         port: the way to the servo.
         settings: where to listen, and the limits.
         on_ready: called with host and port once clients can connect.
+        authority: held while a client commands; see `Lease`.
     """
     with asyncio.Runner(loop_factory=precise_loop) as runner:
-        runner.run(_serve(BridgeServer(port, settings), on_ready))
+        runner.run(_serve(BridgeServer(port, settings, authority), on_ready))
 
 
 async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | None) -> None:

@@ -159,7 +159,7 @@ class Session:
         self.label = f"{hello.program or 'a program'} at {self._peer}"
         commands = hello.role is ClientRole.COMMANDER
         if commands and not self._lease.take(self, self.label):
-            busy = f"{self._robot_name} is commanded by {self._lease.label}"
+            busy = f"{self._robot_name} {self._lease.refusal}"
             return self.refuse(ErrorCode.COMMANDER_BUSY, busy, now_ns)
         period_us = hello.period_us or self._settings.period_us
         self._period_ns = period_us * 1000

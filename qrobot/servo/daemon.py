@@ -11,6 +11,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from types import FrameType
 from typing import Any
 
@@ -20,6 +21,8 @@ from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
+from qrobot.servo.control import Controls
+from qrobot.servo.control_socket import ControlSocket
 from qrobot.servo.law import Law, find_law
 from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
@@ -28,6 +31,7 @@ from qrobot.servo.mailbox import (
     STATE_EVENT,
     STATE_JOINT,
     STATE_MODE,
+    ServoMailbox,
     create_servo_memory,
     describe_choices,
     local_servo_memory,
@@ -36,6 +40,7 @@ from qrobot.servo.modes import mode_name
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
+from qrobot.servo.swap import SwapState
 from qrobot.servo.telemetry import SMALLEST_RING
 
 BOARD_AWAY_NS = 1_000_000_000
@@ -67,6 +72,7 @@ class ServoProcess:
     params: ServoParameters
     state: ServoState
     law: Law
+    law_name: str
     require_realtime: bool = False
     steps: tuple[Step, ...] = ()
     error: BaseException | None = None
@@ -102,6 +108,20 @@ class ServoProcess:
             self.board.close()
             self.board = successor
             self.report("the board is back: its memory is mapped anew")
+
+    @cached_property
+    def mailbox(self) -> ServoMailbox:
+        """The servo memory, from the commander's side."""
+        return ServoMailbox(self.memory.words)
+
+    @property
+    def swap(self) -> SwapState:
+        """Where another law is asked for."""
+        return self.state.swap
+
+    def say(self, message: str) -> None:
+        """Tell people."""
+        self.report(message)
 
     @property
     def told(self) -> tuple[int, int, int]:
@@ -159,7 +179,17 @@ def serve(
         discard_operations(board.words, int(Lane.SERVO))
         params, law = servo_parameters(robot, settings), find_law(settings.law)
         process = ServoProcess(
-            arm, robot, settings, report, memory, board, params, make_state(params, law), law, require_realtime
+            arm,
+            robot,
+            settings,
+            report,
+            memory,
+            board,
+            params,
+            make_state(params, law),
+            law,
+            settings.law,
+            require_realtime,
         )
         with shutdown_on_signals(memory.words):
             started()
@@ -168,13 +198,16 @@ def serve(
 
 
 def _run_and_watch(process: ServoProcess) -> None:
-    thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
-    thread.start()
-    before = process.told
-    while thread.is_alive():
-        thread.join(POLL_S)
-        now = process.told
-        _announce(process, before, now)
-        before = now
+    """Run the loop in its thread, and answer the control interface beside it."""
+    controls = Controls(process)
+    with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
+        thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
+        thread.start()
+        before = process.told
+        while thread.is_alive():
+            control.serve(POLL_S)
+            now = process.told
+            _announce(process, before, now)
+            before = now
     if process.error is not None:
         raise process.error

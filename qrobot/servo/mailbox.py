@@ -72,6 +72,7 @@ COMMAND_SHUTDOWN: Final = 59  # 1: end the daemon after a controlled stop
 COMMAND_HAND: Final = 60  # 0 relaxed, 1 open, 2 closed
 COMMAND_CALIBRATE: Final = 61  # raised to ask for a calibration
 COMMAND_INDEXES: Final = 62  # index pulses a joint for it, 0 for the default
+COMMAND_OFFS: Final = 63  # raised to take power away, whatever COMMAND_POWER says until it has been 0
 
 # Setpoint queue: single producer, single consumer
 QUEUE_HEAD: Final = 64
@@ -176,6 +177,11 @@ def describe_servo(words: Words, robot_name: str, law: str, n: int, period_ns: i
     words[INFO_JOINTS], words[INFO_PERIOD_NS] = n, period_ns
     words[INFO_TELEMETRY_BASE], words[INFO_TELEMETRY_CAPACITY] = _telemetry_base(n), telemetry_capacity
     _write_text(words, INFO_NAME, robot_name)
+    _write_text(words, INFO_LAW, law)
+
+
+def describe_law(words: Words, law: str) -> None:
+    """Tell readers that another law is in force. Raises ConfigError when its name does not fit."""
     _write_text(words, INFO_LAW, law)
 
 
@@ -304,6 +310,13 @@ class ServoMailbox:
     def request_power(self, on: bool) -> None:
         """Ask for arm power, or for a controlled stop and power off."""
         self.words[COMMAND_POWER] = int(on)
+
+    def request_power_off(self) -> None:
+        """Take arm power away after a controlled stop, against the commander's wish too: they have to ask anew.
+
+        Counters of requests have several writers here; two at once are seen as one, which is all the same.
+        """
+        self.words[COMMAND_OFFS] += 1
 
     def request_clear(self) -> None:
         """Ask to leave FAULT for OFF; refused while the cause persists."""

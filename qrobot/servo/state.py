@@ -36,6 +36,8 @@ from qrobot.servo.telemetry import TelemetryLayout
     IMAGE_OK,
     PENDING,  # worst code raised in this tick
     PENDING_JOINT,
+    POWER_LOCKED,  # 1: power was taken away and has not been asked for anew
+    OFFS_SEEN,
     POWER_SEEN,  # level of the power request at the last tick
     CLEARS_SEEN,
     STOPS_SEEN,
@@ -66,7 +68,7 @@ from qrobot.servo.telemetry import TelemetryLayout
     REVISION,  # of the board, as it says itself
     CALIBRATES_SEEN,
     N_INTEGERS,
-) = range(41)
+) = range(43)
 
 # indexes into `f`
 (DT, SAMPLE_DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(8)

@@ -32,6 +32,7 @@ from qrobot.servo.mailbox import (
     COMMAND_CALIBRATE,
     COMMAND_CLEARS,
     COMMAND_INDEXES,
+    COMMAND_OFFS,
     COMMAND_POWER,
     COMMAND_SHUTDOWN,
     COMMAND_STOPS,
@@ -60,9 +61,11 @@ from qrobot.servo.state import (
     JOINT,
     LAW_FAILED,
     MODE,
+    OFFS_SEEN,
     PENDING,
     PENDING_JOINT,
     PHASE,
+    POWER_LOCKED,
     POWER_SEEN,
     POWERING_SINCE_NS,
     RATE,
@@ -337,9 +340,21 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 
 
 @lean_kernel
+def power_wanted(state: ServoState, mail: Any) -> int:
+    """1 while the commander wants power and nobody has taken it away since they asked for it."""
+    asked = mail[COMMAND_POWER] != 0
+    if mail[COMMAND_OFFS] != state.i[OFFS_SEEN]:
+        state.i[POWER_LOCKED] = 1
+    if not asked:
+        state.i[POWER_LOCKED] = 0
+    state.i[OFFS_SEEN] = mail[COMMAND_OFFS]
+    return 1 if asked and state.i[POWER_LOCKED] == 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
+
+
+@lean_kernel
 def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for."""
-    power = 1 if mail[COMMAND_POWER] != 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
+    power = power_wanted(state, mail)
     asked_now = power == 1 and state.i[POWER_SEEN] == 0
     cleared = mail[COMMAND_CLEARS] != state.i[CLEARS_SEEN]
     stopped = mail[COMMAND_STOPS] != state.i[STOPS_SEEN]

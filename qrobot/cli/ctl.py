@@ -1,0 +1,175 @@
+"""`qrobot ctl`: command a running servo by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+from rich.table import Table
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import SUCCESS, note, out, write_json
+from qrobot.servo.client import ServoClient
+from qrobot.servo.control_messages import ServoStatus
+
+app = App(name="ctl", help_format="plaintext")  # its help stands in the table of commands
+
+
+@Parameter(name="*")
+class Where:
+    """Which servo, and how to answer."""
+
+    def __init__(
+        self,
+        deployment: str = DEFAULT_DEPLOYMENT,
+        arm: str | None = None,
+        json: bool = False,
+    ) -> None:
+        """Parameters of every subcommand.
+
+        Parameters
+        ----------
+        deployment
+            Deployment file, or the name of a packaged one.
+        arm
+            Which arm of the file; may be left out when there is only one.
+        json
+            Print the servo's whole status as JSON.
+        """
+        self.deployment, self.arm, self.json = deployment, arm, json
+
+
+def _do(where: Where | None, act: Callable[[ServoClient], ServoStatus]) -> int:
+    where = where or Where()
+    with ServoClient(choose_arm(where.deployment, where.arm).name) as servo:
+        status = act(servo)
+    if where.json:
+        write_json(status.model_dump())
+    else:
+        note(_line(status))
+    return SUCCESS
+
+
+def _line(status: ServoStatus) -> str:
+    joint = f" (joint {status.event_joint + 1})" if status.event_joint else ""
+    why = f": {status.text}{joint}" if status.text else ""
+    by = f", commanded by {status.commander}" if status.commander else ""
+    return f"{status.arm}: {status.mode}{why}, law {status.law}{by}"
+
+
+@app.command
+def status(*, where: Where | None = None) -> int:
+    """Tell how the servo is: mode, fault, law, gains, positions. Needs no authority."""
+    where = where or Where()
+    chosen = choose_arm(where.deployment, where.arm)
+    with ServoClient(chosen.name) as servo:
+        now = servo.status()
+    if where.json:
+        write_json(now.model_dump())
+        return SUCCESS
+    out.print(_line(now), soft_wrap=True)
+    out.print(_joints(robot_of_arm(chosen).joint_names, now))
+    return SUCCESS
+
+
+def _joints(names: tuple[str, ...], now: ServoStatus) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    for heading in ("joint", "rad", "rad/s", "N m", "Kp", "Kv", "inertia"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    columns = (now.q, now.v, now.tau, now.kp, now.kv, now.inertia)
+    for name, *numbers in zip(names, *columns, strict=True):
+        table.add_row(name, *(f"{number:.4g}" for number in numbers))
+    return table
+
+
+@app.command
+def power(state: Literal["on", "off"], *, where: Where | None = None) -> int:
+    """Switch arm power on, waiting until the arm is held, or off, after a controlled stop. Anybody may switch it off.
+
+    Parameters
+    ----------
+    state
+        on or off.
+    """
+    return _do(where, lambda servo: servo.power_on() if state == "on" else servo.power_off())
+
+
+@app.command
+def stop(*, where: Where | None = None) -> int:
+    """Stop the arm on its path; it is held where it stops. Anybody may."""
+    return _do(where, lambda servo: servo.stop())
+
+
+@app.command
+def clear(*, where: Where | None = None) -> int:
+    """Clear a fault whose cause is gone. Nothing moves, and power stays off."""
+    return _do(where, lambda servo: servo.clear())
+
+
+@app.command
+def calibrate(*, indexes: int = 0, where: Where | None = None) -> int:
+    """Begin to calibrate a powered arm; `qrobot calibrate` also powers it and shows how it goes.
+
+    Parameters
+    ----------
+    indexes
+        Index pulses of each joint, 3 to 14; 0 leaves the number to the servo.
+    """
+    return _do(where, lambda servo: servo.calibrate(indexes))
+
+
+@app.command
+def law(name: str, *, where: Where | None = None) -> int:
+    """Change the control law of an arm that holds, or is without power. The arm does not notice.
+
+    Parameters
+    ----------
+    name
+        pd, qrobot, qrobot+a, ...
+    """
+    return _do(where, lambda servo: servo.change_law(name))
+
+
+@app.command
+def gains(
+    *,
+    kp: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
+    kv: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
+    inertia: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
+    force: bool = False,
+    where: Where | None = None,
+) -> int:
+    """Change gains of an arm that holds, or is without power; what is left out stays. They last until the servo ends.
+
+    Parameters
+    ----------
+    kp
+        N m/rad, one number a joint: --kp 800 1200 ...
+    kv
+        N m s/rad, one number a joint.
+    inertia
+        kg m^2 of the acceleration feed-forward, one number a joint.
+    force
+        Take numbers of more than four times the robot file's too.
+    """
+    return _do(where, lambda servo: servo.change_gains(kp, kv, inertia, force))
+
+
+@app.command
+def watch(*, seconds: float = float("inf"), where: Where | None = None) -> int:
+    """Print a line whenever mode, fault, law or commander change, until Ctrl-C.
+
+    Parameters
+    ----------
+    seconds
+        End after so long.
+    """
+    where = where or Where()
+    with ServoClient(choose_arm(where.deployment, where.arm).name) as servo:
+        for now in servo.watch(seconds):
+            if where.json:
+                out.print(now.model_dump_json(), soft_wrap=True, markup=False)
+            else:
+                out.print(_line(now), soft_wrap=True)
+    return SUCCESS

@@ -1,0 +1,215 @@
+"""What the control interface does to a servo: requests in, replies out; the loop is never kept waiting."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError, LinkBusy, LinkTimeout, QRobotError
+from qrobot.faultcodes import explain
+from qrobot.servo.authority import Authority
+from qrobot.servo.control_messages import (
+    ANYBODY,
+    Calibrate,
+    ChangeGains,
+    ChangeLaw,
+    Clear,
+    PowerOff,
+    PowerOn,
+    Reply,
+    Request,
+    ServoStatus,
+    Stop,
+    decode_request,
+    encode,
+)
+from qrobot.servo.control_socket import Visitor
+from qrobot.servo.law import KP, KV, M0, Law, find_law
+from qrobot.servo.mailbox import (
+    FLAG_CALIBRATED,
+    FLAG_ESTOP_OK,
+    FLAG_GUARDED,
+    FLAG_POWERED,
+    ServoMailbox,
+    describe_law,
+)
+from qrobot.servo.modes import Mode, mode_name
+from qrobot.servo.swap import NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
+
+MOST_GAIN: Final = 4.0  # times the robot file's, without force
+LOOP_PATIENCE_S: Final = 0.5
+_POLL_S: Final = 0.002
+_EDGE_TICKS: Final = 2  # then the servo has looked
+
+Matrix = NDArray[np.float64]
+
+
+class Controlled(Protocol):
+    """What of a servo process the control interface touches."""
+
+    arm: str
+    robot: Robot
+    law: Law
+    law_name: str
+
+    @property
+    def mailbox(self) -> ServoMailbox:
+        """The servo memory, from the commander's side."""
+
+    @property
+    def swap(self) -> SwapState:
+        """Where a swap is asked for."""
+
+    def say(self, message: str) -> None:
+        """Tell people."""
+
+
+class Controls:
+    """Answers one servo's visitors. The authority over the arm goes to the first that needs it, until they leave."""
+
+    def __init__(self, servo: Controlled) -> None:
+        self._servo = servo
+        self._authority = Authority(servo.arm)
+        self._commander: Visitor | None = None
+        self._kept_laws = [servo.law]  # the loop may still be in one: none is ever let go
+
+    def answer(self, visitor: Visitor, line: bytes) -> bytes:
+        """The reply to a request line; whatever is wrong with it becomes a reply too."""
+        try:
+            request = decode_request(line)
+            if not isinstance(request, ANYBODY):
+                self._authorise(visitor)
+            self._obey(request)
+        except QRobotError as error:
+            return encode(Reply(ok=False, error=str(error)))
+        return encode(Reply(ok=True, status=self.status()))
+
+    def farewell(self, visitor: Visitor) -> None:
+        """Somebody has gone, and their authority with them."""
+        if self._commander is visitor:
+            self._commander = None
+            self._authority.release()
+
+    def status(self) -> ServoStatus:
+        """How the servo is now. Raises LinkError when it died."""
+        servo, snapshot = self._servo, self._servo.mailbox.snapshot()
+        gains = servo.swap.gains
+        code = snapshot.fault or snapshot.event
+        return ServoStatus(
+            arm=servo.arm,
+            robot=servo.robot.name,
+            rate_hz=servo.mailbox.info.rate_hz,
+            law=servo.law_name,
+            mode=mode_name(snapshot.mode),
+            fault=snapshot.fault,
+            event=snapshot.event,
+            event_joint=snapshot.joint,
+            text=explain(code) if code else "",
+            powered=bool(snapshot.flags & FLAG_POWERED),
+            calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
+            estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
+            guarded=bool(snapshot.flags & FLAG_GUARDED),
+            commander=self._authority.maybe_holder() or "",
+            tick=snapshot.tick,
+            late_cycles=snapshot.late_cycles,
+            missed_frames=snapshot.missed_frames,
+            q=_floats(snapshot.q),
+            v=_floats(snapshot.v),
+            tau=_floats(snapshot.tau),
+            kp=_floats(gains[KP]),
+            kv=_floats(gains[KV]),
+            inertia=_floats(gains[M0]),
+        )
+
+    def _authorise(self, visitor: Visitor) -> None:
+        if self._commander not in (None, visitor):
+            raise LinkBusy(f"{self._servo.arm} is commanded by {self._authority.maybe_holder()}")
+        self._authority.take(visitor.label)
+        self._commander = visitor
+
+    def _obey(self, request: Request) -> None:
+        mailbox = self._servo.mailbox
+        match request:
+            case PowerOn():
+                self._power_on()
+            case PowerOff():
+                mailbox.request_power_off()
+            case Stop():
+                mailbox.request_stop()
+            case Clear():
+                mailbox.request_clear()
+            case Calibrate():
+                mailbox.request_calibration(request.indexes)
+            case ChangeLaw():
+                self._swap(find_law(request.name), request.name, np.array(self._servo.swap.gains))
+            case ChangeGains():
+                self._swap(self._servo.law, self._servo.law_name, self._gains(request))
+
+    def _power_on(self) -> None:
+        mailbox = self._servo.mailbox
+        snapshot = mailbox.snapshot()
+        if snapshot.mode == Mode.FAULT:
+            raise QRobotError(f"clear the fault first: {explain(snapshot.fault)}")
+        if snapshot.mode == Mode.OFF:  # a request is an edge: the servo has to see the level go down and up
+            mailbox.request_power(False)
+            _poll(lambda: mailbox.snapshot().tick >= snapshot.tick + _EDGE_TICKS)
+            mailbox.request_power(True)
+
+    def _gains(self, request: ChangeGains) -> Matrix:
+        control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)
+        rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
+        for row, name, wanted, usual in (*rows, (M0, "inertia", request.inertia, control.inertia)):
+            if wanted is not None:
+                gains[row] = _checked(name, wanted, usual, math.inf if request.force else MOST_GAIN)
+        return gains
+
+    def _swap(self, law: Law, name: str, gains: Matrix) -> None:
+        servo = self._servo
+        self._kept_laws.append(law)
+        ask_for_law(servo.swap, law.address, gains)
+        result = _wait_for_swap(servo.swap)
+        if result == NOT_NOW:
+            mode = mode_name(servo.mailbox.snapshot().mode)
+            raise QRobotError(f"not in mode {mode}: laws and gains change while the arm holds, or without power")
+        if result == NO_TORQUE:
+            raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
+        servo.law, servo.law_name = law, name
+        describe_law(servo.mailbox.words, name)
+        servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+
+def _wait_for_swap(swap: SwapState) -> int | None:
+    _poll(lambda: maybe_swap_result(swap) is not None)
+    return maybe_swap_result(swap)
+
+
+def _poll(condition: Callable[[], bool]) -> None:
+    """Wait for the loop. Raises LinkTimeout when it does not run."""
+    until = time.monotonic() + LOOP_PATIENCE_S
+    while not condition():
+        if time.monotonic() > until:
+            raise LinkTimeout("the servo's loop does not run")
+        time.sleep(_POLL_S)
+
+
+def _checked(name: str, wanted: tuple[float, ...], usual: Any, most: float) -> Matrix:
+    if len(wanted) != usual.size:
+        raise ConfigError(f"{name}: {len(wanted)} numbers for {usual.size} joints")
+    for j, (value, file) in enumerate(zip(wanted, usual.tolist(), strict=True)):
+        if value > most * file:
+            raise ConfigError(f"{name} of joint {j + 1}: {value:g} is more than {most:g} times the file's {file:g}")
+    return np.array(wanted)
+
+
+def _floats(vector: Any) -> tuple[float, ...]:
+    return tuple(np.asarray(vector).tolist())
+
+
+def _listed(vector: Any) -> str:
+    return " ".join(f"{value:g}" for value in np.asarray(vector).tolist())

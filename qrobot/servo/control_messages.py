@@ -1,0 +1,162 @@
+"""Messages of the control interface: one JSON object a line, a request from the client, a reply from the servo.
+
+    {"command": "law", "name": "pd"}
+    {"ok": true}                                    or, refused, {"ok": false, "error": "..."}
+
+A request that is not exactly one of those below is refused and changes nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from qrobot.errors import RemoteProtocolError
+
+VERSION: Final = 1
+MAX_LINE_BYTES: Final = 8192  # a longer line is no request; 32 joints' gains take a third of it
+
+
+class Message(BaseModel):
+    """A closed, frozen JSON object."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Status(Message):
+    """Tell how the servo is. Anybody may ask."""
+
+    command: Literal["status"] = "status"
+
+
+class Stop(Message):
+    """Stop on the path and hold. Anybody may."""
+
+    command: Literal["stop"] = "stop"
+
+
+class PowerOff(Message):
+    """Stop, then take arm power away; it stays away until it is asked for anew. Anybody may."""
+
+    command: Literal["power off"] = "power off"
+
+
+class PowerOn(Message):
+    """Ask for arm power."""
+
+    command: Literal["power on"] = "power on"
+
+
+class Clear(Message):
+    """Leave FAULT for OFF, if its cause is gone. Nothing moves."""
+
+    command: Literal["clear"] = "clear"
+
+
+class Calibrate(Message):
+    """Calibrate a powered arm over so many index pulses a joint; 0 leaves the number to the servo."""
+
+    command: Literal["calibrate"] = "calibrate"
+    indexes: int = Field(default=0, ge=0, le=14)
+
+
+class ChangeLaw(Message):
+    """Swap the control law, holding or without power."""
+
+    command: Literal["law"] = "law"
+    name: str = Field(min_length=1, max_length=512)
+
+
+Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
+
+
+class ChangeGains(Message):
+    """Change gains, holding or without power; a row that is left out stays as it is.
+
+    `kp` in N m/rad, `kv` in N m s/rad, `inertia` in kg m^2 (N/m, N s/m and kg for sliding joints), one number a joint.
+    More than four times the robot file's has to be forced.
+    """
+
+    command: Literal["gains"] = "gains"
+    kp: Gains | None = None
+    kv: Gains | None = None
+    inertia: Gains | None = None
+    force: bool = False
+
+
+Request = Annotated[
+    Status | Stop | PowerOff | PowerOn | Clear | Calibrate | ChangeLaw | ChangeGains, Field(discriminator="command")
+]
+ANYBODY: Final = (Status, Stop, PowerOff)  # what needs no authority
+
+_REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Request)
+
+
+class ServoStatus(Message):
+    """How a servo is. Vectors have one number a joint, SI units.
+
+    Attributes:
+        event: newest code worth knowing, 0 for none; `text` explains it, or the fault, to people.
+        commander: who commands, "" for nobody.
+    """
+
+    version: int = VERSION
+    arm: str
+    robot: str
+    rate_hz: float
+    law: str
+    mode: str
+    fault: int
+    event: int
+    event_joint: int
+    text: str
+    powered: bool
+    calibrated: bool
+    estop_ok: bool
+    guarded: bool
+    commander: str
+    tick: int
+    late_cycles: int
+    missed_frames: int
+    q: Annotated[tuple[float, ...], Field(strict=False)]
+    v: Annotated[tuple[float, ...], Field(strict=False)]
+    tau: Annotated[tuple[float, ...], Field(strict=False)]
+    kp: Annotated[tuple[float, ...], Field(strict=False)]
+    kv: Annotated[tuple[float, ...], Field(strict=False)]
+    inertia: Annotated[tuple[float, ...], Field(strict=False)]
+
+
+class Reply(Message):
+    """What became of a request."""
+
+    ok: bool
+    error: str = ""
+    status: ServoStatus | None = None
+
+
+def decode_request(line: bytes) -> Request:
+    """The request on a line. Raises RemoteProtocolError saying what is wrong with it."""
+    try:
+        return _REQUEST.validate_json(line)
+    except ValidationError as error:
+        raise RemoteProtocolError(f"no request: {_first(error)}") from None
+
+
+def decode_reply(line: bytes) -> Reply:
+    """The reply on a line. Raises RemoteProtocolError saying what is wrong with it."""
+    try:
+        return Reply.model_validate_json(line)
+    except ValidationError as error:
+        raise RemoteProtocolError(f"no reply: {_first(error)}") from None
+
+
+def encode(message: Message) -> bytes:
+    """A message as a line."""
+    return message.model_dump_json(exclude_none=True).encode() + b"\n"
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where}: {first['msg']}" if where else str(first["msg"])

@@ -1,0 +1,110 @@
+"""`qrobot ctl` against running processes: by hand what programs do over the bridge, and one commander only."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from qrobot.servo.authority import Authority
+from qrobot.servo.modes import Mode
+from tests.support.processes import PATIENCE_S, RunningArm, qrobot, running_arms, wait_until
+
+pytestmark = pytest.mark.realtime
+
+HOLDER = """
+import time
+from qrobot import rccl
+
+arm = rccl.control("puma560", clear_fault=True)
+print("in command", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
+    with running_arms(tmp_path_factory.mktemp("ctl")) as arms:
+        yield arms[0]
+
+
+def ctl(arm: RunningArm, *words: str) -> tuple[int, Any, str]:
+    """Exit status, JSON printed, complaint."""
+    process = qrobot("ctl", *words, "--deployment", arm.deployment, "--arm", arm.name, "--json")
+    printed, complaint = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, json.loads(printed) if printed else None, complaint
+
+
+def test_an_arm_is_powered_changed_and_put_away_by_hand(arm: RunningArm) -> None:
+    status, now, _ = ctl(arm, "power", "on")
+    assert (status, now["mode"], now["powered"]) == (0, "HOLDING", True)
+    before = arm.encoders()
+    status, now, _ = ctl(arm, "law", "pd")
+    assert (status, now["law"], now["mode"]) == (0, "pd", "HOLDING")
+    status, now, _ = ctl(arm, "gains", "--kp", *(f"{0.8 * kp}" for kp in now["kp"]))
+    assert (status, now["mode"]) == (0, "HOLDING")
+    assert max(abs(a - b) for a, b in zip(arm.encoders(), before, strict=True)) <= 1
+    assert ctl(arm, "law", "qrobot")[0] == 0
+    status, now, _ = ctl(arm, "power", "off")
+    assert (status, now["mode"], arm.powered) == (0, "OFF", False)
+
+
+def test_a_program_in_command_keeps_the_hand_away_but_not_from_the_switch(arm: RunningArm, tmp_path: Any) -> None:
+    program = tmp_path / "holder.py"
+    program.write_text(HOLDER)
+    with arm.program(program) as process:
+        arm.wait_for(Mode.HOLDING)
+        status, _, complaint = ctl(arm, "law", "pd")
+        assert status == 1
+        assert "is commanded by" in complaint
+        assert "holder.py" in complaint
+        assert ctl(arm, "power", "off")[0] == 0
+        arm.wait_for(Mode.OFF)
+        assert process.poll() is None or process.returncode != 0
+    wait_until(lambda: Authority(arm.name).maybe_holder() is None, "authority given back")
+
+
+def test_the_hand_keeps_a_program_away_and_a_killed_bridge_keeps_nothing(arm: RunningArm, tmp_path: Path) -> None:
+    program = tmp_path / "holder.py"
+    program.write_text(HOLDER)
+    authority = Authority(arm.name)
+    authority.take("somebody at the terminal")
+    try:
+        process = qrobot("run", "--deployment", arm.deployment, "--arm", arm.name, program)
+        _, complaint = process.communicate(timeout=PATIENCE_S)
+    finally:
+        authority.release()
+    assert process.returncode == 1
+    assert "somebody at the terminal" in complaint
+    with arm.program(program):
+        wait_until(lambda: Authority(arm.name).maybe_holder() is not None, "the bridge holds it")
+        arm.kill("bridge")
+        wait_until(lambda: Authority(arm.name).maybe_holder() is None, "the kernel gave it back")
+    arm.processes.start_bridge()
+    assert ctl(arm, "power", "off")[0] == 0
+
+
+def test_watch_follows_what_happens(arm: RunningArm) -> None:
+    watch = qrobot("ctl", "watch", "--seconds", "20", "--deployment", arm.deployment, "--arm", arm.name)
+    try:
+        assert watch.stdout is not None
+        assert f"{arm.name}: OFF" in watch.stdout.readline()
+        assert ctl(arm, "power", "on")[0] == 0
+        assert ctl(arm, "power", "off")[0] == 0
+    finally:
+        watch.send_signal(signal.SIGINT)
+        printed, _ = watch.communicate(timeout=PATIENCE_S)
+    assert watch.returncode in (0, 130)
+    assert f"{arm.name}: HOLDING" in printed
+
+
+def test_without_a_servo_the_command_says_what_to_start() -> None:
+    process = qrobot("ctl", "status", "--deployment", "emulator")
+    _, complaint = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert "start it with" in complaint
+    assert "Traceback" not in complaint

@@ -1,0 +1,246 @@
+"""The control interface without a loop: messages, sockets and refusals; whatever comes in, nothing moves."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import LinkBusy, LinkError, QRobotError, RemoteProtocolError
+from qrobot.servo.client import ServoClient
+from qrobot.servo.control import Controls
+from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, decode_reply, decode_request
+from qrobot.servo.control_socket import ControlSocket, control_address
+from qrobot.servo.law import KP, KV, LAWS, Law, find_law
+from qrobot.servo.mailbox import COMMAND_CLEARS, COMMAND_OFFS, COMMAND_POWER, COMMAND_STOPS, ServoMailbox
+from qrobot.servo.modes import Mode
+from qrobot.servo.swap import SwapState
+from tests.support.servo_bench import ServoBench, moving
+
+REQUESTS = (COMMAND_POWER, COMMAND_CLEARS, COMMAND_STOPS, COMMAND_OFFS)
+
+
+@dataclass
+class Bench:
+    """A servo bench, as the control interface sees a servo process; a thread ticks it."""
+
+    bench: ServoBench
+    arm: str = field(default_factory=lambda: f"t{uuid.uuid4().hex[:10]}")
+    robot: Robot = field(default_factory=lambda: load_robot("puma560"))
+    law: Law = field(default_factory=lambda: find_law("qrobot"))
+    law_name: str = "qrobot"
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def mailbox(self) -> ServoMailbox:
+        return self.bench.mailbox
+
+    @property
+    def swap(self) -> SwapState:
+        return self.bench.state.swap
+
+    def say(self, message: str) -> None:
+        self.said.append(message)
+
+
+@pytest.fixture(scope="module")
+def servo() -> Iterator[Bench]:
+    """Served and ticked in a thread, for all tests here."""
+    process = Bench(ServoBench().tick(5))
+    controls = Controls(process)
+    done = threading.Event()
+    with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
+
+        def tick() -> None:
+            while not done.is_set():
+                process.bench.tick(5)
+
+        def serve() -> None:
+            while not done.is_set():
+                control.serve(0.01)
+
+        threads = [threading.Thread(target=work) for work in (tick, serve)]
+        for thread in threads:
+            thread.start()
+        yield process
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+@pytest.fixture
+def client(servo: Bench) -> Iterator[ServoClient]:
+    with ServoClient(servo.arm) as connection:
+        yield connection
+        connection.power_off()
+
+
+def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:
+    assert client.status().mode == "OFF"
+    status = client.power_on()
+    assert (status.mode, status.powered, status.robot, status.law) == ("HOLDING", True, "puma560", servo.law_name)
+    assert status.q == pytest.approx(servo.robot.poses["park"], abs=1e-3)
+    assert "by way of the control interface" in status.commander
+    assert client.power_off().mode == "OFF"
+    assert client.power_on().mode == "HOLDING"
+    assert client.power_on().mode == "HOLDING"  # asked again, nothing happens
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, name: str) -> None:
+    client.power_on()
+    assert client.change_law(name).law == name
+    assert ServoMailbox(servo.bench.mail).info.law == name
+    assert servo.said[-1].startswith(f"law {name}, gains")
+    assert client.status().mode == "HOLDING"
+
+
+def test_an_unknown_law_is_refused_and_the_old_one_stays(client: ServoClient) -> None:
+    client.power_on()
+    before = client.status().law
+    with pytest.raises(QRobotError, match="no control law 'lqr'; there are: pd"):
+        client.change_law("lqr")
+    assert client.status().law == before
+
+
+def test_gains_change_row_by_row_within_reason(servo: Bench, client: ServoClient) -> None:
+    client.power_on()
+    usual = servo.robot.control
+    status = client.change_gains(kp=(0.5 * usual.kp).tolist())
+    np.testing.assert_allclose(status.kp, 0.5 * usual.kp)
+    np.testing.assert_allclose(status.kv, usual.kv)
+    with pytest.raises(QRobotError, match=r"kv of joint 1: .* more than 4 times"):
+        client.change_gains(kv=(5.0 * usual.kv).tolist())
+    with pytest.raises(QRobotError, match="kp: 2 numbers for 6 joints"):
+        client.change_gains(kp=[1.0, 2.0])
+    np.testing.assert_allclose(client.change_gains(kv=(5.0 * usual.kv).tolist(), force=True).kv, 5.0 * usual.kv)
+    np.testing.assert_allclose(client.change_gains(kp=usual.kp.tolist(), kv=usual.kv.tolist()).kp, usual.kp)
+
+
+def test_one_commands_and_everybody_may_look_stop_and_cut_the_power(servo: Bench, client: ServoClient) -> None:
+    client.power_on()
+    with ServoClient(servo.arm) as other:
+        assert other.status().mode == "HOLDING"
+        for act in (other.power_on, other.clear, lambda: other.change_law("pd"), other.calibrate):
+            with pytest.raises(QRobotError, match="is commanded by process"):
+                act()
+        assert other.stop().mode == "HOLDING"
+        assert other.power_off().mode == "OFF"
+    assert client.power_on().mode == "HOLDING"
+
+
+def test_a_connection_that_ends_frees_the_command_and_leaves_the_power(servo: Bench) -> None:
+    with ServoClient(servo.arm) as first:
+        first.power_on()
+    with ServoClient(servo.arm) as second:
+        assert (second.status().mode, second.status().commander) == ("HOLDING", "")
+        second.change_law("qrobot")
+        second.power_off()
+
+
+def test_watching_shows_every_change(servo: Bench, client: ServoClient) -> None:
+    with ServoClient(servo.arm) as watcher:
+        seen = watcher.watch(20.0)
+        assert next(seen).mode == "OFF"
+        client.power_on()
+        assert "HOLDING" in (status.mode for status in seen)
+
+
+def test_there_is_one_control_socket_an_arm(servo: Bench) -> None:
+    with pytest.raises(LinkBusy, match="control socket"):
+        ControlSocket(servo.arm, lambda _visitor, line: line, lambda _visitor: None)
+
+
+def test_without_a_servo_the_client_says_what_to_start() -> None:
+    with pytest.raises(LinkError, match="no servo of nobody runs here: start it with"):
+        ServoClient("nobody")
+
+
+def exchange(servo: Bench, data: bytes) -> bytes:
+    """What the servo says to raw bytes, until it hangs up."""
+    with socket.socket(socket.AF_UNIX) as raw:
+        raw.settimeout(10.0)
+        raw.connect(control_address(servo.arm))
+        raw.sendall(data)
+        raw.shutdown(socket.SHUT_WR)
+        answer = b""
+        with contextlib.suppress(ConnectionResetError):  # hung up on with words of ours unread
+            while part := raw.recv(65536):
+                answer += part
+        return answer
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        (b"", "EOF"),
+        (b"power on", "expected value"),
+        (b"[]", "should be an object"),
+        (b'{"command": "fly"}', "does not match any of the expected tags"),
+        (b'{"command": "power on", "now": true}', "Extra inputs"),
+        (b'{"command": "gains", "kp": [1, -2]}', "greater than or equal to 0"),
+        (b'{"command": "gains", "kp": [1, Infinity]}', "finite"),
+        (b'{"command": "gains", "kp": ["1"]}', "valid number"),
+        (b'{"command": "calibrate", "indexes": 99}', "less than or equal to 14"),
+        (b'{"command": "law", "name": ""}', "at least 1 character"),
+        (b"\xff\xfe{}", "invalid unicode|expected value"),
+    ],
+)
+def test_a_line_that_is_no_request_is_answered_and_changes_nothing(servo: Bench, line: bytes, complaint: str) -> None:
+    before = [int(servo.bench.mail[word]) for word in REQUESTS]
+    with pytest.raises(RemoteProtocolError, match=complaint):
+        decode_request(line)
+    reply = decode_reply(exchange(servo, line + b"\n"))
+    assert not reply.ok
+    assert reply.error.startswith("no request: ")
+    assert [int(servo.bench.mail[word]) for word in REQUESTS] == before
+
+
+def test_a_line_without_end_is_cut_off(servo: Bench) -> None:
+    assert exchange(servo, b"x" * (3 * MAX_LINE_BYTES)) == b""
+    with ServoClient(servo.arm) as connection:
+        assert connection.status().mode == "OFF"
+
+
+def test_no_change_while_the_arm_moves() -> None:
+    process = Bench(ServoBench().hold())
+    moving(process.bench)
+    assert process.bench.mode is Mode.TRACKING
+    ask = ChangeGains(kv=tuple(process.robot.control.kv))
+    ticking = threading.Thread(target=process.bench.run, args=(0.3,))
+    ticking.start()
+    with pytest.raises(QRobotError, match="not in mode TRACKING"):
+        Controls(process)._obey(ask)
+    ticking.join()
+
+
+def test_power_taken_away_by_another_stays_away_until_the_commander_asks_anew() -> None:
+    bench = ServoBench().hold()
+    bench.mailbox.request_power_off()
+    bench.run(0.1)
+    assert bench.mode is Mode.OFF  # although COMMAND_POWER is still 1
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    bench.mailbox.request_power(False)
+    bench.tick()
+    bench.hold()
+    assert bench.mode is Mode.HOLDING
+
+
+def test_taking_power_away_from_a_moving_arm_is_a_controlled_stop() -> None:
+    bench = ServoBench().hold()
+    moving(bench)
+    bench.mailbox.request_power_off()
+    bench.tick()
+    assert bench.mode is Mode.STOPPING
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    np.testing.assert_array_equal(bench.state.swap.gains[KP], bench.params.gains[KP])
+    np.testing.assert_array_equal(bench.state.swap.gains[KV], bench.params.gains[KV])
