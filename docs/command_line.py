@@ -24,16 +24,17 @@ def command_line() -> str:
 
 
 def _app() -> App:
-    """The command with every function loaded, so that each shows its whole docstring; groups have the table's help."""
+    """The command with every function loaded, so that each shows its whole docstring."""
     app = App(name="qrobot", help_format="plaintext")
     for command in COMMANDS:
-        target = _load(command.target)
-        if isinstance(target, App):
-            target.help = command.help  # as when the command is loaded by its name
-        app.command(target, name=command.name)
+        app.command(_load(command.target), name=command.name)
     return app
 
 
 def _load(target: str) -> Any:
-    module, name = target.split(":")
-    return getattr(import_module(module), name)
+    module_name, name = target.split(":")
+    module = import_module(module_name)
+    found = getattr(module, name)
+    if isinstance(found, App):
+        found.help = getattr(module, "HELP", None)  # the table's line may have replaced it
+    return found

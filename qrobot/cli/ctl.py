@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from cyclopts import App, Parameter
 from rich.table import Table
@@ -13,7 +13,14 @@ from qrobot.cli.console import SUCCESS, note, out, write_json
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control_messages import ServoStatus
 
-app = App(name="ctl", help_format="plaintext")  # its help stands in the table of commands
+HELP: Final = """
+Command a running servo by hand: power, stop, clear, law, gains; look at it, or watch it.
+
+An arm has one commander: while a program commands it over the bridge, only `stop` and `power off` are obeyed from here.
+Everybody may look.
+"""
+
+app = App(name="ctl", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
 @Parameter(name="*")

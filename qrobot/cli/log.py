@@ -7,7 +7,7 @@ import threading
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 from rich.table import Table
@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 MEGABYTE = 1_000_000
 FigureName = Literal["positions", "errors", "torques", "latency"]
 
-app = App(name="log", help_format="plaintext")  # its help stands in the table of commands
+HELP: Final = """
+Look at the logs that servos, programs and the demo leave behind, or record a running servo.
+
+A log is an MCAP file with a row for every cycle of the servo; tools for such files, Foxglove among them, open it too.
+"""
+
+app = App(name="log", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
 @app.command

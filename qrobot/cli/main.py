@@ -44,7 +44,7 @@ COMMANDS: Final = (
     Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
     Command("board", "qrobot.cli.board:board", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
     Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),
-    Command("servo", "qrobot.cli.servo:servo", PROCESSES, "Run the servo of one arm."),
+    Command("servo", "qrobot.cli.servo:app", PROCESSES, "Run the servo of one arm."),
     Command("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),
     Command("bridge", "qrobot.cli.bridge:bridge", PROCESSES, "Let programs command a servo over TCP."),
 )
@@ -60,15 +60,19 @@ def program_version() -> str:
         return "unknown (not installed)"
 
 
-def make_app() -> App:
-    """The command with all its subcommands, none of them imported."""
+def make_app(chosen: str = "") -> App:
+    """The command with all its subcommands, none of them imported.
+
+    The `chosen` one brings its own, longer help; the others have a line in the list.
+    """
     app = App(name="qrobot", help=HELP, help_format="plaintext", version=program_version, group_commands=EVERYDAY)
     for place, command in enumerate(COMMANDS):
-        app.command(command.target, name=command.name, help=command.help, group=command.group, sort_key=place)
+        line = {} if command.name == chosen else {"help": command.help}
+        app.command(command.target, name=command.name, group=command.group, sort_key=place, **line)
     return app
 
 
 def main() -> None:
     """Entry point: run the command line and exit with its status."""
     die_with_parent()
-    sys.exit(run_app(make_app(), sys.argv[1:]))
+    sys.exit(run_app(make_app(next(iter(sys.argv[1:]), "")), sys.argv[1:]))

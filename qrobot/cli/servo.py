@@ -6,13 +6,16 @@ import subprocess
 import sys
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
-from qrobot.cli.console import note
+from qrobot.cli.console import SUCCESS, note
 from qrobot.config.deployment import Interpolation, Velocity
 
+app = App(name="servo", help_format="plaintext", group_commands="Commands")
 
+
+@app.default
 def servo(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,
@@ -58,3 +61,18 @@ def servo(
         note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started)
+
+
+@app.command(help_flags=[])
+def ctl(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
+    """Command a running servo: the same as `qrobot ctl`.
+
+    Parameters
+    ----------
+    words
+        What `qrobot ctl` takes; --help lists it.
+    """
+    from qrobot.cli.ctl import app as ctl_app
+
+    status: object = ctl_app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    return status if isinstance(status, int) else SUCCESS

@@ -52,6 +52,22 @@ def test_an_unknown_command_is_one_line_with_a_proposal_and_status_2(
     assert captured.err.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", [command.name for command in COMMANDS])
+def test_the_command_asked_for_shows_its_own_longer_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(command), [command, "--help"]) == 0
+    long = capsys.readouterr().out
+    assert run_app(make_app(), [command, "--help"]) == 0
+    assert len(long) >= len(capsys.readouterr().out)
+
+
+def test_servo_ctl_is_another_name_of_ctl(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app("servo"), ["servo", "ctl", "--help"]) == 0
+    assert "calibrate" in capsys.readouterr().out
+    assert run_app(make_app("servo"), ["servo", "ctl", "status", "--deployment", "nowhere"]) == 1
+    assert capsys.readouterr().err.startswith("qrobot: no configuration named 'nowhere'")
+    assert run_app(make_app("servo"), ["servo", "ctl", "dance"]) == 2
+
+
 @pytest.fixture
 def app() -> App:
     app = App(name="qrobot", version="1")
