@@ -123,6 +123,8 @@ class Generator:
         segment = self._path.segment
         if self._brake is not None or self._halt is not None:
             return
+        if segment is None and self._path.chart.fixed:
+            return  # it stands
         if self._path.chart is not JOINTS:
             self._begin_halt(self._serving, Termination.STOPPED, seconds)
         elif segment is not None:
