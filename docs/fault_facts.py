@@ -21,6 +21,8 @@ SUPERVISOR: Final = "tests/unit/test_supervisor.py"
 
 
 CALIBRATE: Final = "tests/unit/test_calibrate.py"
+MOTOR: Final = "tests/property/test_motor_campaign.py"
+WATCHES: Final = "tests/unit/test_watches.py"
 GENTLE: Final = "calibration ends; the arm stays held"
 
 
@@ -34,7 +36,12 @@ class Fact(NamedTuple):
 
 F = FaultCode
 FACTS: Final = {
+    F.ENC_STUCK: Fact("3 ms (3 cycles) on a joint as fast as 1 rad/s; 15 ms after it is pushed against", BREAKS),
     F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
+    F.ENC_SIGN: Fact(
+        "4 ms in motion; from standstill it shows as RUNAWAY, at the first motion",
+        f"{MOTOR}::test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion",
+    ),
     F.ENC_LOSS: Fact(
         "the next index pulse",
         f"{CALIBRATE}::test_counts_lost_are_found_at_the_next_index_pulse_and_end_the_calibration",
@@ -46,8 +53,31 @@ FACTS: Final = {
         "the cycle that measures it",
         f"{CYCLE}::test_a_joint_too_fast_while_tracking_is_stopped_on_the_path_and_then_cut",
     ),
+    F.DAC_STUCK: Fact("40 ms after the COLLISION it began as while the joint moves, else 0.3 s", BREAKS),
     F.RUNAWAY: Fact(
-        "the cycle that measures it", f"{CYCLE}::test_a_measured_speed_beyond_half_as_much_again_is_a_runaway"
+        "50 ms and 3 degrees from standstill",
+        f"{MOTOR}::test_a_motor_at_full_torque_is_cut_within_50_ms_and_3_degrees",
+    ),
+    F.BRAKE_STUCK: Fact(
+        "15 ms after the joint is pushed against it",
+        f"{MOTOR}::test_a_brake_that_stays_closed_is_told_when_the_joint_is_driven",
+    ),
+    F.BRAKE_SLIP: Fact(
+        "the cycle that measures half a degree; told once",
+        f"{MOTOR}::test_a_brake_that_slips_is_told_of_within_100_ms_of_half_a_degree",
+        False,
+    ),
+    F.SATURATED: Fact(
+        "`guard.saturation_s`, 0.5 s",
+        f"{WATCHES}::test_a_torque_at_its_limit_for_half_a_second_stops_the_arm_and_holds_it",
+    ),
+    F.COLLISION: Fact("15 ms", f"{MOTOR}::test_an_arm_that_hits_something_stops_on_its_path_and_stays_held"),
+    F.OVERRUN: Fact(
+        "the third late cycle in a row, or the one that makes them 1 % of a second",
+        f"{WATCHES}::test_three_late_cycles_in_a_row_stop_the_arm_and_cut_it",
+    ),
+    F.LAW_SLOW: Fact(
+        "3 cycles", f"{WATCHES}::test_a_law_longer_than_the_cycle_is_replaced_and_the_arm_stopped_after_three_cycles"
     ),
     F.FOLLOWING: Fact("the cycle that measures it", f"{CYCLE}::test_an_arm_that_is_not_where_it_should_be_is_cut"),
     F.JOINT_LIMIT: Fact(

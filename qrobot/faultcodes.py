@@ -5,7 +5,7 @@ The numbers travel on the wire and stand in logs: never renumber, only add.
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 
 class FaultCode(IntEnum):
@@ -59,17 +59,49 @@ class FaultCode(IntEnum):
     RESET_DENIED = 49
 
 
+class Quantity(Enum):
+    """What the value and the limit of a code measure."""
+
+    NOTHING = "nothing"
+    POSITION = "position"
+    SPEED = "speed"
+    TORQUE = "torque"
+    CYCLES = "cycles"
+    SECONDS = "seconds"
+
+
+_QUANTITY: dict[FaultCode, Quantity] = {
+    FaultCode.VEL_LIMIT: Quantity.SPEED,
+    FaultCode.RUNAWAY: Quantity.SPEED,
+    FaultCode.FOLLOWING: Quantity.POSITION,
+    FaultCode.JOINT_LIMIT: Quantity.POSITION,
+    FaultCode.BRAKE_SLIP: Quantity.POSITION,
+    FaultCode.START_POSE: Quantity.POSITION,
+    FaultCode.ENC_STUCK: Quantity.TORQUE,
+    FaultCode.ENC_SIGN: Quantity.TORQUE,
+    FaultCode.DAC_STUCK: Quantity.TORQUE,
+    FaultCode.BRAKE_STUCK: Quantity.TORQUE,
+    FaultCode.COLLISION: Quantity.TORQUE,
+    FaultCode.SATURATED: Quantity.SECONDS,
+    FaultCode.LAW_SLOW: Quantity.SECONDS,
+    FaultCode.OVERRUN: Quantity.CYCLES,
+}
+
+
 EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.NONE: ("no fault", "nothing to do"),
     FaultCode.ENC_STUCK: (
-        "an encoder does not move although its motor is driven",
-        "check the encoder cable, then reset",
+        "an encoder counts nothing although its motor is driven",
+        "check the encoder cable (or what jams the joint), then reset",
     ),
     FaultCode.ENC_JUMP: (
         "encoder counts jumped further than the joint can move",
         "check the encoder cable, then reset",
     ),
-    FaultCode.ENC_SIGN: ("a joint accelerates against its torque", "check encoder and motor polarity"),
+    FaultCode.ENC_SIGN: (
+        "a joint accelerates against its torque",
+        "check encoder and motor polarity before powering again",
+    ),
     FaultCode.CAL_MISMATCH: (
         "a potentiometer contradicts the counters or the calibration table, or does not answer",
         "check its wiring and the table, then `qrobot calibrate`",
@@ -91,15 +123,30 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "check the board or its process, then reset",
     ),
     FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "reset; lower the commanded speed"),
-    FaultCode.DAC_STUCK: ("a motor does not follow its command", "check the amplifier, then reset"),
+    FaultCode.DAC_STUCK: (
+        "a torque nobody commanded went on through a controlled stop: a motor does not follow its command",
+        "check DAC, amplifier and motor (or what pushes the arm), then reset",
+    ),
     FaultCode.RUNAWAY: ("a joint runs away from its command", "check DAC and amplifier before powering again"),
     FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then reset and power on"),
     FaultCode.POWER_NO_ACK: ("arm power did not come on in time", "press ARM POWER, release the E-stop, try again"),
-    FaultCode.BRAKE_STUCK: ("a brake did not release", "check the brake supply, then reset"),
+    FaultCode.BRAKE_STUCK: (
+        "a driven joint has not moved since power came on: its brake did not release",
+        "check the brake supply, then reset",
+    ),
     FaultCode.BRAKE_SLIP: ("the arm moved with closed brakes", "support the arm and service the brake"),
-    FaultCode.SATURATED: ("torque stayed at its limit for too long", "reset; lower acceleration or payload"),
-    FaultCode.COLLISION: ("an external force exceeded its threshold", "clear the obstacle, then reset"),
-    FaultCode.OVERRUN: ("too many late cycles", "see `qrobot doctor`, lower the rate, then reset"),
+    FaultCode.SATURATED: (
+        "torque stayed at its limit for too long",
+        "lower acceleration or payload, then start the program again",
+    ),
+    FaultCode.COLLISION: (
+        "something pushes a joint harder than its model can explain",
+        "clear the obstacle, then start the program again",
+    ),
+    FaultCode.OVERRUN: (
+        "too many cycles were late or skipped",
+        "see `qrobot doctor`, lower the rate or relax [arm.servo] overrun, then reset",
+    ),
     FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "reset"),
     FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then reset"),
     FaultCode.MOVING_AT_START: (
@@ -107,7 +154,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "wait until it stands still, then reset",
     ),
     FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then reset"),
-    FaultCode.LAW_SLOW: ("the control law took longer than the cycle", "make the law faster or lower the rate"),
+    FaultCode.LAW_SLOW: (
+        "the cycle with its law took more than half its period (a warning) or all of it (a stop with the built-in law)",
+        "make the law faster or lower the rate",
+    ),
     FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
     FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),
     FaultCode.SP_LIMIT: ("a setpoint lies outside the joint's range", "correct the program"),
@@ -139,6 +189,11 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
     FaultCode.RESET_DENIED: ("the cause of the fault persists", "remove the cause first"),
 }
+
+
+def quantity_of(code: int) -> Quantity:
+    """What value and limit of a code measure."""
+    return _QUANTITY.get(code, Quantity.NOTHING)  # type: ignore[call-overload, no-any-return]
 
 
 def explain(code: int) -> str:

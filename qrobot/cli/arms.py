@@ -7,7 +7,7 @@ from qrobot.config.deployment import Arm, load_deployment
 from qrobot.errors import ConfigError
 from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.law import LAWS
-from qrobot.servo.settings import ServoSettings
+from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 
 DEFAULT_DEPLOYMENT = "emulator"
 
@@ -53,8 +53,17 @@ def servo_settings(
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
+        overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
     )
+
+
+def overrun_of(arm: Arm) -> Overrun:
+    """The file's choice; without one a real arm stops at a few late cycles, and an emulated one counts them."""
+    chosen = arm.servo.overrun
+    if chosen is None:
+        return COUNTED_ONLY if arm.board.kind == "emulator" else Overrun()
+    return Overrun(chosen.misses_in_a_row, chosen.late_share, chosen.window_s)
 
 
 def law_names() -> str:

@@ -38,11 +38,21 @@ class BoardChoice(Table):
     calibration_table: str | None = None
 
 
+class OverrunChoice(Table):
+    """Late cycles that stop an arm: so many in a row (0: no number), or more than a share of a window (1: never)."""
+
+    misses_in_a_row: int = Field(default=3, ge=0)
+    late_share: float = Field(default=0.01, ge=0, le=1, allow_inf_nan=False)
+    window_s: float = Field(default=1.0, ge=0.01, le=60, allow_inf_nan=False)
+
+
 class ServoChoice(Table):
     """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board.
 
     `velocity` is how velocities are estimated and `interpolation` the path between setpoints; the page on estimation
     and interpolation compares them.
+
+    Without `overrun` late cycles of an emulated arm are only counted.
 
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     """
@@ -55,6 +65,7 @@ class ServoChoice(Table):
     guardian_timeout_ms: float = Field(default=5.0, ge=0.5, le=1000, allow_inf_nan=False)
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
+    overrun: OverrunChoice | None = None
     sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
 
 

@@ -40,6 +40,7 @@ from qrobot.config.values import (
 from qrobot.errors import ConfigError
 
 DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
+UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together stay below
 NEEDED_POSES = ("park", "ready", "end")
 
 
@@ -194,7 +195,13 @@ class Control(Section):
 
 
 class Guard(Section):
-    """What the guard allows: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint."""
+    """What the guard allows: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint.
+
+    `unexplained_torque` is what a joint may be pushed by that neither its command nor its model accounts for (N·m, N);
+    left out it is 70 % of `tau_max`. `runaway_share` of `v_max` is how much faster than its reference a joint so
+    pushed may be. `brake_slip` is how far a braked joint may move without power (rad, m); `saturation_s` how long a
+    torque may stay at its limit.
+    """
 
     tau_max: PerJointPositive
     velocity_factor: float = Field(ge=1, le=1.5, allow_inf_nan=False)
@@ -202,6 +209,16 @@ class Guard(Section):
     start_tolerance: float = Field(gt=0, allow_inf_nan=False)
     range_margin: PerJointNotNegative
     a_stop: PerJointPositive
+    unexplained_torque: PerJointPositive | None = None
+    runaway_share: float = Field(default=0.03, gt=0, le=1, allow_inf_nan=False)
+    brake_slip: float = Field(default=0.0087, gt=0, allow_inf_nan=False)
+    saturation_s: float = Field(default=0.5, gt=0, allow_inf_nan=False)
+
+    @property
+    def unexplained_torque_or_default(self) -> Floats:
+        """Threshold of the torque nobody commanded. Shape (n,), N·m (N)."""
+        given = self.unexplained_torque
+        return frozen(UNEXPLAINED_SHARE * self.tau_max) if given is None else given
 
 
 class Board(Section):

@@ -140,6 +140,7 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
         return
     gravity_torque(state.q, params.dynamics, state.work, state.gravity)
     for j in range(state.q.size):
+        state.watch.load[j] = state.gravity[j]
         state.gravity[j] *= params.gravity_share[j]
     motor_rates(state.v_ref, params.transmission, state.scratch)
     friction_torque(state.scratch, params.friction, state.tau_motor)

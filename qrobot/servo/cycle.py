@@ -47,6 +47,7 @@ from qrobot.servo.supervisor import (
     watch_surroundings,
 )
 from qrobot.servo.tell import tell
+from qrobot.servo.watch import watch_brakes, watch_motors, watch_timing
 
 CALIBRATING: Final = int(Mode.CALIBRATING)
 TRACKING: Final = int(Mode.TRACKING)
@@ -70,6 +71,8 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     estimate(params, state)
     watch_surroundings(params, state, mail, now_ns)
     watch_arm(params, state)
+    watch_motors(params, state)
+    watch_brakes(params, state, now_ns)
     obey_requests(params, state, mail, now_ns)
     refer(params, state, mail, now_ns)
     react(params, state, mail, now_ns)
@@ -85,11 +88,14 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
     """Count the cycle and take its true duration, a whole number of periods."""
     if state.i[STARTED] == 0:
         state.i[LAST_NOW_NS] = now_ns - params.period_ns
-    state.f[DT] = (now_ns - state.i[LAST_NOW_NS]) * 1e-9
+    dt_ns = now_ns - state.i[LAST_NOW_NS]
+    late = late_ns > params.late_ns
+    state.f[DT] = dt_ns * 1e-9
     state.i[LAST_NOW_NS] = now_ns
     state.i[TICK] += 1
-    if late_ns > params.late_ns:
+    if late:
         state.i[LATE] += 1
+    watch_timing(params, state, dt_ns, late)
 
 
 @lean_kernel

@@ -21,6 +21,7 @@ from qrobot.servo.forms import find_form
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.settings import NS_PER_S, ServoSettings
 from qrobot.servo.velocity import find_estimator
+from qrobot.servo.watch_state import WatchParams, watch_params
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S
@@ -84,6 +85,7 @@ class ServoParameters(NamedTuple):
     settle_cycles: int
     settle_patience: int
     load_patience: int
+    watch: WatchParams
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -140,6 +142,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             settle_cycles=math.ceil(SETTLE_NS / settings.period_ns),
             settle_patience=math.ceil(SETTLE_PATIENCE_NS / settings.period_ns),
             load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
+            watch=watch_params(robot, settings),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

@@ -24,6 +24,8 @@ from qrobot.servo.adc import collect_sample
 from qrobot.servo.calibrate import see_load
 from qrobot.servo.calibration_state import STAGE, Stage
 from qrobot.servo.guard import (
+    RUNAWAY,
+    VELOCITY_CATEGORY_0,
     check_following,
     check_image,
     check_range,
@@ -54,6 +56,8 @@ from qrobot.servo.state import (
 )
 from qrobot.servo.supervisor import narrow_range, raise_code
 from qrobot.servo.velocity import Estimator, difference, observe, start_observer
+from qrobot.servo.watch import follow_counts
+from qrobot.servo.watch_state import UNPOWERED_S
 
 OBSERVER: Final = int(Estimator.OBSERVER)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
@@ -127,6 +131,7 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
     state.i[GLITCHES] = 0
     state.i[READ_NS] = state.image[IMAGE_T_NS] - params.period_ns
     state.i[ADOPT] = ADOPT_NOTHING
+    state.watch.f[UNPOWERED_S] = 0.0  # where the arm is parked has to be seen anew
     state.i[STARTED] = 1
     forget_pots(state)
 
@@ -154,6 +159,7 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
         difference(state.q, state.q_before, dt, params.filter_rad_s, state.v)
     for j in range(state.q.size):
         state.q_before[j] = state.q[j]
+    follow_counts(state, dt)
 
 
 @lean_kernel
@@ -178,13 +184,15 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     if not gives_torque(mode):
         return
     code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
-    raise_code(state, code, joint)
+    factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
+    raise_code(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
     code, joint = check_following(state.q_ref, state.q, params.following_error)
-    raise_code(state, code, joint)
+    raise_code(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
     if state.i[MODE] not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
-        raise_code(state, code, joint)
+        end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
+        raise_code(state, code, joint, state.q[joint], end)
         watch_indexes(params, state)
 
 

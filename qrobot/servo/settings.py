@@ -16,6 +16,28 @@ DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC
 
 
 @dataclass(frozen=True)
+class Overrun:
+    """How many late cycles are too many while the motors carry torque.
+
+    Attributes:
+        misses_in_a_row: cycles one after the other that were late or followed skipped ones; 0 is never too many.
+        late_share: share of a window's cycles that may be late or skipped; 1 is never too many.
+        window_s: length of the window.
+    """
+
+    misses_in_a_row: int = 3
+    late_share: float = 0.01
+    window_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (self.misses_in_a_row >= 0 and 0.0 <= self.late_share <= 1.0 and 0.01 <= self.window_s <= 60.0):
+            raise ConfigError(f"{self}: allowed are 0 or more misses, a share of 0 to 1, a window of 0.01 to 60 s")
+
+
+COUNTED_ONLY = Overrun(misses_in_a_row=0, late_share=1.0)  # for emulated arms: nothing is hurt by a late cycle
+
+
+@dataclass(frozen=True)
 class ServoSettings:
     """Choices of one servo daemon.
 
@@ -27,6 +49,7 @@ class ServoSettings:
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
         board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.
+        overrun: late cycles that are too many.
         spin: sleep short of each deadline and spin the rest; costs CPU, gains precision.
         cpu: processor for the loop thread, None for the last one allowed.
         priority: SCHED_FIFO priority of the loop thread.
@@ -42,6 +65,7 @@ class ServoSettings:
     guarded: bool = True
     guardian_timeout_ms: float = DEFAULT_TIMEOUT_MS
     board_timeout_ms: float = 1.0
+    overrun: Overrun = Overrun()
     spin: bool = True
     cpu: int | None = None
     priority: int = 80

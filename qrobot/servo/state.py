@@ -22,6 +22,7 @@ from qrobot.servo.mailbox import frame_words, state_words
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.swap import SwapState, make_swap_state
 from qrobot.servo.telemetry import TelemetryLayout
+from qrobot.servo.watch_state import WatchState, make_watch_state
 
 # indexes into `i`
 (
@@ -71,7 +72,18 @@ from qrobot.servo.telemetry import TelemetryLayout
 ) = range(43)
 
 # indexes into `f`
-(DT, SAMPLE_DT, PHASE, RATE, RATE_SLOPE, RATE_AT_STOP, STOP_SECONDS, N_FLOATS) = range(8)
+(
+    DT,
+    SAMPLE_DT,
+    PHASE,
+    RATE,
+    RATE_SLOPE,
+    RATE_AT_STOP,
+    STOP_SECONDS,
+    PENDING_VALUE,  # what was measured when the pending code was raised, and what was allowed
+    PENDING_LIMIT,
+    N_FLOATS,
+) = range(10)
 
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
@@ -118,6 +130,7 @@ class ServoState(NamedTuple):
     cal: CalibrationState
     memory: Any  # (64,), the law's own
     swap: SwapState
+    watch: WatchState
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
     row: Any  # the telemetry row, floats as bit patterns
@@ -150,5 +163,5 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law.address, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
-        block=block, row=row,
+        watch=make_watch_state(n), block=block, row=row,
     ))  # fmt: skip

@@ -26,6 +26,7 @@ from qrobot.servo.calibration_state import (
     Stage,
 )
 from qrobot.servo.guard import category_of
+from qrobot.servo.incident import note_incident
 from qrobot.servo.interpolator import line_through, rest_at, room_duration, stop_duration
 from qrobot.servo.mailbox import (
     BEAT_TRIPS_SEEN,
@@ -61,9 +62,12 @@ from qrobot.servo.state import (
     JOINT,
     LAW_FAILED,
     MODE,
+    NEXT_SEQ,
     OFFS_SEEN,
     PENDING,
     PENDING_JOINT,
+    PENDING_LIMIT,
+    PENDING_VALUE,
     PHASE,
     POWER_LOCKED,
     POWER_SEEN,
@@ -74,10 +78,12 @@ from qrobot.servo.state import (
     STOP_SECONDS,
     STOP_SINCE_NS,
     STOPS_SEEN,
+    TICK,
     ServoState,
 )
 from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
 from qrobot.servo.swap import forget_bias
+from qrobot.servo.watch_state import YIELDS
 
 OFF: Final = int(Mode.OFF)
 POWERING: Final = int(Mode.POWERING)
@@ -100,6 +106,7 @@ MOVING_AT_START: Final = int(FaultCode.MOVING_AT_START)
 CAL_MISMATCH: Final = int(FaultCode.CAL_MISMATCH)
 CAL_STOPPED: Final = int(FaultCode.CAL_STOPPED)
 CAL_NO_TABLE: Final = int(FaultCode.CAL_NO_TABLE)
+COLLISION: Final = int(FaultCode.COLLISION)
 STAGE_IDLE: Final = int(Stage.IDLE)
 
 # A clear that cannot be granted at once is tried for this long (the guardian needs a cycle to hand back the board).
@@ -108,16 +115,18 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 
 
 @lean_kernel
-def raise_code(state: ServoState, code: int, joint: int) -> None:
+def raise_code(state: ServoState, code: int, joint: int, value: float = 0.0, limit: float = 0.0) -> None:
     """Note a code for this tick; of several the one with the lowest stop category counts, then the first.
 
-    In FAULT nothing worse can come, and the event says what became of a clear.
+    `value` was measured where `limit` is allowed, in the unit of `faultcodes.quantity_of`. In FAULT nothing
+    worse can come, and the event says what became of a clear.
     """
     if code == 0 or state.i[MODE] == FAULTED:
         return
     if state.i[PENDING] == 0 or category_of(code) < category_of(state.i[PENDING]):
         state.i[PENDING] = code
         state.i[PENDING_JOINT] = joint
+        state.f[PENDING_VALUE], state.f[PENDING_LIMIT] = value, limit
 
 
 @lean_kernel
@@ -394,6 +403,8 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     state.i[EVENT], state.i[JOINT] = code, state.i[PENDING_JOINT]
     state.i[PENDING] = 0
     mode, category = state.i[MODE], category_of(code)
+    if code == COLLISION:
+        state.watch.i[YIELDS] = 1
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.i[FAULT] = code
         end_stream(state, mail)
@@ -403,11 +414,19 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         begin_stop(params, state, mail, now_ns, FAULTED)
     elif mode == TRACKING:
         begin_stop(params, state, mail, now_ns, HOLDING)
+    if state.i[MODE] != mode:
+        note_incident(
+            state.watch.incident, now_ns, state.i[TICK], code, state.i[JOINT], state.f[PENDING_VALUE],
+            state.f[PENDING_LIMIT], mode, state.i[MODE], state.i[NEXT_SEQ] - 1,
+        )  # fmt: skip
 
 
 @lean_kernel
 def finish_stop(state: ServoState) -> None:
-    """The stop has come to rest: go where it was meant to end."""
-    if state.i[AFTER_STOP] == HOLDING:
+    """The stop has come to rest: go where it was meant to end. After a collision the arm is held where it got to."""
+    if state.i[AFTER_STOP] == HOLDING and state.watch.i[YIELDS] != 0:
+        hold_here(state)
+    elif state.i[AFTER_STOP] == HOLDING:
         hold_reference(state)
+    state.watch.i[YIELDS] = 0
     enter(state, state.i[AFTER_STOP])

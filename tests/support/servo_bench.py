@@ -45,7 +45,7 @@ from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import servo_parameters
-from qrobot.servo.settings import ServoSettings
+from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.servo.state import make_state
 from qrobot.servo.swap import LAW_AT
 from qrobot.servo.telemetry import Rows, TelemetryLayout
@@ -93,6 +93,8 @@ class ServoBench:
         pose: str = "park",
         calibrated: bool = True,
         sensor_channels: tuple[int, ...] = (),
+        overrun: Overrun = COUNTED_ONLY,
+        obeys_model: bool = False,
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
@@ -102,8 +104,12 @@ class ServoBench:
             interpolation=interpolation,
             guarded=guarded,
             sensor_channels=sensor_channels,
+            overrun=overrun,
         )
         self.params = servo_parameters(self.robot, self.settings)
+        if not obeys_model:  # cardboard has no mass: no torque explains how it moves
+            self.params.watch.unexplained[:] = np.inf
+            self.params.watch.impossible[:] = np.inf
         self._law = find_law(law) if isinstance(law, str) else law
         self.state = make_state(self.params, self._law)
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.cli.arms import overrun_of
 from qrobot.config import Deployment, load_deployment, load_robot
 from qrobot.errors import ConfigError
+from qrobot.servo.settings import COUNTED_ONLY, Overrun
 
 ONE = '[[arm]]\nname = "left"\nrobot = "puma560"\nbridge = { port = 5600 }\n'
 
@@ -71,3 +73,10 @@ def test_an_arm_name_is_fit_for_a_file_name(tmp_path: Path, name: str) -> None:
 def test_a_deployment_without_arms_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="arm: missing"):
         load(tmp_path, "")
+
+
+def test_late_cycles_of_an_emulated_arm_are_counted_unless_its_file_sets_a_limit(tmp_path: Path) -> None:
+    [lenient] = load(tmp_path, ONE).arm
+    assert overrun_of(lenient) == COUNTED_ONLY
+    [strict] = load(tmp_path, ONE + "[arm.servo.overrun]\nwindow_s = 2.0\n").arm
+    assert overrun_of(strict) == Overrun(misses_in_a_row=3, late_share=0.01, window_s=2.0)

@@ -1,0 +1,142 @@
+"""The safety gate, motors: what a joint does that neither its command nor its model explains, and what to call it.
+
+One observation serves all of it, the torque nobody commanded (`servo.residual`); the symptom beside it gives the name:
+
+| the joint                                                         | code        |
+|-------------------------------------------------------------------|-------------|
+| shows no count although it was fast, or is driven                 | ENC_STUCK   |
+| the same, has a brake and has not moved since power came on       | BRAKE_STUCK |
+| accelerates backwards as hard as it is driven, or turned at once  | ENC_SIGN    |
+| is faster than its reference, driven by what nobody commanded     | RUNAWAY     |
+| anything else                                                     | COLLISION   |
+| that, and a controlled stop does not end it                       | DAC_STUCK   |
+
+A passive obstacle can only slow a joint down; that tells COLLISION from RUNAWAY. What cannot be told apart: a jammed
+joint from a dead encoder, a body that keeps pushing from an amplifier that does, a push that outruns the reference from
+a runaway. The name with the harder stop is taken then.
+
+As in `servo.guard`: every check answers with a fault code, 0 for all well, and is written `not (x <= limit)`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.realtime.jit import lean_kernel
+
+NONE: Final = int(FaultCode.NONE)
+ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+ENC_SIGN: Final = int(FaultCode.ENC_SIGN)
+DAC_STUCK: Final = int(FaultCode.DAC_STUCK)
+RUNAWAY: Final = int(FaultCode.RUNAWAY)
+BRAKE_STUCK: Final = int(FaultCode.BRAKE_STUCK)
+BRAKE_SLIP: Final = int(FaultCode.BRAKE_SLIP)
+SATURATED: Final = int(FaultCode.SATURATED)
+COLLISION: Final = int(FaultCode.COLLISION)
+
+NOTICE_S: Final = 0.003  # so long a push has to last: a velocity estimate that stumbles over a late image is none
+MOVING_PUSH_S: Final = 0.04  # a joint still moved by a push after so long: the stop does not take
+STANDING_PUSH_S: Final = 0.3  # longer than a controlled stop: by then the reference has given way
+STANDSTILL: Final = 0.05  # rad/s or m/s
+FROZEN_S: Final = 0.015  # without a count so long while pushed: counting nothing
+SUSPECT_COUNTS: Final = 4.0  # so many counts overdue: judge when it is clear whether more will come
+OVERDUE_COUNTS: Final = 12.0
+OVERDUE_S: Final = 0.002
+MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
+# Push over the driving torque when it acts the wrong way round: 2, but for what the model misses. It does so from the
+# first moment on; where it comes to that later, the law has answered a push with a torque as large.
+SIGN_LEAST: Final = 1.5
+SIGN_MOST: Final = 2.5
+SIGN_S: Final = 0.0045
+TURNED_S: Final = 0.008  # after a push beyond all torque: by then the velocity shows whether the counts run backwards
+SIGN_DRIVE: Final = 0.3  # of the threshold: with less torque there is no telling
+
+
+@lean_kernel
+def stopped_dead(still_s: float, v_moving: float, unit_per_count: float, inertia: float, impossible: float) -> bool:
+    """A joint that moved at `v_moving` shows no count for `still_s`: long enough for many, too short to have stopped.
+
+    Such a stop takes a torque above `impossible`, N m (N).
+    """
+    speed = abs(v_moving)
+    if still_s < OVERDUE_S or still_s * speed < OVERDUE_COUNTS * unit_per_count:
+        return False
+    return inertia * speed > impossible * still_s
+
+
+@lean_kernel
+def acts_backwards(push: float, drive: float, v: float, limit: float) -> bool:
+    """The joint goes against `drive`, the torque beyond load and friction, as hard as it should go with it.
+
+    Then `push` is twice that torque, the other way round.
+    """
+    size = abs(drive)
+    if size < SIGN_DRIVE * limit or push * drive > 0.0 or v * drive >= 0.0:
+        return False
+    return SIGN_LEAST * size <= abs(push) <= SIGN_MOST * size
+
+
+@lean_kernel
+def turned_round(v: float, v_ref: float) -> bool:
+    """The joint is seen to move against its reference."""
+    return v * v_ref < 0.0 and abs(v) > STANDSTILL
+
+
+@lean_kernel
+def outruns(push: float, v: float, v_ref: float, margin: float) -> bool:
+    """The push drives the joint faster than its reference, by more than `margin`."""
+    return push * v > 0.0 and not abs(v) <= abs(v_ref) + margin
+
+
+@lean_kernel
+def check_push(
+    push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, margin: float,
+    still_s: float, overdue: float, locked: bool, impossible: float,
+) -> int:  # fmt: skip
+    """Code of one joint's symptom, see the table above.
+
+    Args:
+        push: torque nobody commanded. limit: its threshold. over_s: for how long it has been above.
+        drive: torque beyond load and friction. v, v_ref: measured and desired velocity. margin: see `outruns`.
+        still_s: time without a count. overdue: counts that should have come meanwhile.
+        locked: the joint has a brake and has not moved since power came on. impossible: more torque than there is.
+    """
+    if abs(push) <= limit:
+        return NONE
+    if still_s >= FROZEN_S:
+        return BRAKE_STUCK if locked else ENC_STUCK
+    if outruns(push, v, v_ref, margin):
+        return RUNAWAY
+    if over_s < NOTICE_S or overdue >= SUSPECT_COUNTS:
+        return NONE
+    return name_push(push, limit, over_s, drive, v, v_ref, impossible)
+
+
+@lean_kernel
+def name_push(
+    push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, impossible: float
+) -> int:  # fmt: skip
+    """Code of a push that has lasted, on a joint that counts and does not outrun its reference; see `check_push`."""
+    if over_s < SIGN_S and acts_backwards(push, drive, v, limit):
+        return ENC_SIGN
+    if abs(push) > impossible and over_s < TURNED_S:
+        return ENC_SIGN if turned_round(v, v_ref) else NONE
+    if over_s < (MOVING_PUSH_S if abs(v) > STANDSTILL else STANDING_PUSH_S):
+        return COLLISION
+    return DAC_STUCK
+
+
+@lean_kernel
+def check_saturation(clipped_s: float, longest_s: float) -> int:
+    """A torque does not stay at its limit for longer than `longest_s`."""
+    return NONE if clipped_s <= longest_s else SATURATED
+
+
+@lean_kernel
+def check_parked(q: Any, q_parked: Any, braked: Any, slip: Any) -> tuple[int, int]:
+    """(code, joint): without power, joints with brakes stay where they came to rest, within `slip`. Shapes (n,)."""
+    for j in range(q.size):
+        if braked[j] != 0 and not abs(q[j] - q_parked[j]) <= slip[j]:
+            return BRAKE_SLIP, j
+    return NONE, 0

@@ -1,0 +1,185 @@
+"""Watches over timing, motors and brakes: each cycle gathers what `guard_timing` and `guard_motion` judge."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from qrobot.faultcodes import FaultCode
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.guard_motion import (
+    MOVED_COUNTS,
+    check_parked,
+    check_push,
+    check_saturation,
+    stopped_dead,
+)
+from qrobot.servo.guard_timing import check_overrun, check_slowness, grown_row, skipped_points
+from qrobot.servo.incident import note_incident
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.residual import STALE, observe_push
+from qrobot.servo.state import BUSY_NS, DT, EVENT, JOINT, LAW_FAILED, MODE, NEXT_SEQ, STARTED, TICK, ServoState
+from qrobot.servo.supervisor import raise_code
+from qrobot.servo.watch_state import (
+    HEAVY_ROW,
+    LATE_ROW,
+    MISSES_SEEN,
+    POINTS,
+    SLOW_ROW,
+    UNPOWERED_S,
+    WARNINGS,
+)
+
+HOLDING: Final = int(Mode.HOLDING)
+TRACKING: Final = int(Mode.TRACKING)
+STOPPING: Final = int(Mode.STOPPING)
+ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+RUNAWAY: Final = int(FaultCode.RUNAWAY)
+
+SETTLE_S: Final = 0.25  # after power went: brakes close, the arm comes to rest
+NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
+
+
+@lean_kernel
+def warn(state: ServoState, code: int, joint: int) -> None:
+    """Tell of something that stops nothing, unless there is worse to tell; counted."""
+    state.watch.i[WARNINGS] += 1
+    if state.i[EVENT] == 0:
+        state.i[EVENT], state.i[JOINT] = code, joint
+
+
+@lean_kernel
+def watch_timing(params: ServoParameters, state: ServoState, dt_ns: int, late: bool) -> None:
+    """Count this cycle's lateness and the last one's length; raise what goes too far while the motors carry torque."""
+    watch, limits = state.watch, params.watch
+    if not gives_torque(state.i[MODE]):  # neither starting up nor waiting has deadlines
+        watch.i[LATE_ROW], watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0, 0
+        watch.i[SLOW_ROW], watch.i[HEAVY_ROW] = 0, 0
+        return
+    skipped = skipped_points(dt_ns, params.period_ns)
+    missed = skipped + (1 if late else 0)
+    watch.i[LATE_ROW] = watch.i[LATE_ROW] + 1 if missed > 0 else 0
+    watch.i[POINTS] += 1 + skipped
+    watch.i[MISSES_SEEN] += missed
+    code = check_overrun(watch.i[LATE_ROW], limits.misses_in_a_row, watch.i[MISSES_SEEN], limits.misses_allowed)
+    raise_code(state, code, 0, watch.i[MISSES_SEEN], limits.misses_allowed)
+    if watch.i[POINTS] >= limits.window_points:
+        watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0
+    _watch_length(params, state)
+
+
+@lean_kernel
+def _watch_length(params: ServoParameters, state: ServoState) -> None:
+    """A cycle that takes longer than its period goes on with the built-in law, and stops the arm."""
+    watch, busy_ns = state.watch, state.i[BUSY_NS]
+    watch.i[SLOW_ROW] = grown_row(watch.i[SLOW_ROW], busy_ns, params.period_ns)
+    watch.i[HEAVY_ROW] = grown_row(watch.i[HEAVY_ROW], busy_ns, params.period_ns // 2)
+    code = check_slowness(watch.i[SLOW_ROW])
+    if code != 0:
+        state.i[LAW_FAILED] = 1
+        raise_code(state, code, 0, busy_ns * 1e-9, params.period_ns * 1e-9)
+        return
+    code = check_slowness(watch.i[HEAVY_ROW])
+    if code != 0:
+        warn(state, code, 0)
+        watch.i[HEAVY_ROW] = 0
+
+
+@lean_kernel
+def follow_counts(state: ServoState, dt: float) -> None:
+    """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
+    watch = state.watch
+    for j in range(state.q.size):
+        if state.counts[j] != watch.counts[j]:
+            watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
+        else:
+            watch.still_s[j] += dt
+
+
+@lean_kernel
+def watch_motors(params: ServoParameters, state: ServoState) -> None:
+    """Follow the torque nobody commanded, and raise what it shows while the pose is known and the motors are driven."""
+    mode = state.i[MODE]
+    if mode not in (HOLDING, TRACKING, STOPPING):
+        for j in range(state.q.size):
+            _forget_motor(params, state, j)
+            state.watch.counts_on[j] = state.counts[j]
+        return
+    stale = not state.f[DT] * params.watch.pace <= STALE
+    for j in range(state.q.size):
+        if stale:
+            _forget_motor(params, state, j)
+        else:
+            _watch_motor(params, state, j)
+
+
+@lean_kernel
+def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    """What the joint has is what it is expected to have."""
+    watch = state.watch
+    watch.expected[j], watch.push[j] = params.inertia[j] * state.v[j], 0.0
+    watch.over_s[j], watch.clipped_s[j] = 0.0, 0.0
+
+
+@lean_kernel
+def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    watch, limits, dt = state.watch, params.watch, state.f[DT]
+    watch.expected[j], watch.push[j] = observe_push(
+        params.inertia[j] * state.v[j], state.tau[j] - watch.load[j] - state.friction[j],
+        dt, limits.pace, watch.expected[j], watch.push[j],
+    )  # fmt: skip
+    if abs(watch.push[j]) <= limits.unexplained[j]:
+        watch.over_s[j] = 0.0
+    else:
+        watch.over_s[j] += dt
+        _name_push(params, state, j)
+    still_s, v_moving = watch.still_s[j], watch.v_moving[j]
+    if stopped_dead(still_s, v_moving, limits.unit_per_count[j], params.inertia[j], limits.impossible[j]):
+        raise_code(state, ENC_STUCK, j, params.inertia[j] * abs(v_moving) / still_s, limits.impossible[j])
+    watch.clipped_s[j] = watch.clipped_s[j] + dt if abs(state.tau[j]) >= params.tau_max[j] else 0.0
+    raise_code(
+        state, check_saturation(watch.clipped_s[j], limits.saturation_s), j, watch.clipped_s[j], limits.saturation_s
+    )
+
+
+@lean_kernel
+def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
+    watch, limits = state.watch, params.watch
+    push, still_s = watch.push[j], watch.still_s[j]
+    code = check_push(
+        push, limits.unexplained[j], watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
+        state.v[j], state.v_ref[j], limits.runaway_speed[j],
+        still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j],
+        limits.braked[j] != 0 and abs(state.counts[j] - watch.counts_on[j]) <= MOVED_COUNTS,
+        limits.impossible[j],
+    )  # fmt: skip
+    if code == RUNAWAY:
+        raise_code(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + limits.runaway_speed[j])
+    else:
+        raise_code(state, code, j, abs(push), limits.unexplained[j])
+
+
+@lean_kernel
+def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+    """Without power an arm with closed brakes stays where it came to rest; one that does not is told of, once."""
+    watch = state.watch
+    if wants_power(state.i[MODE]) or state.i[STARTED] == 0:
+        watch.f[UNPOWERED_S] = 0.0
+        return
+    watch.f[UNPOWERED_S] += state.f[DT]
+    code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
+    settled = watch.f[UNPOWERED_S] > SETTLE_S
+    if settled and code == 0:
+        return
+    if settled:
+        state.i[EVENT], state.i[JOINT] = code, joint
+        moved = abs(state.q[joint] - watch.q_parked[joint])
+        mode = state.i[MODE]
+        note_incident(
+            watch.incident, now_ns, state.i[TICK], code, joint, moved, params.watch.brake_slip[joint],
+            mode, mode, state.i[NEXT_SEQ] - 1,
+        )  # fmt: skip
+        watch.f[UNPOWERED_S] = NEVER_S
+    for j in range(state.q.size):
+        watch.q_parked[j] = state.q[j]

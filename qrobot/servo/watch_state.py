@@ -1,0 +1,99 @@
+"""What the watches over motors, brakes and timing remember from cycle to cycle, and the numbers they judge by."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.servo.incident import INCIDENT_WORDS
+from qrobot.servo.settings import NS_PER_S, ServoSettings
+
+PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
+FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
+IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
+
+# indexes into `WatchState.i`
+(
+    LATE_ROW,  # cycles in a row that were late or followed skipped ones
+    POINTS,  # points of the time grid in the present window
+    MISSES_SEEN,  # of these, late or skipped
+    SLOW_ROW,  # cycles in a row that took longer than their period
+    HEAVY_ROW,  # cycles in a row that took longer than half of it
+    WARNINGS,  # warnings since the servo started
+    YIELDS,  # 1: the stop going on ends where the arm is, not where its reference is
+    N_INTEGERS,
+) = range(8)
+
+# indexes into `WatchState.f`
+(UNPOWERED_S, N_FLOATS) = range(2)  # time since power was last wanted
+
+
+class WatchParams(NamedTuple):
+    """Thresholds. Vectors have shape (n,) and SI units."""
+
+    unexplained: Any  # torque, N m (N), that no wrong parameter of the model explains
+    impossible: Any  # torque, N m (N), that nothing stops a joint with
+    runaway_speed: Any  # rad/s (m/s) beyond the reference's
+    pace: float  # of the momentum observer, 1/s
+    braked: Any  # 1 where the joint has a brake, int64
+    brake_slip: Any  # rad (m)
+    unit_per_count: Any  # rad (m) a count stands for, positive
+    saturation_s: float
+    misses_in_a_row: int  # 0: never too many
+    misses_allowed: int  # in one window
+    window_points: int
+
+
+class WatchState(NamedTuple):
+    """Mutable arrays. Vectors have shape (n,) and SI units."""
+
+    i: Any
+    f: Any
+    load: Any  # gravity at the measured pose on every joint, N m (N)
+    expected: Any  # momentum the torques account for, N m s (N s)
+    push: Any  # torque nobody commanded, N m (N)
+    over_s: Any  # for how long it has been above its threshold
+    counts: Any  # encoder counts at the last sample, int64
+    counts_on: Any  # encoder counts when power came on, int64
+    still_s: Any  # for how long they have not changed
+    v_moving: Any  # velocity when they last changed
+    clipped_s: Any  # for how long the torque has been at its limit
+    q_parked: Any  # where the arm came to rest without power
+    incident: Any  # int64[INCIDENT_WORDS], see `servo.incident`
+
+
+def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
+    """Thresholds for `robot` at the servo's rate."""
+    guard, period_s = robot.guard, settings.period_ns / NS_PER_S
+    points = max(1, round(settings.overrun.window_s / period_s))
+    return WatchParams(
+        unexplained=guard.unexplained_torque_or_default.copy(),
+        impossible=IMPOSSIBLE_TORQUE * guard.tau_max,
+        runaway_speed=robot.limits.v_max * guard.runaway_share,
+        pace=min(PACE_PER_S, FASTEST_SHARE / period_s),
+        braked=np.array(robot.transmission.brake, dtype=np.int64),
+        brake_slip=guard.brake_slip * np.ones(robot.n),
+        unit_per_count=np.abs(robot.transmission.rad_per_count),
+        saturation_s=guard.saturation_s,
+        misses_in_a_row=settings.overrun.misses_in_a_row,
+        misses_allowed=int(settings.overrun.late_share * points),
+        window_points=points,
+    )
+
+
+def make_watch_state(n: int) -> WatchState:
+    """Nothing seen yet."""
+
+    def vector() -> Any:
+        return np.zeros(n)
+
+    def integers(size: int) -> Any:
+        return np.zeros(size, dtype=np.int64)
+
+    return WatchState(
+        i=integers(N_INTEGERS), f=np.zeros(N_FLOATS), load=vector(), expected=vector(), push=vector(),
+        over_s=vector(), counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
+        clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
+    )  # fmt: skip
