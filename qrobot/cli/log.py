@@ -18,6 +18,7 @@ from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
+    from qrobot.log.header import LogHeader
     from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
     from qrobot.servo.mailbox import ServoInfo
@@ -59,6 +60,7 @@ def info(file: Path, *, json: bool = False) -> None:
 
 def _facts(log: Log) -> dict[str, Any]:
     from qrobot.faultcodes import explain
+    from qrobot.log.flight import incidents_of
     from qrobot.log.summary import tracking_summary
 
     header, summary = log.header, tracking_summary(log).to_dict()
@@ -77,6 +79,7 @@ def _facts(log: Log) -> dict[str, Any]:
         "disk_errors": log.status.disk_errors,
         **summary,
         "faults": [explain(code) for code in summary["faults"]],
+        "incidents": [incident.to_dict() | {"line": incident.line(header.prismatic)} for incident in incidents_of(log)],
         "setup": [asdict(step) for step in header.setup],
         "attachments": list(log.attachments),
     }
@@ -88,13 +91,20 @@ def _plain(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, dict) and "remedy" in value:
-        return f"{value['name']}: {value['detail']}" + ("" if value["ok"] else " (refused)")
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
+        return _plain_entry(value)
     if isinstance(value, list):
         return ("\n" if value and isinstance(value[0], dict) else "  ").join(map(_plain, value)) or "none"
     return str(value) if value not in ("", None) else "-"
+
+
+def _plain_entry(value: dict[str, Any]) -> str:
+    """An incident, a step of the set-up, or any other group of facts."""
+    if "line" in value:
+        return str(value["line"])
+    if "remedy" in value:
+        return f"{value['name']}: {value['detail']}" + ("" if value["ok"] else " (refused)")
+    return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
 
 
 @app.command
@@ -194,7 +204,7 @@ def record(
     paths = log_paths(output or Path(chosen.log.directory or "."), chosen.name)
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
-        header = _recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
+        header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
         return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE))
 
     stop = threading.Event()
@@ -204,7 +214,7 @@ def record(
     follow(ServoFollower(chosen.name, open_log, note), stop)
 
 
-def _recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> Any:
+def recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> LogHeader:
     """Header of the log of a running servo. Raises ConfigError when the deployment names another robot."""
     from qrobot.log.header import header_for
     from qrobot.realtime.machine import machine_steps, observe_process

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
-from qrobot.config.deployment import Interpolation, Velocity
+from qrobot.config.deployment import Arm, Interpolation, Velocity
+
+if TYPE_CHECKING:
+    from qrobot.config import Robot
+    from qrobot.log.flight import FlightRecorder
+    from qrobot.log.header import LogHeader
+    from qrobot.servo.mailbox import ServoInfo
 
 app = App(name="servo", help_format="plaintext", group_commands="Commands")
 
@@ -29,7 +37,8 @@ def servo(
     """Run the servo of one arm, until Ctrl-C: then a controlled stop, torque off, power off.
 
     It starts with the arm unpowered and does not move it; programs command it through `qrobot bridge`. It survives its
-    clients, and refuses power while no guardian watches it.
+    clients, and refuses power while no guardian watches it. When a fault stops the arm, the seconds around it are saved
+    in the folder `incidents` beside the arm's logs.
 
     Parameters
     ----------
@@ -60,7 +69,19 @@ def servo(
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
         note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
-    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started)
+    look = {"look": _flight_recorder(chosen, robot).look} if chosen.log.directory else {}
+    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started, **look)
+
+
+def _flight_recorder(arm: Arm, robot: Robot) -> FlightRecorder:
+    """Beside the arm's logs, in `incidents`."""
+    from qrobot.cli.log import recorded_header
+    from qrobot.log.flight import FlightRecorder
+
+    def header_of(servo: ServoInfo) -> LogHeader:
+        return recorded_header(robot, servo, os.getpid(), arm.board.plant)
+
+    return FlightRecorder(Path(arm.log.directory) / "incidents", arm.name, header_of, note)
 
 
 @app.command(help_flags=[])

@@ -23,6 +23,7 @@ from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
 from qrobot.servo.control import Controls
 from qrobot.servo.control_socket import ControlSocket
+from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.law import Law, find_law
 from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
@@ -47,6 +48,7 @@ BOARD_AWAY_NS = 1_000_000_000
 POLL_S = 0.05
 
 Report = Callable[[str], None]
+Look = Callable[[ServoMailbox, Incident | None, bool], None]  # at the newest incident; True once the loop has ended
 
 
 def warm_up(robot: Robot, settings: ServoSettings) -> None:
@@ -124,17 +126,35 @@ class ServoProcess:
         self.report(message)
 
     @property
+    def incident(self) -> Incident | None:
+        """The newest incident."""
+        return read_incident(self.state.watch.incident)
+
+    @property
     def told(self) -> tuple[int, int, int]:
         """Mode, newest event and its joint, as last published."""
         block = self.state.block
         return int(block[STATE_MODE]), int(block[STATE_EVENT]), int(block[STATE_JOINT])
 
 
-def _announce(process: ServoProcess, before: tuple[int, int, int], now: tuple[int, int, int]) -> None:
-    if now[0] != before[0]:
-        process.report(f"{mode_name(before[0])} -> {mode_name(now[0])}")
-    if now[1] != before[1] and now[1] != 0:
-        process.report(f"joint {now[2] + 1}: {explain(now[1])}" if now[2] else explain(now[1]))
+class _Herald:
+    """Tells people what became of the servo since it was last looked at."""
+
+    def __init__(self, process: ServoProcess) -> None:
+        self._process, self._told, self._number = process, process.told, 0
+
+    def announce(self, incident: Incident | None) -> None:
+        """A line for a new incident, then for any other change of mode and any other event."""
+        if incident is not None and incident.number > self._number:
+            self._number = incident.number
+            self._process.report(incident.line(self._process.robot.prismatic))
+            self._told = incident.mode_to, incident.code, incident.joint
+        before, self._told = self._told, self._process.told
+        mode, event, joint = self._told
+        if mode != before[0]:
+            self._process.report(f"{mode_name(before[0])} -> {mode_name(mode)}")
+        if event != before[1] and event != 0:
+            self._process.report(f"joint {joint + 1}: {explain(event)}" if joint else explain(event))
 
 
 @contextlib.contextmanager
@@ -159,11 +179,13 @@ def serve(
     require_realtime: bool,
     report: Report,
     started: Callable[[], Any],
+    look: Look = lambda _mailbox, _incident, _ended: None,
 ) -> None:
     """Run the servo of `arm` until SIGTERM or SIGINT.
 
     Args:
         started: called once the servo memory exists and the loop is about to run (to start the guardian).
+        look: called some 20 times a second (for a flight recorder), and once more at the end.
 
     Raises:
         LinkError: no board serves this arm.
@@ -193,21 +215,21 @@ def serve(
         )
         with shutdown_on_signals(memory.words):
             started()
-            _run_and_watch(process)
+            _run_and_watch(process, look)
     process.board.close()
 
 
-def _run_and_watch(process: ServoProcess) -> None:
-    """Run the loop in its thread, and answer the control interface beside it."""
-    controls = Controls(process)
+def _run_and_watch(process: ServoProcess, look: Look) -> None:
+    """Run the loop in its thread; beside it answer the control interface and tell what happens."""
+    controls, herald = Controls(process), _Herald(process)
     with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
         thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
         thread.start()
-        before = process.told
         while thread.is_alive():
             control.serve(POLL_S)
-            now = process.told
-            _announce(process, before, now)
-            before = now
+            incident = process.incident
+            herald.announce(incident)
+            look(process.mailbox, incident, False)
+    look(process.mailbox, process.incident, True)
     if process.error is not None:
         raise process.error

@@ -6,12 +6,13 @@ process takes a copy that was not written to meanwhile.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from qrobot.config import Robot
 from qrobot.faultcodes import FaultCode, Quantity, explain, quantity_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
@@ -53,19 +54,23 @@ class Incident:
     mode_to: int
     frame_seq: int
 
-    def measured(self, robot: Robot) -> str:
-        """What was measured and allowed, such as "joint 3: 4.51 rad/s, limit 4.1 rad/s"; empty for a mere event."""
+    def measured(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
+        """What was measured and allowed, such as "joint 3: 4.51 rad/s, limit 4.1 rad/s"; empty for a mere event.
+
+        `prismatic` says of each joint whether it slides; empty when none does.
+        """
         quantity = quantity_of(self.code)
         if quantity is Quantity.NOTHING or self.value == self.limit == 0.0:
             return ""
         per_joint = quantity not in (Quantity.CYCLES, Quantity.SECONDS)
-        unit = _UNITS[quantity][int(per_joint and robot.prismatic[self.joint])]
+        slides = per_joint and len(prismatic) > 0 and prismatic[self.joint]
+        unit = _UNITS[quantity][int(slides)]
         where = f"joint {self.joint + 1}: " if per_joint else ""
         return f"{where}{self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
 
-    def line(self, robot: Robot) -> str:
+    def line(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
         """One line for people: modes, what was measured, what happened, what to do."""
-        measured = self.measured(robot)
+        measured = self.measured(prismatic)
         return f"{mode_name(self.mode_from)} -> {mode_name(self.mode_to)}: " + (
             f"{measured}; {explain(self.code)}" if measured else explain(self.code)
         )
@@ -74,6 +79,11 @@ class Incident:
         """Plain values for JSON, with the names of code and modes."""
         names = {"name": FaultCode(self.code).name, "from": mode_name(self.mode_from), "to": mode_name(self.mode_to)}
         return vars(self) | names
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Incident:
+        """Inverse of `to_dict`. Raises KeyError for a missing value."""
+        return cls(**{field.name: values[field.name] for field in fields(cls)})
 
 
 @lean_kernel

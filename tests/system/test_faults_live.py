@@ -13,6 +13,8 @@ from qrobot.errors import LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import attach_board_memory
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.log.flight import incidents_of
+from qrobot.log.read import read_log
 from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel, Injected
@@ -86,6 +88,7 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     assert 0 <= safe_ns - injected_ns < SOON_NS
     assert repair(arm).acted > 0
     wait_until(lambda: not arm.powered, "power off")
+    wait_until(lambda: _saved(arm, code), "the flight recorder's file")
     before = np.array(arm.encoders())
     with attach_servo_memory(arm.name) as segment:
         ServoMailbox(segment.words).request_power(False)
@@ -95,6 +98,17 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     assert np.abs(np.array(arm.encoders())[:3] - before[:3]).max() <= 2
     with arm.moving(program, FAST):
         assert arm.mode is Mode.TRACKING
+
+
+def _saved(arm: RunningArm, code: FaultCode) -> bool:
+    """The flight recorder has written a whole file about `code`, with what happened in it."""
+    for path in (arm.deployment.parent / "log" / "incidents").glob(f"{arm.name}-{code.name}-*.mcap"):
+        log = read_log(path)
+        if not log.torn:
+            [incident] = incidents_of(log)
+            assert log.rows["t_ns"][0] < incident.t_ns < log.rows["t_ns"][-1]
+            return incident.code == code
+    return False
 
 
 def _torque_gone_ns(arm: RunningArm, since_ns: int) -> int:

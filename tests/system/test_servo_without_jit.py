@@ -36,8 +36,10 @@ def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> N
 
 
 def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
+    gates = ("guard", "guard_motion", "guard_timing")
     python(
-        "pytest", "-q", "-p", "no:cacheprovider", "tests/unit/test_guard.py",
-        "--cov=qrobot.servo.guard", "--cov-branch", "--cov-fail-under=100", "--cov-report=term-missing",
+        "pytest", "-q", "-p", "no:cacheprovider", *(f"tests/unit/test_{gate}.py" for gate in gates),
+        *(f"--cov=qrobot.servo.{gate}" for gate in gates),
+        "--cov-branch", "--cov-fail-under=100", "--cov-report=term-missing",
         COVERAGE_FILE=str(tmp_path / "coverage"),
     )  # fmt: skip

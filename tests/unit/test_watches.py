@@ -225,8 +225,8 @@ def test_an_incident_tells_what_was_measured_where_and_what_became_of_it() -> No
     assert (told.mode_from, told.mode_to) == (Mode.TRACKING, Mode.STOPPING)
     assert told.tick == bench.snapshot.tick
     assert told.value > told.limit == pytest.approx(1.1 * v_max)
-    assert told.measured(bench.robot) == f"joint 1: {told.value:.4g} rad/s, limit {told.limit:.4g} rad/s"
-    assert told.line(bench.robot).startswith("TRACKING -> STOPPING: joint 1: ")
+    assert told.measured(bench.robot.prismatic) == f"joint 1: {told.value:.4g} rad/s, limit {told.limit:.4g} rad/s"
+    assert told.line(bench.robot.prismatic).startswith("TRACKING -> STOPPING: joint 1: ")
     assert told.to_dict()["name"] == "VEL_LIMIT"
 
 
@@ -234,7 +234,7 @@ def test_a_sliding_joint_is_told_of_in_metres() -> None:
     stanford = load_robot("stanford")
     joint = int(np.flatnonzero(stanford.prismatic)[0])
     told = Incident(1, 0, 0, int(FaultCode.FOLLOWING), joint, 0.2, 0.1, 5, 7, 3)
-    assert told.measured(stanford) == f"joint {joint + 1}: 0.2 m, limit 0.1 m"
+    assert told.measured(stanford.prismatic) == f"joint {joint + 1}: 0.2 m, limit 0.1 m"
 
 
 def test_an_event_without_a_measurement_is_told_of_without() -> None:
@@ -242,5 +242,5 @@ def test_an_event_without_a_measurement_is_told_of_without() -> None:
     bench.estop_ok = False
     bench.tick()
     told = incident_of(bench)
-    assert told.measured(bench.robot) == ""
-    assert "ESTOP: " in told.line(bench.robot)
+    assert told.measured(bench.robot.prismatic) == ""
+    assert "ESTOP: " in told.line(bench.robot.prismatic)

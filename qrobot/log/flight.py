@@ -1,0 +1,107 @@
+"""The flight recorder: the cycles around each incident of a servo, in a small log of their own.
+
+The log of a whole run may be switched off, or gigabytes long. The loop does nothing for this but write its ring.
+Whoever looks now and then - the main thread of the servo - saves the seconds around an incident once they are over,
+with the incident attached. A disk that refuses costs that file, and is told.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import LogError
+from qrobot.faultcodes import FaultCode
+from qrobot.log.follow import fresh_path
+from qrobot.log.header import Attachment, LogHeader
+from qrobot.log.read import Log
+from qrobot.log.record import write_log
+from qrobot.servo.incident import Incident
+from qrobot.servo.mailbox import ServoInfo, ServoMailbox
+from qrobot.servo.telemetry import Rows, TelemetryReader
+
+BEFORE_NS: Final = 2_000_000_000
+AFTER_NS: Final = 500_000_000
+LONGEST_NS: Final = 2_000_000_000  # from the first of several incidents: the ring holds three seconds at 10 kHz
+KEEP: Final = 20  # files of an arm
+ATTACHMENT: Final = "incidents.json"
+
+
+class FlightRecorder:
+    """Saves what a servo did around its incidents.
+
+    Args:
+        folder: where the files go, made when the first is written; `keep` of them stay, the newest.
+        arm: instance name, the beginning of each file's name; the code and the time (UTC) follow.
+        header_of: header of a log of the servo with these facts.
+        report: takes one line for people for each file, and for each that the disk refused.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        arm: str,
+        header_of: Callable[[ServoInfo], LogHeader],
+        report: Callable[[str], None],
+        keep: int = KEEP,
+    ) -> None:
+        self._folder, self._arm, self._header_of, self._report, self._keep = folder, arm, header_of, report, keep
+        self._seen = 0
+        self._waiting: list[Incident] = []
+
+    def look(self, mailbox: ServoMailbox, incident: Incident | None, ended: bool = False) -> None:
+        """Note a new incident, and save those whose time is over; all of them when the servo has `ended`."""
+        if incident is not None and incident.number > self._seen:
+            self._seen = incident.number
+            self._waiting.append(incident)
+        if self._waiting and (ended or mailbox.snapshot().t_ns >= self._due_ns):
+            incidents, self._waiting = self._waiting, []
+            self._save(mailbox, incidents)
+
+    @property
+    def _due_ns(self) -> int:
+        """When what follows the newest incident has been seen, and not much later than the first."""
+        first, last = self._waiting[0], self._waiting[-1]
+        return min(last.t_ns + AFTER_NS, first.t_ns + LONGEST_NS)
+
+    def _save(self, mailbox: ServoMailbox, incidents: Sequence[Incident]) -> None:
+        code = FaultCode(incidents[-1].code).name
+        data = json.dumps([incident.to_dict() for incident in incidents], indent=1).encode()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = fresh_path(self._folder, f"{self._arm}-{code}")
+            rows = _rows_since(mailbox, incidents[0].t_ns - BEFORE_NS)
+            write_log(path, rows, self._header_of(mailbox.info), [Attachment(ATTACHMENT, data, "application/json")])
+            self._thin_out()
+        except (LogError, OSError) as error:
+            self._report(f"the cycles around {code} are not saved: {error}")
+        else:
+            self._report(f"the {np.ptp(rows['t_ns']) * 1e-9:.1f} s around {code} are saved: `qrobot log info {path}`")
+
+    def _thin_out(self) -> None:
+        files = sorted(self._folder.glob(f"{self._arm}-*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+        for old in files[: -self._keep]:
+            old.unlink()
+
+
+def _rows_since(mailbox: ServoMailbox, t_ns: int) -> Rows:
+    """What the ring still has of the cycles from `t_ns` on."""
+    info = mailbox.info
+    reader = TelemetryReader(mailbox.words, info.telemetry_base, info.telemetry_capacity, info.n)
+    blocks = [reader.layout.empty(0)]
+    while reader.waiting:
+        blocks.append(reader.read())
+    rows = np.concatenate(blocks)
+    return np.asarray(rows[rows["t_ns"] >= t_ns])
+
+
+def incidents_of(log: Log) -> list[Incident]:
+    """What a flight recorder's log was saved for; nothing for any other. Raises LogError when that is damaged."""
+    try:
+        return [Incident.from_dict(fields) for fields in json.loads(log.attachments.get(ATTACHMENT, b"[]"))]
+    except (ValueError, TypeError, KeyError) as error:
+        raise LogError(f"{ATTACHMENT} in {log.path} is damaged: {error}") from None
