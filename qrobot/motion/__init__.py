@@ -3,12 +3,16 @@
 Pure: time is an argument. The world model is `trsf` (transforms of four kinds), `product` and `equation`. `request`
 says what to do, `course` which way leads there in the coordinates of a `chart`, `schedule` how long it takes. `path`
 joins legs (`leg`) by transitions (`blend`), `brake` and `diversion` leave it early, `watch` judges each setpoint,
-and `generator` decides which of them comes when.
+and `generator` decides which of them comes when. `force` lets joints give way (`matching`, `compliance`) and feels
+(`external`) what the arm exerts.
 """
 
 from qrobot.motion.blend import Blend, Correction
+from qrobot.motion.compliance import Compliance, Drift, ForceLimits
 from qrobot.motion.equation import Equation, Goal
 from qrobot.motion.events import EventKind, MotionEvent, Termination
+from qrobot.motion.external import Exerted, Seen
+from qrobot.motion.force import ForceControl
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import MotionLimits, motion_limits
 from qrobot.motion.output import Output
@@ -21,10 +25,15 @@ __all__ = [
     "HERE",
     "T6",
     "Blend",
+    "Compliance",
     "Correction",
+    "Drift",
     "Duration",
     "Equation",
     "EventKind",
+    "Exerted",
+    "ForceControl",
+    "ForceLimits",
     "Generator",
     "Goal",
     "JointSpeed",
@@ -36,6 +45,7 @@ __all__ = [
     "Output",
     "Pace",
     "Reach",
+    "Seen",
     "SpeedShare",
     "Termination",
     "ToolSpeed",

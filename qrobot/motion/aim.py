@@ -53,7 +53,7 @@ class Aim:
         """Evaluate the goal for sample `tick`; a second call for the same sample does nothing."""
         if self._seen and (self.goal.fixed or self._seen[-1][0] >= tick):
             return
-        self._seen.append((tick, Frames(self.goal.left.at(tick), self.goal.right.at(tick))))
+        self._seen.append((tick, Frames(self.goal.left.at(tick), self.goal.carried(tick))))
 
     def frames(self, tick: int) -> Frames | None:
         """As it was at sample `tick`; None when nobody looked."""

@@ -21,6 +21,7 @@ from typing import Final, Protocol
 from qrobot.model.branch import Branch
 from qrobot.motion.aim import Aim, Frames
 from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats
 from qrobot.motion.reach import Reach
 from qrobot.motion.trail import Samples, motion_of
@@ -31,6 +32,9 @@ class Chart(Protocol):
 
     fixed: bool
     """They depend on nothing that moves."""
+
+    goal: Goal | None
+    """What they are relative to, None when they are relative to nothing."""
 
     def sample(self, tick: int) -> None:
         """Look where the goal is at sample `tick`."""
@@ -49,6 +53,7 @@ class Joints:
     """Joint positions themselves."""
 
     fixed = True
+    goal: Goal | None = None
 
     def sample(self, tick: int) -> None:
         """Nothing to look at."""
@@ -82,6 +87,7 @@ class JointsToGoal:
     fixed = False
 
     def __init__(self, aim: Aim, reach: Reach, branch: Branch, near: Floats) -> None:
+        self.goal: Goal | None = aim.goal
         self._aim, self._reach, self._branch, self._near = aim, reach, branch, near
 
     def sample(self, tick: int) -> None:
@@ -117,6 +123,7 @@ class Straight:
     """
 
     def __init__(self, aim: Aim, reach: Reach, branch: Branch, near: Floats) -> None:
+        self.goal: Goal | None = aim.goal
         self.fixed = aim.goal.fixed
         self._aim, self._reach, self._branch, self._near = aim, reach, branch, near
 

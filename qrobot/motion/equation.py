@@ -15,6 +15,7 @@ import numpy as np
 
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse
+from qrobot.motion.compliance import Compliance
 from qrobot.motion.limits import Floats
 from qrobot.motion.product import Factor, Product, inverted
 from qrobot.motion.trsf import T6, Trsf
@@ -48,17 +49,17 @@ class Equation:
         """All terms, as written."""
         return self.left + self.right
 
-    def goal(self, offset: Floats | None = None) -> Goal:
+    def goal(self, offset: Floats | None = None, compliance: Compliance | None = None) -> Goal:
         """What a motion takes along: values of constant and hold terms as they are now.
 
         Args:
             offset: a small motion of the controlled frame that modifies the goal (A-10). Shape (4, 4).
+            compliance: how the arm gives way during the motion and after it.
         """
         chain = self._chain(self.unknown)
         left: list[Factor | Floats] = [*chain[: self._split]]
-        return Goal(
-            self.name, Product(left if offset is None else [*left, offset]), Product(chain[self._split :]), self
-        )
+        left = left if offset is None else [*left, offset]
+        return Goal(self.name, Product(left), Product(chain[self._split :]), self, compliance)
 
     def solve(self, term: Trsf, t6: Floats, tick: int) -> Floats:
         """The value of `term` that makes the equation true with T6 at `t6`, all others as at sample `tick`.
@@ -102,21 +103,39 @@ class Equation:
 
 
 class Goal:
-    """Where a motion is to go: T6 = left right, and during the motion T6 = left DRIVE right.
+    """Where a motion is to go: T6 = left COMPLY right, and during the motion T6 = left DRIVE COMPLY right.
 
     Attributes:
         name: of the position.
         left, right: the two products.
         equation: it came from.
+        compliance: how the arm gives way; without it COMPLY is not there.
         fixed: it stands still.
     """
 
-    def __init__(self, name: str, left: Product, right: Product, equation: Equation | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        left: Product,
+        right: Product,
+        equation: Equation | None = None,
+        compliance: Compliance | None = None,
+    ) -> None:
         self.name = name
         self.left, self.right = left, right
         self.equation = equation
-        self.fixed = left.fixed and right.fixed
+        self.compliance = compliance
+        self.fixed = left.fixed and right.fixed and compliance is None
 
     def pose(self, tick: int) -> Floats:
         """T6 at the goal, at sample `tick`. Shape (4, 4)."""
-        return self.left.at(tick) @ self.right.at(tick)
+        return self.left.at(tick) @ self.carried(tick)
+
+    def tool(self, tick: int) -> Floats:
+        """T6 in the controlled frame. Shape (4, 4)."""
+        return self.right.at(tick)
+
+    def carried(self, tick: int) -> Floats:
+        """What stands right of DRIVE: COMPLY and `right`. Shape (4, 4)."""
+        right = self.right.at(tick)
+        return right if self.compliance is None else self.compliance.transform.at(tick) @ right

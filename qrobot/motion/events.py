@@ -18,6 +18,8 @@ class Termination(IntEnum):
     UNREACHABLE = -4  # the goal, or a place on the way to it, is out of the arm's reach
     SINGULAR = -5  # the way led too close to a singularity
     TOO_FAST = -6  # a joint would have passed its speed or acceleration, as when a frame jumps
+    FORCE_LIMIT = -7  # the arm exerted more than its motion allows
+    MOTION_LIMIT = -8  # the controlled frame was pushed farther off than its motion allows
 
 
 class EventKind(Enum):

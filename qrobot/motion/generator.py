@@ -14,17 +14,17 @@ whose goals may move, each is judged before it goes out, and an absolute stop ta
 
 from __future__ import annotations
 
-import numpy as np
-
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.brake import Brake, fitting_brake
 from qrobot.motion.chart import JOINTS
 from qrobot.motion.course import Course
+from qrobot.motion.equation import Goal
 from qrobot.motion.errand import Errand
-from qrobot.motion.events import EventKind, MotionEvent, Termination
+from qrobot.motion.events import Termination
 from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.news import News
 from qrobot.motion.output import Halt, Output
 from qrobot.motion.path import Path, Segment
 from qrobot.motion.planner import Departure, Planner, Room
@@ -32,8 +32,8 @@ from qrobot.motion.queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.reach import Reach
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.schedule import Schedule
-from qrobot.motion.trail import Samples, Trail, motion_of
-from qrobot.motion.watch import halting_s, judge, reason
+from qrobot.motion.trail import Samples, Trail, true_joints
+from qrobot.motion.watch import halting_s, judge_next, reason
 
 
 class Generator:
@@ -70,6 +70,8 @@ class Generator:
         self._queue = RequestQueue(queue_size)
         self._path = Path(q, self._shape)
         self._trail = Trail(tick, q)
+        self._truth = Trail(tick, q)  # as the trail, but of joints that follow no setpoints where they really are
+        self._standing: Floats | None = None
         self._tick = tick
         self._clock = 0.0  # path time, in samples; as fast as the ticks except during a brake
         self._told_clock = 0.0  # path time of the newest setpoint given out
@@ -79,8 +81,7 @@ class Generator:
         self._planned: tuple[Errand, Course, Schedule | None] | None = None  # the way round the next corner
         self._interrupted: tuple[Segment, int] | None = None
         self._arrived: MoveRequest | None = None
-        self._told_idle = True
-        self._events: list[MotionEvent] = []
+        self._news = News()
 
     # -------------------------------------------------------------------------------------------------- at any time
 
@@ -94,6 +95,11 @@ class Generator:
         """A request is being served, or waits."""
         return self._path.segment is not None or self._halt is not None or len(self._queue) > 0
 
+    @property
+    def goal(self) -> Goal | None:
+        """What is gone to, or followed, at the newest sample; None on a joint path."""
+        return self._path.chart.goal
+
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
 
@@ -103,7 +109,7 @@ class Generator:
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
         self._queue.push(self._planner.prepare(request, self._last_end(), self._trail.newest, self._tick))
-        self._told_idle = False
+        self._news.expect()
 
     def interrupt(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
@@ -126,7 +132,7 @@ class Generator:
         if segment is None and self._path.chart.fixed:
             return  # it stands
         if self._path.chart is not JOINTS:
-            self._begin_halt(self._serving, Termination.STOPPED, seconds)
+            self._begin_halt(self.serving, Termination.STOPPED, seconds)
         elif segment is not None:
             self._begin_brake(segment, Termination.STOPPED, seconds)
 
@@ -143,8 +149,13 @@ class Generator:
 
     # ----------------------------------------------------------------------------------------------- once per sample
 
-    def update(self, tick: int) -> Output:
+    def update(self, tick: int, standing: Floats | None = None) -> Output:
         """Setpoints of sample `tick`.
+
+        Args:
+            tick: its number.
+            standing: where joints are that follow no setpoints, NaN on all others: what comes next begins there.
+                Shape (n,).
 
         Raises:
             MotionError: it is not later than the sample before.
@@ -152,10 +163,12 @@ class Generator:
         """
         if tick <= self._tick:
             raise MotionError(f"sample {tick} asked for after sample {self._tick}")
+        self._standing = standing
         self._advance(tick)
         self._look()
         q = self._follow()
         self._trail.append(tick, q)
+        self._truth.append(tick, true_joints(q, standing))
         self._told_clock = self._clock
         return self._output(q)
 
@@ -195,19 +208,13 @@ class Generator:
         return self._path.joints(self._clock)
 
     def _judged(self, q: Floats) -> Termination:
-        if np.abs(q - self._trail.newest).max() > np.pi:
-            return Termination.JOINT_LIMIT  # some joint could go on a whole turn away only
-        state = motion_of(self._trail.with_now(self._tick, q), self.period_s)
-        code = judge(state, self._limits, self._shape.blend)
+        code = judge_next(self._trail.with_now(self._tick, q), self.period_s, self._limits, self._shape.blend)
         if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._trail.newest):
             return Termination.SINGULAR
         return code
 
     def _output(self, q: Floats) -> Output:
-        if not self.busy and not self._told_idle:
-            self._told_idle = True
-            self._events.append(MotionEvent(EventKind.IDLE))
-        events, self._events = tuple(self._events), []
+        events = self._news.take(self.busy)
         segment, halt = self._path.segment, self._halt
         if halt is not None:
             return Output(q, halt.request, halt.scal, events, True)
@@ -271,7 +278,7 @@ class Generator:
         self._path.hold(segment.target, self._clock)
         self._brake = None
         self._arrived = segment.request
-        self._end(segment.request, Termination.COMPLETED)
+        self._news.ended(segment.request, Termination.COMPLETED)
         return True
 
     def _way_round(self, segment: Segment, errand: Errand) -> tuple[Course | None, Schedule | None]:
@@ -281,10 +288,8 @@ class Generator:
             course = self._lay(errand, self._path.goal_joints(self._trail.newest))
             if course is None:
                 return None, None
-            schedule = self._scheduler.plan(
-                errand.request, course, segment.arriving,
-                least=segment.schedule.braking, most=int(room), following=self._ta_after(),
-            )  # fmt: skip
+            bounds = segment.schedule.braking, int(room), self._ta_after()
+            schedule = self._scheduler.plan(errand.request, course, segment.arriving, *bounds)
             self._planned = errand, course, schedule if schedule.transition <= room else None
         return self._planned[1], self._planned[2]
 
@@ -309,14 +314,11 @@ class Generator:
     def _enter(self, departure: Departure, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
         if self._path.segment is not None and code is not None:
-            self._end(self._path.segment.request, code)
+            self._news.ended(self._path.segment.request, code)
         self._planned = None
+        self._trail = self._truth.copy()
         self._path.enter(departure.segment, begin, departure.state)
-        self._events.append(MotionEvent(EventKind.BEGUN, self._queue.pop().request))
-
-    def _end(self, request: MoveRequest, code: int) -> None:
-        """Tell how a request ended."""
-        self._events.append(MotionEvent(EventKind.ENDED, request, code))
+        self._news.begun(self._queue.pop().request)
 
     # --------------------------------------------------------------------------------- interruptions, stops, failures
 
@@ -370,22 +372,23 @@ class Generator:
             return
         self._path.hold(self._path.state(self._clock)[0], self._clock)
         self._brake = None
-        self._end(segment.request, brake.code)
+        self._news.ended(segment.request, brake.code)
 
     def _begin_here(self, code: int | None = None) -> bool:
         """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
         segment = self._path.segment
         if segment is not None and code is not None:
-            self._end(segment.request, code)
+            self._news.ended(segment.request, code)
         request = self._queue.pop().request
-        self._events.append(MotionEvent(EventKind.BEGUN, request))
+        self._news.begun(request)
         self._begin_halt(request, Termination.COMPLETED, 0.0)
         return True
 
     def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float) -> None:
         """Bring the joints to rest from the newest setpoint, whatever the path was."""
         joint_path = self._path.chart is JOINTS
-        state = self._path.state(self._told_clock) if joint_path else self._trail.state(self.period_s)
+        state = self._path.state(self._told_clock) if joint_path else self._truth.state(self.period_s)
+        self._trail = self._truth.copy()
         length_s = max(seconds, halting_s(state[1], self._limits, self._shape.blend))
         scal = 1.0 if self._path.segment is None else self._scal(self._path.segment, self._told_clock)
         self._halt = Halt(request, code, scal)
@@ -399,29 +402,30 @@ class Generator:
         self._path.hold(self._path.state(self._path.leg.end)[0], self._clock)
         self._halt = None
         if halt.request is not None:
-            self._end(halt.request, halt.code)
+            self._news.ended(halt.request, halt.code)
         return True
 
     def _give_up(self, code: Termination) -> None:
         """The setpoint of this sample must not be: an absolute stop instead, and nothing of what waits."""
         if self._path.segment is None:
-            self._events.append(MotionEvent(EventKind.LOST, self._arrived, code))
+            self._news.lost(self._arrived, code)
         self._drop_waiting()
-        self._begin_halt(self._serving, code, 0.0)
+        self._begin_halt(self.serving, code, 0.0)
 
     def _refuse(self, error: MotionError) -> None:
         """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
-        self._end(self._queue.pop().request, reason(error))
+        self._news.ended(self._queue.pop().request, reason(error))
         self._drop_waiting()
 
     def _drop_waiting(self) -> None:
         self._planned = None
-        self._events += [MotionEvent(EventKind.ENDED, it.request, Termination.STOPPED) for it in self._queue.clear()]
+        self._news.dropped(errand.request for errand in self._queue.clear())
 
     # ------------------------------------------------------------------------------------------------------- helpers
 
     @property
-    def _serving(self) -> MoveRequest | None:
+    def serving(self) -> MoveRequest | None:
+        """The request whose segment is under way; None at rest."""
         return None if self._path.segment is None else self._path.segment.request
 
     def _scal(self, segment: Segment, clock: float) -> float:
@@ -429,7 +433,8 @@ class Generator:
 
     def _points(self) -> Samples:
         """The newest setpoints, that of this sample included."""
-        return self._trail.with_now(self._tick, self._path.joints(self._clock))
+        q = true_joints(self._path.joints(self._clock), self._standing)
+        return self._truth.with_now(self._tick, q)
 
     def _ta_after(self) -> int:
         """Ta that the request behind the oldest asks for, 0 when there is none."""

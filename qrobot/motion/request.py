@@ -15,6 +15,7 @@ import numpy as np
 
 from qrobot.errors import MotionError
 from qrobot.model.branch import Branch
+from qrobot.motion.compliance import ForceLimits
 from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats, MotionLimits
 
@@ -143,6 +144,7 @@ class MoveRequest:
         mode: how to get to a goal; joint positions are gone to in joint mode always.
         branch: configuration at the goal; None keeps the present one. Only joint mode can change it.
         monitor: called at each sample while the request is served; a true result ends it with that code (A-37).
+        limits: forces and displacements that end it.
     """
 
     name: str
@@ -152,6 +154,7 @@ class MoveRequest:
     mode: Mode = Mode.JOINT
     branch: Branch | None = None
     monitor: Callable[[], object] | None = None
+    limits: ForceLimits | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.target, np.ndarray):

@@ -25,6 +25,12 @@ class Trail:
         """The setpoint of sample `tick`."""
         self._points.append((tick, np.array(q)))
 
+    def copy(self) -> Trail:
+        """Another with the same setpoints."""
+        twin = Trail(*self._points[0])
+        twin._points.extend(list(self._points)[1:])
+        return twin
+
     @property
     def newest(self) -> Floats:
         """The newest setpoint. Shape (n,)."""
@@ -38,6 +44,11 @@ class Trail:
     def state(self, period_s: float) -> Floats:
         """Position, velocity and acceleration at the newest sample. Shape (3, n)."""
         return motion_of(list(self._points), period_s)
+
+
+def true_joints(q: Floats, standing: Floats | None) -> Floats:
+    """`q` (n,), but `standing` (n,) where that is a number."""
+    return q if standing is None else np.where(np.isnan(standing), q, standing)
 
 
 def motion_of(points: Samples, period_s: float) -> Floats:

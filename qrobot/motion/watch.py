@@ -10,6 +10,7 @@ from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import PEAK, Blend
 from qrobot.motion.events import Termination
 from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.trail import Samples, motion_of
 
 # Speed and acceleration are differences of samples, which exceed what was planned a little where it changes.
 _SLACK: Final = 1.05
@@ -45,3 +46,10 @@ def judge(state: Floats, limits: MotionLimits, blend: Blend) -> Termination:
     if not ((limits.q_min <= stopped) & (stopped <= limits.q_max)).all():
         return Termination.JOINT_LIMIT
     return Termination.NONE
+
+
+def judge_next(points: Samples, period_s: float, limits: MotionLimits, blend: Blend) -> Termination:
+    """`judge` of the newest of some setpoints; a joint that could go on a whole turn away only is at its limit."""
+    if len(points) > 1 and np.abs(points[-1][1] - points[-2][1]).max() > np.pi:
+        return Termination.JOINT_LIMIT
+    return judge(motion_of(points, period_s), limits, blend)

@@ -16,11 +16,11 @@ import numpy as np
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.model.arm import Arm
-from qrobot.motion import Blend, Trsf, reach_of, warm_up, warm_up_reach
+from qrobot.motion import Blend, Exerted, Trsf, reach_of, warm_up, warm_up_reach
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
-from qrobot.rccl.parameters import Parameters, Update, milliseconds, small_move
+from qrobot.rccl.parameters import Parameters, Update, force_limits, milliseconds, small_move
 from qrobot.rccl.position import Position, there
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rci import Link, LinkFactory, hello_for
@@ -183,6 +183,55 @@ class Channel:
         """
         position.equation.solve(trsf, np.eye(4), self._task.tick)
         self._say(update=Update(trsf, position.equation))
+
+    def comply(self, dirs: str, *values: float) -> None:
+        """Give way along or about `dirs` from the next motion on, exerting `values` there, until they are locked.
+
+        The axes are those of the controlled frame of each motion; along all others the goal remains exact. One joint
+        per direction leaves its position servo for it.
+
+        Args:
+            dirs: out of fx fy fz (N) and mx my mz (N m), as in "fx fz".
+            values: what the arm exerts, one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one value for each. `move` raises it when no joints match the
+                directions at the goal, or when they are too weak for the forces.
+        """
+        self._said.comply(dirs, values)
+
+    def lock(self, dirs: str) -> None:
+        """Hold position again along or about `dirs` from the next motion on, from where they have drifted to.
+
+        Raises:
+            MotionError: the arm does not comply there.
+        """
+        self._said.lock(dirs)
+
+    def limit(self, spec: str, *values: float) -> None:
+        """End the next motion alone when the arm surely exerts more, or is pushed farther off, than `values`.
+
+        Its position then has the code FORCE_LIMIT or MOTION_LIMIT of `Termination`. "Surely" means beyond what
+        friction may falsify; see `exerted`.
+
+        Args:
+            spec: out of fx fy fz (N), mx my mz (N m) and dx dy dz (mm), rx ry rz (degrees), in the controlled frame.
+            values: one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one positive value for each.
+        """
+        self._say(limit=force_limits(spec, values))
+
+    @property
+    def exerted(self) -> Exerted:
+        """What the joints exert on the world at the newest sample, with its uncertainty; N m (N).
+
+        The commanded torque less gravity, inertia and friction. Raises LinkError before the first sample.
+        """
+        if self._task.force.exerted is None:
+            raise LinkError("nothing was heard of the robot yet")
+        return self._task.force.exerted
 
     def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:
         """Speed of the following motions; ours, not historical.

@@ -14,7 +14,21 @@ import numpy as np
 from qrobot.errors import ConfigError, MotionError
 from qrobot.model.branch import Branch, branch_of
 from qrobot.model.transform import so3_exp, transform
-from qrobot.motion import Duration, Equation, Goal, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed, Trsf
+from qrobot.motion import (
+    Compliance,
+    Drift,
+    Duration,
+    Equation,
+    ForceLimits,
+    Goal,
+    JointSpeed,
+    Mode,
+    MoveRequest,
+    Pace,
+    SpeedShare,
+    ToolSpeed,
+    Trsf,
+)
 from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
 from qrobot.rccl.position import Position
@@ -24,6 +38,7 @@ DEFAULT_PACE: Final = SpeedShare(0.3)
 _S_PER_MS: Final = 1e-3
 _MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
 _DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+_FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
@@ -57,6 +72,7 @@ class Once:
     evalfn: Callable[[], object] | None = None
     distance: Floats | None = None
     update: Update | None = None
+    limit: ForceLimits | None = None
 
 
 class Parameters:
@@ -71,6 +87,8 @@ class Parameters:
         self._pace: Pace = DEFAULT_PACE
         self._mode = Mode.JOINT
         self._branch: Branch | None = None
+        self._drift = Drift()
+        self._compliance: Compliance | None = None
 
     def setvel(self, tv: float, rv: float) -> None:
         """See `Channel.setvel`."""
@@ -95,18 +113,44 @@ class Parameters:
         except ConfigError as error:
             raise MotionError(str(error)) from error
 
+    def comply(self, dirs: str, values: tuple[float, ...]) -> None:
+        """See `Channel.comply`."""
+        asked = named_values("comply", dirs, values, _FORCES)
+        before = self._compliance
+        wrench = np.zeros(len(_FORCES)) if before is None else before.wrench.copy()
+        axes = set() if before is None else set(before.axes)
+        for axis, value in asked.items():
+            wrench[axis] = value
+        self._compliance = Compliance(wrench, tuple(sorted(axes | set(asked))), self._drift)
+
+    def lock(self, dirs: str) -> None:
+        """See `Channel.lock`."""
+        names = dirs.split()
+        locked = set(named_values("lock", dirs, (0.0,) * len(names), _FORCES))
+        before = () if self._compliance is None else self._compliance.axes
+        if self._compliance is None or not locked <= set(before):
+            complying = " ".join(_FORCES[axis] for axis in before) or "nothing"
+            raise MotionError(f"lock({dirs!r}): the arm complies along {complying}")
+        axes = tuple(axis for axis in before if axis not in locked)
+        wrench = np.where(np.isin(np.arange(len(_FORCES)), axes), self._compliance.wrench, 0.0)
+        self._compliance = Compliance(wrench, axes, self._drift) if axes else None
+
     def order(self, position: Position) -> Order:
         """The motion that a call of `move` asks for; what was said for one motion is used up."""
         once, self.once = self.once, Once()
         pace, ta = (self._pace, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
-        goal = _goal(position, once.distance)
-        request = MoveRequest(position.name, goal, pace, ta, self._mode, self._branch, once.evalfn)
+        goal = _goal(position, once.distance, self._compliance)
+        request = MoveRequest(position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit)
         return Order(request, position, once.update)
 
 
-def _goal(position: Position, distance: Floats | None) -> Floats | Goal | Here:
+def _goal(position: Position, distance: Floats | None, compliance: Compliance | None) -> Floats | Goal | Here:
     if isinstance(position.target, Equation):
-        return position.target.goal(distance)
+        return position.target.goal(distance, compliance)
+    if compliance is not None and isinstance(position.target, np.ndarray):
+        raise MotionError(
+            f"move to {position.name}: to comply it needs an equation, which names a frame; or lock first"
+        )
     if distance is not None:
         raise MotionError(f"move to {position.name}: distance modifies positions that have an equation")
     return position.target
@@ -117,17 +161,38 @@ def milliseconds(ta: float, ts: float) -> tuple[float, float]:
     return ta * _S_PER_MS, ts * _S_PER_MS
 
 
+def named_values(call: str, spec: str, values: tuple[float, ...], allowed: tuple[str, ...]) -> dict[int, float]:
+    """Values by the place of their names in `allowed`.
+
+    Raises:
+        MotionError: an unknown name, one twice, none, or not one value for each.
+    """
+    names = spec.split()
+    if not names or len(names) != len(values) or not set(names) <= set(allowed) or len(set(names)) != len(names):
+        raise MotionError(f"{call}({spec!r}, ...): name directions out of {' '.join(allowed)!r}, one value each")
+    return {allowed.index(name): value for name, value in zip(names, values, strict=True)}
+
+
+def force_limits(spec: str, values: tuple[float, ...]) -> ForceLimits:
+    """The limits of `limit`: N, N m, mm and degrees.
+
+    Raises:
+        MotionError: an unknown direction, not one value for each, or one that is not positive.
+    """
+    bounds = np.full(len(_FORCES + _DIRECTIONS), np.inf)
+    for place, value in named_values("limit", spec, values, _FORCES + _DIRECTIONS).items():
+        bounds[place] = value
+    force, shift, turn = bounds[:6], bounds[6:9] * M_PER_MM, bounds[9:] * RAD_PER_DEG
+    return ForceLimits(force, np.concatenate((shift, turn)))
+
+
 def small_move(spec: str, values: tuple[float, ...]) -> Floats:
     """The transform of `distance`: named directions of the controlled frame, mm and degrees. Shape (4, 4).
 
     Raises:
         MotionError: an unknown direction, or not one value for each.
     """
-    names = spec.split()
-    if len(names) != len(values) or not set(names) <= set(_DIRECTIONS) or len(set(names)) != len(names):
-        allowed = " ".join(_DIRECTIONS)
-        raise MotionError(f"distance({spec!r}, ...): name directions out of {allowed!r}, one value each")
     parts = np.zeros(6)
-    for name, value in zip(names, values, strict=True):
-        parts[_DIRECTIONS.index(name)] = value
+    for direction, value in named_values("distance", spec, values, _DIRECTIONS).items():
+        parts[direction] = value
     return transform(so3_exp(parts[3:] * RAD_PER_DEG), parts[:3] * M_PER_MM)

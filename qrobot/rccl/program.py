@@ -125,6 +125,21 @@ def distance(spec: str, *values: float) -> None:
     arm().distance(spec, *values)
 
 
+def comply(dirs: str, *values: float) -> None:
+    """Give way along directions, exerting forces, until they are locked; see `Channel.comply`."""
+    arm().comply(dirs, *values)
+
+
+def lock(dirs: str) -> None:
+    """Hold position again along directions; see `Channel.lock`."""
+    arm().lock(dirs)
+
+
+def limit(spec: str, *values: float) -> None:
+    """Forces and displacements that end the next motion; see `Channel.limit`."""
+    arm().limit(spec, *values)
+
+
 def update(trsf: Trsf, position: Position) -> None:
     """Measure a transform when the next motion ends; see `Channel.update`."""
     arm().update(trsf, position)

@@ -23,10 +23,13 @@ from qrobot.model.arm import Arm
 from qrobot.motion import (
     Blend,
     EventKind,
+    ForceControl,
     Generator,
+    Goal,
     MotionEvent,
     MoveRequest,
     Output,
+    Seen,
     Termination,
     motion_limits,
     reach_of,
@@ -69,6 +72,7 @@ class TrajectoryTask:
         completed: true while the arm has nothing to do.
         period_s: sample period.
         tick: samples so far.
+        force: what the arm exerts, and the joints that give way.
     """
 
     def __init__(self, robot: Robot, period_s: float, clear_fault: bool = False, blend: Blend = Blend.QUARTIC) -> None:
@@ -83,6 +87,7 @@ class TrajectoryTask:
         self._arm = Arm(robot)
         self._reach = reach_of(self._arm)
         self._blend = blend
+        self.force = ForceControl(robot, period_s, self._reach)
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
@@ -106,7 +111,12 @@ class TrajectoryTask:
         return self._generator is not None and self._generator.busy
 
     def push(self, order: Order) -> None:
-        """Queue a motion whose course is told to its position. Raises what `Generator.push` raises."""
+        """Queue a motion whose course is told to its position.
+
+        Raises what `Generator.push` raises, and for a motion that complies what `ForceControl.check` does.
+        """
+        if isinstance(order.request.target, Goal) and self.how is not None:
+            self.force.check(order.request.target, np.array(self.how.q), self.tick)
         self.generator.push(order.request)
         self._orders[order.request] = order
         self.completed.count = 0
@@ -175,8 +185,13 @@ class TrajectoryTask:
             self.phase = Phase.LEFT
 
     def _generate(self) -> None:
-        output = self.generator.update(self.tick)
-        self.chg.go_to(tuple(output.q.tolist()))
+        if self.how is None:
+            return
+        seen = Seen(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
+        self.force.look(seen, self.generator, self.tick)
+        output = self.generator.update(self.tick, self.force.standing)
+        drive = self.force.drive(output.q, seen, self.generator, self.tick)
+        self.chg.drive(drive.setpoints, drive.torque)
         if output.events:
             for event in output.events:
                 self._tell(event)

@@ -39,6 +39,11 @@ class Chg:
         """All joints follow the position `q` (n numbers, rad or m)."""
         self.modes, self.setpoints = (JointMode.POSITION,) * self.n, q
 
+    def drive(self, setpoints: Vector, torque: tuple[bool, ...]) -> None:
+        """Joints exert a torque (N m or N) where `torque` is true, and go to a position on the others."""
+        self.modes = tuple(JointMode.TORQUE if exerts else JointMode.POSITION for exerts in torque)
+        self.setpoints = setpoints
+
     def command(self, state: State, t_ns: int) -> Command:
         """The command that answers `state`."""
         command = Command(

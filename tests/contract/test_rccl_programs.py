@@ -438,8 +438,8 @@ def test_without_control_every_call_says_so() -> None:
         rccl.move(rccl.Position("p", np.array(PARK)))
     with pytest.raises(LinkError, match="call control"):
         _ = rccl.nbrequest
-    with pytest.raises(AttributeError, match="no attribute 'comply'"):
-        _ = rccl.comply
+    with pytest.raises(AttributeError, match="no attribute 'hypnotise'"):
+        _ = rccl.hypnotise
 
 
 def test_lockstep_runs_are_the_same_every_time() -> None:

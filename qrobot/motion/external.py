@@ -1,0 +1,137 @@
+"""What the joints exert on the world: the commanded torque less gravity, inertia and friction (B-06).
+
+    exerted = tau - ID(q, v, a) - F(v)
+
+with v and a of the servo's reference, because the friction the servo makes up for is that of the reference too. What is
+left is what the feedback had to add, whoever resists.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.model.dynamics import (
+    dynamics_params,
+    dynamics_work,
+    friction_params,
+    friction_torque,
+    gravity_torque,
+    inverse_dynamics,
+)
+from qrobot.model.transmission import motor_to_torque, transmission_params
+from qrobot.motion.limits import Floats
+from qrobot.motion.trail import DEPTH, motion_of
+
+# Share of its friction by which a moving joint may be wrong [A]: sources differ by more, one arm over a day by less.
+MOVING_SHARE: Final = 0.2
+_AVERAGED: Final = 3  # samples
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The robot at one sample. Shapes (n,), joint units.
+
+    Attributes:
+        q, v: measured position and velocity.
+        tau: commanded torque.
+        reference: where the servo wants the joints.
+    """
+
+    q: Floats
+    v: Floats
+    tau: Floats
+    reference: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Exerted:
+    """Torques that the joints exert on the world. Shapes (n,), N m (N).
+
+    Attributes:
+        torque: the estimate.
+        uncertainty: by how much friction may falsify it: all of it on a joint that stands, a share on one that moves.
+    """
+
+    torque: Floats
+    uncertainty: Floats
+
+
+class Friction:
+    """Friction of the drives as the joints feel it.
+
+    Args:
+        robot: the arm, with the friction preset its servo works with.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._params = friction_params(robot)
+        self._transmission = transmission_params(robot)
+        self._stiction = robot.friction[robot.control.friction_preset].stiction_factor
+
+    def torque(self, v: Floats) -> Floats:
+        """Torque lost at joint velocities `v`. Shapes (n,)."""
+        motor = np.empty(v.size)
+        friction_torque(self._rates(v), self._params, motor)
+        return self._joints(motor)
+
+    def uncertainty(self, v: Floats) -> Floats:
+        """By how much `torque(v)` may be wrong. Shapes (n,)."""
+        rates = self._rates(v)
+        motor = np.empty(v.size)
+        friction_torque(rates, self._params, motor)
+        stands = np.abs(rates) < self._params.velocity
+        largest = np.maximum(self._params.coulomb_pos, self._params.coulomb_neg)
+        return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
+
+    def breakaway(self, v: Floats, wanted: Floats) -> Floats:
+        """Coulomb friction in the direction of `wanted`, as far as `torque(v)` has not come up to it. Shapes (n,)."""
+        share = np.clip(np.abs(self._rates(v)) / self._params.velocity, 0.0, 1.0)
+        coulomb = np.where(wanted > 0.0, self._params.coulomb_pos, self._params.coulomb_neg)
+        return self._joints(np.sign(wanted) * coulomb * (1.0 - share))
+
+    def _rates(self, v: Floats) -> Floats:
+        rates: Floats = self._transmission.motor_per_joint @ v
+        return rates
+
+    def _joints(self, motor: Floats) -> Floats:
+        joints = np.empty(motor.size)
+        motor_to_torque(np.ascontiguousarray(motor), self._transmission, joints)
+        return joints
+
+
+class ExternalTorque:
+    """Estimates, sample by sample, what one arm exerts.
+
+    Args:
+        robot: the arm.
+        period_s: sample period.
+    """
+
+    def __init__(self, robot: Robot, period_s: float) -> None:
+        self._dynamics = dynamics_params(robot)
+        self._work = dynamics_work(robot.n)
+        self.friction = Friction(robot)
+        self._period_s = period_s
+        self._references: deque[tuple[int, Floats]] = deque(maxlen=DEPTH)
+        self._recent: deque[Floats] = deque(maxlen=_AVERAGED)
+
+    def gravity(self, q: Floats) -> Floats:
+        """Torques that carry the arm at `q`. Shapes (n,)."""
+        tau = np.empty(q.size)
+        gravity_torque(q, self._dynamics, self._work, tau)
+        return tau
+
+    def look(self, seen: Seen, tick: int) -> Exerted:
+        """The estimate at sample `tick`, over the newest three samples."""
+        if not self._references or self._references[-1][0] < tick:
+            self._references.append((tick, seen.reference))
+        _, v, a = motion_of(list(self._references), self._period_s)
+        model = np.empty(v.size)
+        inverse_dynamics(seen.q, v, a, self._dynamics, self._work, model)
+        self._recent.append(seen.tau - model - self.friction.torque(v))
+        return Exerted(np.mean(self._recent, axis=0), self.friction.uncertainty(v))

@@ -1,0 +1,247 @@
+"""Force control of one arm: joints that give way, the torques they get, and the forces that end a motion.
+
+At each sample, with C the controlled frame, J its Jacobian in its own axes and S the joints matched with its compliant
+axes (Hayward & Paul 1986, section 2.4):
+
+    torque_S = (J' f)_S + G_S + friction_S - D (v - v_planned)_S        f: the wrench the program wants exerted
+
+G is left to the servo where it carries the arm anyhow, and so is friction while a joint moves; what is added here is
+the friction of a joint that stands and is to move. The damping D keeps a joint that meets nothing from running away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.errors import MotionError, Singular
+from qrobot.model.arm import Arm
+from qrobot.model.differential import twist_to_child
+from qrobot.model.transform import inverse, transform
+from qrobot.motion.compliance import Compliance
+from qrobot.motion.equation import Goal
+from qrobot.motion.events import Termination
+from qrobot.motion.external import Exerted, ExternalTorque, Seen
+from qrobot.motion.generator import Generator
+from qrobot.motion.limits import Floats
+from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, match
+from qrobot.motion.reach import Reach
+
+LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
+FADE_S: Final = 0.2  # in which a joint's torque goes over from what its servo gave to what it shall be [A]
+SETTLE_S: Final = 0.6  # in which it goes to where that torque leaves it [A]
+USABLE: Final = 0.9  # share of a torque limit [A]
+_DAMPING: Final = 0.15  # of M0 per sample, so that a joint slows down over several of them and cannot oscillate [A]
+_SHARE: Final = 0.3  # of the drift found that one sample takes over: the other joints have to follow it smoothly [A]
+_STANDS: Final = 1e-3  # rad/s or m/s below which nothing is planned to move
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The controlled frame at one sample.
+
+    Attributes:
+        frame: in the base. Shape (4, 4).
+        jacobian: of the controlled frame in its own axes. Shape (6, n).
+    """
+
+    frame: Floats
+    jacobian: Floats
+
+    def wrench(self, tau: Floats) -> Floats:
+        """The wrench in the controlled frame that joint torques `tau` (n,) exert. Shape (6,), N and N m."""
+        wrench: Floats = np.linalg.pinv(self.jacobian).T @ tau
+        return wrench
+
+    def wrench_bound(self, tau: Floats) -> Floats:
+        """What independent torque errors of about `tau` (n,) amount to along each axis. Shape (6,)."""
+        bound: Floats = np.sqrt(np.square(np.linalg.pinv(self.jacobian)).T @ np.square(tau))
+        return bound
+
+
+def contact(arm: Arm, q: Floats, tool: Floats) -> Contact:
+    """The controlled frame at joint positions `q` (n,); `tool` (4, 4) is T6 in it."""
+    t6 = arm.forward(q)
+    frame = t6 @ inverse(tool)
+    seen = transform(frame[:3, :3], frame[:3, 3] - t6[:3, 3])
+    columns = [twist_to_child(seen, column) for column in arm.jacobian(q).T]
+    return Contact(frame, np.array(columns).T)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What goes to the servo.
+
+    Attributes:
+        setpoints: position, or torque on the joints that give way. Shape (n,), joint units.
+        torque: which joints those are. Shape (n,).
+    """
+
+    setpoints: tuple[float, ...]
+    torque: tuple[bool, ...]
+
+
+class ForceControl:
+    """Force control of one arm beside its trajectory generator: `look` before each sample of it, `drive` after.
+
+    Args:
+        robot: the arm.
+        period_s: sample period.
+        reach: its inverse kinematics, None when they are not known.
+
+    Attributes:
+        exerted: torques on the world, as estimated at the newest sample; None before the first.
+        standing: for `Generator.update`: where the joints that give way are, NaN on the others. Shape (n,), or None.
+        joints: those that give way.
+    """
+
+    def __init__(self, robot: Robot, period_s: float, reach: Reach | None) -> None:
+        self._arm, self._reach = Arm(robot), reach
+        self._period_s = period_s
+        self._external = ExternalTorque(robot, period_s)
+        self._uncarried = ~robot.control.gravity_joints
+        self._damping = _DAMPING / period_s * robot.control.inertia
+        self._tau_max = USABLE * robot.guard.tau_max
+        self.exerted: Exerted | None = None
+        self.standing: Floats | None = None
+        self.joints: Joints = ()
+        self._compliance: Compliance | None = None
+        self._contact: Contact | None = None
+        self._asked: Floats | None = None  # setpoints of the sample before
+        self._stood: Floats | None = None  # where the arm was then, foreseen to the time of those setpoints
+        self._fading = np.zeros(robot.n)  # torque that a joint had when it began to give way
+        self._since = np.zeros(robot.n)  # samples since then
+        self._failed = Termination.NONE
+
+    # ------------------------------------------------------------------------------------------------ at any time
+
+    def check(self, goal: Goal, near: Floats, tick: int) -> None:
+        """Judge a motion that complies: joints must match and suffice where it ends, as far as that is known now.
+
+        Raises:
+            Unreachable, JointLimit, Singular: at the goal.
+            MotionError: the forces are too large for the arm there, or no inverse kinematics are known.
+        """
+        compliance = goal.compliance
+        if compliance is None:
+            return
+        if self._reach is None:
+            raise MotionError(f"{goal.name}: this arm has no inverse kinematics, so it cannot comply")
+        q = self._reach.inverse(goal.pose(tick), self._reach.branch(near), near, singular=True)
+        there = contact(self._arm, q, goal.tool(tick))
+        try:
+            joints = match(there.jacobian, compliance.axes)
+        except Singular as error:
+            raise Singular(f"{goal.name}: cannot comply along {compliance.names}: {error}") from error
+        self._check_torques(goal.name, there.jacobian.T @ compliance.wrench + self._external.gravity(q), joints)
+
+    def _check_torques(self, name: str, tau: Floats, joints: Joints) -> None:
+        for j in joints:
+            if abs(tau[j]) > self._tau_max[j]:
+                what = f"joint {j + 1} ({self._arm.robot.joint_names[j]}) would need {abs(tau[j]):.1f}"
+                raise MotionError(f"{name}: {what} N m for these forces, {self._tau_max[j]:.1f} allowed; ask for less")
+
+    # ---------------------------------------------------------------------------------------------- once per sample
+
+    def look(self, seen: Seen, generator: Generator, tick: int) -> None:
+        """Take in what the robot says, carry COMPLY along, and end the motion where a limit is passed."""
+        self.exerted = self._external.look(seen, tick)
+        if self._compliance is not None and generator.goal is not None:
+            self._carry_along(self._compliance)
+        code = self._failed or self._limit_passed(seen, generator, tick)
+        if code and generator.serving is not None:
+            generator.interrupt(code)
+        elif self._failed:
+            generator.stop()
+        self._failed = Termination.NONE
+        self._stood = seen.q + LEAD * self._period_s * seen.v
+        self.standing = None
+        if self.joints:
+            self.standing = np.full(seen.q.size, np.nan)
+            self.standing[list(self.joints)] = self._stood[list(self.joints)]
+
+    def drive(self, q: Floats, seen: Seen, generator: Generator, tick: int) -> Drive:
+        """What the servo gets when the generator wants the joints at `q` (n,)."""
+        goal = generator.goal
+        compliance = None if goal is None else goal.compliance
+        planned = np.zeros(q.size) if self._asked is None else (q - self._asked) / self._period_s
+        self._asked = q
+        if goal is None or compliance is None:
+            self._let_go()
+            return Drive(tuple(q.tolist()), (False,) * q.size)
+        self._contact = contact(self._arm, seen.q, goal.tool(tick))
+        if compliance is not self._compliance:
+            compliance.drift.keep(self._kept_axes(compliance))
+            self._compliance = compliance
+        self._take_joints(compliance, self._contact)
+        setpoints = q.copy()
+        S = list(self.joints)
+        setpoints[S] = self._torque(compliance, self._contact, seen, planned)[S]
+        return Drive(tuple(setpoints.tolist()), tuple(j in self.joints for j in range(q.size)))
+
+    # ------------------------------------------------------------------------------------------------------ inside
+
+    def _carry_along(self, compliance: Compliance) -> None:
+        """Update COMPLY from the errors of the joints that give way."""
+        if self._contact is None or self._asked is None or self._stood is None or not self.joints:
+            return
+        S = list(self.joints)
+        error = self._stood[S] - self._asked[S]
+        step = drift_step(self._contact.jacobian, compliance.axes, self.joints, error)
+        compliance.drift.values[list(compliance.axes)] += _SHARE * step
+
+    def _kept_axes(self, compliance: Compliance) -> tuple[int, ...]:
+        before = () if self._compliance is None else self._compliance.axes
+        return tuple(axis for axis in compliance.axes if axis in before)
+
+    def _let_go(self) -> None:
+        if self._compliance is not None:
+            self._compliance.drift.keep(())
+        self._compliance, self._contact, self.joints = None, None, ()
+
+    def _take_joints(self, compliance: Compliance, there: Contact) -> None:
+        """Keep the joints that give way while they serve, else match anew."""
+        J = there.jacobian
+        kept = len(self.joints) == len(compliance.axes)
+        if kept and fitness(J, compliance.axes, self.joints) >= KEPT_FITNESS:
+            return
+        try:
+            joints = match(J, compliance.axes)
+        except Singular:
+            self._failed = Termination.SINGULAR
+            return
+        for j in set(joints) - set(self.joints):
+            self._fading[j] = 0.0 if self.exerted is None else self.exerted.torque[j]
+            self._since[j] = 0
+        self.joints = joints
+
+    def _torque(self, compliance: Compliance, there: Contact, seen: Seen, planned: Floats) -> Floats:
+        """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
+        wanted = there.jacobian.T @ compliance.wrench
+        settling = self._since * self._period_s < SETTLE_S
+        change = np.where(settling, wanted - self._fading, wanted)  # a joint that pressed harder has to give way first
+        intended = np.where(np.abs(planned) > _STANDS, planned, change)
+        gravity = self._external.gravity(seen.q)
+        tau = wanted + self._external.friction.breakaway(seen.v, intended) - self._damping * (seen.v - planned)
+        tau += np.where(self._uncarried, gravity, 0.0)
+        share = np.clip(self._since * self._period_s / FADE_S, 0.0, 1.0)
+        self._since += 1
+        room = self._tau_max - np.abs(gravity)
+        return np.clip(share * tau + (1.0 - share) * self._fading, -room, room)
+
+    def _limit_passed(self, seen: Seen, generator: Generator, tick: int) -> Termination:
+        request = generator.serving
+        if request is None or request.limits is None or self.exerted is None:
+            return Termination.NONE
+        tool = request.target.tool(tick) if isinstance(request.target, Goal) else np.eye(4)
+        there = contact(self._arm, seen.q, tool)
+        sure = np.abs(there.wrench(self.exerted.torque)) - there.wrench_bound(self.exerted.uncertainty)
+        if (sure > request.limits.force).any():
+            return Termination.FORCE_LIMIT
+        off = there.jacobian @ (seen.q - seen.reference)
+        if self._compliance is not None:
+            off = off + self._compliance.drift.values
+        return Termination.MOTION_LIMIT if (np.abs(off) > request.limits.motion).any() else Termination.NONE

@@ -1,0 +1,121 @@
+"""Force control with real contact: program, bridge, servo, emulated board and MuJoCo, on virtual time."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.errors import ServoFault
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from tests.support.puma import ROBOT
+from tests.support.tables import contact_force
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SAMPLE_US = 28_000
+TABLE_MM = -440.4  # its top in the base frame
+E = gentr_trsl("E", 0, 0, 76.25)
+P = makeposition("P", t6, E, EQ, gentr_rot("TABLE", 550, 0, TABLE_MM, yunit, 180), TL, E)
+
+
+def rig_with_table() -> LockstepRig:
+    return LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, scene="table"))
+
+
+def wait(ms: float) -> None:
+    end = rccl.how.t_ns + ms * 1e6
+    rccl.waitas(lambda: rccl.how.t_ns >= end)
+
+
+def go_above(arm: rccl.Channel, mm: float) -> None:
+    arm.setmode("cartesian")
+    arm.setvel(200, 90)
+    arm.distance("dz", -mm)
+    arm.move(P)
+    arm.waitfor(arm.completed)
+
+
+def press(arm: rccl.Channel, newtons: float, above_mm: float) -> None:
+    arm.comply("fz", newtons)
+    arm.distance("dz", -above_mm)
+    arm.setime(200, 400)
+    P.end = 0
+    arm.move(P)
+    arm.waitfor(P.end)
+
+
+def test_a_table_of_unknown_height_is_found_and_pressed(capsys) -> None:
+    rig = rig_with_table()
+    forces: list[float] = []
+    with rccl.use(partial(link_factory, rig, SAMPLE_US)):
+        waitas = rccl.Channel.waitas
+
+        def measuring(channel: rccl.Channel, predicate) -> None:
+            waitas(channel, predicate)
+            forces.append(contact_force(rig.emulator))
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(rccl.Channel, "waitas", measuring)
+            left = runpy.run_path(str(EXAMPLES / "07_guarded_approach.py"), run_name="__main__")
+    said = capsys.readouterr().out
+    found = float(re.findall(r"the table is ([\d.]+) mm below", said)[0])
+    assert found == pytest.approx(-400.0 - TABLE_MM, abs=1.0)
+    assert forces == [pytest.approx(20.0, rel=0.25)]
+    assert left["p"].code == rccl.Termination.COMPLETED
+    rows = rig.rows()
+    assert not rows["fault"].any()
+    assert contact_force(rig.emulator) == 0.0
+
+
+def test_without_a_table_the_guarded_motion_ends_at_its_goal(capsys) -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT))
+    with rccl.use(partial(link_factory, rig, SAMPLE_US)):
+        runpy.run_path(str(EXAMPLES / "07_guarded_approach.py"), run_name="__main__")
+    assert "there is no table" in capsys.readouterr().out
+
+
+def test_a_compliant_arm_comes_down_on_the_table_and_rests_there_with_the_force_asked_for() -> None:
+    rig = rig_with_table()
+    with rccl.use(partial(link_factory, rig, SAMPLE_US)), rccl.control("puma560") as arm:
+        go_above(arm, 5.0)
+        press(arm, 20.0, 5.0)
+        wait(1500)
+        assert contact_force(rig.emulator) == pytest.approx(20.0, rel=0.3)
+        before = rig.emulator.q
+        arm.lock("fz")
+        arm.distance("dz", -5.0)
+        arm.setime(200, 1000)
+        arm.move(P)
+        arm.waitfor(arm.completed)
+        wait(300)
+        assert contact_force(rig.emulator) == 0.0
+        assert np.abs(rig.emulator.q - before).max() < 0.05
+    rows = rig.rows()
+    assert not rows["fault"].any()
+    steps = np.abs(np.diff(rows["q_ref"][rows["mode"] == Mode.TRACKING], axis=0))
+    assert (steps < 1.1 * ROBOT.limits.v_max * rig.period_ns * 1e-9).all()  # no joint's reference ever jumps
+
+
+def test_a_program_that_dies_while_it_presses_leaves_the_arm_holding_its_position() -> None:
+    rig = rig_with_table()
+    with rccl.use(partial(link_factory, rig, SAMPLE_US)):
+        arm = rccl.control("puma560")
+        go_above(arm, 5.0)
+        press(arm, 20.0, 5.0)
+        wait(500)
+        q = rig.emulator.q
+        rig.run_for(1.0)  # nobody says anything any more
+        with pytest.raises(ServoFault, match="STREAM_LOST"):
+            arm.release()
+    assert rig.rows()[-1]["mode"] == Mode.HOLDING
+    assert np.abs(rig.emulator.q - q).max() < 0.01
+    assert np.abs(rig.rows()["v"][-200:]).max() < 0.02

@@ -1,0 +1,160 @@
+"""comply, lock and limit as a program calls them, against a robot that answers but does not give way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.errors import MotionError, Singular, Unreachable
+from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque
+from qrobot.motion import Kind
+from qrobot.rccl import EQ, TL, Transform, gentr_rot, gentr_trsl, makeposition, t6, yunit
+from qrobot.rci import VirtualLink
+from qrobot.wire import JointMode, RobotState
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK, ROBOT, arm
+
+E = gentr_trsl("E", 0, 0, 76.25)
+P = makeposition("P", t6, E, EQ, gentr_rot("TABLE", 550, 0, -400, yunit, 180), TL, E)
+
+
+class CarryingRobot(FakeRobot):
+    """It commands the torques that carry it, and may be away from where its servo wants it."""
+
+    away = np.zeros(ROBOT.n)
+
+    def _state(self) -> RobotState:
+        state, tau = super()._state(), np.empty(ROBOT.n)
+        gravity_torque(np.array(state.q), dynamics_params(ROBOT), dynamics_work(ROBOT.n), tau)
+        return replace(state, tau=tuple(tau), q_setpoint=tuple(state.q + self.away))
+
+
+@pytest.fixture
+def robot() -> Iterator[CarryingRobot]:
+    fake = CarryingRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)), rccl.control("puma560"):
+        rccl.move(P)
+        rccl.waitfor(rccl.completed)
+        yield fake
+
+
+def wait(ms: float) -> None:
+    end = rccl.how.t_ns + ms * 1e6
+    rccl.waitas(lambda: rccl.how.t_ns >= end)
+
+
+def comply(dirs: str, *values: float) -> None:
+    rccl.comply(dirs, *values)
+    rccl.move(P)
+    wait(800)
+
+
+def test_one_joint_leaves_its_position_servo_for_a_compliant_direction_until_it_is_locked(robot) -> None:
+    comply("fz", 0.0)
+    assert robot.commands[-1].modes == (1, int(JointMode.TORQUE), 1, 1, 1, 1)
+    rccl.lock("fz")
+    rccl.move(P)
+    wait(200)
+    assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
+
+
+def test_the_torque_is_that_of_the_force_and_of_the_friction_to_break_away(robot) -> None:
+    """tau = J' f: 20 N down, 0.55 m out and beside the shoulder by d2 + d3, and Coulomb friction."""
+    comply("fz", 20.0)
+    level = 20.0 * np.sqrt(0.55**2 - 0.1501**2)
+    friction = 13.58
+    assert robot.commands[-1].setpoints[1] == pytest.approx(level + friction, abs=0.3)
+
+
+def test_no_torque_jumps_when_a_joint_begins_to_give_way(robot) -> None:
+    begin = len(robot.commands)
+    comply("fz", 20.0)
+    torques = [command.setpoints[1] for command in robot.commands[begin:] if command.modes[1] == JointMode.TORQUE]
+    steps = np.abs(np.diff([0.0, *torques]))
+    assert steps.max() < 0.3 * max(torques)
+    assert torques[0] == pytest.approx(0.0, abs=2.0)
+
+
+def test_a_second_direction_takes_a_second_joint_and_lock_gives_only_its_own_back(robot) -> None:
+    comply("fz", 5.0)
+    comply("fx", 0.0)
+    assert sum(mode == JointMode.TORQUE for mode in robot.commands[-1].modes) == 2
+    rccl.lock("fx")
+    rccl.move(P)
+    wait(800)
+    assert sum(mode == JointMode.TORQUE for mode in robot.commands[-1].modes) == 1
+
+
+@pytest.mark.parametrize(
+    ("dirs", "values"), [("dz", (0.0,)), ("fz fz", (0.0, 0.0)), ("fx fz", (0.0,)), ("", ()), ("fz", (np.nan,))]
+)
+def test_a_malformed_compliance_is_refused(robot, dirs, values) -> None:
+    with pytest.raises(MotionError):
+        rccl.comply(dirs, *values)
+
+
+def test_what_does_not_comply_cannot_be_locked(robot) -> None:
+    with pytest.raises(MotionError, match="complies along nothing"):
+        rccl.lock("fz")
+    rccl.comply("fx", 0.0)
+    with pytest.raises(MotionError, match="complies along fx"):
+        rccl.lock("fz")
+
+
+def test_a_force_beyond_the_joints_is_refused_with_the_joint(robot) -> None:
+    rccl.comply("fz", 400.0)
+    with pytest.raises(MotionError, match=r"joint 2 \(shoulder\) would need .* allowed; ask for less"):
+        rccl.move(P)
+
+
+def test_to_comply_a_position_needs_an_equation(robot) -> None:
+    rccl.comply("fz", 0.0)
+    with pytest.raises(MotionError, match="needs an equation"):
+        rccl.move(rccl.pose("park"))
+
+
+def test_a_singular_or_unreachable_goal_is_refused(robot) -> None:
+    straight = PARK * [1, 1, 1, 1, 0, 1]  # joint 5 at zero: 4 and 6 in line
+    pose = arm().forward(straight)
+    here = Transform("HERE", Kind.CONST, pose)
+    rccl.comply("fz", 0.0)
+    with pytest.raises(Singular):
+        rccl.move(makeposition("STRAIGHT", t6, EQ, here, TL, t6))
+    with pytest.raises(Unreachable):
+        rccl.move(makeposition("FAR", t6, E, EQ, gentr_trsl("F", 5000, 0, 0), TL, E))
+
+
+def test_an_absolute_stop_ends_the_compliance(robot) -> None:
+    comply("fz", 0.0)
+    rccl.stop()
+    wait(400)
+    assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
+
+
+@pytest.mark.parametrize(("spec", "values"), [("fz", (0.0,)), ("fz", (-3.0,)), ("gz", (1.0,)), ("fz dz", (1.0,))])
+def test_a_malformed_limit_is_refused(robot, spec, values) -> None:
+    with pytest.raises(MotionError):
+        rccl.limit(spec, *values)
+
+
+def test_a_limit_of_displacement_ends_a_motion_the_robot_does_not_follow(robot) -> None:
+    """The robot stays behind its reference by 0.02 rad: 11 mm at the tool."""
+    robot.away = np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    P.end = 0
+    rccl.limit("dz", 5.0)
+    rccl.distance("dz", -50.0)
+    rccl.move(P)
+    rccl.waitfor(P.end)
+    assert P.code == rccl.Termination.MOTION_LIMIT
+
+
+def test_a_limit_holds_for_one_motion_alone(robot) -> None:
+    rccl.limit("fz", 1000.0)
+    rccl.move(P)
+    rccl.waitfor(rccl.completed)
+    assert P.code == rccl.Termination.COMPLETED
+    assert rccl.program.arm()._said.once.limit is None
