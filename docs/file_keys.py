@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from types import UnionType
-from typing import Any, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -122,6 +122,16 @@ def _plain(annotation: Any) -> str:
         return " or ".join(f'`"{each}"`' for each in arguments)
     if origin in (Union, UnionType):
         return _plain(next(each for each in arguments if each is not type(None)))
-    if origin is tuple:
+    if origin is Annotated:
+        return _plain(arguments[0])
+    return _several(arguments) if origin in (tuple, dict) else WORDS[annotation]
+
+
+def _several(arguments: tuple[Any, ...]) -> str:
+    """Values of a list, or by name."""
+    if Ellipsis in arguments:
         return f"list of {_plain(arguments[0])}"
-    return WORDS[annotation]
+    names, value = arguments[0], arguments[-1]
+    if get_origin(names) is Literal:
+        return f"table of {_plain(value)}, by {_plain(names)}"
+    return f"{len(arguments)} {_plain(value)}s"

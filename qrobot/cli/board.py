@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note
+from qrobot.config.scene import SceneKind
 
 
 def board(
@@ -19,6 +20,7 @@ def board(
     calibrated: Annotated[bool | None, Parameter(negative="--uncalibrated")] = None,
     fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     faults: Path | None = None,
+    scene: SceneKind | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, until Ctrl-C.
 
@@ -39,25 +41,16 @@ def board(
         `qrobot inject --list` tells what can break; `qrobot inject` breaks it in a board that runs.
     faults
         TOML file with the keys `faults`, a list of such lines, and `seed`, of what is random in them.
+    scene
+        Overrides the file: what stands around the arm. Its other settings are the file's.
     """
-    from qrobot.sim_board.board import BoardOptions
-    from qrobot.sim_board.emulator import Emulator
+    from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
-    from qrobot.sim_board.mismatch import PlantMismatch
     from qrobot.sim_board.server import serve
 
     chosen = choose_arm(deployment, arm)
-    robot, choice = robot_of_arm(chosen), chosen.board
+    robot = robot_of_arm(chosen)
     plan = FaultPlan.load(faults) if faults else FaultPlan()
-    wrong = (plant or choice.plant) == "mismatched"
-    emulator = Emulator(
-        robot,
-        mismatch=PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n),
-        start=choice.start_pose,
-        calibrated=choice.calibrated if calibrated is None else calibrated,
-        options=BoardOptions(revision_f=(choice.revision or robot.board.revision) == "F"),
-        seed=choice.seed,
-        faults=FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed),
-        pots=choice.pots,
-    )
+    plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)
+    emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
     serve(chosen.name, emulator, lambda: note(f"board of {chosen.name} ({robot.name}) runs"))

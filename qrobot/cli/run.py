@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
 
 US_PER_MS = 1000
@@ -24,6 +25,7 @@ def run(
     arm: str | None = None,
     lockstep: bool = False,
     plant: Literal["nominal", "mismatched"] | None = None,
+    scene: SceneKind | None = None,
 ) -> None:
     """Run a Python program that moves an arm through `qrobot.rccl`.
 
@@ -47,6 +49,8 @@ def run(
         On virtual time, without processes.
     plant
         With --lockstep: overrides the deployment file.
+    scene
+        With --lockstep: overrides the deployment file: what stands around the arm.
     """
     if not program.is_file():
         raise ConfigError(f"no program {program}")
@@ -60,13 +64,10 @@ def run(
 
     from qrobot import rccl
     from qrobot.rig.lockstep import LockstepRig, link_factory
-    from qrobot.sim_board.emulator import Emulator
-    from qrobot.sim_board.mismatch import PlantMismatch
+    from qrobot.sim_board.deployed import emulator_of_arm
 
     robot = robot_of_arm(chosen)
-    wrong = (plant or chosen.board.plant) == "mismatched"
-    mismatch = PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n)
-    emulator = Emulator(robot, mismatch=mismatch, start=chosen.board.start_pose, calibrated=chosen.board.calibrated)
+    emulator = emulator_of_arm(chosen, robot, plant=plant, scene=scene)
     rig = LockstepRig(robot, servo_settings(chosen), emulator, keep_telemetry=False)
     with rccl.use(partial(link_factory, rig, round(chosen.bridge.period_ms * US_PER_MS))):
         runpy.run_path(str(program), run_name="__main__")

@@ -12,6 +12,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.scene import ForceSensor, Scene
 
 FIRST_PORT = 1024
 Velocity = Literal["difference", "observer"]
@@ -36,6 +37,8 @@ class BoardChoice(Table):
     seed: int = Field(default=0, ge=0)
     pots: bool = True
     calibration_table: str | None = None
+    scene: Scene = Scene()
+    force_sensor: ForceSensor | None = None
 
 
 class OverrunChoice(Table):

@@ -65,7 +65,7 @@ def run_blocks(
 ) -> int:
     """`run_ticks` for a call from Python, where records come as blocks."""
     bundle = EmulatorBundle(
-        emulator.board[0], emulator.drive[0], emulator.plant,
+        emulator.board[0], emulator.drive[0], emulator.plant, emulator.wrist,
         emulator.counts_per_unit, emulator.q_offset, emulator.shaft, emulator.period_ns,
     )  # fmt: skip
     return run_ticks(params[0], state[0], mail, board, bundle, now_ns, n_ticks, substeps)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
+from qrobot.config.scene import ForceSensor, Scene
 from qrobot.errors import ConfigError
 from qrobot.hwif.memory import (
     BOARD_JOINTS,
@@ -22,7 +23,7 @@ from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import record_of
 from qrobot.realtime.segment import Words
-from qrobot.sim_board.analog import make_analog
+from qrobot.sim_board.analog import Analog, make_analog
 from qrobot.sim_board.board import (
     REG_BRAKED,
     REG_DISCRETE,
@@ -39,10 +40,11 @@ from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
 from qrobot.sim_board.faults import FaultPlan
 from qrobot.sim_board.injection import FaultPanel, apply_faults
 from qrobot.sim_board.mismatch import PlantMismatch
-from qrobot.sim_board.mujoco_plant import Scene, load_plant
+from qrobot.sim_board.mujoco_plant import EMPTY, PlantMemory, load_plant
 from qrobot.sim_board.plant import Physics, Plant, PlantOwner, step_plant
 from qrobot.sim_board.rigid_plant import RigidPlant
 from qrobot.sim_board.upset import ENC_TURNED, PUSH
+from qrobot.sim_board.wrist import Wrist, make_wrist, no_wrist, sense_wrist
 
 PLANT_HZ: Final = 4000
 NS_PER_S: Final = 1_000_000_000
@@ -57,6 +59,7 @@ class EmulatorBundle(NamedTuple):
     board: Board
     drive: Drive
     plant: Plant
+    wrist: Wrist
     counts_per_unit: Floats  # [n] counts per rad (or m) of motor-side position, signed
     q_offset: Floats  # [n] joint position at encoder zero
     shaft: Floats  # [6] encoder shafts, counts from encoder zero
@@ -94,6 +97,7 @@ def advance(bundle: EmulatorBundle, memory: Words, now_ns: int, sample_ns: int) 
     for i in range(plant.torque.size):
         plant.torque[i] += memory[PANEL_PUSH + i] / PANEL_MICRO + board.upset.knob[PUSH, i]
     step_plant(plant)
+    sense_wrist(bundle.wrist, board.analog.external)
     turn_shafts(bundle)
     publish_sample(board, memory, bundle.shaft, sample_ns)
     memory[BOARD_NOW_NS] = sample_ns
@@ -128,14 +132,15 @@ class Emulator:
         options: the board's; default those of the robot file's revision.
         seed: of potentiometer waviness and noise.
         faults: what breaks, from the time a controller is connected on.
-        scene: what stands around the arm.
+        scene: what stands around the arm, and the tool that touches it.
+        force_sensor: at the flange, on channels of the converter; with one, the flange carries the scene's tool.
         physics: "mujoco", or "rigid": several times faster, without contact and so without a scene.
         payload_kg: point mass at the flange, of which the controller does not know.
         pots: the joints have potentiometers; without, their ADC channels are free inputs too.
 
     Raises:
         ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose;
-            a scene was asked of a plant without contact.
+            a scene or a force sensor was asked of a plant without contact; the sensor is on a potentiometer's channel.
     """
 
     def __init__(
@@ -149,7 +154,8 @@ class Emulator:
         plant_hz: int = PLANT_HZ,
         options: BoardOptions | None = None,
         seed: int = 0,
-        scene: Scene = "empty",
+        scene: Scene = EMPTY,
+        force_sensor: ForceSensor | None = None,
         physics: Physics = "mujoco",
         payload_kg: float = 0.0,
         pots: bool = True,
@@ -163,12 +169,16 @@ class Emulator:
         self._panel: FaultPanel | None = None
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
-        self.memory = _make_plant(physics, robot, dt, self.mismatch.gravity, scene, payload_kg)
+        self.memory = _make_plant(
+            physics, robot, dt, self.mismatch.gravity, scene, payload_kg, force_sensor is not None
+        )
         transmission, default = robot.transmission, BoardOptions(revision_f=robot.board.revision == "F")
+        board = record_of(_make_board(robot, options or default, seed, pots, self._plan.seed))
         self.bundle = EmulatorBundle(
-            board=record_of(_make_board(robot, options or default, seed, pots, self._plan.seed)),
+            board=board,
             drive=record_of(make_drive(robot, self.mismatch, friction or robot.control.friction_preset, dt)),
             plant=self.memory.plant,
+            wrist=_make_wrist(force_sensor, self.memory, board.analog, dt, seed),
             counts_per_unit=1.0 / transmission.rad_per_count,
             q_offset=np.array(transmission.q_offset),
             shaft=np.zeros(N_ENCODERS),
@@ -244,13 +254,20 @@ class Emulator:
 
 
 def _make_plant(
-    physics: Physics, robot: Robot, dt: float, gravity_factor: float, scene: Scene, payload_kg: float
+    physics: Physics, robot: Robot, dt: float, gravity_factor: float, scene: Scene, payload_kg: float, sensed: bool
 ) -> PlantOwner:
     if physics == "mujoco":
-        return load_plant(robot, dt, gravity_factor, scene, payload_kg)
-    if scene != "empty":
-        raise ConfigError(f"rigid physics knows no contact, hence no scene {scene!r}: use MuJoCo's")
+        return load_plant(robot, dt, gravity_factor, scene, payload_kg, sensed)
+    if scene.kind != "empty" or sensed:
+        wanted = f"scene {scene.kind!r}" if scene.kind != "empty" else "force sensor"
+        raise ConfigError(f"rigid physics knows no contact, hence no {wanted}: use MuJoCo's")
     return RigidPlant(robot, dt, gravity_factor, payload_kg)
+
+
+def _make_wrist(sensor: ForceSensor | None, plant: PlantOwner, analog: Analog, dt: float, seed: int) -> Wrist:
+    if sensor is None or not isinstance(plant, PlantMemory):
+        return no_wrist()
+    return make_wrist(sensor, plant.wrist, analog, dt, seed)
 
 
 def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, fault_seed: int) -> Board:

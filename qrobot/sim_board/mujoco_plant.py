@@ -1,23 +1,28 @@
-"""The arm as a rigid-body plant in MuJoCo, stepped from compiled code. The only importer of `mujoco`, lazily.
+"""The arm as a rigid-body plant in MuJoCo, stepped from compiled code.
+
+With `mujoco_scene` the only importer of `mujoco`, lazily.
 
 The model is built from the robot file for any serial arm in modified DH: body i sits at
 (a, -sin(alpha) d, cos(alpha) d), turned by alpha about x and theta about z, and its joint is the z axis; the joint
 variable is the robot file's (VAL for the PUMA), so qpos is q. A motor that turns one joint is that joint's armature;
 one that turns several is a fixed tendon with armature, which gives M + C^T diag(G^2 Jm) C. Friction, brakes and motors
 are not MuJoCo's: `drive` computes them and applies joint torques. With constraints and all else that is not needed
-switched off a step of the PUMA takes half the time it takes with frictionloss.
+switched off a step of the PUMA takes half the time it takes with frictionloss. A scene brings contacts with it
+(`mujoco_scene`), and the joints of what can move follow those of the arm.
 
 An `mju_error` under a call from compiled code ends the process, so a model is stepped once from Python before use.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
+from qrobot.config.scene import Scene
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.mujoco_library import (
@@ -31,35 +36,49 @@ from qrobot.sim_board.mujoco_library import (
     mj_solve_mass,
     mj_step,
 )
+from qrobot.sim_board.mujoco_scene import (
+    CRANK,
+    FURNITURE,
+    TOOL,
+    add_furniture,
+    add_tool,
+    add_wrist_sensor,
+    set_contact_options,
+)
 from qrobot.sim_board.plant import Floats, Plant, plant_step
 
 if TYPE_CHECKING:
     import mujoco
 
-Scene = Literal["empty", "floor", "table"]
-
-# Half sizes and centre of the table top in the base frame, m [A]: in front of the arm, below its shoulder.
-_TABLE_SIZE: Final = (0.3, 0.5, 0.02)
-_TABLE_CENTRE: Final = (0.6, 0.0, 0.2)
-_TIP_RADIUS: Final = 0.02  # m, ball at the flange that touches things [A]
+EMPTY: Final = Scene()
 
 
 class PlantMemory:
     """Owner of the MuJoCo objects behind a plant."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.model = model
         self.data = data
+        self._n, self._base_height = robot.n, robot.geometry.base_height_m
         self._numbers = np.concatenate([[model.opt.timestep], np.zeros(2 * model.nv)])  # force and acceleration
 
     @property
     def plant(self) -> Plant:
         """Addresses and views for compiled code; valid while this object lives."""
-        model, data, numbers = self.model, self.data, self._numbers
+        model, data, numbers, n = self.model, self.data, self._numbers, self._n
         force, acceleration = numbers[1:].ctypes.data, numbers[1 + model.nv :].ctypes.data
         handles = np.array([model._address, data._address, force, acceleration])
         step = plant_step(_free_step if self._is_free else _step)
-        return Plant(step, handles, numbers, data.qpos, data.qvel, data.qfrc_applied)
+        return Plant(step, handles, numbers, data.qpos[:n], data.qvel[:n], data.qfrc_applied[:n])
+
+    @property
+    def wrist(self) -> Floats:
+        """Force and torque of the tool on the flange in the last step, in its frame, N and N m. A view, shape (6,).
+
+        Empty without a sensor.
+        """
+        sensed: Floats = self.data.sensordata
+        return sensed
 
     @property
     def _is_free(self) -> bool:
@@ -79,22 +98,48 @@ class PlantMemory:
         import mujoco
 
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = q
+        self.data.qpos[: self._n] = q
         mujoco.mj_forward(self.model, self.data)
+
+    def contact_force(self) -> Floats:
+        """Force of all that touches the tool on it, in the base frame, N, in the last step. Shape (3,)."""
+        import mujoco
+
+        total, wrench, tool = np.zeros(3), np.zeros(6), self.model.geom(TOOL).id
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            mujoco.mj_contactForce(self.model, self.data, i, wrench)
+            force = contact.frame.reshape(3, 3).T @ wrench[:3]  # of the first on the second
+            total += force if contact.geom[1] == tool else -force
+        return total
+
+    def move_scene(self, position: Sequence[float] | Floats) -> None:
+        """Put what stands around elsewhere, as `Scene.position_m`, also while the plant runs. Shape (3,), m."""
+        self.data.mocap_pos[self.model.body(FURNITURE).mocapid] = np.add(position, [0.0, 0.0, self._base_height])
+
+    @property
+    def crank_angle(self) -> float:
+        """How far the crank has been turned, rad, counted on beyond a full turn."""
+        return float(self.data.joint(CRANK).qpos[0])
 
 
 def load_plant(
-    robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty", payload_kg: float = 0.0
+    robot: Robot,
+    dt: float,
+    gravity_factor: float = 1.0,
+    scene: Scene = EMPTY,
+    payload_kg: float = 0.0,
+    sensed: bool = False,
 ) -> PlantMemory:
     """Build the plant of `robot` and try it. Raises ConfigError when MuJoCo refuses the robot's masses or inertias."""
     import mujoco
 
-    spec = robot_spec(robot, dt, gravity_factor, scene, payload_kg)
+    spec = robot_spec(robot, dt, gravity_factor, scene, payload_kg, sensed)
     try:
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f"{robot.name} cannot be simulated: {error}") from error
-    memory = PlantMemory(model, mujoco.MjData(model))
+    memory = PlantMemory(robot, model, mujoco.MjData(model))
     memory.place(robot.poses["zero"] if "zero" in robot.poses else np.zeros(robot.n))
     mujoco.mj_step(model, memory.data)
     if memory.warnings:
@@ -104,34 +149,51 @@ def load_plant(
 
 
 def robot_spec(
-    robot: Robot, dt: float, gravity_factor: float = 1.0, scene: Scene = "empty", payload_kg: float = 0.0
+    robot: Robot,
+    dt: float,
+    gravity_factor: float = 1.0,
+    scene: Scene = EMPTY,
+    payload_kg: float = 0.0,
+    sensed: bool = False,
 ) -> mujoco.MjSpec:
-    """The MuJoCo model of a robot with a point mass at its flange; `.to_xml()` gives MJCF."""
+    """The MuJoCo model of a robot with a point mass at its flange; `.to_xml()` gives MJCF.
+
+    The flange carries the scene's tool when there is something to touch, or a force sensor.
+    """
     import mujoco
 
-    spec = mujoco.MjSpec()
+    spec, geometry = mujoco.MjSpec(), robot.geometry
     spec.modelname = robot.name
     spec.compiler.degree = False
-    _set_options(spec, dt, robot.geometry.gravity_m_s2 * gravity_factor, scene)
-    body = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, robot.geometry.base_height_m])
+    _set_options(spec, dt, geometry.gravity_m_s2 * gravity_factor, scene, sensed)
+    body = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, geometry.base_height_m])
     for i in range(robot.n):
         body = _add_link(body, robot, i)
     _add_coupled_motors(spec, robot)
     if payload_kg:
-        _add_payload(body, payload_kg, robot.geometry.flange_m)
-    if scene != "empty":
-        _add_scene(spec, body, robot.geometry.flange_m, scene)
+        _add_payload(body, payload_kg, geometry.flange_m)
+    if scene.kind != "empty" or sensed:
+        add_tool(body, scene.tool, geometry.flange_m)
+    if scene.kind != "empty":
+        set_contact_options(spec)
+        add_furniture(spec, scene, geometry.base_height_m)
+    if sensed:
+        add_wrist_sensor(spec)
     return spec
 
 
-def _set_options(spec: mujoco.MjSpec, dt: float, gravity: NDArray[np.float64], scene: Scene) -> None:
+def _set_options(spec: mujoco.MjSpec, dt: float, gravity: NDArray[np.float64], scene: Scene, sensed: bool) -> None:
     import mujoco
 
     off = mujoco.mjtDisableBit
-    flags = off.mjDSBL_FRICTIONLOSS | off.mjDSBL_LIMIT | off.mjDSBL_EQUALITY | off.mjDSBL_SPRING | off.mjDSBL_DAMPER
-    flags |= off.mjDSBL_ACTUATION | off.mjDSBL_SENSOR | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
-    if scene == "empty":
+    flags = off.mjDSBL_LIMIT | off.mjDSBL_EQUALITY | off.mjDSBL_SPRING | off.mjDSBL_DAMPER
+    flags |= off.mjDSBL_ACTUATION | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
+    if scene.kind != "crank":
+        flags |= off.mjDSBL_FRICTIONLOSS
+    if scene.kind == "empty":
         flags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT
+    if not sensed:
+        flags |= off.mjDSBL_SENSOR
     spec.option.disableflags = int(flags)
     spec.option.timestep = dt
     spec.option.gravity = gravity
@@ -186,17 +248,6 @@ def _add_coupled_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
         for name, coefficient in zip(robot.joint_names, transmission.coupling[motor], strict=True):
             if coefficient != 0.0:
                 tendon.wrap_joint(name, coefficient)
-
-
-def _add_scene(spec: mujoco.MjSpec, last_link: Any, flange_m: float, scene: Scene) -> None:
-    """Something to touch and a ball at the flange to touch it with."""
-    import mujoco
-
-    box, ball, plane = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(name="floor", type=plane, size=[2.0, 2.0, 0.1])
-    if scene == "table":
-        spec.worldbody.add_geom(name="table", type=box, size=_TABLE_SIZE, pos=_TABLE_CENTRE)
-    last_link.add_geom(name="tip", type=ball, size=[_TIP_RADIUS, 0.0, 0.0], pos=[0.0, 0.0, flange_m])
 
 
 @lean_kernel

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot, load_robot
 from qrobot.config.robot import Joints
+from qrobot.config.scene import Scene
 from qrobot.errors import ConfigError
 from qrobot.model.dynamics import dynamics_params
 from qrobot.realtime.jit import lean_kernel
@@ -158,4 +159,4 @@ def test_an_arm_without_mass_or_rotors_is_refused() -> None:
 
 def test_physics_without_contact_has_no_scene() -> None:
     with pytest.raises(ConfigError, match="no scene 'table': use MuJoCo's"):
-        Emulator(PUMA, physics="rigid", scene="table")
+        Emulator(PUMA, physics="rigid", scene=Scene(kind="table"))

@@ -1,0 +1,39 @@
+"""The emulated board and arm that a deployment file describes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from qrobot.config import Arm, Robot
+from qrobot.config.scene import SceneKind
+from qrobot.sim_board.board import BoardOptions
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.faults import FaultPlan
+from qrobot.sim_board.mismatch import PlantMismatch
+
+
+def emulator_of_arm(
+    arm: Arm,
+    robot: Robot,
+    *,
+    plant: Literal["nominal", "mismatched"] | None = None,
+    calibrated: bool | None = None,
+    scene: SceneKind | None = None,
+    faults: FaultPlan | None = None,
+) -> Emulator:
+    """The emulator of `arm`, with what overrides the file. Raises what `Emulator` raises."""
+    choice = arm.board
+    wrong = (plant or choice.plant) == "mismatched"
+    around = choice.scene if scene is None else choice.scene.model_copy(update={"kind": scene})
+    return Emulator(
+        robot,
+        mismatch=PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n),
+        start=choice.start_pose,
+        calibrated=choice.calibrated if calibrated is None else calibrated,
+        options=BoardOptions(revision_f=(choice.revision or robot.board.revision) == "F"),
+        seed=choice.seed,
+        faults=faults,
+        pots=choice.pots,
+        scene=around,
+        force_sensor=choice.force_sensor,
+    )
