@@ -16,7 +16,7 @@ from typing import Final
 
 from qrobot.realtime.jit import lean_kernel
 
-STALE: Final = 1.0  # time constants without a cycle after which the observer begins anew
+STALE: Final = 0.75  # time constants without a sample or a cycle after which the observer begins anew
 
 
 @lean_kernel

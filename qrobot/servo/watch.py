@@ -19,13 +19,26 @@ from qrobot.servo.incident import note_incident
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.residual import STALE, observe_push
-from qrobot.servo.state import BUSY_NS, DT, EVENT, JOINT, LAW_FAILED, MODE, NEXT_SEQ, STARTED, TICK, ServoState
+from qrobot.servo.state import (
+    BUSY_NS,
+    DT,
+    EVENT,
+    JOINT,
+    LAW_FAILED,
+    MODE,
+    NEXT_SEQ,
+    STARTED,
+    TICK,
+    UNCHANGED,
+    ServoState,
+)
 from qrobot.servo.supervisor import raise_code
 from qrobot.servo.watch_state import (
     HEAVY_ROW,
     LATE_ROW,
     MISSES_SEEN,
     POINTS,
+    SAMPLE_S,
     SLOW_ROW,
     UNPOWERED_S,
     WARNINGS,
@@ -90,11 +103,20 @@ def _watch_length(params: ServoParameters, state: ServoState) -> None:
 def follow_counts(state: ServoState, dt: float) -> None:
     """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
     watch = state.watch
+    watch.f[SAMPLE_S] = dt
     for j in range(state.q.size):
         if state.counts[j] != watch.counts[j]:
             watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
         else:
             watch.still_s[j] += dt
+
+
+@lean_kernel
+def unseen_s(params: ServoParameters, state: ServoState) -> float:
+    """For how long nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
+    images = state.i[UNCHANGED]
+    silent = images * params.period_ns * 1e-9 if images > 0 else state.watch.f[SAMPLE_S]
+    return float(max(silent, state.f[DT]))
 
 
 @lean_kernel
@@ -106,7 +128,7 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
             _forget_motor(params, state, j)
             state.watch.counts_on[j] = state.counts[j]
         return
-    stale = not state.f[DT] * params.watch.pace <= STALE
+    stale = unseen_s(params, state) * params.watch.pace > STALE
     for j in range(state.q.size):
         if stale:
             _forget_motor(params, state, j)

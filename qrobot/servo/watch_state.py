@@ -27,7 +27,11 @@ IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint 
 ) = range(8)
 
 # indexes into `WatchState.f`
-(UNPOWERED_S, N_FLOATS) = range(2)  # time since power was last wanted
+(
+    UNPOWERED_S,  # time since power was last wanted
+    SAMPLE_S,  # between the newest two samples of the encoders
+    N_FLOATS,
+) = range(3)
 
 
 class WatchParams(NamedTuple):
