@@ -134,4 +134,6 @@ def _several(arguments: tuple[Any, ...]) -> str:
     names, value = arguments[0], arguments[-1]
     if get_origin(names) is Literal:
         return f"table of {_plain(value)}, by {_plain(names)}"
+    if names is str:
+        return f"table of {_plain(value)}, by name"
     return f"{len(arguments)} {_plain(value)}s"

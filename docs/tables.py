@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from qrobot.config import load_robot
 from qrobot.faultcodes import EXPLANATION, FaultCode
 from qrobot.servo import modes
 from qrobot.servo.guard import stop_category
-from qrobot.servo.law import DEFAULT_LAW, LAWS
+from qrobot.servo.laws import DEFAULT_LAW, LAWS
 from qrobot.servo.telemetry import COUNTERS, SCALARS, VECTORS
 from qrobot.sim_board.faults import KINDS
 
@@ -70,9 +71,9 @@ def mode_diagram() -> str:
 def laws() -> str:
     """The shipped laws, by the name that `--law` takes."""
     default = {DEFAULT_LAW: " (default)"}
-    return table(
-        ("name", "law"), ((f"`{name}`{default.get(name, '')}", law.__doc__ or "") for name, law in LAWS.items())
-    )
+    robot = load_robot("puma560")
+    made = ((name, make(robot)) for name, make in LAWS.items())
+    return table(("name", "law"), ((f"`{name}`{default.get(name, '')}", law.__doc__ or "") for name, law in made))
 
 
 def telemetry() -> str:

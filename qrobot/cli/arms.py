@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
 from qrobot.errors import ConfigError
 from qrobot.servo.calibration_table import CalibrationTable, load_table
-from qrobot.servo.law import LAWS
+from qrobot.servo.laws.file import is_file_law, split_name
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 
 DEFAULT_DEPLOYMENT = "emulator"
@@ -47,6 +49,7 @@ def servo_settings(
     return ServoSettings(
         rate_hz=arm.servo.rate_hz if rate_hz is None else rate_hz,
         law=arm.servo.law if law is None else law,
+        law_settings=arm.servo.law_settings if law is None else {},
         velocity=velocity or arm.servo.velocity,
         interpolation=interpolation or arm.servo.interpolation,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
@@ -66,6 +69,9 @@ def overrun_of(arm: Arm) -> Overrun:
     return Overrun(chosen.misses_in_a_row, chosen.late_share, chosen.window_s)
 
 
-def law_names() -> str:
-    """Names of the shipped laws, for messages."""
-    return ", ".join(LAWS)
+def whole_law_name(name: str) -> str:
+    """A law's name with the whole path of its file, for a servo in another folder."""
+    if not is_file_law(name):
+        return name
+    path, law = split_name(name)
+    return f"{Path(path).resolve()}:{law}" if law else str(Path(path).resolve())

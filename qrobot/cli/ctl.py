@@ -8,8 +8,9 @@ from typing import Annotated, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, write_json
+from qrobot.errors import ConfigError
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control_messages import ServoStatus
 
@@ -127,15 +128,31 @@ def calibrate(*, indexes: int = 0, where: Where | None = None) -> int:
 
 
 @app.command
-def law(name: str, *, where: Where | None = None) -> int:
+def law(
+    name: str,
+    *,
+    set: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    where: Where | None = None,
+) -> int:
     """Change the control law of an arm that holds, or is without power. The arm does not notice.
 
     Parameters
     ----------
     name
-        pd, qrobot, qrobot+a, ...
+        pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name.
+    set
+        Settings of the law, such as --set band=0.01 share=0.05; the others have their default.
     """
-    return _do(where, lambda servo: servo.change_law(name))
+    chosen = dict(map(_setting, set or ()))
+    return _do(where, lambda servo: servo.change_law(whole_law_name(name), chosen))
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise ConfigError(f"setting {text!r}: name=number is wanted") from None
 
 
 @app.command

@@ -47,7 +47,7 @@ def demo(
     plant
         Only this plant; mismatched means lock-step.
     law
-        Another control law: pd, qrobot, qrobot+a.
+        Another control law: pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name.
     velocity
         Another estimate of the velocity: the observer in place of the paper's difference.
     interpolation
@@ -61,9 +61,9 @@ def demo(
     """
     from qrobot.rig.bounds import judge
     from qrobot.rig.experiment import plan
-    from qrobot.servo.law import DEFAULT_LAW, find_law
+    from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 
-    find_law(law or DEFAULT_LAW)
+    check_law_name(law or DEFAULT_LAW)
     runs = plan(lockstep, rate, plant, law, velocity, interpolation)
     results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)

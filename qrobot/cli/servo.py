@@ -49,7 +49,7 @@ def servo(
     rate
         Cycles per second, overriding the file: 1000, 2000, 4000, ...
     law
-        Control law, overriding the file: pd, qrobot, qrobot+a.
+        Control law, overriding the file's: pd, qrobot, qrobot+a, computed-torque, unimation, or path/to/file.py:name.
     velocity
         How velocities are estimated, overriding the file: the paper's difference, or an observer with less noise.
     interpolation

@@ -52,6 +52,8 @@ class OverrunChoice(Table):
 class ServoChoice(Table):
     """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board.
 
+    `law` is a shipped law or one of yours, `path/to/file.py:name`; `law_settings` are the law's own numbers.
+
     `velocity` is how velocities are estimated and `interpolation` the path between setpoints; the page on estimation
     and interpolation compares them.
 
@@ -62,6 +64,7 @@ class ServoChoice(Table):
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
     law: str = "qrobot"
+    law_settings: dict[str, float] = Field(default={}, strict=False)
     velocity: Velocity = "difference"
     interpolation: Interpolation = "quintic"
     cpu: int | None = Field(default=None, ge=0)

@@ -27,6 +27,12 @@ def source_stamp(path: Path) -> str:
     return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
+def forget_stamps() -> None:
+    """Look at the sources anew: one may have changed while the program runs."""
+    for cached in (source_stamp, _digest, _imported):
+        cached.cache_clear()
+
+
 def sources_behind(path: Path) -> set[Path]:
     """The file itself and every file of this package it imports, directly or not."""
     found, waiting = {path}, [path]

@@ -29,7 +29,7 @@ from qrobot.log.summary import TrackingSummary, tracking_summary
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.forms import DEFAULT_FORM
-from qrobot.servo.law import DEFAULT_LAW
+from qrobot.servo.laws import DEFAULT_LAW, law_label
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR
@@ -61,7 +61,7 @@ class Run:
         """Name of its files; what is not the default of estimator and interpolation is told."""
         unusual = [self.velocity] * (self.velocity != DEFAULT_ESTIMATOR)
         unusual += [self.interpolation] * (self.interpolation != DEFAULT_FORM)
-        return "-".join([self.clock, str(self.rate_hz), self.plant, self.law, *unusual])
+        return "-".join([self.clock, str(self.rate_hz), self.plant, law_label(self.law), *unusual])
 
     @property
     def settings(self) -> ServoSettings:

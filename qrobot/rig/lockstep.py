@@ -23,7 +23,8 @@ from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import VirtualLink
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import block_of
-from qrobot.servo.law import find_law
+from qrobot.servo.law_trial import prove_finite
+from qrobot.servo.laws import law_label
 from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import ServoMailbox, local_servo_memory
 from qrobot.servo.parameters import ServoParameters, servo_parameters
@@ -101,9 +102,10 @@ class LockstepRig:
             plant_hz = NS_PER_S / self.emulator.bundle.period_ns
             raise ConfigError(f"{settings.rate_hz} Hz does not divide the plant's {plant_hz:.0f} Hz")
         self.params = servo_parameters(robot, settings, guarded=False)
-        self.law = find_law(settings.law)
+        self.law = settings.law_for(robot)
+        prove_finite(self.law, settings.law, robot)
         self.state = make_state(self.params, self.law)
-        self.mail = local_servo_memory(robot.name, settings.law, robot.n, period_ns, RING_ROWS)
+        self.mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
         self.board = local_board_memory()
         self.mailbox = ServoMailbox(self.mail)
         self.now_ns = START_NS

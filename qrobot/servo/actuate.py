@@ -52,13 +52,12 @@ from qrobot.servo.state import (
     STARTED,
     ServoState,
 )
-from qrobot.servo.supervisor import (
-    raise_code,
-)
+from qrobot.servo.supervisor import hold_here, raise_code
 from qrobot.servo.swap import (
     LAW_AT,
     NEXT_LAW_AT,
     NOT_NOW,
+    SWAPPED,
     answer_swap,
     fade_bias,
     forget_bias,
@@ -99,10 +98,11 @@ def drive(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def law_torque(params: ServoParameters, state: ServoState) -> None:
     """What the law in force says, with the bias of the last swap."""
-    if state.i[LAW_FAILED] != 0:
+    if state.i[LAW_FAILED] != 0 or lost(params, state):
         built_in_law(params, state)
         return
-    call_law(state, state.swap.i[LAW_AT], state.swap.gains, state.memory, state.tau)
+    swap = state.swap
+    call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau)
     if state.i[MODE] == TRACKING:
         fade_bias(state.swap, state.f[DT])
     for j in range(state.tau.size):
@@ -110,31 +110,44 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
-def call_law(state: ServoState, address: int, gains: Any, memory: Any, tau: Any) -> None:
+def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: Any, memory: Any, tau: Any) -> None:
     """Run the law at `address` on what the servo knows in this cycle; `tau` is filled. Shape (n,)."""
     law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
-        state.q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
-        state.friction[:], state.sensors[:], gains[:], memory[:], tau[:],
+        q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
+        state.friction[:], state.sensors[:], gains[:], settings[:], memory[:], state.f[DT : DT + 1], tau[:],
     )  # fmt: skip
 
 
 @lean_kernel
 def swap_law(state: ServoState) -> int:
-    """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump."""
+    """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump.
+
+    The arm is then held where it is: what is left of an error must not become a motion under a law that integrates it.
+    """
     mode, swap = state.i[MODE], state.swap
     if mode == OFF:
         return install(swap)
     if mode != HOLDING or state.i[LAW_FAILED] != 0:
         return NOT_NOW
     swap.trial_memory[:] = 0.0
-    call_law(state, swap.i[NEXT_LAW_AT], swap.next_gains, swap.trial_memory, swap.trial)
-    return install_after_trial(swap, state.tau, state.memory)
+    next_law = swap.i[NEXT_LAW_AT]
+    call_law(state, next_law, state.q, swap.next_gains, swap.next_settings, swap.trial_memory, swap.trial)
+    result = install_after_trial(swap, state.tau, state.memory)
+    if result == SWAPPED:
+        hold_here(state)
+    return result
+
+
+@lean_kernel
+def lost(params: ServoParameters, state: ServoState) -> bool:
+    """Not even potentiometers tell where the joints are: no model can help, nor a law that trusts in one."""
+    return state.i[MODE] == UNCALIBRATED and not has_table(params)
 
 
 @lean_kernel
 def model_terms(params: ServoParameters, state: ServoState) -> None:
     """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
-    if state.i[MODE] == UNCALIBRATED and not has_table(params):  # the pose is not known: no model can help
+    if lost(params, state):
         for j in range(state.q.size):
             state.gravity[j], state.friction[j] = 0.0, 0.0
         return

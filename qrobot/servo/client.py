@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Final
 
@@ -95,9 +95,12 @@ class ServoClient:
         """Begin a calibration; `status` tells its mode, `qrobot calibrate` follows it to the end."""
         return self._ask(Calibrate(indexes=indexes))
 
-    def change_law(self, name: str) -> ServoStatus:
-        """Swap the control law, holding or without power."""
-        return self._ask(ChangeLaw(name=name))
+    def change_law(self, name: str, settings: Mapping[str, float] | None = None) -> ServoStatus:
+        """Swap the control law, holding or without power; its `settings` that are left out have their default.
+
+        Of a law in a file, give the whole path: the servo may run in another folder.
+        """
+        return self._ask(ChangeLaw(name=name, settings=dict(settings or {})))
 
     def change_gains(
         self,

@@ -30,7 +30,9 @@ from qrobot.servo.control_messages import (
     encode,
 )
 from qrobot.servo.control_socket import Visitor
-from qrobot.servo.law import KP, KV, M0, Law, find_law
+from qrobot.servo.law import KP, KV, M0, Law
+from qrobot.servo.law_trial import prove
+from qrobot.servo.laws import find_law, law_label
 from qrobot.servo.mailbox import (
     FLAG_CALIBRATED,
     FLAG_ESTOP_OK,
@@ -106,6 +108,7 @@ class Controls:
             robot=servo.robot.name,
             rate_hz=servo.mailbox.info.rate_hz,
             law=servo.law_name,
+            law_settings=servo.law.chosen,
             mode=mode_name(snapshot.mode),
             fault=snapshot.fault,
             event=snapshot.event,
@@ -147,7 +150,7 @@ class Controls:
             case Calibrate():
                 mailbox.request_calibration(request.indexes)
             case ChangeLaw():
-                self._swap(find_law(request.name), request.name, np.array(self._servo.swap.gains))
+                self._change_law(request)
             case ChangeGains():
                 self._swap(self._servo.law, self._servo.law_name, self._gains(request))
 
@@ -161,6 +164,13 @@ class Controls:
             _poll(lambda: mailbox.snapshot().tick >= snapshot.tick + _EDGE_TICKS)
             mailbox.request_power(True)
 
+    def _change_law(self, request: ChangeLaw) -> None:
+        """Load and try the law beside the loop, which goes on, then ask for the swap."""
+        servo = self._servo
+        law = find_law(request.name, servo.robot, request.settings)
+        prove(law, request.name, servo.robot, servo.mailbox.info.period_ns)
+        self._swap(law, request.name, np.array(servo.swap.gains))
+
     def _gains(self, request: ChangeGains) -> Matrix:
         control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)
         rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
@@ -172,7 +182,7 @@ class Controls:
     def _swap(self, law: Law, name: str, gains: Matrix) -> None:
         servo = self._servo
         self._kept_laws.append(law)
-        ask_for_law(servo.swap, law.address, gains)
+        ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
         if result == NOT_NOW:
             mode = mode_name(servo.mailbox.snapshot().mode)
@@ -180,7 +190,7 @@ class Controls:
         if result == NO_TORQUE:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
         servo.law, servo.law_name = law, name
-        describe_law(servo.mailbox.words, name)
+        describe_law(servo.mailbox.words, law_label(name))
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
 
 

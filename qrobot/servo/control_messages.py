@@ -62,10 +62,11 @@ class Calibrate(Message):
 
 
 class ChangeLaw(Message):
-    """Swap the control law, holding or without power."""
+    """Swap the control law, holding or without power. Of its `settings` those left out have their default."""
 
     command: Literal["law"] = "law"
     name: str = Field(min_length=1, max_length=512)
+    settings: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = Field(default={}, max_length=32)
 
 
 Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
@@ -106,6 +107,7 @@ class ServoStatus(Message):
     robot: str
     rate_hz: float
     law: str
+    law_settings: dict[str, float]
     mode: str
     fault: int
     event: int

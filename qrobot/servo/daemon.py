@@ -24,7 +24,9 @@ from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
 from qrobot.servo.control import Controls
 from qrobot.servo.control_socket import ControlSocket
 from qrobot.servo.incident import Incident, read_incident
-from qrobot.servo.law import Law, find_law
+from qrobot.servo.law import Law
+from qrobot.servo.law_trial import prove
+from qrobot.servo.laws import law_label
 from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
     COMMAND_SHUTDOWN,
@@ -53,8 +55,9 @@ Look = Callable[[ServoMailbox, Incident | None, bool], None]  # at the newest in
 
 def warm_up(robot: Robot, settings: ServoSettings) -> None:
     """Compile, or load from the cache, everything the loop calls, on memory of its own."""
-    params, law = servo_parameters(robot, settings), find_law(settings.law)
-    mail = local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING)
+    params, law = servo_parameters(robot, settings), settings.law_for(robot)
+    prove(law, settings.law, robot, settings.period_ns)
+    mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, settings.period_ns, SMALLEST_RING)
     board = local_board_memory()
     one_cycle(params, make_state(params, law), mail, board, settings.period_ns, 0)
     mail[COMMAND_SHUTDOWN] = 1
@@ -195,11 +198,11 @@ def serve(
     warm_up(robot, settings)
     board = attach_board_memory(arm)
     with create_servo_memory(
-        arm, robot.name, settings.law, robot.n, settings.period_ns, settings.telemetry_capacity
+        arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity
     ) as memory:
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         discard_operations(board.words, int(Lane.SERVO))
-        params, law = servo_parameters(robot, settings), find_law(settings.law)
+        params, law = servo_parameters(robot, settings), settings.law_for(robot)
         process = ServoProcess(
             arm,
             robot,

@@ -1,20 +1,22 @@
 """Control laws: compiled functions of (reference, measured, model terms, sensors, gains) -> torque.
 
-A law is called once a cycle, with arrays of shape (n,) in SI units unless said otherwise:
+A law is called once a cycle. Its arguments are float64 arrays in SI units; it names those that it uses, in any order:
 
-| argument   | unit            | meaning                                                                      |
-|------------|-----------------|------------------------------------------------------------------------------|
-| `q_ref`    | rad (m)         | interpolated setpoint                                                        |
-| `v_ref`    | rad/s           | its derivative                                                               |
-| `a_ref`    | rad/s^2         | its second derivative                                                        |
-| `q`        | rad (m)         | measured position                                                            |
-| `v`        | rad/s           | estimated velocity, see `servo.velocity`                                     |
-| `gravity`  | N m (N)         | torque that carries the arm at `q`, already zero where compensation is off   |
-| `friction` | N m (N)         | torque the drives lose at `v_ref`, viscous and smoothed Coulomb, joint side  |
-| `sensors`  | -               | the board's analogue channels in volts. Shape (8,)                           |
-| `gains`    | see `LawGains`  | rows of numbers from the robot file. Shape (3, n): Kp, Kv, M0                |
-| `memory`   | the law's own   | kept from cycle to cycle, zeroed at power-up. Shape (64,)                    |
-| `tau`      | N m (N)         | the result, joint side                                                       |
+| argument   | shape  | unit          | meaning                                                                      |
+|------------|--------|---------------|------------------------------------------------------------------------------|
+| `q_ref`    | (n,)   | rad (m)       | interpolated setpoint                                                        |
+| `v_ref`    | (n,)   | rad/s         | its derivative                                                               |
+| `a_ref`    | (n,)   | rad/s^2       | its second derivative                                                        |
+| `q`        | (n,)   | rad (m)       | measured position                                                            |
+| `v`        | (n,)   | rad/s         | estimated velocity, see `servo.velocity`                                     |
+| `gravity`  | (n,)   | N m (N)       | torque that carries the arm at `q`, already zero where compensation is off   |
+| `friction` | (n,)   | N m (N)       | torque the drives lose at `v_ref`, viscous and smoothed Coulomb, joint side  |
+| `sensors`  | (8,)   | V             | the board's analogue channels                                                |
+| `gains`    | (3, n) | -             | rows `KP`, `KV`, `M0` of numbers from the robot file                         |
+| `settings` | (32,)  | the law's own | in the order in which the law declares them, see `Setting`                   |
+| `memory`   | (64,)  | the law's own | kept from cycle to cycle, zeroed at power-up                                 |
+| `dt`       | (1,)   | s             | time since the cycle before                                                  |
+| `tau`      | (n,)   | N m (N)       | the result, joint side                                                       |
 
 What a law returns goes through the guard: it cannot exceed the torque limits, and a NaN stops the arm. Laws are Numba
 functions of one signature behind a pointer (`Law`), hence swappable: the compiled cycle need not know them.
@@ -22,113 +24,205 @@ functions of one signature behind a pointer (`Law`), hence swappable: the compil
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Any, Final, overload
 
-from numba import njit, types
+import numpy as np
+from numba import types
+from numba.core.errors import NumbaError
+from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError
-from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.jit import kernel
 from qrobot.realtime.pointer import KernelPointer
 
 KP, KV, M0 = range(3)  # rows of `gains`
 N_GAINS: Final = 3
+N_SETTINGS: Final = 32
 MEMORY_WORDS: Final = 64
+ARGUMENTS: Final = (
+    "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "gains", "settings", "memory", "dt", "tau",
+)  # fmt: skip
 
 _VECTOR = types.Array(types.float64, 1, "C")
 _MATRIX = types.Array(types.float64, 2, "C")
-LAW_SIGNATURE: Final = types.void(*[_VECTOR] * 8, _MATRIX, _VECTOR, _VECTOR)
+LAW_SIGNATURE: Final = types.void(*(_MATRIX if name == "gains" else _VECTOR for name in ARGUMENTS))
 
 Body = Callable[..., None]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A number that a law lets its users choose.
+
+    Attributes:
+        name: in the deployment file.
+        default: when nobody chooses.
+        low, high: what is allowed, both included.
+        unit, meaning: for people.
+    """
+
+    name: str
+    default: float
+    low: float
+    high: float
+    unit: str
+    meaning: str
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.default <= self.high:
+            raise ConfigError(f"law setting {self.name}: {self.low} <= {self.default} <= {self.high} does not hold")
+
+    def checked(self, value: float) -> float:
+        """`value`. Raises ConfigError when it is not allowed."""
+        if not self.low <= value <= self.high:
+            raise ConfigError(
+                f"law setting {self.name} = {value:g} {self.unit}: allowed are {self.low:g} to {self.high:g}"
+            )
+        return float(value)
 
 
 class Law(KernelPointer):
-    """A compiled law as a pointer: the cycle that takes it is compiled once, for all laws, and cached on disk."""
+    """A law as a pointer, with its settings: the cycle that takes it is compiled once, for all laws, and cached.
 
-    def __init__(self, body: Body) -> None:
-        super().__init__(body, LAW_SIGNATURE)
-        self.__doc__ = body.__doc__
-
-
-def law(function: Body) -> Law:
-    """Compile a law for the cycle. Raises Numba's typing error when it does not fit `LAW_SIGNATURE`."""
-    if jit_disabled():
-        return Law(function)
-    try:
-        return Law(njit(LAW_SIGNATURE, cache=True, nogil=True, error_model="numpy")(function))
-    except RuntimeError:  # no source file to keep a cache beside: a notebook or a prompt
-        return Law(njit(LAW_SIGNATURE, nogil=True, error_model="numpy")(function))
-
-
-@law
-def pd(
-    q_ref: Any,
-    v_ref: Any,
-    a_ref: Any,
-    q: Any,
-    v: Any,
-    gravity: Any,
-    friction: Any,
-    sensors: Any,
-    gains: Any,
-    memory: Any,
-    tau: Any,
-) -> None:
-    """Proportional and derivative feedback alone: tau = Kp (q_ref - q) + Kv (v_ref - v)."""
-    for j in range(tau.size):
-        tau[j] = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j])
-
-
-@law
-def qrobot(
-    q_ref: Any,
-    v_ref: Any,
-    a_ref: Any,
-    q: Any,
-    v: Any,
-    gravity: Any,
-    friction: Any,
-    sensors: Any,
-    gains: Any,
-    memory: Any,
-    tau: Any,
-) -> None:
-    """QRobot's law (QRobot paper, section 6): PD, friction compensation on all joints, gravity on joints 2 and 3.
-
-    tau = Kp (q_ref - q) + Kv (v_ref - v) + friction(v_ref) + gravity(q)
+    Attributes:
+        settings: what can be chosen, in the order of the numbers.
+        values: what was chosen. Shape (32,).
     """
-    for j in range(tau.size):
-        feedback = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j])
-        tau[j] = feedback + friction[j] + gravity[j]
+
+    def __init__(self, function: Body, settings: tuple[Setting, ...] = (), values: Floats | None = None) -> None:
+        super().__init__(function, LAW_SIGNATURE)
+        if len(settings) > N_SETTINGS:
+            raise ConfigError(f"a law has at most {N_SETTINGS} settings, not {len(settings)}")
+        self.settings = settings
+        self.values = np.zeros(N_SETTINGS)
+        self.values[: len(settings)] = [setting.default for setting in settings]
+        if values is not None:
+            self.values[:] = values
+        self.__doc__ = function.__doc__
+
+    @cached_property
+    def address(self) -> int:
+        """Where the compiled code is, while the law lives. Raises ConfigError when the law cannot be compiled."""
+        try:
+            return super().address
+        except (NumbaError, TypeError) as error:
+            raise ConfigError(f"the law does not compile: {_essence(error)}") from error
+
+    @property
+    def chosen(self) -> dict[str, float]:
+        """The settings by name."""
+        return dict(zip((setting.name for setting in self.settings), self.values.tolist(), strict=False))
+
+    def with_settings(self, chosen: Mapping[str, float]) -> Law:
+        """The same law with other settings; those not named keep their value. Raises ConfigError for bad ones."""
+        names = [setting.name for setting in self.settings]
+        values = self.values.copy()
+        for name, value in chosen.items():
+            if name not in names:
+                raise ConfigError(f"the law has no setting {name!r}{_proposal(name, names)}")
+            values[names.index(name)] = self.settings[names.index(name)].checked(value)
+        return Law(self.body, self.settings, values)
 
 
-@law
-def qrobot_acceleration(
-    q_ref: Any,
-    v_ref: Any,
-    a_ref: Any,
-    q: Any,
-    v: Any,
-    gravity: Any,
-    friction: Any,
-    sensors: Any,
-    gains: Any,
-    memory: Any,
-    tau: Any,
-) -> None:
-    """QRobot's law with acceleration feed-forward of a constant inertia: ... + M0 a_ref."""
-    for j in range(tau.size):
-        feedback = gains[KP, j] * (q_ref[j] - q[j]) + gains[KV, j] * (v_ref[j] - v[j])
-        tau[j] = feedback + friction[j] + gravity[j] + gains[M0, j] * a_ref[j]
+@overload
+def law(function: Body) -> Law: ...
 
 
-LAWS: Final[dict[str, Law]] = {"pd": pd, "qrobot": qrobot, "qrobot+a": qrobot_acceleration}
-DEFAULT_LAW: Final = "qrobot"
+@overload
+def law(*, settings: tuple[Setting, ...]) -> Callable[[Body], Law]: ...
 
 
-def find_law(name: str) -> Law:
-    """The shipped law called `name`. Raises ConfigError naming those there are."""
+def law(function: Body | None = None, *, settings: tuple[Setting, ...] = ()) -> Law | Callable[[Body], Law]:
+    """Make a law of a function of some of `ARGUMENTS`; it is compiled when it is first used.
+
+    Args:
+        function: fills `tau`. With the compiler on it has to be something Numba understands.
+        settings: numbers its users may choose, in the order of `settings`.
+
+    Raises:
+        ConfigError: it takes something that is no argument of a law, or no `tau`.
+    """
+    if function is None:
+        return lambda body: _law(body, settings)
+    return _law(function, settings)
+
+
+def _law(function: Body, settings: tuple[Setting, ...]) -> Law:
+    names = argument_names(function, ARGUMENTS)
+    if "tau" not in names:
+        raise ConfigError(f"law {function.__name__} takes no tau: that is what it has to fill")
+    return Law(kernel(function if names == ARGUMENTS else _with_all_arguments(function)), settings)
+
+
+def argument_names(function: Callable[..., Any], known: tuple[str, ...]) -> tuple[str, ...]:
+    """What a law's function takes. Raises ConfigError for what is not in `known`."""
+    names = tuple(inspect.signature(function).parameters)
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"law {function.__name__} takes {name!r}, which is none of {', '.join(known)}")
+    return names
+
+
+def _with_all_arguments(function: Body) -> Body:
+    """The same function with all of `ARGUMENTS`, at the same lines of the same file, where Numba keeps its cache."""
+    definition = _definition(function)
+    if definition is None:
+        return _passed_on(function)
+    definition.decorator_list, definition.returns = [], None
+    definition.args.args = [ast.arg(name) for name in ARGUMENTS]
+    tree = ast.Module([definition], type_ignores=[])
+    ast.increment_lineno(tree, function.__code__.co_firstlineno - 1)
+    scope: dict[str, Body] = {}
+    code = compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec", dont_inherit=True)
+    exec(code, function.__globals__, scope)
+    return scope[function.__name__]
+
+
+def _definition(function: Body) -> ast.FunctionDef | None:
+    """Syntax of a plain function; None without its source, or when it is more than that."""
     try:
-        return LAWS[name]
-    except KeyError:
-        raise ConfigError(f"no control law {name!r}; there are: {', '.join(LAWS)}") from None
+        definition = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    except (OSError, SyntaxError):
+        return None
+    if not isinstance(definition, ast.FunctionDef) or function.__closure__ is not None or definition.args.defaults:
+        return None
+    return definition
+
+
+def _passed_on(function: Body) -> Body:
+    """What takes all the arguments and passes on those that `function` wants; cannot be cached."""
+    names = inspect.signature(function).parameters
+    scope: dict[str, Any] = {"inner": kernel(function)}
+    exec(f"def outer({', '.join(ARGUMENTS)}):\n    inner({', '.join(names)})\n", scope)
+    outer: Body = scope["outer"]
+    outer.__doc__ = function.__doc__
+    return outer
+
+
+def _essence(error: Exception) -> str:
+    """What Numba says, without its advice: the last complaint and where it is."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    where = [line for line in lines if line.startswith("File ")]
+    said = [line for line in lines if line and not line.startswith(("File ", "-", "During", "^"))]
+    return " ".join([*said[:3], *where[-1:]])[:500]
+
+
+def _proposal(name: str, names: list[str]) -> str:
+    if not names:
+        return ": it has none"
+    near = get_close_matches(name, names, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; there are: {', '.join(names)}"
+
+
+def is_finite(vector: Floats) -> bool:
+    """No NaN and no infinity. Shape (n,)."""
+    return all(map(math.isfinite, vector.tolist()))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.calibration_table import CalibrationTable
 from qrobot.servo.forms import DEFAULT_FORM, find_form
-from qrobot.servo.law import DEFAULT_LAW, find_law
+from qrobot.servo.law import Law
+from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
 
 NS_PER_S = 1_000_000_000
@@ -43,7 +46,8 @@ class ServoSettings:
 
     Attributes:
         rate_hz: cycles per second; the period is rounded to whole nanoseconds.
-        law: name of the control law, see `servo.law.LAWS`.
+        law: name of the control law, see `servo.laws`.
+        law_settings: numbers of the law's own that were chosen, by name.
         velocity: how velocities are estimated, see `servo.velocity.ESTIMATORS`.
         interpolation: form of the path between setpoints, see `servo.forms.FORMS`.
         guarded: a guardian is required; without one the servo refuses power.
@@ -60,6 +64,7 @@ class ServoSettings:
 
     rate_hz: float = 1000.0
     law: str = DEFAULT_LAW
+    law_settings: Mapping[str, float] = field(default_factory=dict)
     velocity: str = DEFAULT_ESTIMATOR
     interpolation: str = DEFAULT_FORM
     guarded: bool = True
@@ -84,9 +89,13 @@ class ServoSettings:
             raise ConfigError(f"telemetry ring of {self.telemetry_capacity} rows: a power of two from 16 is needed")
         if not set(self.sensor_channels) <= set(range(N_ADCS)):
             raise ConfigError(f"sensor channels {self.sensor_channels}: the board has 0 to {N_ADCS - 1}")
-        find_law(self.law)
+        check_law_name(self.law)
         find_estimator(self.velocity)
         find_form(self.interpolation)
+
+    def law_for(self, robot: Robot) -> Law:
+        """The control law, made for a robot. Raises ConfigError when it cannot be."""
+        return find_law(self.law, robot, self.law_settings)
 
     @property
     def period_ns(self) -> int:

@@ -162,6 +162,6 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
-        swap=make_swap_state(law.address, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
+        swap=make_swap_state(law, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
         watch=make_watch_state(n), block=block, row=row,
     ))  # fmt: skip

@@ -19,7 +19,7 @@ import numpy as np
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import function_at
-from qrobot.servo.law import LAW_SIGNATURE, MEMORY_WORDS, N_GAINS
+from qrobot.servo.law import LAW_SIGNATURE, MEMORY_WORDS, N_GAINS, N_SETTINGS, Law
 
 FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
 
@@ -44,25 +44,35 @@ class SwapState(NamedTuple):
     i: Any  # int64[N_SWAP_INTEGERS]
     gains: Any  # in force, (3, n)
     next_gains: Any  # (3, n)
+    settings: Any  # of the law in force, (32,)
+    next_settings: Any  # (32,)
     bias: Any  # N m (N), added to what the law says
     trial: Any  # what the law asked for says
     trial_memory: Any  # (64,)
 
 
-def make_swap_state(address: int, gains: Any) -> SwapState:
+def make_swap_state(law: Law, gains: Any) -> SwapState:
     """A law in force from the start; `gains` has shape (3, n)."""
     n = gains.shape[1]
     integers = np.zeros(N_SWAP_INTEGERS, dtype=np.int64)
-    integers[LAW_AT] = address
+    integers[LAW_AT] = law.address
     return SwapState(
-        integers, np.array(gains), np.zeros((N_GAINS, n)), np.zeros(n), np.zeros(n), np.zeros(MEMORY_WORDS)
+        i=integers,
+        gains=np.array(gains),
+        next_gains=np.zeros((N_GAINS, n)),
+        settings=np.array(law.values),
+        next_settings=np.zeros(N_SETTINGS),
+        bias=np.zeros(n),
+        trial=np.zeros(n),
+        trial_memory=np.zeros(MEMORY_WORDS),
     )
 
 
-def ask_for_law(swap: SwapState, address: int, gains: Any) -> None:
-    """Ask the loop for another law. Call again only when the last request is done (`maybe_swap_result`)."""
-    swap.i[NEXT_LAW_AT] = address
+def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
+    """Ask the loop for another law, which has to live on. Call again only when that is done (`maybe_swap_result`)."""
+    swap.i[NEXT_LAW_AT] = law.address
     swap.next_gains[:] = gains
+    swap.next_settings[:] = law.values
     _ask(swap.i)
 
 
@@ -104,6 +114,8 @@ def install(swap: Any) -> int:
     for k in range(swap.gains.shape[0]):
         for j in range(swap.gains.shape[1]):
             swap.gains[k, j] = swap.next_gains[k, j]
+    for k in range(swap.settings.size):
+        swap.settings[k] = swap.next_settings[k]
     return SWAPPED
 
 

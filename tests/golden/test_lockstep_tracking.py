@@ -125,6 +125,17 @@ def test_feed_forward_of_the_acceleration_makes_it_better_still() -> None:
     assert with_it[MAJOR].max() < without[MAJOR].max()
 
 
+def test_the_full_model_makes_it_best_while_it_is_true() -> None:
+    constant, full = (experiment(1000.0, law, "nominal").error for law in ("qrobot+a", "computed-torque"))
+    assert np.all(full[MAJOR] < 0.95 * constant[MAJOR])
+
+
+def test_the_original_servo_boards_are_no_better_than_pd() -> None:
+    boards, plain = (experiment(1000.0, law, "nominal").error for law in ("unimation", "pd"))
+    assert np.all(boards < 1.1 * plain)
+    assert np.all(boards[MAJOR] > 2.0 * experiment(1000.0, "qrobot", "nominal").error[MAJOR])
+
+
 @pytest.mark.parametrize("plant", ["nominal", "mismatched"])
 def test_one_two_and_four_kilohertz_agree_within_ten_percent(plant: str) -> None:
     worst = [experiment(rate, "qrobot", plant).error for rate in (1000.0, 2000.0, 4000.0)]

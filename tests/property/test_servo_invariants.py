@@ -14,7 +14,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from qrobot.hwif.memory import Lane
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.servo.forms import FORMS
-from qrobot.servo.law import LAWS, law
+from qrobot.servo.law import law
+from qrobot.servo.laws import LAWS
 from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS, TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.velocity import ESTIMATORS

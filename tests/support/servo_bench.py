@@ -40,7 +40,8 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.model.transmission import count_word, joint_to_counts, transmission_params
-from qrobot.servo.law import Law, find_law
+from qrobot.servo.law import Law
+from qrobot.servo.laws import find_law
 from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
 from qrobot.servo.modes import Mode, gives_torque
@@ -110,7 +111,7 @@ class ServoBench:
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves
             self.params.watch.unexplained[:] = np.inf
             self.params.watch.impossible[:] = np.inf
-        self._law = find_law(law) if isinstance(law, str) else law
+        self._law = find_law(law, self.robot) if isinstance(law, str) else law
         self.state = make_state(self.params, self._law)
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
         self.mailbox = ServoMailbox(self.mail)
@@ -138,6 +139,7 @@ class ServoBench:
     def law(self, law: Law) -> None:
         self._law = law
         self.state.swap.i[LAW_AT] = law.address
+        self.state.swap.settings[:] = law.values
 
     # ------------------------------------------------------------------------------------------------- running it
 

@@ -18,7 +18,8 @@ from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, decode_reply, decode_request
 from qrobot.servo.control_socket import ControlSocket, control_address
-from qrobot.servo.law import KP, KV, LAWS, Law, find_law
+from qrobot.servo.law import KP, KV, Law
+from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.mailbox import COMMAND_CLEARS, COMMAND_OFFS, COMMAND_POWER, COMMAND_STOPS, ServoMailbox
 from qrobot.servo.modes import Mode
 from qrobot.servo.swap import SwapState
@@ -34,7 +35,7 @@ class Bench:
     bench: ServoBench
     arm: str = field(default_factory=lambda: f"t{uuid.uuid4().hex[:10]}")
     robot: Robot = field(default_factory=lambda: load_robot("puma560"))
-    law: Law = field(default_factory=lambda: find_law("qrobot"))
+    law: Law = field(default_factory=lambda: find_law("qrobot", load_robot("puma560")))
     law_name: str = "qrobot"
     said: list[str] = field(default_factory=list)
 
@@ -105,7 +106,7 @@ def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, 
 def test_an_unknown_law_is_refused_and_the_old_one_stays(client: ServoClient) -> None:
     client.power_on()
     before = client.status().law
-    with pytest.raises(QRobotError, match="no control law 'lqr'; there are: pd"):
+    with pytest.raises(QRobotError, match="no control law 'lqr': there are pd"):
         client.change_law("lqr")
     assert client.status().law == before
 

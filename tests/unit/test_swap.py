@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.law import KP, KV, LAWS, Law, find_law, law
+from qrobot.servo.law import KP, KV, Law, law
+from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.swap import FADE_S, NO_TORQUE, NOT_NOW, SWAPPED, ask_for_law, fade_bias, maybe_swap_result
@@ -21,12 +22,13 @@ from qrobot.sim_board.emulator import Emulator
 from tests.support.servo_bench import ServoBench, moving
 
 ROBOT = load_robot("puma560")
+PD, QROBOT = find_law("pd", ROBOT), find_law("qrobot", ROBOT)
 PAIRS = list(itertools.permutations(LAWS, 2))
 
 
 def swap(bench: ServoBench, new: Law, gains: Any | None = None) -> int | None:
     state = bench.state.swap
-    ask_for_law(state, new.address, state.gains if gains is None else gains)
+    ask_for_law(state, new, state.gains if gains is None else gains)
     assert maybe_swap_result(state) is None
     bench.tick()
     return maybe_swap_result(state)
@@ -42,6 +44,16 @@ def holding_rig(pose: Any, name: str) -> LockstepRig:
     return rig
 
 
+def at_rest(rig: LockstepRig) -> Any:
+    """Counts, once none has changed for a tenth of a second."""
+    for _ in range(100):
+        counts = np.array(rig.state.counts)
+        rig.run_for(0.1)
+        if np.array_equal(counts, rig.state.counts):
+            return counts
+    raise AssertionError("the arm never comes to rest")
+
+
 @pytest.mark.parametrize(("before", "after"), PAIRS)
 @settings(max_examples=3)
 @given(st.lists(st.floats(0.1, 0.9), min_size=6, max_size=6), st.floats(0.3, 2.0))
@@ -50,9 +62,9 @@ def test_a_swap_while_holding_moves_no_joint_by_more_than_a_count(
 ) -> None:
     q_min, q_max = ROBOT.limits.q_min, ROBOT.limits.q_max
     rig = holding_rig(q_min + np.array(share) * (q_max - q_min), before)
-    counts = np.array(rig.state.counts)
-    new = find_law(after)
-    ask_for_law(rig.state.swap, new.address, factor * rig.state.swap.gains)
+    counts = at_rest(rig)
+    new = find_law(after, rig.robot)
+    ask_for_law(rig.state.swap, new, factor * rig.state.swap.gains)
     for _ in range(20):
         rig.run_for(0.1)
         assert np.abs(np.array(rig.state.counts) - counts).max() <= 1
@@ -65,7 +77,7 @@ def test_the_torque_goes_on_to_the_last_bit_and_the_new_law_answers_to_what_happ
     bench.run(0.2)
     before = bench.snapshot.tau.copy()
     assert abs(before[1]) > 5.0
-    assert swap(bench, LAWS["pd"]) == SWAPPED
+    assert swap(bench, PD) == SWAPPED
     assert np.array_equal(bench.snapshot.tau, before)
     bench.tick()
     np.testing.assert_allclose(bench.snapshot.tau, before, atol=1e-9)
@@ -80,13 +92,13 @@ def test_new_gains_are_in_force_after_the_swap() -> None:
     gains = np.array(bench.state.swap.gains)
     gains[KP] *= 0.5
     gains[KV] *= 0.7
-    assert swap(bench, LAWS["pd"], gains) == SWAPPED
+    assert swap(bench, PD, gains) == SWAPPED
     np.testing.assert_array_equal(bench.state.swap.gains, gains)
 
 
 def test_the_bias_fades_while_the_arm_tracks_and_only_then() -> None:
     bench = ServoBench(law="qrobot").hold()
-    swap(bench, LAWS["pd"])
+    swap(bench, PD)
     bias = np.array(bench.state.swap.bias)
     bench.run(1.0)
     np.testing.assert_array_equal(bench.state.swap.bias, bias)
@@ -105,7 +117,7 @@ def test_the_bias_decays_with_its_time_constant_however_long_a_cycle_lasts(bias:
 
 def test_power_up_begins_without_a_bias() -> None:
     bench = ServoBench(law="qrobot").hold()
-    swap(bench, LAWS["pd"])
+    swap(bench, PD)
     bench.mailbox.request_power(False)
     bench.run(0.1)
     bench.hold()
@@ -116,15 +128,15 @@ def test_no_swap_while_the_arm_moves_and_the_old_law_stays() -> None:
     bench = ServoBench(law="qrobot").hold()
     moving(bench)
     assert bench.mode is Mode.TRACKING
-    assert swap(bench, LAWS["pd"]) == NOT_NOW
-    assert bench.state.swap.i[0] == LAWS["qrobot"].address
+    assert swap(bench, PD) == NOT_NOW
+    assert bench.state.swap.i[0] == QROBOT.address
 
 
 def test_without_power_the_next_law_is_simply_the_law() -> None:
     bench = ServoBench(law="qrobot").tick()
     assert bench.mode is Mode.OFF
-    assert swap(bench, LAWS["pd"]) == SWAPPED
-    assert bench.state.swap.i[0] == LAWS["pd"].address
+    assert swap(bench, PD) == SWAPPED
+    assert bench.state.swap.i[0] == PD.address
     np.testing.assert_array_equal(bench.state.swap.bias, 0.0)
 
 

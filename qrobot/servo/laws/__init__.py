@@ -1,0 +1,56 @@
+"""The control laws there are: shipped ones by name, users' own as `path/to/file.py:name`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Final
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.servo.law import Law
+from qrobot.servo.laws.computed_torque import computed_torque
+from qrobot.servo.laws.feedback import pd, qrobot, qrobot_acceleration
+from qrobot.servo.laws.file import is_file_law, load_law
+from qrobot.servo.laws.unimation import unimation
+
+LAWS: Final[dict[str, Callable[[Robot], Law]]] = {
+    "pd": lambda _robot: pd,
+    "qrobot": lambda _robot: qrobot,
+    "qrobot+a": lambda _robot: qrobot_acceleration,
+    "computed-torque": computed_torque.for_robot,
+    "unimation": lambda _robot: unimation,
+}
+"""The shipped laws, each made for a robot: some carry its model."""
+
+DEFAULT_LAW: Final = "qrobot"
+LABEL_BYTES: Final = 64
+
+
+def check_law_name(name: str) -> str:
+    """`name`, if it is a shipped law's or that of one in a file. Raises ConfigError naming those there are."""
+    if name in LAWS or is_file_law(name):
+        return name
+    near = get_close_matches(name, LAWS, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ConfigError(
+        f"no control law {name!r}: {hint}there are {', '.join(LAWS)}, and your own as path/to/file.py:name"
+    )
+
+
+def find_law(name: str, robot: Robot, settings: Mapping[str, float] | None = None) -> Law:
+    """A law for a robot, with its settings.
+
+    Raises:
+        ConfigError: there is no such law; or its file, its code or one of `settings` is wrong.
+    """
+    check_law_name(name)
+    found = load_law(name, robot) if is_file_law(name) else LAWS[name](robot)
+    return found.with_settings(settings) if settings else found
+
+
+def law_label(name: str) -> str:
+    """A name that fits into memory and logs: of a law in a file without the folder, and not too long."""
+    label = Path(name).name if is_file_law(name) else name
+    return label.encode()[-LABEL_BYTES:].decode(errors="ignore")

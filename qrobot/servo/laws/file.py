@@ -1,0 +1,87 @@
+"""Control laws in files of their users: `path/to/file.py:name`, or `path/to/file.py` when it holds only one."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import linecache
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.realtime.stamp import forget_stamps
+from qrobot.servo.casadi_law import CasadiLaw
+from qrobot.servo.law import Law
+
+
+def is_file_law(name: str) -> bool:
+    """It names a file, not a shipped law."""
+    return split_name(name)[0].endswith(".py")
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Path and name of the law, "" when there is none."""
+    path, colon, law = name.rpartition(":")
+    return (path, law) if colon else (law, "")
+
+
+def load_law(name: str, robot: Robot) -> Law:
+    """The law in a file, for a robot. The file is run, as any program of the user's.
+
+    Raises:
+        ConfigError: no such file or law; the file fails, with its line; the law cannot be made.
+    """
+    path, wanted = split_name(name)
+    file = Path(path)
+    laws = {
+        key: value
+        for key, value in vars(_module(file)).items()
+        if isinstance(value, (Law, CasadiLaw)) and key[0] != "_"
+    }
+    if not wanted and len(laws) == 1:
+        wanted = next(iter(laws))
+    if wanted not in laws:
+        there = f"there are: {', '.join(laws)}" if laws else "there is none: put @law or @casadi_law above a function"
+        raise ConfigError(f"{file} has no law {wanted!r}; {there}")
+    found = laws[wanted]
+    try:
+        return found.for_robot(robot) if isinstance(found, CasadiLaw) else found
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+
+
+def _module(file: Path) -> ModuleType:
+    """The file as a module; one that has changed since is run anew."""
+    try:
+        digest = hashlib.sha256(file.resolve().as_posix().encode() + file.read_bytes()).hexdigest()[:16]
+    except OSError as error:
+        raise ConfigError(f"no law file {file}: {error.strerror or error}") from error
+    name = f"qrobot_user_laws.{file.stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, file.resolve())
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{file} is no Python file")
+    forget_stamps()  # the file may have changed while we run: neither its old code nor its old text will do
+    linecache.checkcache(str(file.resolve()))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where Numba finds the functions of a cached law
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's file raises
+        del sys.modules[name]
+        raise ConfigError(f"{_place(file, error)}: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _place(file: Path, error: Exception) -> str:
+    """The file, and the line in it where things went wrong."""
+    if isinstance(error, SyntaxError):
+        return f"{file}, line {error.lineno}"
+    lines = [
+        entry.lineno for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename) == file.resolve()
+    ]
+    return f"{file}, line {lines[-1]}" if lines else str(file)
