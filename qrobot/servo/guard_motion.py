@@ -43,7 +43,6 @@ FROZEN_S: Final = 0.015  # without a count so long while pushed: counting nothin
 SUSPECT_COUNTS: Final = 4.0  # so many counts overdue: judge when it is clear whether more will come
 OVERDUE_COUNTS: Final = 12.0
 OVERDUE_S: Final = 0.002
-MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
 # Push over the driving torque when it acts the wrong way round: 2, but for what the model misses. It does so from the
 # first moment on; where it comes to that later, the law has answered a push with a torque as large.
 SIGN_LEAST: Final = 1.5

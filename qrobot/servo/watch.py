@@ -8,7 +8,6 @@ from typing import Final
 from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard_motion import (
-    MOVED_COUNTS,
     check_parked,
     check_push,
     check_saturation,
@@ -50,6 +49,7 @@ STOPPING: Final = int(Mode.STOPPING)
 ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
+MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
 SETTLE_S: Final = 0.25  # after power went: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
 

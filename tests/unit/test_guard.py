@@ -70,7 +70,11 @@ def test_velocity_is_stopped_above_the_factor_and_cut_above_half_as_much_again(
     ],
 )
 def test_following_error_is_allowed_up_to_its_limit(q: list[float], expected: tuple[int, int]) -> None:
-    assert check_following(np.zeros(2), np.array(q), np.array([0.5, 0.25])) == expected
+    allowed = np.array([0.5, 0.25])
+    assert check_following(np.zeros(2), np.array(q), allowed) == expected
+    reference = np.array([4.0, -2.0])
+    assert check_following(reference, reference, allowed) == WELL
+    assert check_following(reference, -reference, allowed) == (FaultCode.FOLLOWING, 0)
 
 
 @pytest.mark.parametrize(
@@ -131,6 +135,13 @@ def test_torque_exactly_at_the_limit_passes_untouched(sign: float) -> None:
     assert tau[0] == sign * 5.0
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_weak_joint_is_limited_in_its_own_direction(sign: float) -> None:
+    tau = np.array([sign * 0.75])
+    assert limit_torque(tau, np.array([0.5])) == (FaultCode.NONE, 0, 1)
+    assert tau[0] == sign * 0.5
+
+
 def test_a_stream_has_to_begin_where_the_reference_stands() -> None:
     here = np.zeros(2)
     position, torque = np.array([1, 1]), np.array([1, 2])
@@ -138,14 +149,19 @@ def test_a_stream_has_to_begin_where_the_reference_stands() -> None:
     assert check_first_setpoint(np.array([0.0, just_above(0.02)]), position, here, 0.02) == (FaultCode.START_POSE, 1)
     assert check_first_setpoint(np.array([NAN, 0.0]), position, here, 0.02) == (FaultCode.START_POSE, 0)
     assert check_first_setpoint(np.array([0.0, 9.0]), torque, here, 0.02) == WELL
+    elsewhere = np.array([1.0, -1.0])
+    assert check_first_setpoint(elsewhere, position, elsewhere, 0.02) == WELL
+    assert check_first_setpoint(-elsewhere, position, elsewhere, 0.02) == (FaultCode.START_POSE, 0)
 
 
 def setpoint_verdict(value: float, mode: int = 1, before: float = 0.0, at: float = 0.0, slack: float = 1.0) -> int:
     knots = np.array([[0.0], [0.0], [before], [at]])
     one = np.ones(1)
-    return check_setpoint(
+    code, joint = check_setpoint(
         np.array([value]), np.array([mode]), knots, -one, one, 4 * one, 16 * one, 8 * one, 0.125, slack
-    )[0]
+    )
+    assert joint == 0
+    return code
 
 
 @pytest.mark.parametrize(
@@ -155,6 +171,7 @@ def setpoint_verdict(value: float, mode: int = 1, before: float = 0.0, at: float
         (just_above(0.25), 0.0, 0.0, FaultCode.SP_STEP),
         (0.5, -0.25, 0.0, FaultCode.NONE),  # step 0.5 = 4 * 0.125, bend 0.25
         (just_above(0.5), -0.25, 0.0, FaultCode.SP_STEP),
+        (just_above(0.5), -0.4, 0.0, FaultCode.SP_STEP),  # the bend is small
         (0.0, -0.25, 0.0, FaultCode.NONE),
         (-1e-9, -0.25, 0.0, FaultCode.SP_STEP),
         (1.0, 0.5, 0.75, FaultCode.NONE),

@@ -11,7 +11,6 @@ import pytest
 from qrobot.faultcodes import FaultCode as F
 from qrobot.servo.guard_motion import (
     FROZEN_S,
-    MOVED_COUNTS,
     MOVING_PUSH_S,
     NOTICE_S,
     OVERDUE_COUNTS,
@@ -112,10 +111,15 @@ def test_a_joint_that_counts_nothing_while_it_is_pushed_has_a_dead_encoder_or_a_
         (10.0, -1.0, 0.5, F.COLLISION),
         (-10.0, 1.0, 0.5, F.COLLISION),
         (10.0, above(0.125), 0.0, F.RUNAWAY),
+        (8.5, 0.1, 0.0, F.COLLISION),
     ],
 )
 def test_a_joint_driven_faster_than_its_reference_runs_away(push: float, v: float, v_ref: float, expected: F) -> None:
     assert verdict(push=push, v=v, v_ref=v_ref) == expected
+
+
+def test_a_light_joint_runs_away_too() -> None:
+    assert verdict(push=1.0, limit=0.5, v=0.7, v_ref=0.5) == F.RUNAWAY
 
 
 def test_a_runaway_is_named_at_once() -> None:
@@ -146,6 +150,10 @@ def test_a_joint_acts_backwards_when_it_goes_against_its_torque_as_hard_as_it_sh
     assert acts_backwards(push, drive, v, 8.0) == expected
 
 
+def test_a_light_joint_that_is_pushed_along_does_not_act_backwards() -> None:
+    assert not acts_backwards(1.0, 0.5, -0.1, 0.1)
+
+
 def test_such_a_joint_has_a_wrong_sign() -> None:
     backwards = {"push": -10.0, "drive": 5.0, "v": -0.1}
     assert verdict(**backwards, over_s=below(NOTICE_S)) == F.NONE
@@ -164,6 +172,7 @@ def test_such_a_joint_has_a_wrong_sign() -> None:
         ({"push": -above(64.0), "v": -above(STANDSTILL)}, F.ENC_SIGN),
         ({"push": above(64.0), "v": above(STANDSTILL), "v_ref": -0.5}, F.ENC_SIGN),
         ({"push": -64.0, "v": -above(STANDSTILL)}, F.COLLISION),
+        ({"push": -above(64.0), "v": -above(STANDSTILL), "v_ref": 0.0}, F.NONE),  # the reference stands
         ({"push": -above(64.0), "v": -above(STANDSTILL), "over_s": TURNED_S}, F.COLLISION),
     ],
 )
@@ -217,7 +226,6 @@ def test_a_torque_may_stay_at_its_limit_for_so_long(clipped_s: float, expected: 
 def test_a_parked_joint_with_a_brake_stays_within_the_slip_allowed(q: list[float], expected: tuple[int, int]) -> None:
     brake, slip = np.array([1, 1, 0]), np.array([0.125, 0.25, 0.125])
     assert check_parked(np.array(q), np.zeros(3), brake, slip) == expected
-
-
-def test_a_closed_brake_lets_a_joint_twitch_by_some_counts() -> None:
-    assert 1 < MOVED_COUNTS < 100
+    parked = np.array([0.5, -2.0, 0.0])
+    assert check_parked(parked, parked, brake, slip) == (F.NONE, 0)
+    assert check_parked(-parked, parked, brake, slip) == (F.BRAKE_SLIP, 0)

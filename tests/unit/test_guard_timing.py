@@ -14,6 +14,7 @@ PERIOD_NS = 250_000
     ("dt_ns", "expected"),
     [
         (0, 0),
+        (PERIOD_NS // 4, 0),
         (PERIOD_NS, 0),
         (PERIOD_NS + PERIOD_NS // 2 - 1, 0),
         (PERIOD_NS + PERIOD_NS // 2, 1),
