@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from qrobot.servo.mailbox import ServoInfo
 
 MEGABYTE = 1_000_000
+TABLE_EVENTS: Final = 20
 FigureName = Literal["positions", "errors", "torques", "latency"]
 
 HELP: Final = """
@@ -52,6 +53,8 @@ def info(file: Path, *, json: bool = False) -> None:
     if json:
         write_json(facts)
         return
+    facts["law"] = ", then ".join(facts.pop("laws"))
+    facts["events"] = _first_events(facts["events"], file)
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts.items():
         table.add_row(name.replace("_", " "), _plain(value))
@@ -60,6 +63,7 @@ def info(file: Path, *, json: bool = False) -> None:
 
 def _facts(log: Log) -> dict[str, Any]:
     from qrobot.faultcodes import explain
+    from qrobot.log.events import log_events
     from qrobot.log.flight import incidents_of
     from qrobot.log.summary import tracking_summary
 
@@ -70,6 +74,7 @@ def _facts(log: Log) -> dict[str, Any]:
         "joints": list(header.joint_names),
         "rate_hz": header.rate_hz,
         "law": header.law,
+        "laws": list(log.law_names),
         "velocity": header.velocity,
         "interpolation": header.interpolation,
         "clock": header.clock,
@@ -82,7 +87,14 @@ def _facts(log: Log) -> dict[str, Any]:
         "incidents": [incident.to_dict() | {"line": incident.line(header.prismatic)} for incident in incidents_of(log)],
         "setup": [asdict(step) for step in header.setup],
         "attachments": list(log.attachments),
+        "events": [event.to_dict() for event in log_events(log)],
     }
+
+
+def _first_events(events: list[dict[str, Any]], file: Path) -> list[dict[str, Any]]:
+    """As many as a table should have, and where the others are."""
+    more = len(events) - TABLE_EVENTS
+    return [*events[:TABLE_EVENTS], {"line": f"and {more} more: qrobot log events {file}"}] if more > 0 else events
 
 
 def _plain(value: Any) -> str:
@@ -99,12 +111,34 @@ def _plain(value: Any) -> str:
 
 
 def _plain_entry(value: dict[str, Any]) -> str:
-    """An incident, a step of the set-up, or any other group of facts."""
+    """An incident, an event, a step of the set-up, or any other group of facts."""
     if "line" in value:
         return str(value["line"])
     if "remedy" in value:
         return f"{value['name']}: {value['detail']}" + ("" if value["ok"] else " (refused)")
     return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
+
+
+@app.command
+def events(file: Path, *, json: bool = False) -> None:
+    """List what happened, a line each: modes, faults, other laws, other gains; in seconds since the log's first cycle.
+
+    Parameters
+    ----------
+    file
+        First file of the log.
+    json
+        Print JSON.
+    """
+    from qrobot.log.events import log_events
+    from qrobot.log.read import read_log
+
+    found = [event.to_dict() for event in log_events(read_log(file))]
+    if json:
+        write_json(found)
+        return
+    for event in found:
+        out.print(event["line"], soft_wrap=True, markup=False)
 
 
 @app.command
@@ -115,6 +149,8 @@ def plot(
     only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
 ) -> None:
     """Draw a log: desired positions, tracking errors, torques, wake-up errors; one PNG each.
+
+    Dashed lines mark other laws and gains, dotted ones faults.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ shift is found by laying the desired positions over each other.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.errors import LogError
+from qrobot.log.events import GAINS
 from qrobot.log.header import LogHeader
 from qrobot.log.read import Log
 from qrobot.log.summary import TrackingSummary, plain_numbers, tracking_summary
@@ -25,7 +27,7 @@ from qrobot.servo.modes import Mode
 MAX_SHIFT_S: Final = 0.25  # two and a half frames of the longest sample period
 SHIFT_STEPS_S: Final = (0.005, 0.0005, 0.00005)  # each search refines the one before
 COMPARED_STEP_S: Final = 0.004
-NOT_A_CHOICE: Final = ("robot", "joint_names", "prismatic", "wall_offset_ns", "part", "setup")
+NOT_A_CHOICE: Final = ("robot", "law", "joint_names", "prismatic", "wall_offset_ns", "part", "setup")
 
 Floats = NDArray[np.float64]
 
@@ -117,7 +119,7 @@ def compare_logs(a: Log, b: Log) -> LogComparison:
     _require_same_robot(a, b)
     for log in (a, b):
         _first_tracking(log)
-    differences = (*_header_differences(a.header, b.header), *_file_differences(a, b))
+    differences = (*_law_differences(a, b), *_header_differences(a.header, b.header), *_file_differences(a, b))
     return LogComparison(a, b, _find_shift(a, b), (tracking_summary(a), tracking_summary(b)), differences)
 
 
@@ -148,11 +150,16 @@ def _find_shift(a: Log, b: Log) -> float:
     shift, reach = 0.0, MAX_SHIFT_S
     for step in SHIFT_STEPS_S:
         candidates = shift + np.arange(-round(reach / step), round(reach / step) + 1) * step
-        misses = [float(np.mean(_overlap(a, b, candidate) ** 2)) for candidate in candidates]
+        misses = [_miss(_overlap(a, b, candidate)) for candidate in candidates]
         best = np.flatnonzero(np.array(misses) <= min(misses) * (1.0 + 1e-9))
         shift = float(candidates[best[np.argmin(np.abs(candidates[best]))]])  # of equals the smallest shift
         reach = step
     return shift
+
+
+def _miss(difference: Floats) -> float:
+    """Mean square of what is left; infinite where logs shorter than the shift have nothing in common."""
+    return float(np.mean(difference**2)) if difference.size else math.inf
 
 
 def _overlap(a: Log, b: Log, shift_s: float) -> Floats:
@@ -173,6 +180,16 @@ def _path(log: Log) -> tuple[Floats, Floats]:
 
 
 # ------------------------------------------------------------------------------------------------------- differences
+
+
+def _law_differences(a: Log, b: Log) -> Iterator[Difference]:
+    """Law and gains: those of the first tracking cycle, and all laws of a log in which they changed."""
+    if a.law_names != b.law_names:
+        yield Difference("law", *(", then ".join(log.law_names) for log in (a, b)))
+    one, other = (log.maybe_law_at(int(log.rows["tick"][_first_tracking(log)])) for log in (a, b))
+    for told, name in (("law settings", "settings"), *GAINS) if one and other else ():
+        if getattr(one, name) != getattr(other, name):
+            yield Difference(told, getattr(one, name), getattr(other, name))
 
 
 def _header_differences(a: LogHeader, b: LogHeader) -> Iterator[Difference]:

@@ -21,7 +21,8 @@ from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.read import Log
 from qrobot.log.record import write_log
 from qrobot.servo.incident import Incident
-from qrobot.servo.mailbox import ServoInfo, ServoMailbox
+from qrobot.servo.journal import JournalReader, LawInForce
+from qrobot.servo.mailbox import ServoInfo, ServoMailbox, journal_base
 from qrobot.servo.telemetry import Rows, TelemetryReader
 
 BEFORE_NS: Final = 2_000_000_000
@@ -75,7 +76,8 @@ class FlightRecorder:
             self._folder.mkdir(parents=True, exist_ok=True)
             path = fresh_path(self._folder, f"{self._arm}-{code}")
             rows = _rows_since(mailbox, incidents[0].t_ns - BEFORE_NS)
-            write_log(path, rows, self._header_of(mailbox.info), [Attachment(ATTACHMENT, data, "application/json")])
+            attachments = [Attachment(ATTACHMENT, data, "application/json")]
+            write_log(path, rows, self._header_of(mailbox.info), attachments, laws=_laws(mailbox))
             self._thin_out()
         except (LogError, OSError) as error:
             self._report(f"the cycles around {code} are not saved: {error}")
@@ -97,6 +99,11 @@ def _rows_since(mailbox: ServoMailbox, t_ns: int) -> Rows:
         blocks.append(reader.read())
     rows = np.concatenate(blocks)
     return np.asarray(rows[rows["t_ns"] >= t_ns])
+
+
+def _laws(mailbox: ServoMailbox) -> list[LawInForce]:
+    n = mailbox.info.n
+    return list(JournalReader(mailbox.words, journal_base(n), n).read())
 
 
 def incidents_of(log: Log) -> list[Incident]:

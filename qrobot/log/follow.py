@@ -19,7 +19,8 @@ from qrobot.log.record import Recorder
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.segment import GENERATION, OWNER_PID, Segment
-from qrobot.servo.mailbox import ServoInfo, attach_servo_memory, servo_info
+from qrobot.servo.journal import JournalReader
+from qrobot.servo.mailbox import ServoInfo, attach_servo_memory, journal_base, servo_info
 from qrobot.servo.telemetry import TelemetryReader
 
 POLL_S: Final = 0.01
@@ -93,7 +94,8 @@ class ServoFollower:
             return
         writer = self._open_log(info, int(segment.words[OWNER_PID]))
         reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
-        self._session = _Session(segment, info.generation, Recorder(reader, writer), str(writer.path))
+        journal = JournalReader(segment.words, journal_base(info.n), info.n)
+        self._session = _Session(segment, info.generation, Recorder(reader, writer, journal), str(writer.path))
         self._reported = LogStatus()
         self._report(f"recording the servo of {self._arm} into {writer.path}")
 

@@ -38,7 +38,7 @@ class LogHeader:
         joint_names: one per joint; their number is the joint count.
         period_ns: length of a servo cycle, ns.
         prismatic: per joint, True when it slides (m, N) instead of turning (rad, N m); empty means none does.
-        law: name of the control law.
+        law: name of the control law at the first row.
         velocity: how velocities were estimated; empty when unknown.
         interpolation: form of the path between setpoints; empty when unknown.
         clock: REALTIME or LOCKSTEP.

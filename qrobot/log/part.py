@@ -1,8 +1,9 @@
 """One log file: rows of telemetry as ROS 2 messages in MCAP, by foxglove-sdk.
 
 A message is a row with a four-byte header in front (see `servo.telemetry`); its log time is the planned time of its
-cycle. Topic /servo/tick carries the rows, /servo/log_status what was lost. A chunk is closed at each flush, and a
-reader can use every closed chunk of a file that was cut short (the MCAP specification, "Chunk").
+cycle. Topic /servo/tick carries the rows, /servo/law what law is in force, /servo/log_status what was lost. A chunk is
+closed at each flush, and a reader can use every closed chunk of a file that was cut short (the MCAP specification,
+"Chunk").
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import numpy as np
 from foxglove import Channel, Context, Schema, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
+from qrobot.log import law_message
 from qrobot.log.header import METADATA_NAME, Attachment, LogHeader
 from qrobot.log.spool import SpoolFile
 from qrobot.log.status import SCHEMA_NAME, LogStatus
-from qrobot.log.topics import STATUS_TOPIC, TICK_TOPIC
+from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
+from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import CDR_HEADER, Rows
 
 _CDR_WORD: Final = int.from_bytes(CDR_HEADER, "little")
@@ -43,6 +46,13 @@ class LogStream:
             context=self.context,
             schema=Schema(name=SCHEMA_NAME, encoding="ros2msg", data=LogStatus.ros2msg().encode()),
         )
+        law, definition = law_message.schema_name(header.n), law_message.ros2msg(header.n)
+        self.law = Channel(
+            LAW_TOPIC,
+            message_encoding="cdr",
+            context=self.context,
+            schema=Schema(name=law, encoding="ros2msg", data=definition.encode()),
+        )
 
     def log_rows(self, rows: Rows) -> None:
         """One message per row, shape (m,), to the open part."""
@@ -55,6 +65,10 @@ class LogStream:
     def log_status(self, status: LogStatus) -> None:
         """One message to the open part."""
         self.status.log(status.to_bytes(), log_time=status.t_ns)
+
+    def log_law(self, law: LawInForce, begin_ns: int) -> None:
+        """One message to the open part, at the earliest at `begin_ns`: a log's time does not begin before its rows."""
+        self.law.log(law_message.to_bytes(law), log_time=max(law.t_ns, begin_ns))
 
 
 class LogPart:

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from qrobot.errors import LogError
+from qrobot.log.events import Event, log_events
 from qrobot.log.read import Log
 
 # Okabe and Ito's colours, told apart by colour-blind readers too; more joints than colours get another dash.
@@ -39,6 +40,8 @@ STYLE: Final[dict[Any, Any]] = {
 LEGEND: Final[dict[str, Any]] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5), "frameon": False}
 MAX_POINTS: Final = 6_000  # per line; more would not be seen
 DPI: Final = 150
+MAX_MARKS: Final = 12  # more names would hide the lines
+MARKS: Final = {"law": ("--", "#444444"), "gains": ("--", "#999999"), "fault": (":", "#CC0000")}
 
 
 def positions_figure(log: Log) -> Figure:
@@ -106,6 +109,7 @@ def _joint_figure(log: Log, title: str, quantity: str, units: tuple[str, str], v
         for axes, (joints, unit) in zip(all_axes, panels, strict=True):
             _plot_joints(axes, log, joints, values)
             axes.set_ylabel(f"{quantity} ({unit})")
+            _mark(axes, log_events(log))
             axes.legend(**LEGEND)
         all_axes[-1].set_xlabel("time (s)")
         _head(all_axes[0], log, title)
@@ -118,6 +122,18 @@ def _plot_joints(axes: Axes, log: Log, joints: Sequence[int], values: NDArray[An
         colour, dash = COLOURS[j % len(COLOURS)], DASHES[j // len(COLOURS) % len(DASHES)]
         axes.plot(time_s, line, label=log.header.joint_names[j], color=colour, linestyle=dash)
     axes.margins(x=0.01)
+
+
+def _mark(axes: Axes, events: Sequence[Event]) -> None:
+    """A line with a name where another law, other gains or a fault came; of very many the first."""
+    marks = [event for event in events if event.kind in MARKS]
+    for event in marks[:MAX_MARKS]:
+        dash, colour = MARKS[event.kind]
+        axes.axvline(event.t_s, linestyle=dash, color=colour, linewidth=0.9)
+        axes.annotate(
+            event.short, (event.t_s, 1.0), (2, -2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            rotation=90, va="top", fontsize=7, color=colour,
+        )  # fmt: skip
 
 
 def thin(time_s: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:

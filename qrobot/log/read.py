@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from qrobot.log.header import LogHeader
 from qrobot.log.scan import Contents, scan_file
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
+from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import Rows, TelemetryLayout
 
 
@@ -29,6 +31,7 @@ class Log:
         attachments: files carried in the log, by name.
         torn: the writer did not end the log; everything up to its last flush is here.
         parts: the files read.
+        laws: laws and gains in force, from those at the first row on; empty when the log tells the name alone.
     """
 
     path: Path
@@ -38,6 +41,7 @@ class Log:
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     torn: bool = False
     parts: tuple[Path, ...] = ()
+    laws: tuple[LawInForce, ...] = ()
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -49,6 +53,16 @@ class Log:
     def tracking_error(self) -> NDArray[np.float64]:
         """Desired minus measured position, rad or m, shape (rows, n)."""
         return np.asarray(self.rows["q_ref"] - self.rows["q"], dtype=np.float64)
+
+    @property
+    def law_names(self) -> tuple[str, ...]:
+        """Names of the laws in force, one after the other."""
+        names = [self.header.law, *(law.law for law in self.laws)]
+        return (names[0], *(after for before, after in pairwise(names) if after != before))
+
+    def maybe_law_at(self, tick: int) -> LawInForce | None:
+        """Law and gains in cycle number `tick`; None when the log does not tell."""
+        return next((law for law in reversed(self.laws) if law.tick <= tick), None)
 
 
 def read_log(path: Path | str) -> Log:
@@ -62,15 +76,24 @@ def read_log(path: Path | str) -> Log:
     header = parts[0].header
     if header is None:
         raise LogError(f"{path} is not a log of this program, or was cut off before its header")
+    rows = _join([block for part in parts for block in part.rows], header.layout)
+    begin = int(rows["tick"][0]) if rows.size else 0
+    laws = _laws_since([law for part in parts for law in part.laws], begin)
     return Log(
         path=first,
-        header=header,
-        rows=_join([block for part in parts for block in part.rows], header.layout),
+        header=replace(header, law=laws[0].law) if laws and laws[0].tick <= begin else header,
+        rows=rows,
         status=next((part.status for part in reversed(parts) if part.status.rows), LogStatus()),
         attachments=parts[0].attachments,
         torn=not all(part.ended for part in parts),
         parts=tuple(part_path(first, number) for number in range(1, len(parts) + 1)),
+        laws=laws,
     )
+
+
+def _laws_since(laws: Sequence[LawInForce], tick: int) -> tuple[LawInForce, ...]:
+    """Those of `laws` that were in force in or after cycle number `tick`."""
+    return tuple(law for k, law in enumerate(laws) if not any(later.tick <= tick for later in laws[k + 1 :]))
 
 
 def _scan_parts(first: Path) -> list[Contents]:

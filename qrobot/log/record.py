@@ -14,6 +14,7 @@ from qrobot.errors import LogError
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
+from qrobot.servo.journal import JournalReader, LawInForce
 from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
 
 FLUSH_NS: Final = 200_000_000  # what a kill -9 of the recorder can cost, and the ring has it still
@@ -27,10 +28,11 @@ class Recorder:
     Args:
         reader: of the ring.
         writer: of the log.
+        journal: of the laws in force; None when there is none.
     """
 
-    def __init__(self, reader: TelemetryReader, writer: LogWriter) -> None:
-        self._reader, self._writer = reader, writer
+    def __init__(self, reader: TelemetryReader, writer: LogWriter, journal: JournalReader | None = None) -> None:
+        self._reader, self._writer, self._journal = reader, writer, journal
         self._lost = 0
         self._flush_at_ns = self._sync_at_ns = 0
 
@@ -52,6 +54,7 @@ class Recorder:
     def poll(self, now_ns: int) -> int:
         """Write what the ring has, flush when it is time; returns the number of rows taken."""
         taken = self._take()
+        self._take_laws()
         if now_ns >= self._flush_at_ns:
             self._flush_at_ns = now_ns + FLUSH_NS
             self._writer.flush()
@@ -68,6 +71,7 @@ class Recorder:
         while drain and self._take():
             pass
         if drain:
+            self._take_laws()
             self._writer.count_lost(self._reader.waiting)
         self._writer.close()
 
@@ -82,6 +86,11 @@ class Recorder:
             self._lost = self._reader.lost
         return int(rows.size)
 
+    def _take_laws(self) -> None:
+        if self._journal is not None and self._writer.status.rows:
+            for law in self._journal.read():
+                self._writer.append_law(law)
+
 
 def write_log(
     path: Path,
@@ -89,12 +98,18 @@ def write_log(
     header: LogHeader,
     attachments: Iterable[Attachment] = (),
     max_bytes: int | None = None,
+    laws: Iterable[LawInForce] = (),
 ) -> list[Path]:
-    """Write rows already in memory, shape (m,); returns the files. Raises LogError when the disk does not take them."""
+    """Write rows already in memory, shape (m,), and the laws they ran under; returns the files.
+
+    Raises LogError when the disk does not take them.
+    """
     writer = LogWriter(path, header, attachments, max_bytes)
     for start in range(0, rows.size, READ_ROWS):
         writer.append(rows[start : start + READ_ROWS])
         writer.flush()
+    for law in laws:
+        writer.append_law(law)
     writer.close()
     if writer.backlog:
         raise LogError(f"the log {path} is incomplete: {writer.last_error}")

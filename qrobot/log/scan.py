@@ -23,9 +23,11 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import get_chunk_data_stream
 
 from qrobot.errors import LogError
+from qrobot.log import law_message
 from qrobot.log.header import METADATA_NAME, LogHeader
 from qrobot.log.status import LogStatus
-from qrobot.log.topics import STATUS_TOPIC, TICK_TOPIC
+from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
+from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import Rows, TelemetryLayout
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -50,6 +52,7 @@ class Contents:
     Attributes:
         header: None as long as the file has not told whose log it is.
         rows: blocks of rows, in order.
+        laws: entries of the servo's journal, in order.
         ended: the writer came to a regular end.
     """
 
@@ -58,6 +61,7 @@ class Contents:
     schemas: dict[int, records.Schema] = field(default_factory=dict)
     topics: dict[int, str] = field(default_factory=dict)
     rows: list[Rows] = field(default_factory=list)
+    laws: list[LawInForce] = field(default_factory=list)
     status: LogStatus = field(default_factory=LogStatus)
     ended: bool = False
 
@@ -134,6 +138,8 @@ def _take_chunk(found: Contents, layout: TelemetryLayout, data: bytes) -> None:
             continue
         if topic == STATUS_TOPIC:
             found.status = LogStatus.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :])
+        elif topic == LAW_TOPIC:
+            found.laws.append(law_message.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :], layout.n))
         elif opcode == Opcode.SCHEMA:
             schema = records.Schema.read(_stream(body))
             found.schemas[schema.id] = schema

@@ -7,6 +7,7 @@ from typing import Final
 
 TICK_TOPIC: Final = "/servo/tick"
 STATUS_TOPIC: Final = "/servo/log_status"
+LAW_TOPIC: Final = "/servo/law"
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -11,6 +11,7 @@ from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.part import LogPart, LogStream
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
+from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import Rows
 
 
@@ -36,7 +37,7 @@ class LogWriter:
         _remove_parts_after_first(path)
         self._part = self._open(1)
         self._number = 1
-        self._t_ns = self._rows = self._lost = self._earlier_errors = 0
+        self._begin_ns = self._t_ns = self._rows = self._lost = self._earlier_errors = 0
         self._last_error = ""
 
     def _open(self, number: int) -> LogPart:
@@ -67,10 +68,16 @@ class LogWriter:
     def append(self, rows: Rows, lost: int = 0) -> None:
         """Add rows, shape (m,), in order; `lost` is the number missing before them."""
         self._stream.log_rows(rows)
+        if rows.size and not self._rows:
+            self._begin_ns = int(rows["t_ns"][0])
         self._rows += rows.size
         self.count_lost(lost)
         if rows.size:
             self._t_ns = int(rows["t_ns"][-1])
+
+    def append_law(self, law: LawInForce) -> None:
+        """Add what is in force; after the first rows, since the log begins with them."""
+        self._stream.log_law(law, self._begin_ns)
 
     def count_lost(self, rows: int) -> None:
         """Note that so many rows will never come."""

@@ -46,10 +46,12 @@ from qrobot.servo.state import (
     DISCRETE_WORD,
     DT,
     IMAGE_SEEN,
+    LAST_NOW_NS,
     LAW_FAILED,
     MODE,
     REVISION,
     STARTED,
+    TICK,
     ServoState,
 )
 from qrobot.servo.supervisor import hold_here, raise_code
@@ -82,7 +84,7 @@ def drive(params: ServoParameters, state: ServoState) -> None:
         model_terms(params, state)
         law_torque(params, state)
     if swap_asked(state.swap.i):
-        answer_swap(state.swap, swap_law(state))
+        answer_swap(state.swap, swap_law(state), state.i[TICK], state.i[LAST_NOW_NS])
     if not gives_torque(state.i[MODE]):
         return
     add_torque_setpoints(state)

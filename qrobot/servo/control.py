@@ -30,6 +30,7 @@ from qrobot.servo.control_messages import (
     encode,
 )
 from qrobot.servo.control_socket import Visitor
+from qrobot.servo.journal import LawInForce, settings_text, write_entry
 from qrobot.servo.law import KP, KV, M0, Law
 from qrobot.servo.law_trial import prove
 from qrobot.servo.laws import find_law, law_label
@@ -40,9 +41,10 @@ from qrobot.servo.mailbox import (
     FLAG_POWERED,
     ServoMailbox,
     describe_law,
+    journal_base,
 )
 from qrobot.servo.modes import Mode, mode_name
-from qrobot.servo.swap import NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
+from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
 LOOP_PATIENCE_S: Final = 0.5
@@ -80,6 +82,7 @@ class Controls:
         self._authority = Authority(servo.arm)
         self._commander: Visitor | None = None
         self._kept_laws = [servo.law]  # the loop may still be in one: none is ever let go
+        self._note_law()
 
     def answer(self, visitor: Visitor, line: bytes) -> bytes:
         """The reply to a request line; whatever is wrong with it becomes a reply too."""
@@ -191,7 +194,16 @@ class Controls:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
         servo.law, servo.law_name = law, name
         describe_law(servo.mailbox.words, law_label(name))
+        self._note_law()
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def _note_law(self) -> None:
+        """Tell whoever keeps a log what is in force since the last swap, or from the start."""
+        servo, swap = self._servo, self._servo.swap
+        kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
+        t_ns, tick, label = int(swap.i[DONE_T_NS]), int(swap.i[DONE_TICK]), law_label(servo.law_name)
+        entry = LawInForce(t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia)
+        write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 
 
 def _wait_for_swap(swap: SwapState) -> int | None:

@@ -2,7 +2,7 @@
 
 One writer per block:
 
-* INFO, HEARTBEAT, STATE and the telemetry ring are written by the servo;
+* INFO, HEARTBEAT, STATE, the journal and the telemetry ring are written by the servo;
 * GUARDIAN is written by the guardian (its heartbeat and the takeover mark);
 * COMMAND and the setpoint queue are written by whoever commands (the bridge on behalf of the lease holder).
 
@@ -27,10 +27,11 @@ from qrobot.realtime.record import float_bits
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 from qrobot.servo.forms import FORMS
+from qrobot.servo.journal import LAW_BYTES, journal_words
 from qrobot.servo.telemetry import TelemetryLayout, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
-LAYOUT: Final = 2
+LAYOUT: Final = 3
 MAX_JOINTS: Final = 32
 FORCE_AXES: Final = 6
 
@@ -44,7 +45,7 @@ INFO_ESTIMATOR: Final = HEADER_WORDS + 5  # 1 + place in ESTIMATORS, 0 when not 
 INFO_FORM: Final = HEADER_WORDS + 6  # 1 + place in FORMS, 0 when not told
 INFO_NAME: Final = HEADER_WORDS + 8  # 64 bytes of UTF-8
 INFO_LAW: Final = INFO_NAME + 8  # 64 bytes of UTF-8
-NAME_BYTES: Final = 64
+NAME_BYTES: Final = LAW_BYTES
 
 # CALIBRATION: how far the servo is with it; the results of the joints stand behind the state block
 CALIBRATION_STAGE: Final = 32  # a `servo.calibration_state.Stage`
@@ -129,8 +130,13 @@ def calibration_base(n: int) -> int:
     return _state_seq(n) + 8 + state_words(n) + 8
 
 
-def _telemetry_base(n: int) -> int:
+def journal_base(n: int) -> int:
+    """Where the journal of laws stands, see `servo.journal`."""
     return calibration_base(n) + CALIBRATION_FIELDS * n + 8
+
+
+def _telemetry_base(n: int) -> int:
+    return journal_base(n) + journal_words(n) + 8
 
 
 def memory_words(n: int, telemetry_capacity: int) -> int:

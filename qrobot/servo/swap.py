@@ -30,8 +30,10 @@ FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
     DONE,  # the request last dealt with
     RESULT,  # what became of it
     NEXT_LAW_AT,  # address of the law asked for
+    DONE_TICK,  # the cycle that dealt with it
+    DONE_T_NS,  # planned time of that cycle
     N_SWAP_INTEGERS,
-) = range(6)
+) = range(8)
 
 SWAPPED, NOT_NOW, NO_TORQUE = range(3)  # values of RESULT
 
@@ -138,7 +140,7 @@ def install_after_trial(swap: Any, tau: Any, memory: Any) -> int:
 
 
 @lean_kernel
-def answer_swap(swap: Any, result: int) -> None:
-    """Say what became of the request."""
-    swap.i[RESULT] = result
+def answer_swap(swap: Any, result: int, tick: int, now_ns: int) -> None:
+    """Say what became of the request, in cycle number `tick` planned for `now_ns`."""
+    swap.i[RESULT], swap.i[DONE_TICK], swap.i[DONE_T_NS] = result, tick, now_ns
     store_release(swap.i, DONE, swap.i[ASKED])

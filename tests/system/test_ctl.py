@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from qrobot.log.events import log_events
+from qrobot.log.read import read_log
 from qrobot.servo.authority import Authority
 from qrobot.servo.modes import Mode
 from tests.support.processes import PATIENCE_S, RunningArm, qrobot, running_arms, wait_until
@@ -51,6 +53,14 @@ def test_an_arm_is_powered_changed_and_put_away_by_hand(arm: RunningArm) -> None
     assert ctl(arm, "law", "qrobot")[0] == 0
     status, now, _ = ctl(arm, "power", "off")
     assert (status, now["mode"], arm.powered) == (0, "OFF", False)
+    wait_until(lambda: {"law qrobot -> pd", "law pd -> qrobot", "OFF -> POWERING"} <= in_the_log(arm), "in the log")
+    assert any(text.startswith("Kp ") for text in in_the_log(arm))
+
+
+def in_the_log(arm: RunningArm) -> set[str]:
+    """What the log of a running arm tells so far."""
+    (path,) = Path(arm.arm.log.directory).glob("*.mcap")
+    return {event.text for event in log_events(read_log(path))}
 
 
 def test_a_program_in_command_keeps_the_hand_away_but_not_from_the_switch(arm: RunningArm, tmp_path: Any) -> None:

@@ -18,9 +18,10 @@ from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, decode_reply, decode_request
 from qrobot.servo.control_socket import ControlSocket, control_address
+from qrobot.servo.journal import JournalReader
 from qrobot.servo.law import KP, KV, Law
 from qrobot.servo.laws import LAWS, find_law
-from qrobot.servo.mailbox import COMMAND_CLEARS, COMMAND_OFFS, COMMAND_POWER, COMMAND_STOPS, ServoMailbox
+from qrobot.servo.mailbox import COMMAND_CLEARS, COMMAND_OFFS, COMMAND_POWER, COMMAND_STOPS, ServoMailbox, journal_base
 from qrobot.servo.modes import Mode
 from qrobot.servo.swap import SwapState
 from tests.support.servo_bench import ServoBench, moving
@@ -101,6 +102,21 @@ def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, 
     assert ServoMailbox(servo.bench.mail).info.law == name
     assert servo.said[-1].startswith(f"law {name}, gains")
     assert client.status().mode == "HOLDING"
+
+
+def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
+    journal = JournalReader(servo.bench.mail, journal_base(servo.robot.n), servo.robot.n)
+    client.power_on()
+    client.change_law("pd")
+    before = list(journal.read())[-1]
+    kp = tuple((0.5 * servo.robot.control.kp).tolist())
+    tick = client.status().tick
+    client.change_gains(kp=kp)
+    (entry,) = journal.read()
+    assert (entry.law, entry.kp, entry.kv, entry.inertia) == ("pd", kp, before.kv, before.inertia)
+    assert before.tick <= tick < entry.tick <= client.status().tick
+    assert entry.t_ns - before.t_ns == (entry.tick - before.tick) * servo.bench.settings.period_ns
+    client.change_gains(kp=servo.robot.control.kp.tolist())
 
 
 def test_an_unknown_law_is_refused_and_the_old_one_stays(client: ServoClient) -> None:

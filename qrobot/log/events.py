@@ -1,0 +1,99 @@
+"""What happened in a log besides motion: modes, faults, laws and gains, in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.faultcodes import FaultCode, explain
+from qrobot.log.read import Log
+from qrobot.servo.journal import LawInForce
+from qrobot.servo.modes import mode_name
+
+Kind = Literal["law", "gains", "fault", "mode"]
+GAINS: Final = (("Kp", "kp"), ("Kv", "kv"), ("inertia", "inertia"))  # for people, in `LawInForce`
+
+
+@dataclass(frozen=True)
+class Event:
+    """One thing that happened.
+
+    Attributes:
+        t_s: time of the first cycle after it, seconds since the first row.
+        tick: number of that cycle.
+        kind: what changed; a fault is any code worth knowing, also one that stopped nothing.
+        short: a word or two, for a mark in a figure.
+        text: one line for people.
+    """
+
+    t_s: float
+    tick: int
+    kind: Kind
+    short: str
+    text: str
+
+    @property
+    def line(self) -> str:
+        """One line for people, with the time."""
+        return f"{self.t_s:.3f} s: {self.text}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self) | {"line": self.line}
+
+
+def log_events(log: Log) -> list[Event]:
+    """Everything that happened in a log. Of one cycle: laws and gains, then faults, then the mode they led to."""
+    events = [*_law_events(log), *_fault_events(log), *_mode_events(log)]
+    return sorted(events, key=lambda event: event.tick)
+
+
+def _law_events(log: Log) -> Iterator[Event]:
+    for before, after in pairwise(log.laws):
+        t_s = (after.t_ns - int(log.rows["t_ns"][0])) * 1e-9
+        if after.told != before.told:
+            yield Event(t_s, after.tick, "law", after.law, f"law {before.told} -> {after.told}")
+        if text := _gains_told(before, after):
+            yield Event(t_s, after.tick, "gains", "gains", text)
+        elif after.told == before.told:  # a law in a file may have another text now
+            yield Event(t_s, after.tick, "law", after.law, f"law {after.told} anew")
+
+
+def _gains_told(before: LawInForce, after: LawInForce) -> str:
+    """The rows of gains that changed, such as "Kv 10 20 -> 12 20"; empty when none did."""
+    rows = ((told, getattr(before, name), getattr(after, name)) for told, name in GAINS)
+    return ", ".join(f"{told} {_listed(old)} -> {_listed(new)}" for told, old, new in rows if old != new)
+
+
+def _listed(row: tuple[float, ...]) -> str:
+    return " ".join(f"{value:g}" for value in row)
+
+
+def _fault_events(log: Log) -> Iterator[Event]:
+    for k in _changes(log.rows["fault"], first=0):
+        if code := int(log.rows["fault"][k]):
+            yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), explain(code))
+
+
+def _mode_events(log: Log) -> Iterator[Event]:
+    modes = log.rows["mode"]
+    for k in _changes(modes, first=modes[:1]):
+        before, after = mode_name(int(modes[k - 1])), mode_name(int(modes[k]))
+        yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "mode", after, f"{before} -> {after}")
+
+
+def _changes(column: NDArray[np.int64], first: Any) -> NDArray[np.int64]:
+    """Rows that differ from the one before; the one before the first is `first`."""
+    return np.flatnonzero(np.diff(column, prepend=first))
+
+
+def _code_name(code: int) -> str:
+    try:
+        return FaultCode(code).name
+    except ValueError:
+        return f"fault {code}"
