@@ -126,13 +126,14 @@ def _describe(run: Run) -> str:
 
 def results_tables(results: list[Result]) -> list[Table]:
     """Errors of each joint, largest and rms, and the punctuality of the cycles: one row per run."""
-    joints = results[0].log.header.joint_names if results else ()
-    largest = _table("largest tracking error, mrad (mm on a sliding joint)", joints)
-    rms = _table("rms tracking error, mrad", joints)
-    cycles = _table("cycles", ("cycles", "late", "wake-up µs p50/p99/max", "x real time", "fault"))
+    names = results[0].log.header.joint_names if results else ()
+    joints = [str(number) for number, _ in enumerate(names, 1)]  # the names are too long for a row
+    largest = _table("largest tracking error of each joint, mrad (mm on a sliding joint)", joints)
+    rms = _table("rms tracking error of each joint, mrad", joints)
+    cycles = _table("cycles, and their wake-up in µs", ("cycles", "late", "p50/p99/max", "x real", "fault"))
     for result in results:
         run, numbers = result.run, result.summary
-        label = (str(run.rate_hz), run.clock, run.plant, run.law)
+        label = (str(run.rate_hz), run.clock, run.plant, run.law_label)
         largest.add_row(*label, *(f"{error * 1e3:.2f}" for error in numbers.max_abs_error))
         rms.add_row(*label, *(f"{error * 1e3:.2f}" for error in numbers.rms_error))
         cycles.add_row(*label, *_punctuality(result))
@@ -142,7 +143,7 @@ def results_tables(results: list[Result]) -> list[Table]:
 def _table(title: str, columns: Sequence[str]) -> Table:
     table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0))
     for heading in ("Hz", "clock", "plant", "law"):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=True)
     for heading in columns:
         table.add_column(heading, justify="right")
     return table

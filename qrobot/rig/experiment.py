@@ -61,7 +61,12 @@ class Run:
         """Name of its files; what is not the default of estimator and interpolation is told."""
         unusual = [self.velocity] * (self.velocity != DEFAULT_ESTIMATOR)
         unusual += [self.interpolation] * (self.interpolation != DEFAULT_FORM)
-        return "-".join([self.clock, str(self.rate_hz), self.plant, law_label(self.law), *unusual])
+        return "-".join([self.clock, str(self.rate_hz), self.plant, self.law_label, *unusual])
+
+    @property
+    def law_label(self) -> str:
+        """The law's name, of one in a file without the folder."""
+        return law_label(self.law)
 
     @property
     def settings(self) -> ServoSettings:
