@@ -60,7 +60,8 @@ def _do(where: Where | None, act: Callable[[ServoClient], ServoStatus]) -> int:
 
 
 def _line(status: ServoStatus) -> str:
-    joint = f" (joint {status.event_joint + 1})" if status.event_joint else ""
+    named = status.event_joint == 0 or status.text.startswith("joint ")
+    joint = "" if named else f" (joint {status.event_joint + 1})"
     why = f": {status.text}{joint}" if status.text else ""
     by = f", commanded by {status.commander}" if status.commander else ""
     return f"{status.arm}: {status.mode}{why}, law {status.law}{by}"

@@ -30,6 +30,7 @@ from qrobot.servo.control_messages import (
     encode,
 )
 from qrobot.servo.control_socket import Visitor
+from qrobot.servo.incident import Incident
 from qrobot.servo.journal import LawInForce, settings_text, write_entry
 from qrobot.servo.law import KP, KV, M0, Law
 from qrobot.servo.law_trial import prove
@@ -69,6 +70,10 @@ class Controlled(Protocol):
     @property
     def swap(self) -> SwapState:
         """Where a swap is asked for."""
+
+    @property
+    def incident(self) -> Incident | None:
+        """Why the servo last left a mode, see `servo.incident`."""
 
     def say(self, message: str) -> None:
         """Tell people."""
@@ -116,7 +121,7 @@ class Controls:
             fault=snapshot.fault,
             event=snapshot.event,
             event_joint=snapshot.joint,
-            text=explain(code) if code else "",
+            text=self._text(code),
             powered=bool(snapshot.flags & FLAG_POWERED),
             calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
             estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
@@ -132,6 +137,13 @@ class Controls:
             kv=_floats(gains[KV]),
             inertia=_floats(gains[M0]),
         )
+
+    def _text(self, code: int) -> str:
+        """What a code means, with what was measured when it is why the servo last left a mode."""
+        incident = self._servo.incident
+        if incident is not None and incident.code == code:
+            return incident.why(self._servo.robot.prismatic)
+        return explain(code) if code else ""
 
     def _authorise(self, visitor: Visitor) -> None:
         if self._commander not in (None, visitor):

@@ -68,12 +68,14 @@ class Incident:
         where = f"joint {self.joint + 1}: " if per_joint else ""
         return f"{where}{self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
 
-    def line(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """One line for people: modes, what was measured, what happened, what to do."""
+    def why(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
+        """One line for people: what was measured, what happened, what to do."""
         measured = self.measured(prismatic)
-        return f"{mode_name(self.mode_from)} -> {mode_name(self.mode_to)}: " + (
-            f"{measured}; {explain(self.code)}" if measured else explain(self.code)
-        )
+        return f"{measured}; {explain(self.code)}" if measured else explain(self.code)
+
+    def line(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
+        """The same after the modes it came between."""
+        return f"{mode_name(self.mode_from)} -> {mode_name(self.mode_to)}: {self.why(prismatic)}"
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, with the names of code and modes."""

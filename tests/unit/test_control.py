@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 import threading
 import uuid
@@ -14,10 +15,12 @@ import pytest
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkBusy, LinkError, QRobotError, RemoteProtocolError
+from qrobot.faultcodes import FaultCode
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, decode_reply, decode_request
 from qrobot.servo.control_socket import ControlSocket, control_address
+from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.journal import JournalReader
 from qrobot.servo.law import KP, KV, Law
 from qrobot.servo.laws import LAWS, find_law
@@ -47,6 +50,10 @@ class Bench:
     @property
     def swap(self) -> SwapState:
         return self.bench.state.swap
+
+    @property
+    def incident(self) -> Incident | None:
+        return read_incident(self.bench.state.watch.incident)
 
     def say(self, message: str) -> None:
         self.said.append(message)
@@ -261,3 +268,14 @@ def test_taking_power_away_from_a_moving_arm_is_a_controlled_stop() -> None:
     assert bench.mode is Mode.OFF
     np.testing.assert_array_equal(bench.state.swap.gains[KP], bench.params.gains[KP])
     np.testing.assert_array_equal(bench.state.swap.gains[KV], bench.params.gains[KV])
+
+
+def test_the_status_of_a_faulted_servo_tells_what_was_measured_and_what_was_allowed() -> None:
+    bench = ServoBench().hold()
+    bench.follows = False
+    for _ in range(100):
+        bench.q[2] += 1e-3
+        bench.tick()
+    status = Controls(Bench(bench)).status()
+    assert (status.mode, status.fault) == ("FAULT", FaultCode.FOLLOWING)
+    assert re.match(r"joint 3: 0\.\d+ rad, limit 0\.06 rad; FOLLOWING: a joint lags", status.text)
