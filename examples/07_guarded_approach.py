@@ -3,6 +3,8 @@
 Hayward & Paul 1986, sections 3.2 and 3.3: a motion ends when the arm exerts too much (`limit`), `update` gives a
 transform the value it must have, and the arm then presses on what it has found (`comply`). Where nothing stands the
 motion ends at its goal, and the program says so.
+
+    qrobot run --lockstep --scene table examples/07_guarded_approach.py
 """
 
 from qrobot import rccl
@@ -10,8 +12,8 @@ from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtr
 
 PRESS = 20.0  # N
 
-e = gentr_trsl("E", 0, 0, 76.25)  # to the end of the probe
-guess = gentr_rot("GUESS", 550, 0, -400, yunit, 180)  # about here, 40 mm too high
+e = gentr_trsl("E", 0, 0, 156.25)  # to the end of the probe
+guess = gentr_rot("GUESS", 500, 0, -260, yunit, 180)  # about here, 40 mm too high
 table = newtrans("TABLE", hold)  # where it really is, relative to the guess
 p = makeposition("P", t6, e, EQ, guess, table, TL, e)
 

@@ -29,6 +29,7 @@ from qrobot.motion.trail import DEPTH, motion_of
 
 # Share of its friction by which a moving joint may be wrong [A]: sources differ by more, one arm over a day by less.
 MOVING_SHARE: Final = 0.2
+_PUSHED: Final = 0.1  # share of its Coulomb friction from which a push counts as one [A]
 _AVERAGED: Final = 3  # samples
 
 
@@ -88,11 +89,19 @@ class Friction:
         largest = np.maximum(self._params.coulomb_pos, self._params.coulomb_neg)
         return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
 
-    def breakaway(self, v: Floats, wanted: Floats) -> Floats:
-        """Coulomb friction in the direction of `wanted`, as far as `torque(v)` has not come up to it. Shapes (n,)."""
-        share = np.clip(np.abs(self._rates(v)) / self._params.velocity, 0.0, 1.0)
-        coulomb = np.where(wanted > 0.0, self._params.coulomb_pos, self._params.coulomb_neg)
-        return self._joints(np.sign(wanted) * coulomb * (1.0 - share))
+    def breakaway(self, v: Floats, planned: Floats, push: Floats) -> Floats:
+        """Coulomb friction of the way a joint is to go, as far as `torque(v)` has not come up to it.
+
+        Args:
+            v: measured velocity. Shape (n,).
+            planned: wanted velocity; Coulomb friction comes up with it as in `torque`. Shape (n,).
+            push: torque that is to move it; Coulomb friction comes up within a tenth of itself. Shape (n,).
+        """
+        p = self._params
+        moving = np.clip(np.abs(self._rates(v)) / p.velocity, 0.0, 1.0)
+        largest = np.maximum(p.coulomb_pos, p.coulomb_neg)
+        way = np.clip(self._rates(planned) / p.velocity + push / (_PUSHED * largest), -1.0, 1.0)
+        return self._joints(way * np.where(way > 0.0, p.coulomb_pos, p.coulomb_neg) * (1.0 - moving))
 
     def _rates(self, v: Floats) -> Floats:
         rates: Floats = self._transmission.motor_per_joint @ v

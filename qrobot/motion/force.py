@@ -21,7 +21,7 @@ from qrobot.errors import MotionError, Singular
 from qrobot.model.arm import Arm
 from qrobot.model.differential import twist_to_child
 from qrobot.model.transform import inverse, transform
-from qrobot.motion.compliance import Compliance
+from qrobot.motion.compliance import N_AXES, Compliance
 from qrobot.motion.equation import Goal
 from qrobot.motion.events import Termination
 from qrobot.motion.external import Exerted, ExternalTorque, Seen
@@ -31,12 +31,11 @@ from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, ma
 from qrobot.motion.reach import Reach
 
 LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
-FADE_S: Final = 0.2  # in which a joint's torque goes over from what its servo gave to what it shall be [A]
-SETTLE_S: Final = 0.6  # in which it goes to where that torque leaves it [A]
+FADE_S: Final = 0.4  # in which a joint's torque goes over from what its servo gave to what it shall be [A]
+SETTLE_S: Final = 1.0  # in which it goes to where that torque leaves it [A]
 USABLE: Final = 0.9  # share of a torque limit [A]
-_DAMPING: Final = 0.15  # of M0 per sample, so that a joint slows down over several of them and cannot oscillate [A]
+_DAMPING: Final = 0.25  # of M0 per sample, so that a joint slows down over several of them and cannot oscillate [A]
 _SHARE: Final = 0.3  # of the drift found that one sample takes over: the other joints have to follow it smoothly [A]
-_STANDS: Final = 1e-3  # rad/s or m/s below which nothing is planned to move
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +113,7 @@ class ForceControl:
         self._stood: Floats | None = None  # where the arm was then, foreseen to the time of those setpoints
         self._fading = np.zeros(robot.n)  # torque that a joint had when it began to give way
         self._since = np.zeros(robot.n)  # samples since then
+        self._carried = np.zeros(N_AXES)  # what the newest sample added to the drift
         self._failed = Termination.NONE
 
     # ------------------------------------------------------------------------------------------------ at any time
@@ -149,6 +149,7 @@ class ForceControl:
     def look(self, seen: Seen, generator: Generator, tick: int) -> None:
         """Take in what the robot says, carry COMPLY along, and end the motion where a limit is passed."""
         self.exerted = self._external.look(seen, tick)
+        self._carried = np.zeros(N_AXES)
         if self._compliance is not None and generator.goal is not None:
             self._carry_along(self._compliance)
         code = self._failed or self._limit_passed(seen, generator, tick)
@@ -173,6 +174,7 @@ class ForceControl:
             self._let_go()
             return Drive(tuple(q.tolist()), (False,) * q.size)
         self._contact = contact(self._arm, seen.q, goal.tool(tick))
+        planned -= np.linalg.pinv(self._contact.jacobian) @ self._carried / self._period_s  # to drift is not the plan
         if compliance is not self._compliance:
             compliance.drift.keep(self._kept_axes(compliance))
             self._compliance = compliance
@@ -191,7 +193,8 @@ class ForceControl:
         S = list(self.joints)
         error = self._stood[S] - self._asked[S]
         step = drift_step(self._contact.jacobian, compliance.axes, self.joints, error)
-        compliance.drift.values[list(compliance.axes)] += _SHARE * step
+        self._carried[list(compliance.axes)] = _SHARE * step
+        compliance.drift.values += self._carried
 
     def _kept_axes(self, compliance: Compliance) -> tuple[int, ...]:
         before = () if self._compliance is None else self._compliance.axes
@@ -221,11 +224,10 @@ class ForceControl:
     def _torque(self, compliance: Compliance, there: Contact, seen: Seen, planned: Floats) -> Floats:
         """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
         wanted = there.jacobian.T @ compliance.wrench
-        settling = self._since * self._period_s < SETTLE_S
-        change = np.where(settling, wanted - self._fading, wanted)  # a joint that pressed harder has to give way first
-        intended = np.where(np.abs(planned) > _STANDS, planned, change)
+        settling = (self._since * self._period_s < SETTLE_S) & (wanted != 0.0)
+        push = np.where(settling, wanted - self._fading, wanted)  # a joint that pressed harder has to give way first
         gravity = self._external.gravity(seen.q)
-        tau = wanted + self._external.friction.breakaway(seen.v, intended) - self._damping * (seen.v - planned)
+        tau = wanted + self._external.friction.breakaway(seen.v, planned, push) - self._damping * (seen.v - planned)
         tau += np.where(self._uncarried, gravity, 0.0)
         share = np.clip(self._since * self._period_s / FADE_S, 0.0, 1.0)
         self._since += 1

@@ -6,9 +6,13 @@ from functools import cache
 
 import numpy as np
 
+from qrobot.config import Robot
+from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
 from qrobot.motion.blend import Blend
 from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion.external import ExternalTorque, Seen
+from qrobot.motion.force import contact
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.reach import Reach
@@ -32,6 +36,13 @@ def warm_up(n: int, blend: Blend) -> None:
         if tick == _TICKS // 2:
             generator.stop(0.1)
         generator.update(tick)
+
+
+def warm_up_force(robot: Robot) -> None:
+    """Make what feels forces look at a robot once."""
+    q, still = np.array(robot.poses["park"] if "park" in robot.poses else np.zeros(robot.n)), np.zeros(robot.n)
+    ExternalTorque(robot, _PERIOD_S).look(Seen(q, still, still, q), 1)
+    contact(Arm(robot), q, np.eye(4))
 
 
 def warm_up_reach(reach: Reach, q: Floats) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.model.arm import Arm
-from qrobot.motion import Blend, Exerted, Trsf, reach_of, warm_up, warm_up_reach
+from qrobot.motion import Blend, Exerted, Trsf, reach_of, warm_up, warm_up_force, warm_up_reach
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
@@ -339,6 +339,7 @@ def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clea
 def _warm_up(robot: Robot, blend: Blend) -> None:
     """No sample may wait for the compiler."""
     warm_up(robot.n, blend)
+    warm_up_force(robot)
     if (reach := reach_of(Arm(robot))) is not None:
         warm_up_reach(reach, robot.poses["park"])
 

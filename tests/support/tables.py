@@ -1,4 +1,4 @@
-"""What the plant's table feels, by MuJoCo's own account."""
+"""What the things around an emulated arm feel and do, by MuJoCo's own account."""
 
 from __future__ import annotations
 
@@ -17,3 +17,9 @@ def contact_force(emulator: Emulator) -> float:
         mujoco.mj_contactForce(memory.model, memory.data, i, force)
         total += float(force[0])
     return total
+
+
+def crank_angle(emulator: Emulator) -> float:
+    """How far the crank of a scene was turned, rad."""
+    angle: float = emulator.memory.data.joint("crank").qpos[0]
+    return angle

@@ -44,10 +44,18 @@ def test_a_standing_joint_may_hide_all_its_stiction_and_a_moving_one_a_share_of_
 
 
 def test_break_away_torque_fades_as_the_servos_own_compensation_comes_up() -> None:
-    friction, want = Friction(ROBOT), np.array([1.0, -1.0, 1.0, 0.0, 0.0, 0.0])
-    at_rest = friction.breakaway(STILL, want)
+    friction, push = Friction(ROBOT), np.array([30.0, -30.0, 30.0, 0.0, 0.0, 0.0])
+    at_rest = friction.breakaway(STILL, STILL, push)
     preset = ROBOT.friction["corke"]
     assert at_rest[:3] == pytest.approx([preset.coulomb_pos[0], -preset.coulomb_neg[1], preset.coulomb_pos[2]])
     v = ROBOT.control.friction_velocity
-    assert friction.breakaway(0.5 * v, want)[:3] == pytest.approx(0.5 * at_rest[:3])
-    assert friction.breakaway(2.0 * v, want) == pytest.approx(np.zeros(N))
+    assert friction.breakaway(0.5 * v, STILL, push)[:3] == pytest.approx(0.5 * at_rest[:3])
+    assert friction.breakaway(2.0 * v, STILL, push)[:3] == pytest.approx(np.zeros(3))
+
+
+def test_break_away_torque_goes_the_planned_way_and_vanishes_where_nothing_is_to_move() -> None:
+    friction, v = Friction(ROBOT), ROBOT.control.friction_velocity
+    preset = ROBOT.friction["corke"]
+    assert friction.breakaway(STILL, 2.0 * v, STILL)[:3] == pytest.approx(preset.coulomb_pos[:3])
+    assert friction.breakaway(STILL, -0.5 * v, STILL)[:3] == pytest.approx(-0.5 * preset.coulomb_neg[:3])
+    assert friction.breakaway(STILL, STILL, STILL) == pytest.approx(np.zeros(N))
