@@ -84,7 +84,7 @@ def test_the_default_law_is_the_papers() -> None:
 
 def test_a_label_fits_into_memory_and_leaves_folders_out() -> None:
     assert law_label("pd") == "pd"
-    assert law_label("/home/somebody/laws/spring.py:stiff") == "spring.py:stiff"
+    assert law_label("/somewhere/laws/spring.py:stiff") == "spring.py:stiff"
     assert len(law_label(f"{'x' * 80}.py:ä").encode()) <= 64
 
 
