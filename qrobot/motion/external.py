@@ -114,7 +114,7 @@ class Friction:
 
 
 class ExternalTorque:
-    """Estimates, sample by sample, what one arm exerts.
+    """Estimates what one arm exerts.
 
     Args:
         robot: the arm.
@@ -126,8 +126,8 @@ class ExternalTorque:
         self._work = dynamics_work(robot.n)
         self.friction = Friction(robot)
         self._period_s = period_s
-        self._references: deque[tuple[int, Floats]] = deque(maxlen=DEPTH)
-        self._recent: deque[Floats] = deque(maxlen=_AVERAGED)
+        self._seen: deque[tuple[int, Seen]] = deque(maxlen=DEPTH + _AVERAGED - 1)
+        self._known: Exerted | None = None  # of the newest sample, once somebody has asked
 
     def gravity(self, q: Floats) -> Floats:
         """Torques that carry the arm at `q`. Shapes (n,)."""
@@ -135,12 +135,30 @@ class ExternalTorque:
         gravity_torque(q, self._dynamics, self._work, tau)
         return tau
 
-    def look(self, seen: Seen, tick: int) -> Exerted:
-        """The estimate at sample `tick`, over the newest three samples."""
-        if not self._references or self._references[-1][0] < tick:
-            self._references.append((tick, seen.reference))
-        _, v, a = motion_of(list(self._references), self._period_s)
-        model = np.empty(v.size)
+    def look(self, seen: Seen, tick: int) -> None:
+        """Keep what was seen at sample `tick`; nothing is computed before somebody asks."""
+        self._seen.append((tick, seen))
+        self._known = None
+
+    def estimate(self) -> Exerted | None:
+        """The estimate at the newest sample, over three of them; None before the first."""
+        if self._known is None and self._seen:
+            samples = list(self._seen)
+            ends = range(max(1, len(samples) - _AVERAGED + 1), len(samples) + 1)
+            torques = [self._exerted(samples[max(0, end - DEPTH) : end]) for end in ends]
+            self._known = Exerted(
+                np.mean(torques, axis=0), self.friction.uncertainty(self._motion(samples[-DEPTH:])[1])
+            )
+        return self._known
+
+    def _motion(self, samples: list[tuple[int, Seen]]) -> Floats:
+        """Position, velocity and acceleration of the reference at the newest of a few samples. Shape (3, n)."""
+        return motion_of([(tick, seen.reference) for tick, seen in samples], self._period_s)
+
+    def _exerted(self, samples: list[tuple[int, Seen]]) -> Floats:
+        """tau - ID - F at the newest of a few samples. Shape (n,)."""
+        _, v, a = self._motion(samples)
+        seen, model = samples[-1][1], np.empty(self._work.shape[0] // 4)
         inverse_dynamics(seen.q, v, a, self._dynamics, self._work, model)
-        self._recent.append(seen.tau - model - self.friction.torque(v))
-        return Exerted(np.mean(self._recent, axis=0), self.friction.uncertainty(v))
+        torque: Floats = seen.tau - model - self.friction.torque(v)
+        return torque

@@ -19,15 +19,15 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import MotionError, Singular
 from qrobot.model.arm import Arm
-from qrobot.model.differential import twist_to_child
-from qrobot.model.transform import inverse, transform
+from qrobot.model.differential import cross_matrix
+from qrobot.model.transform import inverse
 from qrobot.motion.compliance import N_AXES, Compliance
 from qrobot.motion.equation import Goal
 from qrobot.motion.events import Termination
 from qrobot.motion.external import Exerted, ExternalTorque, Seen
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import Floats
-from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, match
+from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, inverse_of, match
 from qrobot.motion.reach import Reach
 
 LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
@@ -45,19 +45,21 @@ class Contact:
     Attributes:
         frame: in the base. Shape (4, 4).
         jacobian: of the controlled frame in its own axes. Shape (6, n).
+        inverse: of the Jacobian. Shape (n, 6).
     """
 
     frame: Floats
     jacobian: Floats
+    inverse: Floats
 
     def wrench(self, tau: Floats) -> Floats:
         """The wrench in the controlled frame that joint torques `tau` (n,) exert. Shape (6,), N and N m."""
-        wrench: Floats = np.linalg.pinv(self.jacobian).T @ tau
+        wrench: Floats = self.inverse.T @ tau
         return wrench
 
     def wrench_bound(self, tau: Floats) -> Floats:
         """What independent torque errors of about `tau` (n,) amount to along each axis. Shape (6,)."""
-        bound: Floats = np.sqrt(np.square(np.linalg.pinv(self.jacobian)).T @ np.square(tau))
+        bound: Floats = np.sqrt(np.square(self.inverse).T @ np.square(tau))
         return bound
 
 
@@ -65,9 +67,10 @@ def contact(arm: Arm, q: Floats, tool: Floats) -> Contact:
     """The controlled frame at joint positions `q` (n,); `tool` (4, 4) is T6 in it."""
     t6 = arm.forward(q)
     frame = t6 @ inverse(tool)
-    seen = transform(frame[:3, :3], frame[:3, 3] - t6[:3, 3])
-    columns = [twist_to_child(seen, column) for column in arm.jacobian(q).T]
-    return Contact(frame, np.array(columns).T)
+    R, p = frame[:3, :3], frame[:3, 3] - t6[:3, 3]
+    J = arm.jacobian(q)
+    jacobian = np.vstack((R.T @ (J[:3] - cross_matrix(p) @ J[3:]), R.T @ J[3:]))  # `twist_to_child`, column by column
+    return Contact(frame, jacobian, inverse_of(jacobian))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +95,6 @@ class ForceControl:
         reach: its inverse kinematics, None when they are not known.
 
     Attributes:
-        exerted: torques on the world, as estimated at the newest sample; None before the first.
         standing: for `Generator.update`: where the joints that give way are, NaN on the others. Shape (n,), or None.
         joints: those that give way.
     """
@@ -104,7 +106,6 @@ class ForceControl:
         self._uncarried = ~robot.control.gravity_joints
         self._damping = _DAMPING / period_s * robot.control.inertia
         self._tau_max = USABLE * robot.guard.tau_max
-        self.exerted: Exerted | None = None
         self.standing: Floats | None = None
         self.joints: Joints = ()
         self._compliance: Compliance | None = None
@@ -117,6 +118,11 @@ class ForceControl:
         self._failed = Termination.NONE
 
     # ------------------------------------------------------------------------------------------------ at any time
+
+    @property
+    def exerted(self) -> Exerted | None:
+        """Torques on the world, as estimated at the newest sample; None before the first."""
+        return self._external.estimate()
 
     def check(self, goal: Goal, near: Floats, tick: int) -> None:
         """Judge a motion that complies: joints must match and suffice where it ends, as far as that is known now.
@@ -133,7 +139,7 @@ class ForceControl:
         q = self._reach.inverse(goal.pose(tick), self._reach.branch(near), near, singular=True)
         there = contact(self._arm, q, goal.tool(tick))
         try:
-            joints = match(there.jacobian, compliance.axes)
+            joints = match(there.jacobian, there.inverse, compliance.axes)
         except Singular as error:
             raise Singular(f"{goal.name}: cannot comply along {compliance.names}: {error}") from error
         self._check_torques(goal.name, there.jacobian.T @ compliance.wrench + self._external.gravity(q), joints)
@@ -148,7 +154,7 @@ class ForceControl:
 
     def look(self, seen: Seen, generator: Generator, tick: int) -> None:
         """Take in what the robot says, carry COMPLY along, and end the motion where a limit is passed."""
-        self.exerted = self._external.look(seen, tick)
+        self._external.look(seen, tick)
         self._carried = np.zeros(N_AXES)
         if self._compliance is not None and generator.goal is not None:
             self._carry_along(self._compliance)
@@ -174,7 +180,7 @@ class ForceControl:
             self._let_go()
             return Drive(tuple(q.tolist()), (False,) * q.size)
         self._contact = contact(self._arm, seen.q, goal.tool(tick))
-        planned -= np.linalg.pinv(self._contact.jacobian) @ self._carried / self._period_s  # to drift is not the plan
+        planned -= self._contact.inverse @ self._carried / self._period_s  # to drift is not the plan
         if compliance is not self._compliance:
             compliance.drift.keep(self._kept_axes(compliance))
             self._compliance = compliance
@@ -192,7 +198,7 @@ class ForceControl:
             return
         S = list(self.joints)
         error = self._stood[S] - self._asked[S]
-        step = drift_step(self._contact.jacobian, compliance.axes, self.joints, error)
+        step = drift_step(self._contact.inverse, compliance.axes, self.joints, error)
         self._carried[list(compliance.axes)] = _SHARE * step
         compliance.drift.values += self._carried
 
@@ -207,17 +213,17 @@ class ForceControl:
 
     def _take_joints(self, compliance: Compliance, there: Contact) -> None:
         """Keep the joints that give way while they serve, else match anew."""
-        J = there.jacobian
-        kept = len(self.joints) == len(compliance.axes)
-        if kept and fitness(J, compliance.axes, self.joints) >= KEPT_FITNESS:
+        J, G, axes = there.jacobian, there.inverse, compliance.axes
+        if len(self.joints) == len(axes) and fitness(J, G, axes, self.joints) >= KEPT_FITNESS:
             return
         try:
-            joints = match(J, compliance.axes)
+            joints = match(J, G, axes)
         except Singular:
             self._failed = Termination.SINGULAR
             return
+        exerted = self.exerted
         for j in set(joints) - set(self.joints):
-            self._fading[j] = 0.0 if self.exerted is None else self.exerted.torque[j]
+            self._fading[j] = 0.0 if exerted is None else exerted.torque[j]
             self._since[j] = 0
         self.joints = joints
 
@@ -236,11 +242,11 @@ class ForceControl:
 
     def _limit_passed(self, seen: Seen, generator: Generator, tick: int) -> Termination:
         request = generator.serving
-        if request is None or request.limits is None or self.exerted is None:
+        if request is None or request.limits is None or (exerted := self.exerted) is None:
             return Termination.NONE
         tool = request.target.tool(tick) if isinstance(request.target, Goal) else np.eye(4)
         there = contact(self._arm, seen.q, tool)
-        sure = np.abs(there.wrench(self.exerted.torque)) - there.wrench_bound(self.exerted.uncertainty)
+        sure = np.abs(there.wrench(exerted.torque)) - there.wrench_bound(exerted.uncertainty)
         if (sure > request.limits.force).any():
             return Termination.FORCE_LIMIT
         off = there.jacobian @ (seen.q - seen.reference)

@@ -19,21 +19,28 @@ from qrobot.motion.limits import Floats
 LEAST_FITNESS: Final = 0.1  # below it no joints are taken for the axes
 KEPT_FITNESS: Final = 0.4  # joints once taken are kept as long as theirs is above it [A]
 _REGULAR: Final = 1e-6
+_SINGULAR: Final = 1e-9  # determinant of the Jacobian (m^3) below which no inverse is tried
 
 Joints = tuple[int, ...]
 
 
-def fitness(J: Floats, axes: Joints, joints: Joints) -> float:
-    """How well `joints` serve `axes`, 1 at best and 0 when they cannot. J has shape (6, n)."""
-    G = np.linalg.pinv(J)
+def inverse_of(J: Floats) -> Floats:
+    """The inverse of a Jacobian, or what comes nearest to one. Shapes (6, n) and (n, 6)."""
+    if J.shape[0] != J.shape[1] or abs(np.linalg.det(J)) < _SINGULAR:
+        return np.array(np.linalg.pinv(J), dtype=np.float64)
+    return np.array(np.linalg.inv(J), dtype=np.float64)
+
+
+def fitness(J: Floats, G: Floats, axes: Joints, joints: Joints) -> float:
+    """How well `joints` serve `axes`, 1 at best and 0 when they cannot; J (6, n), its inverse G (n, 6)."""
     gain = float(np.linalg.det(J[np.ix_(axes, joints)]) * np.linalg.det(G[np.ix_(joints, axes)]))
     if gain <= 0.0:
         return 0.0
     return min(gain, 1.0 / gain)
 
 
-def match(J: Floats, axes: Joints) -> Joints:
-    """The joints that give way for `axes`, in rising order, one for each. J has shape (6, n).
+def match(J: Floats, G: Floats, axes: Joints) -> Joints:
+    """The joints that give way for `axes`, in rising order, one for each; J (6, n), its inverse G (n, 6).
 
     Raises:
         Singular: no joints serve these axes in this pose.
@@ -41,18 +48,16 @@ def match(J: Floats, axes: Joints) -> Joints:
     n = J.shape[1]
     if np.linalg.svd(J, compute_uv=False)[-1] < _REGULAR or n < len(axes):
         raise Singular("no joint can be matched with a compliant axis at a singular pose")
-    best = max(combinations(range(n), len(axes)), key=lambda joints: fitness(J, axes, joints))
-    if fitness(J, axes, best) < LEAST_FITNESS:
+    best = max(combinations(range(n), len(axes)), key=lambda joints: fitness(J, G, axes, joints))
+    if fitness(J, G, axes, best) < LEAST_FITNESS:
         raise Singular("no joints move the controlled frame along its compliant axes without moving it along others")
     return best
 
 
-def drift_step(J: Floats, axes: Joints, joints: Joints, error: Floats) -> Floats:
+def drift_step(G: Floats, axes: Joints, joints: Joints, error: Floats) -> Floats:
     """How far along `axes` the controlled frame is, all others held, when `joints` are off by `error` (k,).
 
     Shape (k,), m and rad: with the other axes held, joints move by G[S, C] times a motion along the axes (equation 16
     of Hayward & Paul 1986, solved so that the next solution has the compliant joints where they were found).
     """
-    G = np.linalg.pinv(J)
-    step: Floats = np.linalg.solve(G[np.ix_(joints, axes)], error)
-    return step
+    return np.array(np.linalg.solve(G[np.ix_(joints, axes)], error), dtype=np.float64)

@@ -41,7 +41,10 @@ def warm_up(n: int, blend: Blend) -> None:
 def warm_up_force(robot: Robot) -> None:
     """Make what feels forces look at a robot once."""
     q, still = np.array(robot.poses["park"] if "park" in robot.poses else np.zeros(robot.n)), np.zeros(robot.n)
-    ExternalTorque(robot, _PERIOD_S).look(Seen(q, still, still, q), 1)
+    external = ExternalTorque(robot, _PERIOD_S)
+    external.look(Seen(q, still, still, q), 1)
+    external.estimate()
+    external.gravity(q)
     contact(Arm(robot), q, np.eye(4))
 
 

@@ -22,7 +22,11 @@ def carried(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def test_at_rest_what_gravity_does_not_explain_is_exerted() -> None:
-    found = ExternalTorque(ROBOT, PERIOD_S).look(Seen(PARK, STILL, carried(PARK, STILL) + PUSH, PARK), 1)
+    estimate = ExternalTorque(ROBOT, PERIOD_S)
+    assert estimate.estimate() is None
+    estimate.look(Seen(PARK, STILL, carried(PARK, STILL) + PUSH, PARK), 1)
+    found = estimate.estimate()
+    assert found is not None
     assert found.torque == pytest.approx(PUSH)
 
 
@@ -31,7 +35,9 @@ def test_in_motion_friction_and_rigid_body_torques_are_taken_out() -> None:
     for tick in range(1, 7):
         q = PARK + SPEED * tick * PERIOD_S
         tau = carried(q, SPEED) + friction.torque(SPEED) + PUSH
-        found = estimate.look(Seen(q, SPEED, tau, q), tick)
+        estimate.look(Seen(q, SPEED, tau, q), tick)
+    found = estimate.estimate()
+    assert found is not None
     assert found.torque == pytest.approx(PUSH, abs=1e-9)
 
 
