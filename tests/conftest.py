@@ -1,6 +1,7 @@
 """Shared test profile: no hypothesis deadline (compiling is not a slow example), derandomised for bit-identical CI."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,9 @@ from hypothesis import settings
 
 # Generated kernels stay with the other caches of the tests, not in the home directory; subprocesses inherit it.
 os.environ.setdefault("QROBOT_CACHE", str(Path(__file__).parents[1] / ".pytest_cache" / "qrobot"))
+
+# A shell ignores Ctrl-C for what it runs in the background, and every process started from here would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("qrobot", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("qrobot")
