@@ -10,9 +10,11 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, write_json
+from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control_messages import ServoStatus
+from qrobot.servo.journal import settings_text
 
 HELP: Final = """
 Command a running servo by hand: power, stop, clear, law, gains; look at it, or watch it.
@@ -64,7 +66,8 @@ def _line(status: ServoStatus) -> str:
     joint = "" if named else f" (joint {status.event_joint + 1})"
     why = f": {status.text}{joint}" if status.text else ""
     by = f", commanded by {status.commander}" if status.commander else ""
-    return f"{status.arm}: {status.mode}{why}, law {status.law}{by}"
+    settings = f" ({settings_text(status.law_settings)})" if status.law_settings else ""
+    return f"{status.arm}: {status.mode}{why}, law {status.law}{settings}{by}"
 
 
 @app.command
@@ -78,17 +81,18 @@ def status(*, where: Where | None = None) -> int:
         write_json(now.model_dump())
         return SUCCESS
     out.print(_line(now), soft_wrap=True)
-    out.print(_joints(robot_of_arm(chosen).joint_names, now))
+    out.print(_joints(robot_of_arm(chosen), now))
     return SUCCESS
 
 
-def _joints(names: tuple[str, ...], now: ServoStatus) -> Table:
+def _joints(robot: Robot, now: ServoStatus) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0))
-    for heading in ("joint", "rad", "rad/s", "N m", "Kp", "Kv", "inertia"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for heading in ("joint", "", "position", "speed", "torque", "Kp", "Kv", "inertia"):
+        table.add_column(heading, justify="left" if heading in ("joint", "") else "right")
     columns = (now.q, now.v, now.tau, now.kp, now.kv, now.inertia)
-    for name, *numbers in zip(names, *columns, strict=True):
-        table.add_row(name, *(f"{number:.4g}" for number in numbers))
+    for name, slides, *numbers in zip(robot.joint_names, robot.prismatic.tolist(), *columns, strict=True):
+        units = "m, m/s, N" if slides else "rad, rad/s, N m"
+        table.add_row(name, units, *(f"{number:.4g}" for number in numbers))
     return table
 
 

@@ -68,8 +68,8 @@ class Child:
 class ProcessRig:
     """Starts `qrobot` subcommands as processes and ends them all when the `with` block does.
 
-    Inside the block SIGTERM raises KeyboardInterrupt, as SIGINT does; while the processes are being ended both are
-    ignored. Use it from the main thread.
+    Inside the block SIGTERM, and SIGHUP of a terminal that is closed, raise KeyboardInterrupt, as SIGINT does; while
+    the processes are being ended all are ignored. Use it from the main thread.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -121,8 +121,11 @@ class ProcessRig:
             child.end()
 
     def __enter__(self) -> ProcessRig:
-        self._handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-        signal.signal(signal.SIGTERM, _interrupt)
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        self._handlers = {number: signal.getsignal(number) for number in numbers}
+        for number in numbers[1:]:
+            if self._handlers[number] is not signal.SIG_IGN:  # nohup has ignored SIGHUP
+                signal.signal(number, _interrupt)
         return self
 
     def __exit__(

@@ -73,14 +73,14 @@ class ServoClient:
         return status
 
     def power_off(self) -> ServoStatus:
-        """Stop the arm, take power away, and wait for it."""
+        """Stop the arm, take power away, and wait for it. Raises LinkTimeout when it keeps power."""
         self._ask(PowerOff())
-        return self._wait(lambda s: s.mode in ("OFF", "FAULT"), STOP_PATIENCE_S)
+        return self._insist(("OFF", "FAULT"))
 
     def stop(self) -> ServoStatus:
-        """Stop the arm on its path, and wait until it holds."""
+        """Stop the arm on its path, and wait until it holds. Raises LinkTimeout when it goes on."""
         self._ask(Stop())
-        return self._wait(lambda s: s.mode not in ("TRACKING", "STOPPING", "CALIBRATING"), STOP_PATIENCE_S)
+        return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
 
     def clear(self) -> ServoStatus:
         """Leave FAULT for OFF. Raises QRobotError while its cause persists."""
@@ -92,8 +92,14 @@ class ServoClient:
         return status
 
     def calibrate(self, indexes: int = 0) -> ServoStatus:
-        """Begin a calibration; `status` tells its mode, `qrobot calibrate` follows it to the end."""
-        return self._ask(Calibrate(indexes=indexes))
+        """Begin a calibration; `status` tells its mode, `qrobot calibrate` follows it to the end.
+
+        Raises QRobotError with what prevents it.
+        """
+        status = self._ask(Calibrate(indexes=indexes))
+        if status.mode == "UNCALIBRATED":
+            raise QRobotError(f"no calibration: {status.text or 'it has ended already'}")
+        return status
 
     def change_law(self, name: str, settings: Mapping[str, float] | None = None) -> ServoStatus:
         """Swap the control law, holding or without power; its `settings` that are left out have their default.
@@ -160,6 +166,12 @@ class ServoClient:
         until = time.monotonic() + patience_s
         while not condition(status := self.status()) and time.monotonic() < until:
             time.sleep(POLL_S)
+        return status
+
+    def _insist(self, modes: tuple[str, ...]) -> ServoStatus:
+        status = self._wait(lambda s: s.mode in modes, STOP_PATIENCE_S)
+        if status.mode not in modes:
+            raise LinkTimeout(f"{self.arm} is still {status.mode} after {STOP_PATIENCE_S:g} s: use the emergency stop")
         return status
 
 

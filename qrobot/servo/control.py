@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkTimeout, QRobotError
-from qrobot.faultcodes import explain
+from qrobot.faultcodes import FaultCode, explain
 from qrobot.servo.authority import Authority
 from qrobot.servo.control_messages import (
     ANYBODY,
@@ -48,6 +49,7 @@ from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
+LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
 LOOP_PATIENCE_S: Final = 0.5
 _POLL_S: Final = 0.002
 _EDGE_TICKS: Final = 2  # then the servo has looked
@@ -96,9 +98,12 @@ class Controls:
             if not isinstance(request, ANYBODY):
                 self._authorise(visitor)
             self._obey(request)
+            return encode(Reply(ok=True, status=self.status()))
         except QRobotError as error:
             return encode(Reply(ok=False, error=str(error)))
-        return encode(Reply(ok=True, status=self.status()))
+        except Exception as error:  # our mistake: it must not take the servo away from under an arm
+            self._servo.say(traceback.format_exc())
+            return encode(Reply(ok=False, error=f"a mistake of this program, told by the servo: {error!r}"))
 
     def farewell(self, visitor: Visitor) -> None:
         """Somebody has gone, and their authority with them."""
@@ -158,12 +163,15 @@ class Controls:
                 self._power_on()
             case PowerOff():
                 mailbox.request_power_off()
+                self._wait_for_loop()
             case Stop():
                 mailbox.request_stop()
+                self._wait_for_loop()
             case Clear():
                 mailbox.request_clear()
+                self._wait_for_loop()
             case Calibrate():
-                mailbox.request_calibration(request.indexes)
+                self._calibrate(request)
             case ChangeLaw():
                 self._change_law(request)
             case ChangeGains():
@@ -176,12 +184,32 @@ class Controls:
             raise QRobotError(f"clear the fault first: {explain(snapshot.fault)}")
         if snapshot.mode == Mode.OFF:  # a request is an edge: the servo has to see the level go down and up
             mailbox.request_power(False)
-            _poll(lambda: mailbox.snapshot().tick >= snapshot.tick + _EDGE_TICKS)
+            self._wait_for_loop()
             mailbox.request_power(True)
+            self._wait_for_loop()
+
+    def _calibrate(self, request: Calibrate) -> None:
+        mailbox = self._servo.mailbox
+        snapshot = mailbox.snapshot()
+        contradicted = snapshot.mode == Mode.OFF and snapshot.event == FaultCode.CAL_MISMATCH
+        if snapshot.mode != Mode.UNCALIBRATED and not contradicted:
+            mode = mode_name(snapshot.mode)
+            raise QRobotError(f"not in mode {mode}: an arm calibrates under power, while it is UNCALIBRATED")
+        mailbox.request_calibration(request.indexes)
+        self._wait_for_loop()
+
+    def _wait_for_loop(self) -> None:
+        """Until the loop has seen what was requested, so that the reply tells what it did."""
+        mailbox = self._servo.mailbox
+        tick = mailbox.snapshot().tick
+        _poll(lambda: mailbox.snapshot().tick >= tick + _EDGE_TICKS)
 
     def _change_law(self, request: ChangeLaw) -> None:
         """Load and try the law beside the loop, which goes on, then ask for the swap."""
         servo = self._servo
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
+            raise _not_now(mode)
         law = find_law(request.name, servo.robot, request.settings)
         prove(law, request.name, servo.robot, servo.mailbox.info.period_ns)
         self._swap(law, request.name, np.array(servo.swap.gains))
@@ -191,7 +219,8 @@ class Controls:
         rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
         for row, name, wanted, usual in (*rows, (M0, "inertia", request.inertia, control.inertia)):
             if wanted is not None:
-                gains[row] = _checked(name, wanted, usual, math.inf if request.force else MOST_GAIN)
+                least, most = (0.0, math.inf) if request.force else (LEAST_GAIN[row], MOST_GAIN)
+                gains[row] = _checked(name, wanted, usual, least, most)
         return gains
 
     def _swap(self, law: Law, name: str, gains: Matrix) -> None:
@@ -200,8 +229,7 @@ class Controls:
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
         if result == NOT_NOW:
-            mode = mode_name(servo.mailbox.snapshot().mode)
-            raise QRobotError(f"not in mode {mode}: laws and gains change while the arm holds, or without power")
+            raise _not_now(servo.mailbox.snapshot().mode)
         if result == NO_TORQUE:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
         servo.law, servo.law_name = law, name
@@ -218,6 +246,10 @@ class Controls:
         write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 
 
+def _not_now(mode: int) -> QRobotError:
+    return QRobotError(f"not in mode {mode_name(mode)}: laws and gains change while the arm holds, or without power")
+
+
 def _wait_for_swap(swap: SwapState) -> int | None:
     _poll(lambda: maybe_swap_result(swap) is not None)
     return maybe_swap_result(swap)
@@ -232,12 +264,15 @@ def _poll(condition: Callable[[], bool]) -> None:
         time.sleep(_POLL_S)
 
 
-def _checked(name: str, wanted: tuple[float, ...], usual: Any, most: float) -> Matrix:
+def _checked(name: str, wanted: tuple[float, ...], usual: Any, least: float, most: float) -> Matrix:
     if len(wanted) != usual.size:
         raise ConfigError(f"{name}: {len(wanted)} numbers for {usual.size} joints")
     for j, (value, file) in enumerate(zip(wanted, usual.tolist(), strict=True)):
-        if value > most * file:
-            raise ConfigError(f"{name} of joint {j + 1}: {value:g} is more than {most:g} times the file's {file:g}")
+        if not least * file <= value <= most * file:
+            beyond = f"more than {most:g}" if value > most * file else f"less than {least:g}"
+            raise ConfigError(
+                f"{name} of joint {j + 1}: {value:g} is {beyond} times the robot file's {file:g}; if meant, force it"
+            )
     return np.array(wanted)
 
 

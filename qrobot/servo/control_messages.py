@@ -76,7 +76,7 @@ class ChangeGains(Message):
     """Change gains, holding or without power; a row that is left out stays as it is.
 
     `kp` in N m/rad, `kv` in N m s/rad, `inertia` in kg m^2 (N/m, N s/m and kg for sliding joints), one number a joint.
-    More than four times the robot file's has to be forced.
+    More than four times the robot file's has to be forced, and less than a quarter of its `kv`.
     """
 
     command: Literal["gains"] = "gains"

@@ -104,7 +104,10 @@ class ControlSocket:
         self.close()
 
     def _welcome(self) -> None:
-        connection, _ = self._listener.accept()
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:  # gone again, or this process has too many files open: nothing the arm should feel
+            return
         connection.setblocking(False)
         visitor = Visitor(connection)
         if visitor.uid not in (0, os.geteuid()) or len(self._selector.get_map()) > MAX_CLIENTS:

@@ -162,12 +162,15 @@ class _Herald:
 
 @contextlib.contextmanager
 def shutdown_on_signals(words: Words) -> Iterator[None]:
-    """SIGTERM and SIGINT ask the loop for an orderly end."""
+    """SIGTERM, SIGINT, and SIGHUP of a terminal that is closed ask the loop for an orderly end."""
 
     def ask(_signal: int, _frame: FrameType | None) -> None:
         words[COMMAND_SHUTDOWN] = 1
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, ask) for number in numbers}
     try:
         yield
     finally:
@@ -184,7 +187,7 @@ def serve(
     started: Callable[[], Any],
     look: Look = lambda _mailbox, _incident, _ended: None,
 ) -> None:
-    """Run the servo of `arm` until SIGTERM or SIGINT.
+    """Run the servo of `arm` until SIGTERM, SIGINT or SIGHUP.
 
     Args:
         started: called once the servo memory exists and the loop is about to run (to start the guardian).
@@ -228,11 +231,15 @@ def _run_and_watch(process: ServoProcess, look: Look) -> None:
     with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
         thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
         thread.start()
-        while thread.is_alive():
-            control.serve(POLL_S)
-            incident = process.incident
-            herald.announce(incident)
-            look(process.mailbox, incident, False)
+        try:
+            while thread.is_alive():
+                control.serve(POLL_S)
+                incident = process.incident
+                herald.announce(incident)
+                look(process.mailbox, incident, False)
+        finally:  # whatever goes wrong here, the arm is stopped and let go of in good order first
+            process.memory.words[COMMAND_SHUTDOWN] = 1
+            thread.join()
     look(process.mailbox, process.incident, True)
     if process.error is not None:
         raise process.error

@@ -250,6 +250,7 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         state.i[EVENT] = MOVING_AT_START
     elif not pots_judged(params, state):
         state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
+        state.i[EVENT] = 0  # what was said of an earlier request is no answer to this one
     elif state.pots.i[VERDICT] > PLAUSIBLE:
         state.i[EVENT], state.i[JOINT] = CAL_MISMATCH, state.pots.i[SUSPECT]
     else:

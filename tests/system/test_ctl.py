@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -110,6 +111,15 @@ def test_watch_follows_what_happens(arm: RunningArm) -> None:
         printed, _ = watch.communicate(timeout=PATIENCE_S)
     assert watch.returncode in (0, 130)
     assert f"{arm.name}: HOLDING" in printed
+
+
+def test_a_servo_whose_terminal_is_closed_puts_the_arm_away(arm: RunningArm) -> None:
+    assert ctl(arm, "power", "on")[0] == 0
+    assert arm.powered
+    os.kill(arm.pid("servo"), signal.SIGHUP)
+    wait_until(lambda: "servo" not in arm.running(), "the servo has ended")
+    wait_until(lambda: not arm.powered, "brakes closed")
+    arm.processes.start_servo()
 
 
 def test_without_a_servo_the_command_says_what_to_start() -> None:

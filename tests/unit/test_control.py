@@ -9,22 +9,34 @@ import threading
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from qrobot.config import Robot, load_robot
-from qrobot.errors import LinkBusy, LinkError, QRobotError, RemoteProtocolError
+from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
+from qrobot.servo import client as client_module
+from qrobot.servo import control
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
-from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, decode_reply, decode_request
+from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
 from qrobot.servo.control_socket import ControlSocket, control_address
+from qrobot.servo.daemon import _run_and_watch
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.journal import JournalReader
 from qrobot.servo.law import KP, KV, Law
 from qrobot.servo.laws import LAWS, find_law
-from qrobot.servo.mailbox import COMMAND_CLEARS, COMMAND_OFFS, COMMAND_POWER, COMMAND_STOPS, ServoMailbox, journal_base
+from qrobot.servo.mailbox import (
+    COMMAND_CLEARS,
+    COMMAND_OFFS,
+    COMMAND_POWER,
+    COMMAND_SHUTDOWN,
+    COMMAND_STOPS,
+    ServoMailbox,
+    journal_base,
+)
 from qrobot.servo.modes import Mode
 from qrobot.servo.swap import SwapState
 from tests.support.servo_bench import ServoBench, moving
@@ -142,6 +154,8 @@ def test_gains_change_row_by_row_within_reason(servo: Bench, client: ServoClient
     np.testing.assert_allclose(status.kv, usual.kv)
     with pytest.raises(QRobotError, match=r"kv of joint 1: .* more than 4 times"):
         client.change_gains(kv=(5.0 * usual.kv).tolist())
+    with pytest.raises(QRobotError, match=r"kv of joint 1: .* less than 0.25"):
+        client.change_gains(kv=(0.2 * usual.kv).tolist())
     with pytest.raises(QRobotError, match="kp: 2 numbers for 6 joints"):
         client.change_gains(kp=[1.0, 2.0])
     np.testing.assert_allclose(client.change_gains(kv=(5.0 * usual.kv).tolist(), force=True).kv, 5.0 * usual.kv)
@@ -180,6 +194,69 @@ def test_watching_shows_every_change(servo: Bench, client: ServoClient) -> None:
 def test_there_is_one_control_socket_an_arm(servo: Bench) -> None:
     with pytest.raises(LinkBusy, match="control socket"):
         ControlSocket(servo.arm, lambda _visitor, line: line, lambda _visitor: None)
+
+
+def test_an_answer_tells_what_the_loop_did_and_not_what_was_said_of_an_earlier_request(
+    servo: Bench, client: ServoClient
+) -> None:
+    bench = servo.bench
+    bench.estop_ok = False
+    with pytest.raises(QRobotError, match="no arm power: ESTOP"):
+        client.power_on()
+    bench.estop_ok = True
+    assert client.status().event == FaultCode.ESTOP  # nothing has been asked since
+    assert client.power_on().mode == "HOLDING"
+
+
+def test_a_calibrated_arm_does_not_calibrate_and_says_so(client: ServoClient) -> None:
+    for act, mode in ((client.power_off, "OFF"), (client.power_on, "HOLDING")):
+        act()
+        with pytest.raises(QRobotError, match=f"not in mode {mode}: an arm calibrates under power"):
+            client.calibrate()
+
+
+def test_a_mistake_of_ours_is_an_answer_and_the_servo_goes_on(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client.power_on()
+    with monkeypatch.context() as patch:
+        patch.setattr(control, "find_law", lambda *_: 1 / 0)
+        with pytest.raises(QRobotError, match="a mistake of this program, told by the servo: ZeroDivisionError"):
+            client.change_law("pd")
+    assert "Traceback" in servo.said[-1]
+    assert client.status().mode == "HOLDING"
+
+
+def test_a_stop_that_does_not_come_sends_people_to_the_emergency_stop(
+    client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client_module, "STOP_PATIENCE_S", 0.1)
+    stuck = client.status().model_copy(update={"mode": "TRACKING"})
+    with monkeypatch.context() as patch:
+        patch.setattr(client, "status", lambda: stuck)
+        for act in (client.stop, client.power_off):
+            with pytest.raises(LinkTimeout, match=r"still TRACKING after 0\.1 s: use the emergency stop"):
+                act()
+
+
+def test_a_law_is_not_even_loaded_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = Bench(ServoBench().hold())
+    moving(process.bench)
+    monkeypatch.setattr(control, "find_law", lambda *_: pytest.fail("loaded"))
+    with pytest.raises(QRobotError, match="not in mode TRACKING"):
+        Controls(process)._obey(ChangeLaw(name="pd"))
+
+
+def test_a_visitor_who_is_gone_at_the_door_is_no_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Door:
+        def accept(self) -> None:
+            raise ConnectionAbortedError
+
+    with ControlSocket(f"t{uuid.uuid4().hex[:10]}", lambda _visitor, line: line, lambda _visitor: None) as door:
+        with monkeypatch.context() as patch:
+            patch.setattr(door, "_listener", Door())
+            door._welcome()
+        door.serve(0.0)
 
 
 def test_without_a_servo_the_client_says_what_to_start() -> None:
@@ -231,6 +308,38 @@ def test_a_line_without_end_is_cut_off(servo: Bench) -> None:
     assert exchange(servo, b"x" * (3 * MAX_LINE_BYTES)) == b""
     with ServoClient(servo.arm) as connection:
         assert connection.status().mode == "OFF"
+
+
+@dataclass
+class Process(Bench):
+    """What the daemon's main thread has beside it, with a loop that runs until it is told to end."""
+
+    memory: SimpleNamespace = field(init=False)
+    ended: bool = False
+    error: BaseException | None = None
+    told: tuple[int, int, int] = (0, 0, 0)
+
+    def __post_init__(self) -> None:
+        self.memory = SimpleNamespace(words=self.bench.mail)
+
+    def report(self, line: str) -> None:
+        self.say(line)
+
+    def loop(self) -> None:
+        while not self.bench.mail[COMMAND_SHUTDOWN]:
+            self.bench.tick()
+        self.ended = True
+
+
+def test_when_the_main_thread_fails_the_loop_ends_in_good_order_first() -> None:
+    process = Process(ServoBench())
+
+    def look(*_: object) -> None:
+        raise OSError("the disk has gone")
+
+    with pytest.raises(OSError, match="the disk has gone"):
+        _run_and_watch(process, look)  # type: ignore[arg-type]
+    assert process.ended
 
 
 def test_no_change_while_the_arm_moves() -> None:
