@@ -24,16 +24,21 @@ def run(
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
     lockstep: bool = False,
+    offline: bool = False,
+    output: Path | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     scene: SceneKind | None = None,
 ) -> None:
     """Run a Python program that moves an arm through `qrobot.rccl`.
 
     The program is an ordinary script; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
-    one runs inside this process on virtual time, the same way every time, and as fast as the machine allows.
+    one runs inside this process on virtual time, the same way every time, and as fast as the machine allows. With
+    --offline there is no servo and no board either: an ideal arm follows every setpoint, and what the program asked for
+    and sent is written down: a trace of its requests, a setpoint file for `qrobot replay`, figures of joints and path.
 
       qrobot run examples/01_park_and_return.py
       qrobot run --lockstep examples/01_park_and_return.py
+      qrobot run --offline examples/02_four_corners.py
 
     Parameters
     ----------
@@ -47,6 +52,10 @@ def run(
         Which arm of the file; may be left out when there is only one.
     lockstep
         On virtual time, without processes.
+    offline
+        On virtual time, without a servo.
+    output
+        With --offline: the folder for what is written; default out/offline/ and the program's name.
     plant
         With --lockstep: overrides the deployment file.
     scene
@@ -54,9 +63,19 @@ def run(
     """
     if not program.is_file():
         raise ConfigError(f"no program {program}")
+    if offline and (lockstep or plant is not None or scene is not None):
+        raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
+    if output is not None and not offline:
+        raise ConfigError("--output belongs to --offline")
     chosen = choose_arm(deployment, arm)
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
+    if offline:
+        from qrobot.cli.offline import run_offline
+
+        folder = output or Path("out") / "offline" / program.stem
+        run_offline(program, robot_of_arm(chosen), round(chosen.bridge.period_ms * US_PER_MS), folder)
+        return
     if not lockstep:
         os.environ.setdefault("QROBOT_BRIDGE", f"{chosen.bridge.host}:{chosen.bridge.port}")
         runpy.run_path(str(program), run_name="__main__")

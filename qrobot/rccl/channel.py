@@ -22,7 +22,9 @@ from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
 from qrobot.rccl.parameters import Parameters, Update, force_limits, milliseconds, small_move
 from qrobot.rccl.position import Position, there
+from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
+from qrobot.rccl.trace import Trace
 from qrobot.rci import Link, LinkFactory, hello_for
 from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
 from qrobot.wire import RobotState, Welcome
@@ -257,6 +259,17 @@ class Channel:
         with self._hold.task():
             self._task.push(self._said.order(position))
 
+    def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
+        """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.
+
+        They must begin where the arm stands. `label` says where they are from, for messages.
+
+        Raises:
+            JointLimit, MotionError: the arm cannot do that, does not stand there, moves, or has another sample period.
+        """
+        with self._hold.task():
+            self._task.play(setpoints, label)
+
     def stop(self, ms: float = 0.0) -> None:
         """Forget all motions and come to rest, in at least `ms`; `completed` when the arm stands.
 
@@ -321,15 +334,26 @@ class Channel:
             self._task.chg.hand = hand
 
 
-def open_channel(factory: LinkFactory, robot: str, period_ms: float | None, clear_fault: bool, blend: Blend) -> Channel:
-    """Connect to `robot` and take control; see `control`."""
+def open_channel(
+    factory: LinkFactory,
+    robot: str,
+    period_ms: float | None = None,
+    clear_fault: bool = False,
+    blend: Blend = Blend.QUARTIC,
+    traces: list[Trace] | None = None,
+) -> Channel:
+    """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
     arm = load_robot(robot)
     _warm_up(arm, blend)
     link = factory(hello_for(arm.name, 0 if period_ms is None else round(period_ms * _US_PER_MS)))
     try:
         welcome = link.open()
         _check_robot(arm, welcome)
-        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend)
+        period_s = welcome.period_us * 1e-6
+        trace = None if traces is None else Trace(arm, period_s)
+        task = TrajectoryTask(arm, period_s, clear_fault, blend, trace)
+        if traces is not None and trace is not None:
+            traces.append(trace)
         return Channel(arm, link, task).start()
     except BaseException as error:
         link.close(str(error))

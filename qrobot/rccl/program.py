@@ -12,6 +12,7 @@ from qrobot.motion import Blend, Trsf
 from qrobot.rccl.channel import YES, Channel, open_channel
 from qrobot.rccl.event import Event
 from qrobot.rccl.position import Position
+from qrobot.rccl.trace import Trace
 from qrobot.rci import Link, LinkFactory, TcpLink, bridge_address
 from qrobot.wire import Hello
 
@@ -30,17 +31,22 @@ def _tcp_link(hello: Hello) -> Link:
 
 
 _factory: ContextVar[LinkFactory] = ContextVar("link_factory", default=_tcp_link)
+_traces: ContextVar[list[Trace] | None] = ContextVar("traces", default=None)
 _arm: Channel | None = None
 
 
 @contextmanager
-def use(factory: LinkFactory) -> Iterator[None]:
-    """Programs run in this context reach their robot by the links that `factory` makes."""
-    token = _factory.set(factory)
+def use(factory: LinkFactory, traces: list[Trace] | None = None) -> Iterator[None]:
+    """Programs run in this context reach their robot by the links that `factory` makes.
+
+    For each time they take control of an arm, a trace of what they do with it is added to `traces`.
+    """
+    token, traces_token = _factory.set(factory), _traces.set(traces)
     try:
         yield
     finally:
         _factory.reset(token)
+        _traces.reset(traces_token)
 
 
 def control(
@@ -66,7 +72,7 @@ def control(
         MotionError: the arm is not calibrated.
     """
     global _arm  # noqa: PLW0603 (the papers' calls name no arm)
-    _arm = open_channel(_factory.get(), robot, period_ms, clear_fault, blend)
+    _arm = open_channel(_factory.get(), robot, period_ms, clear_fault, blend, _traces.get())
     return _arm
 
 

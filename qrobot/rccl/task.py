@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.config import Robot
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, MotionError
 from qrobot.model.arm import Arm
 from qrobot.motion import (
     Blend,
@@ -34,13 +34,18 @@ from qrobot.motion import (
     motion_limits,
     reach_of,
 )
+from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Level
 from qrobot.rccl.parameters import Order
+from qrobot.rccl.player import Player
 from qrobot.rccl.position import Position
 from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
+from qrobot.rccl.setpoints import Setpoints
+from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.wire import Command, RobotMode, RobotState, State
 
+START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
 START_S: Final = 0.5  # for the servo to follow a stream that began
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 _SEQ_MODULUS: Final = 1 << 32
@@ -64,6 +69,7 @@ class TrajectoryTask:
         period_s: sample period.
         clear_fault: clear a latched fault at power-up.
         blend: polynomial of the transitions.
+        trace: is told what happens.
 
     Attributes:
         phase: how far it is.
@@ -75,7 +81,14 @@ class TrajectoryTask:
         force: what the arm exerts, and the joints that give way.
     """
 
-    def __init__(self, robot: Robot, period_s: float, clear_fault: bool = False, blend: Blend = Blend.QUARTIC) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        period_s: float,
+        clear_fault: bool = False,
+        blend: Blend = Blend.QUARTIC,
+        trace: Trace | None = None,
+    ) -> None:
         self.phase = Phase.POWERING
         self.how: RobotState | None = None
         self.chg = Chg(robot.n)
@@ -95,6 +108,9 @@ class TrajectoryTask:
         self._arrived: Position | None = None
         self._seq: int | None = None
         self._started_tick = 0
+        self._robot_name = robot.name
+        self._trace = trace
+        self._player: Player | None = None  # whose setpoints go out instead of the generator's
 
     # -------------------------------------------------------------------------------------------- from the program
 
@@ -108,7 +124,7 @@ class TrajectoryTask:
     @property
     def busy(self) -> bool:
         """Motions are going on or waiting."""
-        return self._generator is not None and self._generator.busy
+        return self._player is not None or (self._generator is not None and self._generator.busy)
 
     def push(self, order: Order) -> None:
         """Queue a motion whose course is told to its position.
@@ -117,13 +133,41 @@ class TrajectoryTask:
         """
         if isinstance(order.request.target, Goal) and self.how is not None:
             self.force.check(order.request.target, np.array(self.how.q), self.tick)
+        if self._player is not None:
+            raise MotionError(f"{order.request.name}: setpoints are being played; wait for `completed` first")
         self.generator.push(order.request)
+        if self._trace is not None:
+            self._trace.asked(order.request)
         self._orders[order.request] = order
         self.completed.count = 0
 
+    def play(self, setpoints: Setpoints, label: str) -> None:
+        """Send setpoints one each sample. Raises what `Channel.play` raises."""
+        if setpoints.robot != self._robot_name:
+            raise MotionError(f"{label}: made for {setpoints.robot}, this is {self._robot_name}")
+        if setpoints.period_us != round(self.period_s * 1e6):
+            periods = f"{setpoints.period_us / 1e3:g} ms from one to the next, the sample period is"
+            raise MotionError(f"{label}: {periods} {self.period_s * 1e3:g} ms")
+        if self.busy:
+            raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
+        setpoints.check(self._limits, label)
+        self._check_start(setpoints.q[0], label)
+        self._player = Player(setpoints.q, self.period_s, self._limits)
+        self.completed.count = 0
+
+    def _check_start(self, q: Floats, label: str) -> None:
+        away = np.abs(q - self.generator.state()[0])
+        if (away > START_TOLERANCE).any():
+            j = int(away.argmax())
+            far = f"{away[j]:.4g} {'m' if self._limits.prismatic[j] else 'rad'}"
+            where = f"joint {j + 1} ({self._limits.names[j]}) stands {far} away"
+            raise MotionError(f"{label}: does not begin where the arm is: {where}; move there first")
+
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
-        if self._generator is not None:
+        if self._player is not None:
+            self._player.stop()
+        elif self._generator is not None:
             self._generator.stop(seconds)
 
     def leave(self, power_off: bool) -> None:
@@ -161,8 +205,7 @@ class TrajectoryTask:
 
     def _power(self, robot: RobotState, now_ns: int) -> None:
         if self._power_up.step(robot, self.chg):
-            start = np.array(robot.q_setpoint)
-            self._generator = Generator(self._limits, self.period_s, start, self.tick, self._blend, reach=self._reach)
+            self._stand_at(np.array(robot.q_setpoint))
             self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             self.chg.go_to(robot.q_setpoint)
             self._started_tick = self.tick
@@ -187,15 +230,36 @@ class TrajectoryTask:
     def _generate(self) -> None:
         if self.how is None:
             return
+        if self._player is not None:
+            self._play(self._player)
+            return
         seen = Seen(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.look(seen, self.generator, self.tick)
         output = self.generator.update(self.tick, self.force.standing)
         drive = self.force.drive(output.q, seen, self.generator, self.tick)
         self.chg.drive(drive.setpoints, drive.torque)
+        if self._trace is not None:
+            for event in output.events:
+                self._trace.told(event)
+            self._trace.sampled(output.q)
         if output.events:
             for event in output.events:
                 self._tell(event)
         self._tell_progress(output)
+
+    def _play(self, player: Player) -> None:
+        q = player.step()
+        self.chg.go_to(tuple(q.tolist()))
+        if self._trace is not None:
+            self._trace.sampled(q)
+        if player.done:
+            self._player = None
+            self._stand_at(q)
+            self.completed.signal()
+
+    def _stand_at(self, q: Floats) -> None:
+        """A generator that is at rest at `q`."""
+        self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, reach=self._reach)
 
     def _tell(self, event: MotionEvent) -> None:
         """Pass an event on to the position it concerns."""

@@ -1,0 +1,97 @@
+"""`qrobot replay`: a setpoint file on an arm that runs, or in lock-step without one."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.cli.console import out
+from qrobot.units import DEG_PER_RAD, MM_PER_M
+
+if TYPE_CHECKING:
+    from qrobot.config.deployment import Arm
+    from qrobot.rccl.channel import Channel
+    from qrobot.rci import LinkFactory
+
+US_PER_MS = 1000
+
+
+def replay(
+    file: Path,
+    *,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+    lockstep: bool = False,
+    approach: bool = False,
+) -> None:
+    """Send the setpoints of a file to an arm, one each sample period.
+
+    Such files are written by `qrobot run --offline`. Before anything moves the whole file is judged: it has to be for
+    this arm, keep the joints' ranges, speeds and accelerations, begin and end at rest, and begin where the arm stands.
+
+      qrobot run --offline examples/02_four_corners.py
+      qrobot replay out/offline/02_four_corners/setpoints.csv
+
+    Parameters
+    ----------
+    file
+        The setpoint file.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    lockstep
+        On an emulated arm inside this process, on virtual time.
+    approach
+        Move to the first setpoint before, if the arm stands elsewhere.
+    """
+    from qrobot.motion import motion_limits
+    from qrobot.rccl.channel import open_channel
+    from qrobot.rccl.position import Position
+    from qrobot.rccl.setpoints import read_setpoints
+
+    setpoints = read_setpoints(file)
+    chosen = choose_arm(deployment, arm)
+    setpoints.check(motion_limits(robot_of_arm(chosen)), str(file))
+    factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else _bridge_links(chosen)
+    with open_channel(factory, chosen.robot, setpoints.period_us / US_PER_MS) as channel:
+        if approach:
+            channel.move(Position("first setpoint", setpoints.q[0]))
+            channel.waitfor(channel.completed)
+        channel.play(setpoints, str(file))
+        error = _worst_error(channel)
+    out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
+
+
+def _bridge_links(arm: Arm) -> LinkFactory:
+    from qrobot.rci import TcpLink
+
+    return lambda hello: TcpLink(hello, (arm.bridge.host, arm.bridge.port))
+
+
+def _lockstep_links(arm: Arm, period_us: int) -> LinkFactory:
+    from qrobot.rig.lockstep import LockstepRig, link_factory
+    from qrobot.sim_board.deployed import emulator_of_arm
+
+    robot = robot_of_arm(arm)
+    rig = LockstepRig(robot, servo_settings(arm), emulator_of_arm(arm, robot), keep_telemetry=False)
+    return partial(link_factory, rig, period_us)
+
+
+def _worst_error(channel: Channel) -> str:
+    """Wait until the motion is completed; the largest error seen at its samples."""
+    import numpy as np
+
+    worst = np.zeros(channel.robot.n)
+
+    def completed() -> bool:
+        how = channel.how
+        np.maximum(worst, np.abs(np.subtract(how.q, how.q_setpoint)), out=worst)
+        return channel.completed.count > 0
+
+    channel.waitas(completed)
+    sliding = channel.robot.prismatic
+    parts = (worst[~sliding] * DEG_PER_RAD, "deg"), (worst[sliding] * MM_PER_M, "mm")
+    return ", ".join(f"{values.max():.3f} {unit}" for values, unit in parts if values.size)

@@ -1,0 +1,115 @@
+"""An arm that is not there: it follows every setpoint exactly, one sample later, on virtual time.
+
+`use(OfflineLink)` runs a program off line (Hayward & Paul 1986, section 4: the setpoint function called in a loop). No
+servo, no board and no bytes are involved, and nothing stands around the arm: it exerts no forces.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import LinkError, MotionError
+from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.motion.external import Friction
+from qrobot.motion.limits import Floats
+from qrobot.motion.trail import DEPTH, motion_of
+from qrobot.units import NS_PER_US
+from qrobot.wire import ClientRole, Command, Hello, JointMode, RobotFlag, RobotMode, RobotState, State, Welcome
+from qrobot.wire.vocabulary import DEFAULT_PERIOD_US, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+
+START_POSE: Final = "park"
+_READY: Final = RobotFlag.POWERED | RobotFlag.CALIBRATED | RobotFlag.ESTOP_OK
+
+
+class _Torques:
+    """What the motors of an arm have to do that follows its setpoints and touches nothing."""
+
+    def __init__(self, robot: Robot, period_s: float) -> None:
+        self._dynamics, self._work = dynamics_params(robot), dynamics_work(robot.n)
+        self._friction = Friction(robot)
+        self._period_s = period_s
+        self._references: deque[tuple[int, Floats]] = deque(maxlen=DEPTH)
+
+    def at(self, tick: int, q: Floats) -> tuple[Floats, Floats]:
+        """Velocities and torques at sample `tick`. Shapes (n,)."""
+        self._references.append((tick, q))
+        _, v, a = motion_of(list(self._references), self._period_s)
+        tau = np.empty(q.size)
+        inverse_dynamics(q, v, a, self._dynamics, self._work, tau)
+        return v, tau + self._friction.torque(v)
+
+
+class OfflineLink:
+    """A `Link` to an ideal arm in this process.
+
+    Args:
+        hello: how the program greets; its robot must be a packaged one, or be given.
+        robot: the arm.
+        start: where it stands, rad or m, shape (n,); its park pose if left out.
+        period_us: sample period where the program asks for none.
+
+    Raises:
+        ConfigError: no such robot.
+    """
+
+    virtual_time = True
+
+    def __init__(
+        self,
+        hello: Hello,
+        robot: Robot | None = None,
+        start: Floats | None = None,
+        period_us: int = DEFAULT_PERIOD_US,
+    ) -> None:
+        self._robot = robot or load_robot(hello.robot)
+        self._period_us = hello.period_us or period_us
+        q = self._robot.poses[START_POSE] if start is None else start
+        still = (0.0,) * self._robot.n
+        place = tuple(map(float, q))
+        self._state = State(0, RobotState(0, RobotMode.OFF, place, still, still, place, flags=_READY), you_command=True)
+        self._torques = _Torques(self._robot, self._period_us * 1e-6)
+
+    def open(self) -> Welcome:
+        """Greet; see `Link.open`. Raises LinkError: no such sample period."""
+        if not SHORTEST_PERIOD_US <= self._period_us <= LONGEST_PERIOD_US:
+            raise LinkError(f"the sample period must be 1 to 100 ms, not {self._period_us / 1000:g}")
+        return Welcome(ClientRole.COMMANDER, self._robot.name, self._robot.n, self._period_us)
+
+    def exchange(self, command: Command | None) -> State:
+        """Obey, and let one sample pass; see `Link.exchange`. Raises MotionError: joints are to give way."""
+        before = self._state
+        mode, q = before.robot.mode, before.robot.q
+        if command is not None:
+            mode = _next_mode(mode, command)
+            q = command.setpoints if mode == RobotMode.TRACKING else q
+        seq = before.seq + 1
+        v, tau = self._torques.at(seq, np.array(q))
+        robot = replace(
+            before.robot, t_ns=seq * self._period_us * NS_PER_US, mode=mode, q=q, v=tuple(v.tolist()),
+            tau=tuple(tau.tolist()), q_setpoint=q, hand=0 if command is None else command.hand,
+        )  # fmt: skip
+        self._state = replace(before, seq=seq, robot=robot)
+        return self._state
+
+    def now_ns(self) -> int:
+        """Virtual time of the newest sample."""
+        return self._state.robot.t_ns
+
+    def close(self, reason: str = "") -> None:
+        """Nobody is there to say goodbye to."""
+
+
+def _next_mode(mode: int, command: Command) -> int:
+    """What a servo comes to that has nothing to wait for."""
+    if JointMode.TORQUE in command.modes:
+        raise MotionError("off line nothing gives way: there is nothing around the arm; try `qrobot run --lockstep`")
+    if not command.power:
+        return RobotMode.OFF
+    if mode == RobotMode.OFF or command.stop:
+        return RobotMode.HOLDING
+    return RobotMode.TRACKING if JointMode.POSITION in command.modes else mode

@@ -1,0 +1,144 @@
+"""Setpoint files: where the joints are to be, sample by sample, as text.
+
+    # qrobot setpoints 1
+    # robot puma560
+    # period_us 28000
+    t_s,q1,q2,q3,q4,q5,q6
+    0.000000,0,-1.57079632679,3.14159265359,0,0,0
+    0.028000,...
+
+Seconds, and rad (m on a sliding joint) with twelve digits. Lines are one sample period apart.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import ConfigError, MotionError
+from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+
+FIRST_LINE: Final = "# qrobot setpoints 1"
+HEAD_LINES: Final = 4
+_ROOM: Final = 1.01  # the generator itself allows this much where goals move; digits are rounded besides
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoints:
+    """A motion as a list of joint positions.
+
+    Attributes:
+        robot: name of the arm.
+        period_us: from one to the next.
+        q: rad or m. Shape (samples, n).
+    """
+
+    robot: str
+    period_us: int
+    q: Floats
+
+    @property
+    def t(self) -> Floats:
+        """Times, seconds from the first. Shape (samples,)."""
+        times: Floats = np.arange(len(self.q), dtype=np.float64) * (self.period_us * 1e-6)
+        return times
+
+    def check(self, limits: MotionLimits, label: str) -> None:
+        """Judge the motion from rest to rest; `label` is the file, for the message.
+
+        Raises:
+            JointLimit: a joint leaves its range.
+            MotionError: another number of joints, none at all, a joint too fast, or a velocity that jumps.
+        """
+        if not len(self.q):
+            raise MotionError(f"{label}: no setpoints")
+        for row, q in enumerate(self.q):
+            limits.check_position(q, _at(label, row))
+        at_rest = np.vstack([self.q[:1], self.q, self.q[-1:]])
+        v = np.diff(at_rest, axis=0) / (self.period_us * 1e-6)
+        a = np.diff(v, axis=0) / (self.period_us * 1e-6)
+        _check_rates(v[:-1], limits.v_max, limits, label, "move at")
+        _check_rates(a, np.maximum(limits.a_max, limits.a_stop), limits, label, "accelerate by")
+
+
+def _check_rates(rates: Floats, allowed: Floats, limits: MotionLimits, label: str, what: str) -> None:
+    """`rates` (samples, n) of the lines in turn."""
+    too_fast = np.argwhere(np.abs(rates) > allowed * _ROOM)
+    if not too_fast.size:
+        return
+    row, j = map(int, too_fast[0])
+    joint = f"joint {j + 1} ({limits.names[j]})"
+    rate = f"{rates[row, j]:.4g}, {allowed[j]:.4g} allowed"
+    raise MotionError(f"{_at(label, row)}: {joint} would {what} {rate} (SI units); the file asks too much of this arm")
+
+
+def _at(label: str, row: int) -> str:
+    return f"{label}, line {row + HEAD_LINES + 1}"
+
+
+def write_setpoints(path: Path, setpoints: Setpoints) -> None:
+    """Write a setpoint file. Raises ConfigError when that fails."""
+    heading = ["t_s", *(f"q{j + 1}" for j in range(setpoints.q.shape[1]))]
+    head = [FIRST_LINE, f"# robot {setpoints.robot}", f"# period_us {setpoints.period_us}", ",".join(heading)]
+    rows = (",".join([f"{t:.6f}", *(f"{x:.12g}" for x in q)]) for t, q in zip(setpoints.t, setpoints.q, strict=True))
+    try:
+        path.write_text("\n".join([*head, *rows]) + "\n")
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+
+
+def read_setpoints(path: Path) -> Setpoints:
+    """Read a setpoint file.
+
+    Raises:
+        ConfigError: it cannot be read, or a line is not what it should be; the message has its number.
+    """
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read {path}: {error}") from error
+    if not lines or lines[0].strip() != FIRST_LINE:
+        raise ConfigError(f"{path}, line 1: not a setpoint file; it should begin with {FIRST_LINE!r}")
+    robot, period_text = _head(path, lines, 1, "robot"), _head(path, lines, 2, "period_us")
+    period_us = int(period_text) if period_text.isdecimal() else 0
+    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
+        allowed = f"{SHORTEST_PERIOD_US} to {LONGEST_PERIOD_US}"
+        raise ConfigError(f"{path}, line 3: the period must be a whole number from {allowed}, not {period_text!r}")
+    n = _joint_count(path, lines)
+    rows = list(_rows(path, lines[HEAD_LINES:], n, period_us * 1e-6))
+    return Setpoints(robot, period_us, np.array(rows).reshape(-1, n))
+
+
+def _head(path: Path, lines: list[str], index: int, key: str) -> str:
+    match = re.fullmatch(rf"# {key} +(\S+)\s*", lines[index] if index < len(lines) else "")
+    if match is None:
+        raise ConfigError(f"{path}, line {index + 1}: should say '# {key} ...'")
+    return match[1]
+
+
+def _joint_count(path: Path, lines: list[str]) -> int:
+    names = lines[HEAD_LINES - 1].strip().split(",") if len(lines) >= HEAD_LINES else []
+    n = len(names) - 1
+    if n < 1 or names != ["t_s", *(f"q{j + 1}" for j in range(n))]:
+        raise ConfigError(f"{path}, line {HEAD_LINES}: should name the columns, t_s,q1,q2 and so on")
+    return n
+
+
+def _rows(path: Path, lines: list[str], n: int, period_s: float) -> Iterator[list[float]]:
+    for row, line in enumerate(lines):
+        where = _at(str(path), row)
+        try:
+            t, *q = map(float, line.split(","))
+        except ValueError:
+            raise ConfigError(f"{where}: {n + 1} numbers with commas needed, not {line!r}") from None
+        if len(q) != n or not np.isfinite(q).all():
+            raise ConfigError(f"{where}: {n + 1} finite numbers needed, not {line!r}")
+        if not abs(t - row * period_s) < 0.5 * period_s:
+            raise ConfigError(f"{where}: its time should be {row * period_s:.6f}, not {t:g}; is a line missing?")
+        yield q

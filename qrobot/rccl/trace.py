@@ -1,0 +1,122 @@
+"""Execution traces: what became of each request of a program, and every setpoint that went out.
+
+`use(factory, traces)` fills a list with one trace for each time the program takes control of an arm.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.motion import EventKind, MotionEvent, MoveRequest, Termination
+from qrobot.motion.limits import Floats
+from qrobot.rccl.setpoints import Setpoints
+
+_HEADING: Final = f"{'':>4}  {'position':<16} {'mode':<10} {'asked':>9} {'begun':>9} {'ended':>9}  how it ended"
+
+
+@dataclass
+class TracedRequest:
+    """The course of one request; times in seconds since the setpoints began, None for what has not happened.
+
+    Attributes:
+        number: from 1, in the order in which the program asked.
+        name: of its position.
+        mode: "joint" or "cartesian".
+        pace: how long it was to take, as it was asked for.
+        code: a `Termination`, or the program's own number; 0 as long as it is under way.
+        lost: time at which the arm, having arrived, could not follow its goal any further, and why.
+    """
+
+    number: int
+    name: str
+    mode: str
+    pace: str
+    asked_s: float
+    begun_s: float | None = None
+    ended_s: float | None = None
+    code: int = 0
+    lost_s: float | None = None
+    lost_code: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**asdict(self), "reason": reason_of(self.code)}
+
+    def line(self) -> str:
+        """For people."""
+        times = " ".join("        -" if t is None else f"{t:9.3f}" for t in (self.asked_s, self.begun_s, self.ended_s))
+        lost = "" if self.lost_s is None else f", lost its goal at {self.lost_s:.3f} s: {reason_of(self.lost_code)}"
+        return f"{self.number:4d}  {self.name:<16} {self.mode:<10} {times}  {reason_of(self.code)}{lost}"
+
+
+def reason_of(code: int) -> str:
+    """A termination code in words."""
+    if code > 0:
+        return f"the program's code {code}"
+    return "under way" if code == Termination.NONE else Termination(code).name.lower().replace("_", " ")
+
+
+class Trace:
+    """One hold of one arm.
+
+    Args:
+        robot: the arm.
+        period_s: sample period.
+
+    Attributes:
+        requests: in the order in which the program asked.
+    """
+
+    def __init__(self, robot: Robot, period_s: float) -> None:
+        self.robot = robot
+        self.requests: list[TracedRequest] = []
+        self._period_s = period_s
+        self._open: dict[MoveRequest, TracedRequest] = {}
+        self._q: list[Floats] = []
+
+    def asked(self, request: MoveRequest) -> None:
+        """The program queued a motion."""
+        mode = "joint" if isinstance(request.target, np.ndarray) else request.mode.value
+        traced = TracedRequest(len(self.requests) + 1, request.name, mode, str(request.pace), self._now_s)
+        self.requests.append(traced)
+        self._open[request] = traced
+
+    def told(self, event: MotionEvent) -> None:
+        """The generator told something."""
+        traced = None if event.request is None else self._open.get(event.request)
+        if traced is None:
+            return
+        if event.kind is EventKind.BEGUN:
+            traced.begun_s = self._now_s
+        elif event.kind is EventKind.ENDED:
+            traced.ended_s, traced.code = self._now_s, event.code
+        elif event.kind is EventKind.LOST:
+            traced.lost_s, traced.lost_code = self._now_s, event.code
+
+    def sampled(self, q: Floats) -> None:
+        """Setpoints went out, rad or m. Shape (n,)."""
+        self._q.append(q.copy())
+
+    @property
+    def setpoints(self) -> Setpoints:
+        """All that went out."""
+        rows = np.array(self._q).reshape(-1, self.robot.n)
+        return Setpoints(self.robot.name, round(self._period_s * 1e6), rows)
+
+    def text(self) -> str:
+        """The requests as a table; seconds."""
+        return "\n".join([_HEADING, *(request.line() for request in self.requests)]) + "\n"
+
+    def json_lines(self) -> str:
+        """The requests, one JSON object in a line."""
+        return "".join(json.dumps(request.to_dict()) + "\n" for request in self.requests)
+
+    @property
+    def _now_s(self) -> float:
+        """Time of the setpoint that goes out next."""
+        return len(self._q) * self._period_s

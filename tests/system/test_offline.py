@@ -1,0 +1,176 @@
+"""`qrobot run --offline` and `qrobot replay`: programs without a robot, and their setpoints on one."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.cli.motion_figures import path_of
+from qrobot.config import load_robot
+from qrobot.errors import MotionError
+from qrobot.motion import Termination
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
+from qrobot.rccl.trace import Trace
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ROBOT = load_robot("puma560")
+FILES = {"requests.txt", "requests.jsonl", "setpoints.csv", "joints.png", "path.png"}
+
+
+def qrobot(*words: str) -> int:
+    return run_app(make_app(words[0]), list(words))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the square traced four times left behind."""
+    folder = tmp_path_factory.mktemp("offline")
+    assert qrobot("run", "--offline", "--output", str(folder), str(EXAMPLES / "02_four_corners.py")) == 0
+    return folder
+
+
+def requests(folder: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in (folder / "requests.jsonl").read_text().splitlines()]
+
+
+def test_the_same_program_leaves_its_requests_setpoints_and_figures(folder: Path) -> None:
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in FILES if name.endswith("png"))
+
+
+def test_the_trace_names_every_position_in_order_with_times_that_join(folder: Path) -> None:
+    traced = requests(folder)
+    assert [request["name"] for request in traced] == ["park"] + ["P0", "P1", "P2", "P3"] * 4
+    assert {request["code"] for request in traced} == {int(Termination.COMPLETED)}
+    assert [request["mode"] for request in traced] == ["joint"] + ["cartesian"] * 16
+    for before, after in pairwise(traced):
+        assert before["ended_s"] == after["begun_s"]
+    text = (folder / "requests.txt").read_text()
+    assert text.count("completed") == 17
+
+
+def test_the_setpoints_are_a_motion_the_arm_can_do_through_the_corners(folder: Path) -> None:
+    motion = read_setpoints(folder / "setpoints.csv")
+    path = path_of(ROBOT, motion.q)
+    ends = path[np.abs(path[:, 2] - path[:, 2].min()) < 1e-3]
+    assert np.ptp(ends[:, 0]) == pytest.approx(100.0, abs=12.0)
+    assert np.ptp(ends[:, 1]) == pytest.approx(150.0, abs=12.0)
+    assert requests(folder)[-1]["ended_s"] == pytest.approx(motion.t[-1], abs=0.1)
+
+
+def test_a_replay_in_lockstep_follows_the_file(tmp_path: Path, capsys) -> None:
+    write_setpoints(tmp_path / "swing.csv", motion_from(ROBOT.poses["park"]))
+    assert qrobot("replay", "--lockstep", str(tmp_path / "swing.csv")) == 0
+    said = capsys.readouterr().out
+    assert float(said.rpartition("them: ")[2].split()[0]) < 1.0
+
+
+def test_a_replay_of_a_damaged_file_names_the_line_and_moves_nothing(folder: Path, tmp_path, capsys) -> None:
+    lines = (folder / "setpoints.csv").read_text().splitlines()
+    lines[99] = lines[99].replace(",", ",9", 1)
+    (tmp_path / "bad.csv").write_text("\n".join(lines))
+    assert qrobot("replay", "--lockstep", str(tmp_path / "bad.csv")) == 1
+    assert "line 100" in capsys.readouterr().err
+
+
+def test_options_that_contradict_each_other_are_refused(capsys) -> None:
+    program = str(EXAMPLES / "02_four_corners.py")
+    assert qrobot("run", "--offline", "--lockstep", program) == 1
+    assert qrobot("run", "--output", "x", program) == 1
+    said = capsys.readouterr().err
+    assert "--offline knows no board" in said
+    assert "--output belongs to --offline" in said
+
+
+def test_a_program_that_fails_leaves_the_trace_of_what_it_did(tmp_path: Path) -> None:
+    program = tmp_path / "fails.py"
+    program.write_text(
+        "from qrobot import rccl\n"
+        "arm = rccl.control('puma560')\n"
+        "p = arm.jposition('over', [10, -90, 180, 0, 0, 0])\n"
+        "arm.move(p)\n"
+        "arm.waitas(lambda: p.scal > 0.5)\n"
+        "raise LookupError('no part')\n"
+    )
+    with pytest.raises(LookupError, match="no part"):
+        qrobot("run", "--offline", "--output", str(tmp_path / "out"), str(program))
+    (traced,) = requests(tmp_path / "out")
+    assert (traced["name"], traced["reason"]) == ("over", "stopped")
+
+
+@pytest.fixture
+def arm():
+    with rccl.use(OfflineLink), rccl.control("puma560") as arm:
+        yield arm
+
+
+def motion_from(q: np.ndarray, period_us: int = 28_000, robot: str = "puma560") -> Setpoints:
+    rows = np.tile(q, (41, 1))
+    rows[:, 0] += 0.1 * (1.0 - np.cos(2.0 * np.pi * np.linspace(0.0, 1.0, 41)))
+    return Setpoints(robot, period_us, rows)
+
+
+def test_a_list_is_played_only_from_where_the_arm_stands_and_at_its_period(arm) -> None:
+    here = ROBOT.poses["park"]
+    for wrong, complaint in [
+        (motion_from(here + 0.01), "does not begin where the arm is: joint \\d"),
+        (motion_from(here, 20_000), "sample period is 28 ms"),
+        (motion_from(here, robot="stanford"), "made for stanford, this is puma560"),
+    ]:
+        with pytest.raises(MotionError, match=complaint):
+            arm.play(wrong)
+    arm.play(motion_from(here))
+    with pytest.raises(MotionError, match="still moves"):
+        arm.play(motion_from(here))
+    with pytest.raises(MotionError, match="being played"):
+        arm.move(arm.pose("park"))
+    arm.waitfor(arm.completed)
+    arm.waitas(lambda: np.allclose(arm.how.q, here, rtol=0, atol=1e-12))
+
+
+def test_motions_go_on_from_where_a_list_was_stopped(arm) -> None:
+    arm.play(motion_from(ROBOT.poses["park"]))
+    arm.waitas(lambda: arm.how.q[0] > ROBOT.poses["park"][0] + 0.1)
+    arm.stop()
+    arm.waitfor(arm.completed)
+    park = arm.pose("park")
+    arm.move(park)
+    arm.waitfor(park.end)
+    assert park.code == Termination.COMPLETED
+
+
+def test_an_ideal_arm_exerts_nothing_in_any_motion(arm) -> None:
+    arm.move(arm.jposition("over", [30, -60, 150, 0, 30, 0]))
+    exerted = []
+    arm.waitas(lambda: exerted.append(arm.exerted.torque) or arm.completed.count > 0)
+    assert np.abs(exerted[5:]).max() < 1e-9
+
+
+def test_giving_way_is_refused_off_line(arm) -> None:
+    where = rccl.gentr_rot("AT", 550, 0, -400, rccl.yunit, 180)
+    place = rccl.makeposition("PLACE", rccl.t6, rccl.EQ, where, rccl.TL, where)
+    arm.move(place)
+    arm.waitfor(place.end)
+    arm.comply("fz", 0)
+    arm.move(place)
+    with pytest.raises(MotionError, match="off line nothing gives way"):
+        arm.waitfor(arm.completed)
+
+
+def test_traces_are_kept_for_every_time_an_arm_is_taken() -> None:
+    traces: list[Trace] = []
+    with rccl.use(OfflineLink, traces):
+        for _ in range(2):
+            with rccl.control("stanford") as arm:
+                arm.move(arm.pose("park"))
+                arm.waitfor(arm.completed)
+    assert [trace.robot.name for trace in traces] == ["stanford"] * 2
+    assert [trace.requests[0].name for trace in traces] == ["park"] * 2
