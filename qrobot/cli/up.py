@@ -26,7 +26,7 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/proces
     Parameters
     ----------
     deployment
-        Deployment file, or the name of a packaged one (emulator, two_arms).
+        Deployment file, or the name of a packaged one (emulator, pressing, two_arms).
     out_dir
         Where the processes' messages go, one file each.
     """

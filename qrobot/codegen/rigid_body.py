@@ -116,6 +116,15 @@ def _cosine_sine(angle: SX) -> tuple[SX, SX]:
     return casadi.cos(angle), casadi.sin(angle)
 
 
+def last_frame(arm: SerialArm, q: SX) -> tuple[SX, SX]:
+    """Rotation (3, 3) and origin (3) of the last frame in the base frame."""
+    turn, origin = _frame(arm, q, 0)
+    for i in range(1, arm.n):
+        next_turn, next_origin = _frame(arm, q, i)
+        origin, turn = origin + turn @ next_origin, turn @ next_turn
+    return turn, origin
+
+
 def inverse_dynamics(arm: SerialArm, q: SX, v: SX, a: SX, gravity: SX) -> SX:
     """Torques (n) for velocities `v` and accelerations `a` at `q` under `gravity` (3), rotors included."""
     frames = [_frame(arm, q, i) for i in range(arm.n)]

@@ -20,7 +20,7 @@ def load(tmp_path: Path, text: str) -> Deployment:
     return load_deployment(path)
 
 
-@pytest.mark.parametrize("name", ["emulator", "two_arms"])
+@pytest.mark.parametrize("name", ["emulator", "pressing", "two_arms"])
 def test_packaged_deployments_load_and_name_packaged_robots(name: str) -> None:
     for arm in load_deployment(name).arm:
         assert load_robot(arm.robot).poses[arm.board.start_pose].size

@@ -13,6 +13,7 @@ from qrobot.servo.law import Law
 from qrobot.servo.laws.computed_torque import computed_torque
 from qrobot.servo.laws.feedback import pd, qrobot, qrobot_acceleration
 from qrobot.servo.laws.file import is_file_law, load_law
+from qrobot.servo.laws.force import force
 from qrobot.servo.laws.unimation import unimation
 
 LAWS: Final[dict[str, Callable[[Robot], Law]]] = {
@@ -20,6 +21,7 @@ LAWS: Final[dict[str, Callable[[Robot], Law]]] = {
     "qrobot": lambda _robot: qrobot,
     "qrobot+a": lambda _robot: qrobot_acceleration,
     "computed-torque": computed_torque.for_robot,
+    "force": force.for_robot,
     "unimation": lambda _robot: unimation,
 }
 """The shipped laws, each made for a robot: some carry its model."""
