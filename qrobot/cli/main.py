@@ -39,6 +39,7 @@ COMMANDS: Final = (
     Command("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
     Command("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
     Command("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
+    Command("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
     Command("ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."),
     Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
     Command("calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."),

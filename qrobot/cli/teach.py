@@ -1,0 +1,79 @@
+"""`qrobot teach`: an arm moved by commands, from a terminal or a script."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import out
+from qrobot.errors import ConfigError
+
+PROMPT = "? "
+
+
+def teach(
+    database: Path = Path("taught.db"),
+    *,
+    script: Path | None = None,
+    offline: bool = False,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+) -> None:
+    """Move an arm by commands in world or tool coordinates, and record where it is into a transform data base.
+
+    Type help for the commands. Mistakes, and motions that cannot be done, are told and end nothing. What was recorded
+    is for programs: DataBase(path).get(name) of the library.
+
+      qrobot teach parts.db
+      echo "world dz -20" | qrobot teach --offline
+
+    Parameters
+    ----------
+    database
+        The file; it need not exist yet.
+    script
+        Read commands from this file instead of the terminal.
+    offline
+        On an ideal arm inside this process, on virtual time.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    """
+    from qrobot.rccl.channel import open_channel
+    from qrobot.rccl.database import DataBase
+    from qrobot.rccl.offline import OfflineLink
+    from qrobot.rccl.teach import Teacher
+    from qrobot.rci import LinkFactory, TcpLink
+
+    lines = _typed() if script is None else iter(_script(script))
+    chosen = choose_arm(deployment, arm)
+    factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
+    if offline:
+        robot = robot_of_arm(chosen)
+        factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
+    with open_channel(factory, chosen.robot) as channel:
+        teacher = Teacher(channel, DataBase(database))
+        for line in lines:
+            if answer := teacher.obey(line):
+                out.print(answer, markup=False, soft_wrap=True)
+            if teacher.over:
+                break
+
+
+def _typed() -> Iterator[str]:
+    """Lines of the terminal, or of what stands before the pipe."""
+    try:
+        while True:
+            yield input(PROMPT if sys.stdin.isatty() else "")
+    except EOFError:
+        return
+
+
+def _script(path: Path) -> list[str]:
+    try:
+        return path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read {path}: {error}") from error
