@@ -71,7 +71,7 @@ class Geometry(Section):
     the distance from the last frame to the mounting flange, along its z.
     """
 
-    family: Literal["puma", "generic"]
+    family: Literal["puma", "stanford", "generic"]
     alpha_rad: Degrees = Field(alias="alpha_deg")
     a_m: PerJoint
     d_m: PerJoint
@@ -284,6 +284,8 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield "guard.a_stop exceeds limits.a_max"
     if robot.geometry.family == "puma" and not _is_puma(robot):
         yield 'geometry.family = "puma" needs the link twists and the zero offsets of a PUMA (modified DH)'
+    if robot.geometry.family == "stanford" and not _is_stanford(robot):
+        yield 'geometry.family = "stanford" needs the link frames of a Stanford arm (modified DH) and a boom beyond 0'
 
 
 def _is_puma(robot: Robot) -> bool:
@@ -295,6 +297,16 @@ def _is_puma(robot: Robot) -> bool:
     zeros = [*g.theta_rad, *g.a_m[[0, 1, 4, 5]], *g.d_m[[0, 4, 5]]]
     lengths = [g.a_m[2], g.d_m[1] + g.d_m[2], g.d_m[3]]
     return bool(np.allclose(g.alpha_rad, twists) and not np.any(zeros) and np.all(lengths))
+
+
+def _is_stanford(robot: Robot) -> bool:
+    """A boom that slides and never passes the shoulder, between revolute joints; one offset, at the shoulder."""
+    if robot.n != 6 or robot.prismatic.tolist() != [False, False, True, False, False, False]:
+        return False
+    g = robot.geometry
+    twists, zeros = np.radians([0, -90, 90, 0, -90, 90]), np.radians([0, 0, -90, 0, 0, 0])
+    straight = np.allclose(g.alpha_rad, twists) and np.allclose(g.theta_rad, zeros)
+    return bool(straight and not np.any([*g.a_m, *g.d_m[2:]]) and robot.limits.q_min[2] > 0.0)
 
 
 def robot_path(name_or_path: str | Path) -> Path:

@@ -8,8 +8,9 @@ from qrobot.config.robot import Robot
 from qrobot.config.values import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.branch import ALL_BRANCHES, Branch
+from qrobot.model.closed_form import CLOSED_FORMS, ClosedForm
 from qrobot.model.kinematics import forward, jacobian, kinematics_params
-from qrobot.model.puma import Status, nearest_solution, puma_branch, puma_inverse, puma_inverse_all
+from qrobot.model.puma import Status, nearest_solution
 from qrobot.model.transform import is_transform, transform
 
 SINGULAR = {
@@ -52,10 +53,9 @@ class Arm:
         """The branch on which the arm stands at `q` (n,).
 
         Raises:
-            MotionError: branches are only defined for the PUMA family.
+            MotionError: branches are only defined for arms with a closed-form inverse.
         """
-        self._need_puma()
-        return Branch(puma_branch(self._joints(q), self.params))
+        return Branch(self.closed_form.branch(self._joints(q), self.params))
 
     def inverse(self, T: Floats, branch: Branch, near: Floats) -> Floats:
         """Joint positions of `branch` that reach pose `T` (4, 4), by whole turns nearest to `near` (n,). Shape (n,).
@@ -68,7 +68,7 @@ class Arm:
         """
         self._need_pose(T)
         q = np.empty(self.robot.n)
-        status = puma_inverse(_own(T), self.params, int(branch), self._joints(near), q)
+        status = self.closed_form.inverse(_own(T), self.params, int(branch), self._joints(near), q)
         self._judge(Status(status), T, branch, q)
         return q
 
@@ -99,7 +99,7 @@ class Arm:
     def _solve_all(self, T: Floats, near: Floats) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.int64]]]:
         self._need_pose(T)
         q, status = np.empty((8, self.robot.n)), np.empty(8, dtype=np.int64)
-        puma_inverse_all(_own(T), self.params, self._joints(near), q, status)
+        self.closed_form.inverse_all(_own(T), self.params, self._joints(near), q, status)
         return q, status
 
     def _joints(self, q: Floats) -> Floats:
@@ -112,12 +112,15 @@ class Arm:
             raise MotionError(f"robot {self.robot.name!r} has {self.robot.n} joints, not {np.shape(q)}")
         return _own(q)
 
-    def _need_puma(self) -> None:
-        if self.robot.geometry.family != "puma":
-            raise MotionError(f"robot {self.robot.name!r} has no closed-form inverse: its family is not 'puma'")
+    @property
+    def closed_form(self) -> ClosedForm:
+        """Kernels of the inverse. Raises MotionError when there are none for this family of arms."""
+        family = self.robot.geometry.family
+        if family not in CLOSED_FORMS:
+            raise MotionError(f"robot {self.robot.name!r} has no closed-form inverse: its family is {family!r}")
+        return CLOSED_FORMS[family]
 
     def _need_pose(self, T: Floats) -> None:
-        self._need_puma()
         if not is_transform(T):
             raise MotionError("the pose is not a rigid transform: its rotation must be orthonormal and right-handed")
 
@@ -135,10 +138,13 @@ class Arm:
     def limits_passed(self, q: Floats) -> str:
         """Which joints would be out of their range at `q` (n,), in words; empty when none."""
         low, high = self.robot.limits.q_min, self.robot.limits.q_max
-        names = self.robot.joint_names
-        passed = [
-            f"{names[j]} would be at {np.degrees(q[j]):.2f} of {np.degrees(low[j]):.0f}..{np.degrees(high[j]):.0f} deg"
+        return ", ".join(
+            f"{self.robot.joint_names[j]} would be at {self._told(j, q[j], 2)} of "
+            f"{self._told(j, low[j], 0)}..{self._told(j, high[j], 0)} {'mm' if self.robot.prismatic[j] else 'deg'}"
             for j in range(self.robot.n)
             if not low[j] <= q[j] <= high[j]
-        ]
-        return ", ".join(passed)
+        )
+
+    def _told(self, joint: int, value: float, digits: int) -> str:
+        """A joint position for people: degrees, or millimetres on a sliding joint."""
+        return f"{1e3 * value if self.robot.prismatic[joint] else np.degrees(value):.{digits}f}"

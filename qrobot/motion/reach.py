@@ -9,7 +9,8 @@ import numpy as np
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.arm import SINGULAR, Arm
 from qrobot.model.branch import Branch
-from qrobot.model.puma import Status, puma_branch, puma_inverse
+from qrobot.model.closed_form import CLOSED_FORMS
+from qrobot.model.puma import Status
 from qrobot.motion.limits import Floats
 
 NEAR_SINGULAR: Final = (
@@ -43,11 +44,11 @@ class Reach(Protocol):
         """Some motion of T6 would need joints far faster than others."""
 
 
-class PumaReach:
-    """The PUMA family, in closed form."""
+class ClosedFormReach:
+    """An arm whose inverse has a closed form."""
 
     def __init__(self, arm: Arm) -> None:
-        self._arm = arm
+        self._arm, self._form = arm, arm.closed_form
         self._q = np.empty(arm.robot.n)
 
     def forward(self, q: Floats) -> Floats:
@@ -56,12 +57,12 @@ class PumaReach:
 
     def branch(self, q: Floats) -> Branch:
         """See `Reach.branch`."""
-        return Branch(puma_branch(np.array(q), self._arm.params))
+        return Branch(self._form.branch(np.array(q), self._arm.params))
 
     def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
         """See `Reach.inverse`."""
         pose, around = np.array(T), np.array(near)  # the one type for which the kernel is compiled
-        status = puma_inverse(pose, self._arm.params, int(branch), around, self._q)
+        status = self._form.inverse(pose, self._arm.params, int(branch), around, self._q)
         if status != Status.OK and not (singular and status in SINGULAR and self._inside()):
             raise self._error(Status(status), T, branch)
         return self._q.copy()
@@ -85,4 +86,4 @@ class PumaReach:
 
 def reach_of(arm: Arm) -> Reach | None:
     """The closed form for `arm`, None when there is none."""
-    return PumaReach(arm) if arm.robot.geometry.family == "puma" else None
+    return ClosedFormReach(arm) if arm.robot.geometry.family in CLOSED_FORMS else None

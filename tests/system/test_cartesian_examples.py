@@ -6,6 +6,7 @@ import builtins
 import re
 import runpy
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -119,3 +120,28 @@ def test_the_tool_stays_with_the_belt_and_then_stands_still(robot, capsys) -> No
     low = np.abs(path[:-1, 2] + 300.0) < 1e-6
     assert np.median(step[low]) == pytest.approx(60.0, abs=0.1)
     assert np.array(robot.path[-1]) == pytest.approx(PARK)
+
+
+def test_the_tool_keeps_its_distance_from_a_surface_it_only_senses_s05(robot, capsys) -> None:
+    run("10_follow_a_surface.py")
+    found = re.search(r"between (\d+\.\d) and (\d+\.\d) mm", capsys.readouterr().out)
+    assert found is not None
+    least, most = float(found[1]), float(found[2])
+    assert 17.0 < least < 20.0 < most < 23.0  # 20 mm wanted; without the sensor the surface comes within 15 and 25
+    height = tips(robot)[:, 2]
+    assert np.ptp(height[(height > -310.0) & (height < -270.0)]) > 8.0  # the tool goes up and down with it
+
+
+def test_blocks_are_stacked_from_the_layout_alone_s07(robot, capsys) -> None:
+    hands: list[tuple[int, tuple[float, ...]]] = []
+    robot.before_period = lambda _seq: hands.append((robot.hand, robot.q))
+    run("11_stack_blocks.py")
+    said = capsys.readouterr().out
+    assert re.findall(r"(\w+): (\w+)s the hand", said) == [
+        ("get_block1", "close"), ("place_block1", "open"), ("get_block2", "close"), ("stack_block2", "open"),
+    ]  # fmt: skip
+    changes = [after for before, after in pairwise(hands) if before[0] != after[0]][-4:]
+    assert [hand for hand, _ in changes] == [Hand.CLOSED, Hand.OPEN, Hand.CLOSED, Hand.OPEN]
+    places = [1000.0 * (arm().forward(np.array(q)) @ TIP)[:3, 3] for _, q in changes]
+    for place, (x, y, z) in zip(places, [(0, 0, -20), (-80, 60, -20), (0, 100, -20), (-80, 60, -60)], strict=True):
+        assert place == pytest.approx([500 - x, 50 + y, -300 - z], abs=1e-3)  # TABLE's x and z point the other way

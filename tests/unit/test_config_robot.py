@@ -71,7 +71,7 @@ def first_joints(table: Any, n: int) -> Any:
     if isinstance(table, list):
         return table[:n] if len(table) == 6 else table
     if not isinstance(table, dict):
-        return "generic" if table == "puma" else table
+        return "generic" if table in ("puma", "stanford") else table
     return {key: {} if key == "coupling" and isinstance(v, dict) else first_joints(v, n) for key, v in table.items()}
 
 

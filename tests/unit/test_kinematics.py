@@ -201,8 +201,11 @@ def test_what_is_no_rigid_transform_is_refused() -> None:
 
 
 def test_a_robot_of_another_family_says_that_it_has_no_closed_form() -> None:
-    with pytest.raises(MotionError, match="'stanford' has no closed-form inverse"):
-        STANFORD.inverse(np.eye(4), Branch.RUN, STANFORD.robot.poses["park"])
+    generic = STANFORD.robot.model_copy(
+        update={"geometry": STANFORD.robot.geometry.model_copy(update={"family": "generic"})}
+    )
+    with pytest.raises(MotionError, match="'stanford' has no closed-form inverse: its family is 'generic'"):
+        Arm(generic).inverse(np.eye(4), Branch.RUN, generic.poses["park"])
 
 
 def test_the_nearest_solution_from_park_to_park_is_park() -> None:
