@@ -34,9 +34,13 @@ def swap(bench: ServoBench, new: Law, gains: Any | None = None) -> int | None:
     return maybe_swap_result(state)
 
 
+QUIET = {"force": {"creep": 0.0, "travel": 0.0}}  # it would go and look for something to press on
+
+
 def holding_rig(pose: Any, name: str) -> LockstepRig:
     emulator = Emulator(ROBOT, start=pose, physics="rigid")
-    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, law=name), emulator, keep_telemetry=False)
+    settings = ServoSettings(rate_hz=1000.0, law=name, law_settings=QUIET.get(name, {}), sensor_channels=(6,))
+    rig = LockstepRig(ROBOT, settings, emulator, keep_telemetry=False)
     rig.ticks(1)
     rig.mailbox.request_power(True)
     rig.run_for(0.5)
@@ -55,7 +59,7 @@ def at_rest(rig: LockstepRig) -> Any:
 
 
 @pytest.mark.parametrize(("before", "after"), PAIRS)
-@settings(max_examples=3)
+@settings(max_examples=2)
 @given(st.lists(st.floats(0.1, 0.9), min_size=6, max_size=6), st.floats(0.3, 2.0))
 def test_a_swap_while_holding_moves_no_joint_by_more_than_a_count(
     before: str, after: str, share: list[float], factor: float
@@ -63,7 +67,7 @@ def test_a_swap_while_holding_moves_no_joint_by_more_than_a_count(
     q_min, q_max = ROBOT.limits.q_min, ROBOT.limits.q_max
     rig = holding_rig(q_min + np.array(share) * (q_max - q_min), before)
     counts = at_rest(rig)
-    new = find_law(after, rig.robot)
+    new = find_law(after, rig.robot, QUIET.get(after))
     ask_for_law(rig.state.swap, new, factor * rig.state.swap.gains)
     for _ in range(20):
         rig.run_for(0.1)
