@@ -27,7 +27,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 
-LAYOUT: Final = 2
+LAYOUT: Final = 3
 
 
 class Lane(IntEnum):
@@ -51,6 +51,8 @@ BOARD_REVISION: Final = HEADER_WORDS + 2  # ord("E") or ord("F")
 BOARD_ILLEGAL_OPS: Final = HEADER_WORDS + 3  # operations on offsets of the wrong direction: ignored and counted [A]
 BOARD_SKIPPED: Final = HEADER_WORDS + 4  # periods an emulated board gave up because it was too late to catch up
 BOARD_NOW_NS: Final = HEADER_WORDS + 5  # time of an emulated board's newest sample, shown or not
+BOARD_DROPPED: Final = HEADER_WORDS + 6  # operations that a gateway could not be sure to have handed over
+BOARD_LOSSES: Final = HEADER_WORDS + 7  # times a gateway lost the board behind it
 
 # The image: sequence, then time stamp, count and the input words as one seqlocked block.
 IMAGE_SEQ: Final = 16
@@ -172,6 +174,24 @@ def take_operation(memory: Any, lane: int, operation: Any) -> bool:
         operation[field] = memory[slot + field]
     store_release(memory, base + _LANE_TAIL, position + 1)
     return True
+
+
+def take_all_operations(memory: Words, operations: Words) -> int:
+    """Board side: move what every lane holds into `operations` (int64[k, OP_FIELDS]), lane by lane, as much as fits.
+
+    Returns:
+        How many were taken.
+    """
+    return int(_take_lanes(memory, operations))
+
+
+@lean_kernel
+def _take_lanes(memory: Any, operations: Any) -> int:
+    n = 0
+    for lane in range(N_LANES):
+        while n < operations.shape[0] and take_operation(memory, lane, operations[n]):
+            n += 1
+    return n
 
 
 @lean_kernel

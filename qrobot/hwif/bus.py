@@ -1,0 +1,140 @@
+"""The contract of every road to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the far.
+
+A bus carries the same two things as the board memory (memory.py): register operations out, strictly in the order given,
+and the whole image in. What it is made of - a socket, a CAN interface - is its own affair. `Gateway` (gateway.py)
+puts a bus behind the board memory, so that servo, guardian and tools never know; a server puts an `Endpoint` behind its
+protocol, so that the emulated board, or anything else with the register map, answers.
+
+Operations are int64[k, OP_FIELDS]; an image is int64[IMAGE_WORDS]: time stamp, count, the sixteen input words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.errors import LinkBusy, LinkError
+from qrobot.hwif.memory import (
+    BOARD_JOINTS,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    IMAGE_WORDS,
+    OP_FIELDS,
+    Lane,
+    fetch_image,
+    post_operations,
+    put_write,
+)
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_J6_OVERFLOW,
+    N_DACS,
+)
+from qrobot.realtime.segment import Words
+
+Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
+SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
+
+
+@dataclass(frozen=True)
+class BoardFacts:
+    """What a board says of itself.
+
+    Attributes:
+        revision: "E" or "F"; the converter is driven differently.
+        joints: encoder channels in use.
+        period_ns: how often it renews its image; 0 when it does not say.
+    """
+
+    revision: str
+    joints: int
+    period_ns: int = 0
+
+
+class Bus(Protocol):
+    """Near end of a road to a board. One thread at a time; a context is not shared between processes."""
+
+    @property
+    def name(self) -> str:
+        """What people call it in messages: kind and address."""
+
+    def connect(self) -> BoardFacts:
+        """Find the board; again after an error. Raises LinkError (LinkBusy when somebody else has it)."""
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        """Apply `operations` at the board in order, each at most once, then read its whole image into `image`.
+
+        The time stamp is the board's where the road carries it, else the middle between asking and answer
+        (CLOCK_MONOTONIC); the count is the board's, or one more at each answer of a board that has none.
+
+        Raises:
+            LinkTimeout, LinkLost: no whole answer came; whether the operations were applied is not known.
+            RemoteProtocolError: the answer means nothing; likewise.
+        """
+
+    def close(self) -> None:
+        """Let go of it. Never raises; may be called twice."""
+
+
+class Endpoint(Protocol):
+    """Far end: whatever has the board's register map."""
+
+    def facts(self) -> BoardFacts:
+        """What the board says of itself. Raises LinkError when there is none."""
+
+    def apply(self, operations: Operations) -> None:
+        """Apply register operations in order. Raises LinkError when the board takes none."""
+
+    def read_image(self, image: Words) -> None:
+        """The newest whole image. Raises LinkError when there is none."""
+
+
+class MemoryEndpoint:
+    """A board met through its memory: the emulated one, or whatever else serves it.
+
+    Args:
+        memory: the board memory.
+        lane: of the board; nobody else may post to it.
+    """
+
+    def __init__(self, memory: Words, lane: Lane = Lane.TOOL) -> None:
+        self._memory, self._lane = memory, int(lane)
+
+    def facts(self) -> BoardFacts:
+        """What the board has written into its memory. Raises LinkError before it has."""
+        revision, joints = int(self._memory[BOARD_REVISION]), int(self._memory[BOARD_JOINTS])
+        if not revision:
+            raise LinkError("the board has not said yet what it is")
+        return BoardFacts(chr(revision), joints, int(self._memory[BOARD_PERIOD_NS]))
+
+    def apply(self, operations: Operations) -> None:
+        """Post them to the lane, all or none. Raises LinkBusy when the board does not take what was posted before."""
+        if not post_operations(self._memory, self._lane, operations, len(operations)):
+            raise LinkBusy("the board takes no operations: does it still run?")
+
+    def read_image(self, image: Words) -> None:
+        """The newest whole image. Raises LinkError when none could be had."""
+        if not fetch_image(self._memory, image):
+            raise LinkError("the board shows no image")
+
+
+def make_image() -> Words:
+    """An image to be filled. Shape (IMAGE_WORDS,)."""
+    return np.zeros(IMAGE_WORDS, np.int64)
+
+
+def safe_operations(status: int) -> Operations:
+    """Zero torque, no arm power, the hand relaxed; the scratch bits stay as the STATUS word shows them."""
+    operations = np.zeros((1 + N_DACS, OP_FIELDS), np.int64)
+    n = 0
+    for channel in range(N_DACS):
+        n = put_write(operations, n, DAC + 2 * channel, DAC_ZERO)
+    put_write(operations, n, DISCRETE, status & SCRATCH_BITS | DISCRETE_HAND_RELAXED)
+    return operations

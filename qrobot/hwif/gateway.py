@@ -1,0 +1,134 @@
+"""A bus behind the board memory: what servo, guardian and tools post goes over the bus, what comes back is published.
+
+While the bus is away nothing is published, so that the servo sees the image stand still and stops; what is posted
+meanwhile is dropped and counted, for nobody may act later on what was meant for an arm that was moving. A board found
+again is first made safe - torque zero, power off - and whoever wants more has to ask again.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import LinkError, ProtocolError
+from qrobot.hwif.bus import Bus, make_image, safe_operations
+from qrobot.hwif.memory import (
+    BOARD_DROPPED,
+    BOARD_JOINTS,
+    BOARD_LOSSES,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    IMAGE_INPUTS,
+    LANE_CAPACITY,
+    N_LANES,
+    OP_FIELDS,
+    publish_image,
+    take_all_operations,
+)
+from qrobot.hwif.registers import STATUS
+from qrobot.realtime.segment import Words
+
+RETRY_NS: Final = 200_000_000
+NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
+
+Report = Callable[[str], None]
+
+
+class Gateway:
+    """Exchanges the image of one board over one bus.
+
+    Args:
+        bus: to the board.
+        memory: board memory to serve.
+        period_ns: time from one exchange to the next, as the servo is told.
+        report: takes a line when the board is found or lost.
+    """
+
+    def __init__(self, bus: Bus, memory: Words, period_ns: int, report: Report = lambda _line: None) -> None:
+        self._bus, self._memory, self._period_ns, self._report = bus, memory, period_ns, report
+        self._operations = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
+        self._image = make_image()
+        self._retry_ns = 0
+        self._told = ""
+        self.connected = False
+
+    @property
+    def dropped(self) -> int:
+        """Operations that may never have reached the board."""
+        return int(self._memory[BOARD_DROPPED])
+
+    @property
+    def losses(self) -> int:
+        """How often the board was lost."""
+        return int(self._memory[BOARD_LOSSES])
+
+    def step(self, now_ns: int) -> bool:
+        """One exchange, or one attempt to find the board; False when there is none."""
+        taken = take_all_operations(self._memory, self._operations)
+        if not self.connected:
+            self._memory[BOARD_DROPPED] += taken
+            return now_ns >= self._retry_ns and self._find(now_ns)
+        try:
+            self._bus.exchange(self._operations[:taken], self._image)
+        except (LinkError, ProtocolError) as error:
+            self._memory[BOARD_DROPPED] += taken
+            self._lose(error, now_ns)
+            return False
+        publish_image(self._memory, self._image)
+        return True
+
+    def _find(self, now_ns: int) -> bool:
+        """Find the board, make it safe, and show it."""
+        try:
+            facts = self._bus.connect()
+            self._bus.exchange(NO_OPERATIONS, self._image)
+            self._bus.exchange(safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2])), self._image)
+        except (LinkError, ProtocolError) as error:
+            self._retry_ns = now_ns + RETRY_NS
+            self._bus.close()
+            self._tell(f"no board at {self._bus.name}: {error}")
+            return False
+        self._memory[BOARD_PERIOD_NS] = max(self._period_ns, facts.period_ns)
+        self._memory[BOARD_JOINTS], self._memory[BOARD_REVISION] = facts.joints, ord(facts.revision)
+        self.connected = True
+        publish_image(self._memory, self._image)
+        self._tell(f"board found at {self._bus.name}: revision {facts.revision}, {facts.joints} joints")
+        return True
+
+    def _lose(self, error: Exception, now_ns: int) -> None:
+        self.connected = False
+        self._memory[BOARD_LOSSES] += 1
+        self._retry_ns = now_ns  # at once, the first time
+        self._bus.close()
+        self._tell(f"board at {self._bus.name} lost: {error}")
+
+    def _tell(self, line: str) -> None:
+        if line != self._told:
+            self._told = line
+            self._report(line)
+
+    def release(self) -> None:
+        """Leave the board safe and let go of it."""
+        if self.connected:
+            try:
+                self._bus.exchange(safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2])), self._image)
+            except (LinkError, ProtocolError) as error:
+                self._tell(f"board at {self._bus.name} could not be left safe: {error}")
+        self.connected = False
+        self._bus.close()
+
+
+def run_gateway(gateway: Gateway, period_ns: int, stop: threading.Event) -> None:
+    """Step at every multiple of `period_ns` of the wall clock until `stop` is set; late steps are not made up for."""
+    due_ns = time.monotonic_ns()
+    try:
+        while not stop.is_set():
+            gateway.step(time.monotonic_ns())
+            due_ns = max(due_ns + period_ns, time.monotonic_ns())
+            stop.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9)
+    finally:
+        gateway.release()

@@ -1,0 +1,134 @@
+"""The gateway: board memory at one end, any bus at the other, and a board that is safe when it is found."""
+
+from __future__ import annotations
+
+import pytest
+
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.gateway import RETRY_NS, Gateway
+from qrobot.hwif.memory import (
+    BOARD_JOINTS,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    OP_WRITE,
+    Lane,
+    fetch_image,
+    local_board_memory,
+    pending_operations,
+)
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_LOAD,
+    N_DACS,
+)
+from qrobot.realtime.segment import Words
+from tests.support.bench import PERIOD_NS, Bench, post
+from tests.support.bus import BenchEndpoint, DirectBus
+
+SAFE = [(OP_WRITE, DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
+
+
+class Desk:
+    """Board memory, gateway, bus and a board on the bench."""
+
+    def __init__(self) -> None:
+        self.memory = local_board_memory()
+        self.end = BenchEndpoint(Bench())
+        self.bus = DirectBus(self.end)
+        self.lines: list[str] = []
+        self.gateway = Gateway(self.bus, self.memory, PERIOD_NS, self.lines.append)
+        self.now_ns = 0
+
+    def step(self, times: int = 1) -> bool:
+        for _ in range(times):
+            self.now_ns += PERIOD_NS
+            stepped = self.gateway.step(self.now_ns)
+        return stepped
+
+    def post(self, *operations: tuple[int, int, int], lane: Lane = Lane.SERVO) -> None:
+        post(self.memory, *operations, lane=lane)
+
+    def image(self) -> Words:
+        image = make_image()
+        assert fetch_image(self.memory, image)
+        return image
+
+    def count(self, joint: int) -> int:
+        return int(self.image()[IMAGE_INPUTS + ENC_COUNT // 2 + joint])
+
+
+@pytest.fixture
+def desk() -> Desk:
+    desk = Desk()
+    assert desk.step()
+    desk.end.lists.clear()
+    return desk
+
+
+def test_a_board_that_is_found_is_made_safe_before_anything_else_and_says_what_it_is() -> None:
+    desk = Desk()
+    desk.end.bench.write((DISCRETE, DISCRETE_POWER | DISCRETE_CALIBRATED), (DAC, 0))
+    desk.post((OP_WRITE, DAC, 7))  # by somebody who could not know
+    desk.step()
+    assert desk.end.lists == [[], [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_CALIBRATED | DISCRETE_HAND_RELAXED)]]
+    assert (desk.memory[BOARD_JOINTS], chr(desk.memory[BOARD_REVISION])) == (6, "F")
+    assert desk.memory[BOARD_PERIOD_NS] == PERIOD_NS
+    assert desk.gateway.dropped == 1
+    assert desk.lines == ["board found at the bench: revision F, 6 joints"]
+
+
+def test_operations_reach_the_board_lane_by_lane_in_the_order_they_were_posted(desk: Desk) -> None:
+    desk.post((OP_WRITE, DAC, 5), lane=Lane.GUARDIAN)
+    desk.post((OP_WRITE, ENC_LOAD + 2, 77), (OP_WRITE, DAC, 3))
+    desk.post((OP_WRITE, DAC, 4), lane=Lane.TOOL)
+    desk.step()
+    assert desk.end.lists == [
+        [(OP_WRITE, ENC_LOAD + 2, 77), (OP_WRITE, DAC, 3), (OP_WRITE, DAC, 4), (OP_WRITE, DAC, 5)]
+    ]
+    assert desk.count(1) == 77
+    assert desk.gateway.dropped == 0
+
+
+def test_while_the_bus_is_away_the_image_stands_still_and_what_is_posted_is_dropped_and_counted(desk: Desk) -> None:
+    before = desk.image()
+    desk.bus.cut = True
+    desk.post((OP_WRITE, DAC, 1), (OP_WRITE, DAC, 2))
+    assert not desk.step()
+    desk.post((OP_WRITE, DAC, 3))
+    assert not desk.step(3)
+    assert list(desk.image()) == list(before)
+    assert not desk.end.lists
+    assert pending_operations(desk.memory, int(Lane.SERVO)) == 0
+    assert (desk.gateway.dropped, desk.gateway.losses, desk.bus.closed) == (3, 1, 2)
+
+
+def test_a_board_found_again_is_made_safe_and_gets_nothing_of_what_was_posted_meanwhile(desk: Desk) -> None:
+    before = desk.image()[IMAGE_COUNT]
+    desk.bus.cut = True
+    desk.step()
+    desk.post((OP_WRITE, DAC, 0))
+    desk.step(2)
+    desk.bus.cut = False
+    desk.step(RETRY_NS // PERIOD_NS + 1)
+    written = [operation for operations in desk.end.lists for operation in operations]
+    assert written == [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]
+    assert desk.image()[IMAGE_COUNT] > before
+    assert desk.lines[1:] == [
+        "board at the bench lost: the wire is cut",
+        "no board at the bench: the wire is cut",
+        "board found at the bench: revision F, 6 joints",
+    ]
+
+
+def test_the_board_is_left_safe(desk: Desk) -> None:
+    desk.gateway.release()
+    assert desk.end.lists == [[*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]]
+    assert desk.bus.closed == 1
