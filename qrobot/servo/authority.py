@@ -7,12 +7,13 @@ ever has to break it. Looking needs no authority, and neither does stopping: who
 
 from __future__ import annotations
 
+import contextlib
 from typing import Final
 
 import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError
-from qrobot.realtime.segment import HEADER_WORDS, OWNER_PID, Segment
+from qrobot.realtime.segment import HEADER_WORDS, OWNER_PID, Segment, segment_path
 
 LAYOUT: Final = 1
 LABEL_BYTES: Final = 128
@@ -46,6 +47,12 @@ class Authority:
         if self._segment is not None:
             self._segment.close(unlink=True)
             self._segment = None
+
+    def clear(self) -> None:
+        """Remove what a holder that was killed has left behind; a living one is not disturbed."""
+        if segment_path(self._name).exists() and not self.held:
+            with contextlib.suppress(LinkBusy):
+                Segment.create(self._name, LAYOUT, _N_WORDS).close(unlink=True)
 
     def maybe_holder(self) -> str | None:
         """Who holds it, in words for people, with the process that does; None when nobody does."""

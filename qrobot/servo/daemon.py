@@ -21,6 +21,7 @@ from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
+from qrobot.servo.authority import Authority
 from qrobot.servo.control import Controls
 from qrobot.servo.control_socket import ControlSocket
 from qrobot.servo.incident import Incident, read_incident
@@ -223,6 +224,7 @@ def serve(
             started()
             _run_and_watch(process, look)
     process.board.close()
+    Authority(arm).clear()
 
 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:

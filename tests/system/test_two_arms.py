@@ -49,6 +49,19 @@ def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm], program: Path
         assert not right.powered
 
 
+def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm], program: Path) -> None:
+    directory = Path(arms[0].arm.log.directory)
+    for arm in arms:
+        with arm.moving(program, rad_s=0.2):
+            pass
+        paths = sorted(directory.glob(f"{arm.name}-*.mcap"))
+        assert paths
+        wait_until(lambda path=paths[0]: read_log(path).rows.size > 0, "the log is written")
+        attached = read_log(paths[0]).attachments["arms.toml"]
+        assert arm.name.encode() in attached
+        assert np.all(np.diff(read_log(paths[0]).rows["tick"]) == 1)
+
+
 def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list[RunningArm], program: Path) -> None:
     left, right = arms
     with left.moving(program, rad_s=0.2) as lefts, right.moving(program, rad_s=0.2) as rights:
@@ -64,14 +77,3 @@ def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list
     assert (right.trace()[:, 1] == Lane.SERVO).all()
     left.processes.start_servo()
     left.processes.start_bridge()
-
-
-def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm]) -> None:
-    directory = Path(arms[0].arm.log.directory)
-    for arm in arms:
-        paths = sorted(directory.glob(f"{arm.name}-*.mcap"))
-        assert paths
-        wait_until(lambda path=paths[0]: read_log(path).rows.size > 0, "the log is written")
-        attached = read_log(paths[0]).attachments["arms.toml"]
-        assert arm.name.encode() in attached
-        assert np.all(np.diff(read_log(paths[0]).rows["tick"]) == 1)

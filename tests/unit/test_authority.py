@@ -10,6 +10,7 @@ import pytest
 
 from qrobot.errors import LinkBusy
 from qrobot.rccl_bridge.lease import Lease
+from qrobot.realtime.segment import segment_path
 from qrobot.servo.authority import LABEL_BYTES, Authority
 
 HOLD = """
@@ -66,6 +67,23 @@ def test_a_holder_that_is_killed_holds_nothing(arm: str) -> None:
     assert authority.maybe_holder() is None
     authority.take("me")
     authority.release()
+
+
+def test_what_a_killed_holder_left_is_cleared_away_and_a_living_holder_is_not_disturbed(arm: str) -> None:
+    left = segment_path(f"{arm}-commander")
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, arm], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        Authority(arm).clear()
+        assert Authority(arm).maybe_holder() is not None
+        other.kill()
+        other.wait()
+    assert left.exists()
+    Authority(arm).clear()
+    assert not left.exists()
+    Authority(arm).clear()
 
 
 def test_a_bridge_that_may_not_command_tells_its_client_who_does(arm: str) -> None:
