@@ -22,8 +22,10 @@ demo: $(VENV)/dev.stamp ## move the emulated PUMA 560 through the paper's experi
 test: lint unit ## all checks: lint, then the test suite
 
 # The order-only prerequisite makes pytest's summary the last thing `make test` prints, also under `make -j`.
+# Tests on virtual time share out the processors; those on the wall clock run alone.
 unit: $(VENV)/dev.stamp | lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m "not realtime" --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -m realtime
 
 lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
 	$(BIN)/ruff check .

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numba
 
+from qrobot.realtime.compile_once import compile_once
 from qrobot.realtime.stamp import source_stamp
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -40,6 +41,7 @@ def _cover_imports(compiled: Any, path: Path) -> None:
         index = compiled._cache._cache_file
         index._source_stamp = source_stamp(path)
         index._load_index = _forgiving(index._load_index)
+        compile_once(compiled)
 
 
 def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:

@@ -13,6 +13,7 @@ import pytest
 from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
+from qrobot.realtime.compile_once import LOCK_FILE, lock_of
 from qrobot.realtime.jit import jit_disabled, kernel, lean_kernel
 
 
@@ -98,3 +99,47 @@ def test_a_cache_that_names_a_class_of_the_past_is_stale_and_no_error(tmp_path: 
         done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
         printed.append(done.stdout.strip())
     assert printed == ["1.0 0", "1.0 1", "1.0 0", "1.0 1"]
+
+
+CROWD = """
+from qrobot.realtime.jit import kernel
+
+@kernel
+def inner(x):
+    return x + 1.0
+
+@kernel
+def outer(x):
+    return inner(x) * 2.0
+
+kernels = inner, outer
+print("ready", flush=True)
+input()
+outer(1.0), inner(1.0)
+print(sum(sum(each.stats.cache_misses.values()) for each in kernels))
+"""
+
+
+def test_of_processes_that_meet_a_new_kernel_together_one_compiles_it_and_the_others_load_it(tmp_path: Path) -> None:
+    (tmp_path / "crowd.py").write_text(CROWD)
+    root = Path(__file__).parents[2]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "0", "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}"}
+    command = [sys.executable, "-c", "import crowd"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    crowd = [subprocess.Popen(command, env=environment, **pipes) for _ in range(3)]  # type: ignore[call-overload]
+    for process in crowd:
+        assert process.stdout.readline() == "ready\n"
+    for process in crowd:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    misses = [int(process.communicate()[0]) for process in crowd]
+    assert all(process.returncode == 0 for process in crowd)
+    assert sorted(misses) == [0, 0, 2]
+
+
+def test_a_folder_that_takes_no_lock_file_hinders_nobody(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with lock_of(tmp_path / "file" / "folder", "kernel"):
+        pass
+    with lock_of(tmp_path, "kernel"), lock_of(tmp_path, "another"):
+        assert (tmp_path / LOCK_FILE).exists()

@@ -1,0 +1,58 @@
+"""One process compiles, the others wait and load: the cache on disk shared by processes that start together.
+
+Numba's cache knows no lock. Two processes that meet the same new kernel compile it twice; and because the index is
+written before the code, one of them may load what an older version left under the name that the other is about to fill.
+Here each kernel has a byte of a lock file beside the cache, held from the look into the cache until the code is there.
+Kernels are locked caller before callee, and calls make no circle, so nobody waits for ever; the kernel drops the locks
+of a process however it dies. Where there can be no lock (a file system without any), Numba's own behaviour is left.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from numba.core.compiler_lock import global_compiler_lock
+
+LOCK_FILE: Final = "qrobot-compile.lock"
+
+
+def compile_once(dispatcher: Any) -> None:
+    """Let `dispatcher` compile under its lock. Raises AttributeError when Numba keeps its cache otherwise."""
+    compile_now: Callable[[Any], Any] = dispatcher.compile
+    folder, name = Path(dispatcher._cache.cache_path), dispatcher._cache._cache_file._index_name
+
+    def compile(signature: Any) -> Any:
+        with global_compiler_lock, lock_of(folder, name):  # in this order: a thread that waits has no other's lock
+            return compile_now(signature)
+
+    dispatcher.compile = compile
+
+
+@contextmanager
+def lock_of(folder: Path, name: str) -> Iterator[None]:
+    """Hold the lock of the kernel `name` whose cache is in `folder`; without one where there can be none."""
+    place = zlib.crc32(name.encode())
+    try:
+        lock_file = _open(folder, os.getpid())
+        fcntl.lockf(lock_file, fcntl.LOCK_EX, 1, place)
+    except OSError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        fcntl.lockf(lock_file, fcntl.LOCK_UN, 1, place)
+
+
+@cache
+def _open(folder: Path, _process: int) -> int:
+    """The lock file of a folder, open for the life of the process: to close it once would drop all its locks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
