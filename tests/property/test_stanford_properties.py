@@ -65,6 +65,7 @@ def test_left_is_where_the_boom_leans_backwards(q: Floats) -> None:
 
 @given(joints, st.floats(-0.5, 0.5))
 def test_at_a_straight_wrist_joint_4_stays_and_the_pose_is_kept(q: Floats, near: float) -> None:
+    assume(abs(np.sin(q[1])) > 1e-3)  # a boom that stands upright leaves joint 1 open too
     q[4] = 0.0
     T, solution = ARM.forward(q), np.empty(6)
     around = q.copy()
