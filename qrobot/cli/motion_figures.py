@@ -1,4 +1,4 @@
-"""Figures of setpoints: the joints over time, and the way of the last link in space."""
+"""Figures of a motion: the joints over time, and the way of the last link in space."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from qrobot.units import DEG_PER_RAD, MM_PER_M
 
 _PROJECTIONS: Final = ((1, "x", "y"), (2, "x", "z"), (3, "y", "z"))  # place in the figure, axes
 _AXIS: Final = {"x": 0, "y": 1, "z": 2}
+WIDE: Final = {"color": COLOURS[0], "linewidth": 3.0, "alpha": 0.4}
+THIN: Final = {"color": COLOURS[1], "linewidth": 1.0}
 
 
 def joints_figure(robot: Robot, setpoints: Setpoints) -> Figure:
@@ -40,21 +42,33 @@ def joints_figure(robot: Robot, setpoints: Setpoints) -> Figure:
     return figure
 
 
-def path_figure(robot: Robot, setpoints: Setpoints) -> Figure:
-    """The origin of T6 in the base frame, mm: in three projections and in space."""
-    path = path_of(robot, setpoints.q)
+def path_figure(name: str, asked: Floats, measured: Floats | None = None) -> Figure:
+    """The way of the last link in the base frame, mm: in three projections and in space.
+
+    Args:
+        name: of the arm.
+        asked: its setpoints. Shape (samples, 3).
+        measured: where it was. Shape (samples, 3).
+    """
+    ways = [(asked, "asked", WIDE)] if measured is None else [(asked, "asked", WIDE), (measured, "measured", THIN)]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 8.0), layout="constrained")
         for place, across, up in _PROJECTIONS:
             axes: Any = figure.add_subplot(2, 2, place, aspect="equal", adjustable="datalim")
-            axes.plot(path[:, _AXIS[across]], path[:, _AXIS[up]], color=COLOURS[0])
-            axes.plot(path[0, _AXIS[across]], path[0, _AXIS[up]], "o", color=COLOURS[1], label="start")
+            for way, label, line in ways:
+                axes.plot(way[:, _AXIS[across]], way[:, _AXIS[up]], label=label, **line)
+            axes.plot(asked[0, _AXIS[across]], asked[0, _AXIS[up]], "o", color=COLOURS[1])
             axes.set(xlabel=f"{across} (mm)", ylabel=f"{up} (mm)")
         space: Any = figure.add_subplot(2, 2, 4, projection="3d")
-        space.plot(*path.T, color=COLOURS[0])
-        space.plot(*path[:1].T, "o", color=COLOURS[1])
-        space.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
-        figure.suptitle(f"Way of {robot.name}'s last link (the dot is the start)")
+        for way, label, line in ways:
+            space.plot(*way.T, label=label, **line)
+        space.plot(*asked[:1].T, "o", color=COLOURS[1])
+        space.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", aspect="equal")
+        space.set_box_aspect(None, zoom=0.85)  # else the label of z is cut off
+        space.locator_params(nbins=4)
+        if measured is not None:
+            space.legend(loc="upper right")
+        figure.suptitle(f"Way of {name}'s last link (the dot is the start)")
     return figure
 
 
@@ -62,3 +76,16 @@ def path_of(robot: Robot, q: Floats) -> Floats:
     """Origin of T6 at joint positions `q` (samples, n), mm. Shape (samples, 3)."""
     arm = Arm(robot)
     return MM_PER_M * np.array([arm.forward(row)[:3, 3] for row in q])
+
+
+def farthest_off(asked: Floats, measured: Floats) -> float:
+    """The largest distance of a place of `measured` (k, 3) from the way through the places of `asked` (m, 3)."""
+    begin, along = asked[:-1], np.diff(asked, axis=0)
+    square = np.maximum(np.square(along).sum(axis=1), np.finfo(np.float64).tiny)
+    return max(_distance(place, begin, along, square) for place in measured)
+
+
+def _distance(place: Floats, begin: Floats, along: Floats, square: Floats) -> float:
+    """Of one place (3,) from the nearest of the pieces `begin` + s `along`, 0 <= s <= 1. Shapes (m, 3)."""
+    s = np.clip(((place - begin) * along).sum(axis=1) / square, 0.0, 1.0)
+    return float(np.linalg.norm(begin + s[:, None] * along - place, axis=1).min())

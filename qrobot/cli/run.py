@@ -7,13 +7,17 @@ import runpy
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.config.deployment import Arm
+    from qrobot.rci import LinkFactory
 
 US_PER_MS = 1000
 
@@ -35,10 +39,12 @@ def run(
     one runs inside this process on virtual time, the same way every time, and as fast as the machine allows. With
     --offline there is no servo and no board either: an ideal arm follows every setpoint, and what the program asked for
     and sent is written down: a trace of its requests, a setpoint file for `qrobot replay`, figures of joints and path.
+    With --output that is done for the other kinds of run too; the path then has the measured one beside it.
 
       qrobot run examples/01_park_and_return.py
       qrobot run --lockstep examples/01_park_and_return.py
       qrobot run --offline examples/02_four_corners.py
+      qrobot run --output out/box examples/12_box.py
 
     Parameters
     ----------
@@ -55,7 +61,7 @@ def run(
     offline
         On virtual time, without a servo.
     output
-        With --offline: the folder for what is written; default out/offline/ and the program's name.
+        Folder for what is written down; default with --offline out/offline/ and the program's name, else nothing is.
     plant
         With --lockstep: overrides the deployment file.
     scene
@@ -65,28 +71,45 @@ def run(
         raise ConfigError(f"no program {program}")
     if offline and (lockstep or plant is not None or scene is not None):
         raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
-    if output is not None and not offline:
-        raise ConfigError("--output belongs to --offline")
     chosen = choose_arm(deployment, arm)
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
     if offline:
-        from qrobot.cli.offline import run_offline
+        factory, output = _offline_links(chosen), output or Path("out") / "offline" / program.stem
+    else:
+        factory = _lockstep_links(chosen, plant, scene) if lockstep else _bridge_links(chosen)
+    if output is not None:
+        from qrobot.cli.traced import run_traced
 
-        folder = output or Path("out") / "offline" / program.stem
-        run_offline(program, robot_of_arm(chosen), round(chosen.bridge.period_ms * US_PER_MS), folder)
+        run_traced(program, factory, output, ideal=offline)
         return
-    if not lockstep:
-        os.environ.setdefault("QROBOT_BRIDGE", f"{chosen.bridge.host}:{chosen.bridge.port}")
-        runpy.run_path(str(program), run_name="__main__")
-        return
-
     from qrobot import rccl
+
+    with rccl.use(factory):
+        runpy.run_path(str(program), run_name="__main__")
+
+
+def _bridge_links(arm: Arm) -> LinkFactory:
+    """To the arm of the deployment file, unless the environment names another bridge."""
+    from qrobot.rci import TcpLink, bridge_address
+
+    os.environ.setdefault("QROBOT_BRIDGE", f"{arm.bridge.host}:{arm.bridge.port}")
+    return lambda hello: TcpLink(hello, bridge_address())
+
+
+def _lockstep_links(arm: Arm, plant: Literal["nominal", "mismatched"] | None, scene: SceneKind | None) -> LinkFactory:
     from qrobot.rig.lockstep import LockstepRig, link_factory
     from qrobot.sim_board.deployed import emulator_of_arm
 
-    robot = robot_of_arm(chosen)
-    emulator = emulator_of_arm(chosen, robot, plant=plant, scene=scene)
-    rig = LockstepRig(robot, servo_settings(chosen), emulator, keep_telemetry=False)
-    with rccl.use(partial(link_factory, rig, round(chosen.bridge.period_ms * US_PER_MS))):
-        runpy.run_path(str(program), run_name="__main__")
+    robot = robot_of_arm(arm)
+    emulator = emulator_of_arm(arm, robot, plant=plant, scene=scene)
+    rig = LockstepRig(robot, servo_settings(arm), emulator, keep_telemetry=False)
+    return partial(link_factory, rig, round(arm.bridge.period_ms * US_PER_MS))
+
+
+def _offline_links(arm: Arm) -> LinkFactory:
+    """To an ideal arm as in the deployment file; a program that names another packaged one gets that."""
+    from qrobot.rccl.offline import OfflineLink
+
+    robot, period_us = robot_of_arm(arm), round(arm.bridge.period_ms * US_PER_MS)
+    return lambda hello: OfflineLink(hello, robot if hello.robot == robot.name else None, period_us=period_us)

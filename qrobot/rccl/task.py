@@ -231,7 +231,7 @@ class TrajectoryTask:
         if self.how is None:
             return
         if self._player is not None:
-            self._play(self._player)
+            self._play(self._player, self.how)
             return
         seen = Seen(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.look(seen, self.generator, self.tick)
@@ -241,17 +241,17 @@ class TrajectoryTask:
         if self._trace is not None:
             for event in output.events:
                 self._trace.told(event)
-            self._trace.sampled(output.q)
+            self._trace.sampled(output.q, seen.q)
         if output.events:
             for event in output.events:
                 self._tell(event)
         self._tell_progress(output)
 
-    def _play(self, player: Player) -> None:
+    def _play(self, player: Player, how: RobotState) -> None:
         q = player.step()
         self.chg.go_to(tuple(q.tolist()))
         if self._trace is not None:
-            self._trace.sampled(q)
+            self._trace.sampled(q, np.array(how.q))
         if player.done:
             self._player = None
             self._stand_at(q)

@@ -78,6 +78,7 @@ class Trace:
         self._period_s = period_s
         self._open: dict[MoveRequest, TracedRequest] = {}
         self._q: list[Floats] = []
+        self._measured: list[Floats] = []
 
     def asked(self, request: MoveRequest) -> None:
         """The program queued a motion."""
@@ -98,15 +99,21 @@ class Trace:
         elif event.kind is EventKind.LOST:
             traced.lost_s, traced.lost_code = self._now_s, event.code
 
-    def sampled(self, q: Floats) -> None:
-        """Setpoints went out, rad or m. Shape (n,)."""
+    def sampled(self, q: Floats, measured: Floats) -> None:
+        """Setpoints `q` went out while the joints were at `measured`, rad or m. Shapes (n,)."""
         self._q.append(q.copy())
+        self._measured.append(measured.copy())
 
     @property
     def setpoints(self) -> Setpoints:
         """All that went out."""
         rows = np.array(self._q).reshape(-1, self.robot.n)
         return Setpoints(self.robot.name, round(self._period_s * 1e6), rows)
+
+    @property
+    def measured(self) -> Floats:
+        """Where the joints were at each of these samples, rad or m. Shape (samples, n)."""
+        return np.array(self._measured).reshape(-1, self.robot.n)
 
     def text(self) -> str:
         """The requests as a table; seconds."""

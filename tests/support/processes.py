@@ -33,12 +33,14 @@ GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine
 BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
+EMPTY = '{ kind = "empty" }'
 
 ARM = """
 [[arm]]
 name = "{name}"
 robot = "puma560"
 servo = {{ rate_hz = 1000, guardian_timeout_ms = {guardian_ms}, board_timeout_ms = {board_ms} }}
+board = {{ scene = {scene} }}
 bridge = {{ period_ms = {period_ms}, port = {port} }}
 log = {{ directory = "{log}" }}
 """
@@ -51,13 +53,14 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS) -> Path:
+def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, scene: str = EMPTY) -> Path:
     """A deployment file of so many arms with fresh names and ports."""
     tables = [
         ARM.format(
             name=f"t{uuid.uuid4().hex[:10]}",
             guardian_ms=GUARDIAN_MS,
             board_ms=BOARD_MS,
+            scene=scene,
             port=free_port(),
             period_ms=period_ms,
             log=directory / "log",
@@ -220,9 +223,11 @@ class RunningArm:
 
 
 @contextmanager
-def running_arms(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS) -> Iterator[list[RunningArm]]:
+def running_arms(
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, scene: str = EMPTY
+) -> Iterator[list[RunningArm]]:
     """All processes of so many arms, up and ready."""
-    deployment = write_deployment(directory, arms, period_ms)
+    deployment = write_deployment(directory, arms, period_ms, scene)
     with ProcessRig(directory / "processes") as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import re
 import runpy
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -29,8 +30,10 @@ def robot() -> Iterator[FakeRobot]:
         yield fake
 
 
-def run(name: str) -> dict[str, object]:
-    return runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+def run(name: str, *arguments: str) -> dict[str, object]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [name, *arguments])
+        return runpy.run_path(str(EXAMPLES / name), run_name="__main__")
 
 
 def tips(robot: FakeRobot) -> np.ndarray:
@@ -145,3 +148,29 @@ def test_blocks_are_stacked_from_the_layout_alone_s07(robot, capsys) -> None:
     places = [1000.0 * (arm().forward(np.array(q)) @ TIP)[:3, 3] for _, q in changes]
     for place, (x, y, z) in zip(places, [(0, 0, -20), (-80, 60, -20), (0, 100, -20), (-80, 60, -60)], strict=True):
         assert place == pytest.approx([500 - x, 50 + y, -300 - z], abs=1e-3)  # TABLE's x and z point the other way
+
+
+def test_a_box_has_all_its_edges_each_of_them_straight(robot, capsys) -> None:
+    run("12_box.py", "150")
+    assert "a box of 150 by 200 by 120 mm" in capsys.readouterr().out
+    path = tips(robot)
+    first = next(i for i, place in enumerate(path) if np.linalg.norm(place - [500, -100, -300]) < 15.0)
+    sides = np.abs(path[first:, :, None] - np.array([[500, 650], [-100, 100], [-300, -180]])).min(axis=2) < 1e-6
+    edges = {tuple(np.round((place - [575, 0, -240]) / [75, 100, 60]).astype(int)) for place in path[first:]}
+    middles = {edge for edge in edges if np.abs(edge).sum() == 2}
+    assert len(middles) == 12  # an edge's middle is at the border in two directions and in the middle of the third
+    assert (sides.sum(axis=1) >= 2).mean() > 0.4  # on an edge; the rest is corners
+
+
+def test_taught_places_are_visited_in_the_order_of_their_file(robot, capsys, tmp_path) -> None:
+    base = rccl.DataBase(tmp_path / "parts.db")
+    places = {"LEFT": (550.0, 150.0, 0.0), "RIGHT": (500.0, -100.0, -100.0)}
+    for name, place in places.items():
+        base.record(rccl.gentr_rot(name, *place, rccl.yunit, 180))
+    run("13_taught_places.py", str(tmp_path / "parts.db"))
+    assert re.findall(r"at (\w+) after", capsys.readouterr().out) == ["LEFT", "RIGHT"]
+    path = 1000.0 * np.array([arm().forward(np.array(q))[:3, 3] for q in robot.path])
+    reached = [int(np.linalg.norm(path - place, axis=1).argmin()) for place in places.values()]
+    assert [path[i] for i in reached] == [pytest.approx(place, abs=0.1) for place in places.values()]
+    assert reached == sorted(reached)
+    assert np.array(robot.path[-1]) == pytest.approx(PARK)

@@ -12,7 +12,7 @@ import pytest
 from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.cli.motion_figures import path_of
+from qrobot.cli.motion_figures import farthest_off, path_of
 from qrobot.config import load_robot
 from qrobot.errors import MotionError
 from qrobot.motion import Termination
@@ -84,10 +84,13 @@ def test_a_replay_of_a_damaged_file_names_the_line_and_moves_nothing(folder: Pat
 def test_options_that_contradict_each_other_are_refused(capsys) -> None:
     program = str(EXAMPLES / "02_four_corners.py")
     assert qrobot("run", "--offline", "--lockstep", program) == 1
-    assert qrobot("run", "--output", "x", program) == 1
-    said = capsys.readouterr().err
-    assert "--offline knows no board" in said
-    assert "--output belongs to --offline" in said
+    assert "--offline knows no board" in capsys.readouterr().err
+
+
+def test_the_distance_of_a_place_from_a_way_is_that_to_its_nearest_piece() -> None:
+    way = np.array([[0.0, 0, 0], [10, 0, 0], [10, 0, 0], [10, 10, 0]])
+    for place, distance in [([5, 0, 0], 0.0), ([5, 3, 4], 5.0), ([-3, -4, 0], 5.0), ([12, 5, 0], 2.0)]:
+        assert farthest_off(way, np.array([[0.0, 0, 0], place])) == pytest.approx(distance)
 
 
 def test_a_program_that_fails_leaves_the_trace_of_what_it_did(tmp_path: Path) -> None:

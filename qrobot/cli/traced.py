@@ -1,50 +1,42 @@
-"""A program without a robot, and what is written down about it."""
+"""A program is run, and what it did is written down: requests, setpoints, and figures of joints and path."""
 
 from __future__ import annotations
 
 import runpy
-from functools import partial
 from pathlib import Path
 
 from qrobot import rccl
 from qrobot.cli.console import note, out
-from qrobot.cli.motion_figures import joints_figure, path_figure
-from qrobot.config import Robot
+from qrobot.cli.motion_figures import farthest_off, joints_figure, path_figure, path_of
 from qrobot.errors import ConfigError
 from qrobot.log.plot import save_figure
-from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import write_setpoints
 from qrobot.rccl.trace import Trace
-from qrobot.rci import Link
-from qrobot.wire import Hello
+from qrobot.rci import LinkFactory
 
 
-def run_offline(program: Path, robot: Robot, period_us: int, folder: Path) -> None:
-    """Run a program on an ideal arm and write its traces, also those of a program that fails.
+def run_traced(program: Path, factory: LinkFactory, folder: Path, ideal: bool) -> None:
+    """Run a program and write its traces, also those of a program that fails.
 
     Args:
         program: the script.
-        robot: the arm of the deployment file; a program that names another packaged one gets that.
-        period_us: sample period where the program asks for none.
+        factory: makes its link to the arm.
         folder: for the files.
+        ideal: the arm only exists on paper, so nothing of it is measured.
     """
     traces: list[Trace] = []
     try:
-        with rccl.use(partial(_link, robot, period_us), traces):
+        with rccl.use(factory, traces):
             try:
                 runpy.run_path(str(program), run_name="__main__")
             finally:
                 rccl.release()
     finally:
         for number, trace in enumerate(traces, 1):
-            write_trace(trace, folder, "" if number == 1 else f"-{number}")
+            _write_trace(trace, folder, "" if number == 1 else f"-{number}", ideal)
 
 
-def _link(robot: Robot, period_us: int, hello: Hello) -> Link:
-    return OfflineLink(hello, robot if hello.robot == robot.name else None, period_us=period_us)
-
-
-def write_trace(trace: Trace, folder: Path, suffix: str = "") -> None:
+def _write_trace(trace: Trace, folder: Path, suffix: str, ideal: bool) -> None:
     """Write requests as text and JSON lines, setpoints, and figures. Raises ConfigError, LogError when that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -57,6 +49,10 @@ def write_trace(trace: Trace, folder: Path, suffix: str = "") -> None:
     if not len(setpoints.q):
         return
     write_setpoints(folder / f"setpoints{suffix}.csv", setpoints)
+    asked = path_of(trace.robot, setpoints.q)
+    measured = None if ideal else path_of(trace.robot, trace.measured)
     save_figure(joints_figure(trace.robot, setpoints), folder / f"joints{suffix}.png")
-    save_figure(path_figure(trace.robot, setpoints), folder / f"path{suffix}.png")
+    save_figure(path_figure(trace.robot.name, asked, measured), folder / f"path{suffix}.png")
+    if measured is not None:
+        note(f"the measured way is at most {farthest_off(asked, measured):.2f} mm off the one asked for")
     note(f"{len(setpoints.q)} setpoints, the requests and two figures are in {folder}")

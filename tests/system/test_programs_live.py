@@ -1,0 +1,122 @@
+"""Programs of the library and the commands made of them, in real time over the bridge, beside a table to be touched."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.cli.motion_figures import path_of
+from qrobot.rccl import DataBase
+from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
+from qrobot.servo.modes import Mode
+from tests.support.processes import RunningArm, running_arms
+from tests.support.puma import ROBOT, arm, shift
+
+pytestmark = pytest.mark.realtime
+
+BOX = Path(__file__).parents[2] / "examples" / "12_box.py"
+TABLE = '{ kind = "table", position_m = [0.5, 0.0, -0.4] }'  # deep enough for the box to be traced above it
+TIP = shift(z=0.15625).value  # the end of the rod
+PERIOD_MS = 28.0
+
+PRESS = """
+from qrobot import rccl
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
+
+e = gentr_trsl("E", 0, 0, 156.25)
+p = makeposition("P", t6, e, EQ, gentr_rot("TABLE", 500, 0, -400, yunit, 180), TL, e)
+with rccl.control("puma560") as arm:
+    arm.setmode("cartesian")
+    arm.setvel(300, 90)
+    arm.distance("dz", -8)
+    arm.move(p)
+    arm.waitfor(arm.completed)
+    arm.comply("fz", 20)
+    arm.distance("dz", -8)
+    arm.setime(200, 400)
+    arm.move(p)
+    arm.waitfor(p.end)
+    begin = arm.time
+    arm.waitas(lambda: arm.time > begin + 1500)
+    print("pressing at", *arm.how.q)
+    arm.lock("fz")
+    arm.distance("dz", -50)
+    arm.move(p)
+    arm.waitfor(arm.completed)
+"""
+
+
+Say = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
+    with running_arms(tmp_path_factory.mktemp("live"), period_ms=PERIOD_MS, scene=TABLE) as (running,):
+        yield running
+
+
+@pytest.fixture
+def say(running: RunningArm, capsys, monkeypatch) -> Say:
+    """A command that is well, and the servo after it; what it said on stdout and stderr."""
+    monkeypatch.setenv("QROBOT_BRIDGE", f"{running.arm.bridge.host}:{running.arm.bridge.port}")
+
+    def say(name: str, *words: str | Path) -> tuple[str, str]:
+        status = run_app(make_app(name), [name, "--deployment", str(running.deployment), *map(str, words)])
+        said = capsys.readouterr()
+        assert status == 0, said.err
+        running.wait_for(Mode.HOLDING)
+        return said.out, said.err
+
+    return say
+
+
+def test_a_box_is_traced_and_its_way_drawn_beside_the_one_asked_for(say: Say, tmp_path: Path) -> None:
+    said, notes = say("run", "--output", tmp_path, BOX, "400")
+    assert "a box of 150 by 200 by 120 mm" in said
+    assert {"requests.txt", "requests.jsonl", "setpoints.csv", "joints.png", "path.png"} == {
+        path.name for path in tmp_path.iterdir()
+    }
+    off = re.search(r"at most (\d+\.\d+) mm off", notes)
+    assert off is not None
+    assert float(off[1]) < 10.0  # at this speed the servo stays within some 4 mm
+    traced = [json.loads(line) for line in (tmp_path / "requests.jsonl").read_text().splitlines()]
+    assert "".join(request["name"] for request in traced[1:]) == "ABCDAabcdabBCcdDA"
+    path = path_of(ROBOT, read_setpoints(tmp_path / "setpoints.csv").q)
+    for corner in np.array(np.meshgrid([500, 650], [-100, 100], [-200, -80])).reshape(3, -1).T:
+        assert np.linalg.norm(path - corner, axis=1).min() < 45.0  # rounded, the more the faster
+
+
+def test_a_setpoint_file_is_replayed_on_a_running_arm(say: Say, tmp_path: Path) -> None:
+    rows = np.tile(ROBOT.poses["park"], (60, 1))
+    rows[:, 0] += 0.1 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 60)))
+    write_setpoints(tmp_path / "swing.csv", Setpoints(ROBOT.name, round(PERIOD_MS * 1000), rows))
+    said, _ = say("replay", "--approach", tmp_path / "swing.csv")
+    assert "60 setpoints in 1.65 s" in said
+    assert float(said.rpartition("them: ")[2].split()[0]) < 3.0
+
+
+def test_a_position_is_taught_on_a_running_arm(say: Say, tmp_path: Path) -> None:
+    script = tmp_path / "script.txt"
+    script.write_text("park\nworld dx 20 dz -30\nrecord PART\ntool dz -10\nlist\n")
+    said, _ = say("teach", "--script", script, tmp_path / "parts.db")
+    assert "error" not in said
+    taught = DataBase(tmp_path / "parts.db").get("PART").value
+    park = arm().forward(ROBOT.poses["park"])
+    assert taught[:3, 3] == pytest.approx(park[:3, 3] + [0.020, 0.0, -0.030], abs=0.005)
+    assert taught[:3, :3] == pytest.approx(park[:3, :3], abs=0.02)
+
+
+def test_the_arm_comes_down_on_a_table_and_rests_there_while_it_complies(say: Say, tmp_path: Path) -> None:
+    program = tmp_path / "press.py"
+    program.write_text(PRESS)
+    said, _ = say("run", program)
+    joints = np.array([float(word) for word in said.partition("pressing at ")[2].split()])
+    tip = 1000.0 * (arm().forward(joints) @ TIP)[:3, 3]
+    assert tip == pytest.approx([500.0, 0.0, -400.0], abs=4.0)

@@ -1,0 +1,69 @@
+"""The course of tutorials: complete, in step with its programs, and its commands work as they stand there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.rccl import DataBase
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "tutorials"
+INDEX = (FOLDER / "index.md").read_text()
+PAGES = [FOLDER / f"{name}.md" for name in INDEX.partition(":maxdepth: 1")[2].split() if name != "```"]
+EXAMPLES = {path.name: path.read_text() for path in (ROOT / "examples").glob("*.py")}
+
+
+def page_name(page: Path) -> str:
+    return page.stem
+
+
+def named(page: Path) -> list[str]:
+    """Examples of a page, in their order."""
+    return list(dict.fromkeys(re.findall(r"examples/(\w+\.py)", page.read_text())))
+
+
+def test_six_numbered_pages_lead_from_one_to_the_next() -> None:
+    titles = [page.read_text().splitlines()[0] for page in PAGES]
+    assert [title[:4] for title in titles] == [f"# {k}." for k in range(1, 7)]
+    assert re.findall(r"^\| \[(.*?)\]", INDEX, re.MULTILINE) == [title[2:] for title in titles]
+    for page, after in pairwise(PAGES):
+        assert f"({after.name})" in page.read_text()
+
+
+def test_every_example_has_its_page_and_a_test_that_runs_it() -> None:
+    taught = [name for page in PAGES for name in named(page)]
+    assert sorted(set(taught)) == sorted(name for name, text in EXAMPLES.items() if "rccl.control" in text)
+    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name in taught if name not in tests] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_the_lines_of_a_page_stand_in_its_programs(page: Path) -> None:
+    programs = {line.strip() for name in named(page) for line in EXAMPLES[name].splitlines()}
+    programs |= {line.strip() for line in EXAMPLES["07_guarded_approach.py"].splitlines()}  # has two pages
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    assert [line for line in "".join(blocks).splitlines() if line.strip() not in programs] == []
+
+
+def test_the_commands_of_the_page_on_teaching_work_one_after_the_other(tmp_path, monkeypatch, capsys) -> None:
+    page = (FOLDER / "teaching.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    script = re.search(r"echo '(.*?)' \| tr", page)
+    assert script is not None
+    Path("script.txt").write_text(script[1].replace(";", "\n"))
+    Path("examples").symlink_to(ROOT / "examples")
+    for command in re.findall(r"\.venv/bin/qrobot (.*)", page):
+        name, *words = shlex.split(command)
+        words += ["--script", "script.txt"] if name == "teach" else []
+        assert run_app(make_app(name), [name, *words]) == 0, capsys.readouterr().err
+    said = capsys.readouterr().out
+    assert "error" not in said
+    assert DataBase("parts.db").names() == re.findall(r"at (\w+) after", said) == ["LEFT", "RIGHT"]
+    assert re.search(r"\d+ setpoints in .* farthest from them: 0\.\d+ deg", said)
