@@ -16,11 +16,12 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.errors import LinkBusy, LinkError
+from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.memory import (
     BOARD_JOINTS,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
+    IMAGE_INPUTS,
     IMAGE_WORDS,
     OP_FIELDS,
     Lane,
@@ -40,6 +41,7 @@ from qrobot.hwif.registers import (
 from qrobot.realtime.segment import Words
 
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
+REGISTER_MASK: Final = 0xFFFF
 SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 
 
@@ -70,6 +72,9 @@ class Bus(Protocol):
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """Apply `operations` at the board in order, each at most once, then read its whole image into `image`.
+
+        Any number of them, of both kinds, at any even offset of the window: the board, not the road, ignores and counts
+        those of the wrong direction. An exchange that raises leaves `image` as it was.
 
         The time stamp is the board's where the road carries it, else the middle between asking and answer
         (CLOCK_MONOTONIC); the count is the board's, or one more at each answer of a board that has none.
@@ -128,6 +133,13 @@ class MemoryEndpoint:
 def make_image() -> Words:
     """An image to be filled. Shape (IMAGE_WORDS,)."""
     return np.zeros(IMAGE_WORDS, np.int64)
+
+
+def check_image(image: Words) -> None:
+    """Raises RemoteProtocolError when a word does not fit a register: what came is not the image of a board."""
+    words = image[IMAGE_INPUTS:]
+    if words.min() < 0 or words.max() > REGISTER_MASK:
+        raise RemoteProtocolError("the board's image is garbage: a word has more than 16 bits")
 
 
 def safe_operations(status: int) -> Operations:

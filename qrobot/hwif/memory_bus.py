@@ -1,0 +1,93 @@
+"""The road to a board that is met through its memory: the emulated one, or whatever a gateway has found.
+
+A controller that lives in the cycle uses the board memory itself (memory.py). This is for those who want to wait for
+an answer: the walk through a new board, programs of other languages, a recorder.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
+from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image, make_image
+from qrobot.hwif.memory import IMAGE_COUNT, Lane, attach_board_memory, discard_operations, pending_operations
+from qrobot.realtime.segment import Segment, Words
+
+TIMEOUT_S: Final = 0.1
+POLL_S: Final = 100e-6
+_FRESH: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
+
+
+class MemoryBus:
+    """Near end of a road that is shared memory.
+
+    Args:
+        attach: maps the memory; raises LinkError when nobody serves it.
+        name: for messages.
+        lane: of the board; nobody else may post to it.
+        timeout_s: patience with a board that takes nothing or shows nothing new.
+    """
+
+    def __init__(
+        self, attach: Callable[[], Segment], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
+    ) -> None:
+        self.name = name
+        self._attach, self._lane, self._timeout_s = attach, lane, timeout_s
+        self._segment: Segment | None = None
+        self._newest = make_image()
+
+    def connect(self) -> BoardFacts:
+        """Map the memory and forget what a predecessor had posted. Raises LinkError when no board serves it."""
+        self.close()
+        segment = self._segment = self._attach()
+        if not segment.owner_alive:
+            self.close()
+            raise LinkLost(f"the board at {self.name} has ended")
+        discard_operations(segment.words, int(self._lane))
+        return MemoryEndpoint(segment.words, self._lane).facts()
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        """As `Bus.exchange`: takes until the board has shown the second image after the operations were taken."""
+        words = self._words()
+        end = MemoryEndpoint(words, self._lane)
+        deadline = time.monotonic() + self._timeout_s
+        try:
+            end.apply(operations)
+            self._wait(lambda: pending_operations(words, int(self._lane)) == 0, deadline, "takes no operations")
+            end.read_image(self._newest)
+            seen, fresh = int(self._newest[IMAGE_COUNT]), _FRESH if len(operations) else 1
+            # a count that falls is that of a board started anew
+            self._wait(lambda: not 0 <= self._count(end) - seen < fresh, deadline, "shows nothing new")
+        except (LinkTimeout, LinkBusy):
+            discard_operations(words, int(self._lane))  # nobody may act on them later
+            raise
+        check_image(self._newest)
+        image[:] = self._newest
+
+    def close(self) -> None:
+        """Unmap the memory."""
+        if self._segment is not None:
+            self._segment.close()
+            self._segment = None
+
+    def _words(self) -> Words:
+        if self._segment is None:
+            raise LinkLost(f"not connected to {self.name}")
+        return self._segment.words
+
+    def _count(self, end: MemoryEndpoint) -> int:
+        end.read_image(self._newest)
+        return int(self._newest[IMAGE_COUNT])
+
+    def _wait(self, done: Callable[[], bool], deadline: float, complaint: str) -> None:
+        while not done():
+            if time.monotonic() > deadline:
+                raise LinkTimeout(f"the board at {self.name} {complaint}: does it still run?")
+            time.sleep(POLL_S)
+
+
+def board_memory_bus(arm: str, lane: Lane = Lane.TOOL) -> MemoryBus:
+    """The road to the board that runs as a process for `arm`."""
+    return MemoryBus(lambda: attach_board_memory(arm), f"the board memory of {arm}", lane)

@@ -1,0 +1,316 @@
+"""What every road to a board keeps, whatever it is made of: run by a class of each road's own tests.
+
+    class TestMyRoad(BusContract):
+        @contextmanager
+        def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
+            ...build near and far end around `end`, not connected yet; tear them down behind the yield...
+
+The far end may live in a thread or in lock-step; nothing here depends on how often it exchanges by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from itertools import pairwise
+from typing import Protocol
+
+import pytest
+
+from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
+from qrobot.hwif.bus import Bus, make_image
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE
+from qrobot.hwif.registers import (
+    ADC_E_VOLT_PER_COUNT,
+    ADC_F_CHANNEL_SHIFT,
+    ADC_F_COMMAND,
+    ADC_F_VOLT_PER_COUNT,
+    ADC_MUX,
+    ADC_START,
+    ADC_VALUE,
+    DAC,
+    DISCRETE,
+    DISCRETE_ADC,
+    DISCRETE_CALIBRATED,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_INDEX,
+    ENC_LOAD,
+    INDEX_BIT_0,
+    N_DACS,
+    N_ENCODERS,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_POWER,
+)
+from qrobot.realtime.segment import Words
+from tests.support.bench import PHASE, Bench
+from tests.support.bus import BenchEndpoint, Row, rows_of
+
+POLLS = 40
+FREE_CHANNEL = 6  # of the converter: the bench's potentiometers take the first six
+
+
+class Road(Protocol):
+    """A road under test."""
+
+    bus: Bus
+
+    def cut(self) -> None:
+        """Break it, at once and silently if it can be; may be called by the far end, in the middle of an exchange."""
+
+    def restore(self) -> None:
+        """Mend it; the near end connects again by itself."""
+
+    def garbage(self) -> None:
+        """Let the far end answer the next exchange with something that means nothing."""
+
+
+class Traveller:
+    """Somebody at the near end."""
+
+    def __init__(self, road: Road, end: BenchEndpoint) -> None:
+        self.road, self.bus, self.end = road, road.bus, end
+        self.image = make_image()
+
+    def exchange(self, *operations: Row) -> Words:
+        self.bus.exchange(rows_of(operations), self.image)
+        return self.image.copy()
+
+    def write(self, *pairs: tuple[int, int]) -> Words:
+        return self.exchange(*((OP_WRITE, offset, value) for offset, value in pairs))
+
+    def read(self, offset: int) -> int:
+        return int(self.exchange()[IMAGE_INPUTS + offset // 2])
+
+    def status_without(self, bit: int) -> int:
+        """Poll STATUS until `bit` has fallen."""
+        for _ in range(POLLS):
+            if not (status := self.read(STATUS)) & bit:
+                return status
+        raise AssertionError(f"bit {bit:#06x} of STATUS did not fall")
+
+    def come_back(self) -> None:
+        self.bus.close()
+        self.road.restore()
+        self.bus.connect()
+
+
+class BusContract:
+    """The contract."""
+
+    def open_road(self, end: BenchEndpoint) -> AbstractContextManager[Road]:
+        """The road to `end`."""
+        raise NotImplementedError
+
+    @pytest.fixture
+    def there(self, request: pytest.FixtureRequest) -> Iterator[Traveller]:
+        """A connected road to a board at rest; `@pytest.mark.parametrize("there", [...], indirect=True)` with options
+        of the board."""
+        end = BenchEndpoint(Bench(**getattr(request, "param", {})))
+        with self.open_road(end) as road:
+            road.bus.connect()
+            there = Traveller(road, end)
+            there.exchange()
+            end.lists.clear()
+            yield there
+            end.before = end.after = lambda: None
+            road.bus.close()
+
+    # --- what it is ----------------------------------------------------------------------------------------------
+
+    @pytest.mark.parametrize("there", [{"revision_f": True}, {"revision_f": False}], indirect=True)
+    def test_a_board_says_what_it_is(self, there: Traveller) -> None:
+        facts = there.bus.connect()
+        assert (facts.revision, facts.joints) == (there.end.facts().revision, N_ENCODERS)
+        assert facts.period_ns >= 0
+
+    def test_a_road_has_a_name_that_people_recognise(self, there: Traveller) -> None:
+        assert there.bus.name.strip()
+        assert "\n" not in there.bus.name
+
+    # --- registers -----------------------------------------------------------------------------------------------
+
+    def test_every_converter_takes_its_word(self, there: Traveller) -> None:
+        there.write(*((DAC + 2 * channel, 0x123 + channel) for channel in range(N_DACS)))
+        assert there.end.bench.board.dac.tolist() == [0x123 + channel for channel in range(N_DACS)]
+
+    def test_every_counter_takes_a_load_and_counts_on_from_it_beyond_sixteen_bits(self, there: Traveller) -> None:
+        image = there.write(*((ENC_LOAD + 2 * joint, 0xFFF0 + joint) for joint in range(N_ENCODERS)))
+        assert [int(image[IMAGE_INPUTS + ENC_COUNT // 2 + j]) for j in range(N_ENCODERS)] == list(range(0xFFF0, 0xFFF6))
+        there.end.turn(2, 40.0)
+        assert there.read(ENC_COUNT + 4) == (0xFFF2 + 40) % 0x10000
+        there.end.turn(2, -40.0)
+        assert there.read(ENC_COUNT + 4) == 0xFFF2 - 40
+
+    def test_power_comes_and_goes_with_its_bit_and_the_scratch_bits_can_be_read_back(self, there: Traveller) -> None:
+        there.write((DISCRETE, DISCRETE_POWER | DISCRETE_CALIBRATED))
+        status = there.read(STATUS)
+        assert status & STATUS_POWER
+        assert status & STATUS_CALIBRATED
+        assert status & STATUS_ESTOP_OK
+        there.write((DISCRETE, DISCRETE_CALIBRATED))
+        assert not there.read(STATUS) & STATUS_POWER
+
+    def test_an_index_is_latched_once_armed_and_again_when_armed_again(self, there: Traveller) -> None:
+        """Mask bit 0, then 1, in one exchange (TRC004 vendor driver v4.3)."""
+        bit, phase = INDEX_BIT_0 << 1, int(PHASE[1])
+        there.end.turn(1, phase - 5.0)
+        for target in (phase + 5.0, phase - 5.0):
+            there.write((DISCRETE, 0), (DISCRETE, bit))
+            assert there.read(STATUS) & bit
+            there.end.turn(1, target)
+            there.status_without(bit)
+        assert abs(there.read(ENC_INDEX + 2) - phase) <= 1
+
+    def test_loading_a_counter_leaves_the_latch_alone(self, there: Traveller) -> None:
+        there.end.turn(1, PHASE[1] - 5.0)
+        there.write((DISCRETE, 0), (DISCRETE, INDEX_BIT_0 << 1))
+        there.end.turn(1, PHASE[1] + 5.0)
+        there.write((ENC_LOAD + 2, 7))
+        assert there.read(ENC_INDEX + 2) == PHASE[1]
+        assert there.read(ENC_COUNT + 2) == 7
+
+    def test_a_conversion_of_revision_f_is_started_by_its_channel(self, there: Traveller) -> None:
+        there.end.set_volts(FREE_CHANNEL, -2.5)
+        word = FREE_CHANNEL << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND
+        there.write((DISCRETE, 0), (DISCRETE, DISCRETE_ADC), (ADC_MUX, word))
+        there.status_without(STATUS_ADC_BUSY)
+        code = there.read(ADC_VALUE)
+        assert code & 0xF == 0
+        assert (code - 0x10000) * ADC_F_VOLT_PER_COUNT == pytest.approx(-2.5, abs=16 * ADC_F_VOLT_PER_COUNT)
+
+    @pytest.mark.parametrize("there", [{"revision_f": False}], indirect=True)
+    def test_a_conversion_of_revision_e_is_started_by_a_read(self, there: Traveller) -> None:
+        there.end.set_volts(FREE_CHANNEL, 2.5)
+        sequence: tuple[Row, ...] = (
+            (OP_WRITE, DISCRETE, 0),
+            (OP_WRITE, ADC_MUX, FREE_CHANNEL),
+            (OP_READ, ADC_START, 0),
+            (OP_WRITE, DISCRETE, DISCRETE_ADC),
+        )
+        there.exchange(*sequence)
+        assert tuple(there.end.applied) == sequence
+        there.status_without(STATUS_ADC_BUSY)
+        assert there.read(ADC_VALUE) * ADC_E_VOLT_PER_COUNT == pytest.approx(2.5, abs=ADC_E_VOLT_PER_COUNT)
+
+    @pytest.mark.parametrize("there", [{"revision_f": False}], indirect=True)
+    def test_reading_the_image_starts_no_conversion(self, there: Traveller) -> None:
+        there.write((DISCRETE, 0), (DISCRETE, DISCRETE_ADC))
+        for _ in range(3):
+            assert there.read(STATUS) & STATUS_ADC_BUSY
+        assert (OP_READ, ADC_START, 0) not in there.end.applied
+
+    # --- order ---------------------------------------------------------------------------------------------------
+
+    def test_operations_are_applied_in_order_also_when_they_are_many(self, there: Traveller) -> None:
+        wanted = [(OP_WRITE, DAC + 2 * (i % N_DACS), i % 0x1000) for i in range(150)]
+        there.exchange(*wanted)
+        assert there.end.applied == wanted
+
+    def test_the_last_of_several_writes_to_a_register_stands(self, there: Traveller) -> None:
+        there.write((DAC, 1), (DAC, 2), (DAC, 3))
+        there.write((DAC, 4), (DAC, 3))
+        assert there.end.bench.board.dac[0] == 3
+        assert [value for _, _, value in there.end.applied] == [1, 2, 3, 4, 3]
+
+    def test_what_is_written_before_and_after_a_read_that_acts_stays_there(self, there: Traveller) -> None:
+        rows: list[Row] = [(OP_WRITE, DISCRETE, 1), (OP_READ, ADC_START, 0), (OP_WRITE, DISCRETE, 0)]
+        there.exchange(*rows, *rows)
+        assert there.end.applied == rows * 2
+
+    def test_an_image_shows_what_its_own_operations_did(self, there: Traveller) -> None:
+        for value in (5, 6, 7):
+            image = there.write((ENC_LOAD, value))
+            assert image[IMAGE_INPUTS + ENC_COUNT // 2] == value
+
+    def test_operations_in_the_wrong_direction_do_nothing_and_are_counted_by_the_board(self, there: Traveller) -> None:
+        before = there.end.bench.board.dac.tolist()
+        there.exchange((OP_WRITE, STATUS, 0xFFFF), (OP_READ, DAC, 0), (OP_WRITE, ADC_START, 1))
+        assert there.end.illegal == 3
+        assert there.end.bench.board.dac.tolist() == before
+
+    # --- age -----------------------------------------------------------------------------------------------------
+
+    def test_images_have_rising_numbers_and_times(self, there: Traveller) -> None:
+        images = [there.exchange() for _ in range(4)]
+        for earlier, later in pairwise(images):
+            assert later[IMAGE_COUNT] > earlier[IMAGE_COUNT]
+            assert later[IMAGE_T_NS] > earlier[IMAGE_T_NS]
+
+    def test_a_board_that_stands_still_never_looks_alive(self, there: Traveller) -> None:
+        """Either the count shows it, or there is no answer."""
+        there.end.standing = True
+        count = None
+        for _ in range(3):
+            try:
+                newest = int(there.exchange()[IMAGE_COUNT])
+            except LinkError:
+                continue
+            assert count is None or newest == count
+            count = newest
+
+    # --- away ----------------------------------------------------------------------------------------------------
+
+    def test_a_road_that_is_cut_says_so_and_shows_no_image(self, there: Traveller) -> None:
+        image = there.exchange()
+        there.road.cut()
+        for _ in range(2):
+            with pytest.raises(LinkError):
+                there.write((DAC, 1))
+        assert list(there.image) == list(image)
+
+    def test_a_road_that_is_mended_goes_on_and_brings_nothing_from_before(self, there: Traveller) -> None:
+        there.road.cut()
+        with pytest.raises(LinkError):
+            there.write((DAC, 0x111))
+        there.come_back()
+        there.write((DAC + 2, 0x222))
+        assert there.end.bench.board.dac[1] == 0x222
+        assert [row for row in there.end.applied if row[2] == 0x222] == [(OP_WRITE, DAC + 2, 0x222)]
+        assert len([row for row in there.end.applied if row[2] == 0x111]) <= 1
+
+    def test_a_road_cut_before_the_operations_are_applied_gives_no_image(self, there: Traveller) -> None:
+        there.end.before = there.road.cut
+        self._fail_and_come_back(there)
+
+    def test_a_road_cut_before_the_answer_applies_at_most_once(self, there: Traveller) -> None:
+        there.end.after = there.road.cut
+        self._fail_and_come_back(there)
+
+    def _fail_and_come_back(self, there: Traveller) -> None:
+        image = there.image.copy()
+        with pytest.raises((LinkError, ProtocolError)):
+            there.write((DAC, 0x333))
+        there.end.before = there.end.after = lambda: None
+        assert list(there.image) == list(image)
+        there.come_back()
+        there.exchange()
+        assert there.end.applied.count((OP_WRITE, DAC, 0x333)) <= 1
+
+    def test_a_far_end_without_a_board_says_so(self, there: Traveller) -> None:
+        there.end.gone = True
+        with pytest.raises((LinkError, RemoteProtocolError)):
+            there.write((DAC, 1))
+        there.end.gone = False
+        there.come_back()
+        assert there.write((DAC, 2))[IMAGE_COUNT] > 0
+
+    def test_closing_twice_does_no_harm_and_a_closed_road_is_no_road(self, there: Traveller) -> None:
+        there.bus.close()
+        there.bus.close()
+        there.bus.connect()
+        assert there.exchange()[IMAGE_COUNT] > 0
+
+    # --- garbage -------------------------------------------------------------------------------------------------
+
+    def test_garbage_is_an_error_and_never_an_image(self, there: Traveller) -> None:
+        image = there.exchange()
+        there.road.garbage()
+        with pytest.raises((LinkError, ProtocolError)):
+            there.exchange()
+        assert list(there.image) == list(image)
+        there.come_back()
+        assert there.exchange()[IMAGE_COUNT] > 0
