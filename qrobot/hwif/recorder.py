@@ -1,0 +1,117 @@
+"""Every access of a bus, written down: which registers were written and read, in which order, and what came back.
+
+A recording is text, a line to an exchange, each written whole at once: what is on the disk after a power cut is
+complete up to the last line.
+
+    qrobot-registers 1
+    board F 6 250000                                   revision, joints, ns between images; again when reconnected
+    4000000 17 w30=800 w2e=47 r1e : 0c=8041 10=fff0    ns and images since the line before; operations; changed words
+    lost w30=7ff LinkLost: nobody answers              an exchange that failed
+    close
+
+Offsets and values are hexadecimal. Operations are `w` (write) and `r` (a read for its side effect), input words those
+that differ from the image before. `replay.py` reads it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from types import TracebackType
+from typing import Final, TextIO
+
+from qrobot.errors import LinkError, LogError, ProtocolError
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE
+from qrobot.hwif.registers import N_INPUT_WORDS
+from qrobot.realtime.segment import Words
+
+MAGIC: Final = "qrobot-registers 1"
+LETTERS: Final = {OP_WRITE: "w", OP_READ: "r"}
+
+
+class Recorder:
+    """A bus that writes down what goes over another one.
+
+    Args:
+        bus: the one that does the work.
+        path: file to write; an old one is replaced.
+
+    Attributes:
+        problem: why the recording ended before its time, a full disk say; the bus goes on working. "" while it goes on.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+
+    def __init__(self, bus: Bus, path: Path) -> None:
+        self._bus = bus
+        self._before = make_image()
+        self.problem = ""
+        try:
+            self._file: TextIO = path.open("w", buffering=1, encoding="ascii", errors="backslashreplace")
+        except OSError as error:
+            raise LogError(f"cannot record to {path}: {error.strerror}") from None
+        self._write(MAGIC)
+
+    @property
+    def name(self) -> str:
+        """That of the bus."""
+        return self._bus.name
+
+    def connect(self) -> BoardFacts:
+        """As the bus does. Raises what it raises."""
+        facts = self._bus.connect()
+        self._before[:] = 0
+        self._write(f"board {facts.revision} {facts.joints} {facts.period_ns}")
+        return facts
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        """As the bus does. Raises what it raises."""
+        done = " ".join(operation_text(*map(int, row)) for row in operations)
+        try:
+            self._bus.exchange(operations, image)
+        except (LinkError, ProtocolError) as error:
+            self._write(f"lost {done}{' ' if done else ''}{type(error).__name__}: {' '.join(str(error).split())}")
+            raise
+        t_ns = int(image[IMAGE_T_NS] - self._before[IMAGE_T_NS])
+        count = int(image[IMAGE_COUNT] - self._before[IMAGE_COUNT])
+        self._write(" ".join([str(t_ns), str(count), *([done] if done else []), ":", *changes(self._before, image)]))
+        self._before[:] = image
+
+    def close(self) -> None:
+        """Let go of the board; the file stays open for the next connection."""
+        self._bus.close()
+        self._write("close")
+
+    def finish(self) -> None:
+        """Close the file."""
+        with contextlib.suppress(OSError):  # what could not be written is the problem already
+            self._file.close()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.finish()
+
+    def _write(self, line: str) -> None:
+        if self.problem:
+            return
+        try:
+            self._file.write(f"{line}\n")
+        except (OSError, ValueError) as error:
+            self.problem = str(error)
+
+
+def operation_text(kind: int, offset: int, value: int) -> str:
+    """One operation as it stands in a recording."""
+    return f"w{offset:02x}={value:x}" if kind == OP_WRITE else f"{LETTERS.get(kind, '?')}{offset:02x}"
+
+
+def changes(before: Words, image: Words) -> list[str]:
+    """The input words of `image` that differ from those of `before`."""
+    words = range(IMAGE_INPUTS, IMAGE_INPUTS + N_INPUT_WORDS)
+    return [f"{2 * (k - IMAGE_INPUTS):02x}={int(image[k]):x}" for k in words if image[k] != before[k]]
