@@ -34,7 +34,7 @@ lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
 	$(BIN)/mypy
 	$(BIN)/codespell
 
-bench: $(VENV)/dev.stamp ## measure this machine (ten minutes; wants a quiet one)
+bench: $(VENV)/bench.stamp ## measure this machine (ten minutes; wants a quiet one)
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs.stamp ## build docs/_build/html; a warning is an error
@@ -55,6 +55,10 @@ $(BIN)/python:
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "installing into $(VENV) ..."
 	@$(PIP) -e '.[dev]'
+	@touch $@
+
+$(VENV)/bench.stamp: $(VENV)/dev.stamp
+	@$(PIP) -e '.[dev,bench]'
 	@touch $@
 
 $(VENV)/docs.stamp: $(VENV)/dev.stamp

@@ -12,7 +12,7 @@ import numpy as np
 from qrobot.config.robot import Robot
 from qrobot.config.values import Bools, Floats
 from qrobot.model.vec import Vec
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.sine import sine_cosine
 
 Turn = tuple[float, float, float, float]
@@ -42,7 +42,7 @@ def chain_params(robot: Robot) -> ChainParams:
     )
 
 
-@kernel
+@lean_kernel
 def link_turn(q: Floats, chain: ChainParams, i: int) -> Turn:
     """The rotation of frame i in frame i-1, as cosine and sine of theta and of alpha."""
     theta = chain.theta[i] if chain.prismatic[i] else chain.theta[i] + q[i]
@@ -50,14 +50,14 @@ def link_turn(q: Floats, chain: ChainParams, i: int) -> Turn:
     return cosine, sine, chain.cos_alpha[i], chain.sin_alpha[i]
 
 
-@kernel
+@lean_kernel
 def link_origin(q: Floats, chain: ChainParams, i: int) -> Vec:
     """The origin of frame i in frame i-1, m."""
     d = chain.d[i] + q[i] if chain.prismatic[i] else chain.d[i]
     return chain.a[i], -chain.sin_alpha[i] * d, chain.cos_alpha[i] * d
 
 
-@kernel
+@lean_kernel
 def to_link(turn: Turn, v: Vec) -> Vec:
     """A vector of frame i-1 in frame i: Rz(theta)' Rx(alpha)' v."""
     c, s, ca, sa = turn
@@ -65,7 +65,7 @@ def to_link(turn: Turn, v: Vec) -> Vec:
     return c * v[0] + s * lifted, c * lifted - s * v[0], ca * v[2] - sa * v[1]
 
 
-@kernel
+@lean_kernel
 def to_parent(turn: Turn, v: Vec) -> Vec:
     """A vector of frame i in frame i-1: Rx(alpha) Rz(theta) v; the inverse of `to_link`."""
     c, s, ca, sa = turn

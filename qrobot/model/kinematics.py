@@ -10,7 +10,7 @@ from qrobot.config.robot import Robot
 from qrobot.config.values import Floats
 from qrobot.model.chain import ChainParams, chain_params, link_origin, link_turn, to_parent
 from qrobot.model.vec import Vec, add, combine, cross
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 
 class KinematicsParams(NamedTuple):
@@ -31,21 +31,22 @@ def kinematics_params(robot: Robot) -> KinematicsParams:
     return KinematicsParams(chain_params(robot), np.array(robot.limits.q_min), np.array(robot.limits.q_max))
 
 
-@kernel
+@lean_kernel
 def forward(q: Floats, p: KinematicsParams, T: Floats) -> None:
     """Pose of the last frame (a PUMA's wrist centre) in the base frame. Shapes (n,), (4, 4)."""
-    x, y, z, origin = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    x, y, origin = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(q.size - 1, -1, -1):
         turn = link_turn(q, p.chain, i)
-        x, y, z = to_parent(turn, x), to_parent(turn, y), to_parent(turn, z)
+        x, y = to_parent(turn, x), to_parent(turn, y)
         origin = add(to_parent(turn, origin), link_origin(q, p.chain, i))
+    z = cross(x, y)
     for i in range(3):
         T[i, 0], T[i, 1], T[i, 2], T[i, 3] = x[i], y[i], z[i], origin[i]
         T[3, i] = 0.0
     T[3, 3] = 1.0
 
 
-@kernel
+@lean_kernel
 def jacobian(q: Floats, p: KinematicsParams, J: Floats) -> None:
     """Velocity of the last frame's origin (rows 0-2) and angular velocity (rows 3-5), both in the base frame.
 
@@ -65,7 +66,7 @@ def jacobian(q: Floats, p: KinematicsParams, J: Floats) -> None:
         _fill_column(J, i, p.chain.prismatic[i], origin)
 
 
-@kernel
+@lean_kernel
 def _fill_column(J: Floats, i: int, prismatic: bool, tip: Vec) -> None:
     """Column i from (origin, axis) of joint i to (velocity, angular velocity) of the tip per unit of joint speed."""
     axis = (J[3, i], J[4, i], J[5, i])

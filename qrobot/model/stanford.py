@@ -28,10 +28,10 @@ from qrobot.model.puma import (
     WRIST_SLACK,
     wrap_into_range,
 )
-from qrobot.realtime.jit import kernel
+from qrobot.realtime.jit import lean_kernel
 
 
-@kernel
+@lean_kernel
 def stanford_inverse(T: Floats, p: KinematicsParams, branch: int, q_near: Floats, q: Floats) -> int:
     """Joint positions of `branch` that put the wrist at `T`, nearest to `q_near` by whole turns.
 
@@ -60,21 +60,21 @@ def stanford_inverse(T: Floats, p: KinematicsParams, branch: int, q_near: Floats
     return OK if in_range else JOINT_LIMIT
 
 
-@kernel
+@lean_kernel
 def stanford_inverse_all(T: Floats, p: KinematicsParams, q_near: Floats, q: Floats, status: Ints) -> None:
     """All branches, row i being `Branch(i)`. Shapes (4, 4), (6,), (8, 6), (8,)."""
     for branch in range(8):
         status[branch] = stanford_inverse(T, p, branch, q_near, q[branch])
 
 
-@kernel
+@lean_kernel
 def stanford_branch(q: Floats, _p: KinematicsParams) -> int:
     """The branch on which the arm stands at `q` (6,); where two meet, right and no-flip."""
     branch = LEFT if math.sin(q[1]) < 0.0 else 0
     return branch | FLIP if math.sin(q[4]) < 0.0 else branch
 
 
-@kernel
+@lean_kernel
 def _wrist(T: Floats, branch: int, q4_near: float, q: Floats) -> bool:
     """Fill in joints 4, 5 and 6 from the wrist's orientation; whether it is straight, when joint 4 stays near."""
     c1, s1, c2, s2 = math.cos(q[0]), math.sin(q[0]), math.cos(q[1]), math.sin(q[1])

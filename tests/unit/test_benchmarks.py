@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import laws, logs, page, sixlaw, twolink, twolink_numpy, wakeup
+from benchmarks import kinematics, laws, logs, page, sixlaw, twolink, twolink_numpy, wakeup
 from benchmarks.box import FRAME_NS, REACH, setpoints
 from benchmarks.ctwin import compiler
 from benchmarks.machine import described, machine
 from benchmarks.rows import Goal, Row, against, load, row, save
 from benchmarks.timing import FULL, QUICK, interleaved
 from qrobot.config import load_robot
+from qrobot.model.paul import T_PAUL_VAL, to_paul
 from qrobot.realtime.jit import jit_disabled
 
 ROOT = Path(__file__).parents[2]
@@ -173,6 +175,22 @@ def test_our_loops_wake_as_often_as_asked_and_never_early(loop: str) -> None:
     late = np.full(20, -1, dtype=np.int64)
     wakeup.bodies()[loop](1_000_000, late)
     assert (late >= (-200_000 if jit_disabled() else 0)).all()
+
+
+def test_the_inverse_on_random_poses_meets_every_goal_that_no_clock_decides() -> None:
+    errors = list(kinematics.error_rows(kinematics.random_poses(300)))
+    assert [row.met for row in errors] == [True] * 4
+
+
+@pytest.mark.skipif(not find_spec("eaik"), reason="EAIK is not installed: the benchmark then says so")
+def test_eaik_finds_our_solutions() -> None:
+    poses = kinematics.random_poses(20)
+    peer = kinematics.eaik_puma(poses.arm)
+    for q, T in zip(poses.q, poses.T, strict=True):
+        found = np.exp(1j * peer.IK(T_PAUL_VAL @ T).Q)
+        ours = np.exp(1j * np.array([to_paul(each) for each in poses.arm.inverses(T, q).values()]))
+        distance = np.abs(found[:, None] - ours).max(axis=2)
+        assert distance.min(axis=0).max() < 1e-6
 
 
 def test_trajectory_derivatives_are_derivatives() -> None:
