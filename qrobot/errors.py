@@ -15,6 +15,7 @@ QRobotError
 │   ├── JointLimit         a joint would leave its range
 │   └── Singular           the pose is singular for this arm
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
+├── IdentificationError    recorded motion does not determine a model: names what is missing
 └── LogError               a log is missing, torn or of another format
 """
 
@@ -77,6 +78,10 @@ class JointLimit(MotionError):
 
 class Singular(MotionError):
     """The pose is singular for this arm, so the branch is not determined."""
+
+
+class IdentificationError(QRobotError):
+    """What was recorded does not determine the parameters of a model, or contradicts it."""
 
 
 class LogError(QRobotError):

@@ -1,0 +1,133 @@
+"""Weighted and robust linear least squares, with what is known about the result.
+
+Rows come in classes (motors), each with a scatter of its own that the fit finds. Outliers count less and less the
+farther they are off (Huber 1964, by iteratively reweighted least squares). The covariance is that of the weighted
+normal equations at the scatter found; it assumes errors of different rows to be independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.errors import IdentificationError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NORMAL_95: Final = 1.959964  # half width of a 95 % interval, standard deviations
+HUBER: Final = 1.345  # deviations beyond which a row counts less: 95 % efficient on normal errors (Huber 1981)
+OUTLIER: Final = 4.0  # deviations beyond which a row is named
+_MAD: Final = 1.4826  # median absolute deviation to standard deviation, of normal errors
+_PASSES: Final = 50
+_SETTLED: Final = 1e-8
+_SINGULAR: Final = 1e-6  # smallest over largest singular value of the columns, each scaled to length 1
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A linear fit.
+
+    Attributes:
+        values: shape (p,).
+        covariance: shape (p, p).
+        scatter: standard deviation of a row of each class. Shape (classes,).
+        residual: measured less fitted. Shape (rows,).
+        weight: share in which each row counts, 1 for those that are no outliers. Shape (rows,).
+        condition: of the columns, each scaled to length 1.
+    """
+
+    values: Floats
+    covariance: Floats
+    scatter: Floats
+    residual: Floats
+    weight: Floats
+    condition: float
+
+    @property
+    def half_width(self) -> Floats:
+        """Of the 95 % interval of each value. Shape (p,)."""
+        return np.asarray(NORMAL_95 * np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def outliers(self) -> Ints:
+        """Rows that are more than `OUTLIER` deviations off."""
+        return np.flatnonzero(self.weight < HUBER / OUTLIER)
+
+
+def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str]) -> Fit:
+    """x of A x = b, by robust least squares.
+
+    Args:
+        A: shape (rows, p).
+        b: shape (rows,).
+        row_class: class of each row, from 0. Shape (rows,).
+        names: of the columns, for complaints.
+
+    Raises:
+        IdentificationError: the rows do not determine every value; names those that they do not.
+    """
+    condition = _need_full_rank(A, names)
+    classes = int(row_class.max()) + 1
+    weight, scatter = np.ones(len(b)), np.ones(classes)
+    x, residual = np.zeros(len(names)), b
+    for _ in range(_PASSES):
+        step = _step(A, residual, weight / scatter[row_class] ** 2)
+        x, residual = x + step, residual - A @ step
+        scatter = _spread(residual, row_class, classes)
+        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual) / scatter[row_class], 1e-12))
+        if np.linalg.norm(step) <= _SETTLED * np.linalg.norm(x):
+            break
+    root = np.sqrt(weight)[:, None] * A
+    scatter = _judged(root, residual, weight, row_class, scatter)
+    information = root / scatter[row_class, None]
+    covariance: Floats = np.linalg.inv(information.T @ information).astype(np.float64)
+    return Fit(x, covariance, scatter, residual, weight, condition)
+
+
+def _step(A: Floats, residual: Floats, weight: Floats) -> Floats:
+    """What the weighted normal equations add to the values; steps that follow take back what rounding did."""
+    lengths = np.linalg.norm(A, axis=0)
+    scaled = A / lengths
+    weighted = scaled * weight[:, None]
+    return np.asarray(np.linalg.solve(scaled.T @ weighted, weighted.T @ residual) / lengths, np.float64)
+
+
+def _spread(residual: Floats, row_class: Ints, classes: int) -> Floats:
+    """Robust standard deviation of each class, never quite nothing."""
+    floor = 1e-9 * max(float(np.abs(residual).max()), 1e-9)
+    each = (residual[row_class == c] for c in range(classes))
+    return np.array([max(_MAD * float(np.median(np.abs(r))), floor) if r.size else 1.0 for r in each])
+
+
+def _judged(root: Floats, residual: Floats, weight: Floats, row_class: Ints, scatter: Floats) -> Floats:
+    """Standard deviation of each class, with the parameters it determines taken off its degrees of freedom."""
+    whitened = root / scatter[row_class, None]
+    leverage = (whitened @ np.linalg.inv(whitened.T @ whitened) * whitened).sum(axis=1)
+    judged = scatter.copy()
+    for c in range(scatter.size):
+        mine = row_class == c
+        freedom = float(weight[mine].sum() - leverage[mine].sum())
+        if freedom > 1.0:
+            judged[c] = max(scatter[c] * 1e-3, np.sqrt((weight * residual**2)[mine].sum() / freedom))
+    return judged
+
+
+def _need_full_rank(A: Floats, names: Sequence[str]) -> float:
+    """Condition of the scaled columns. Raises IdentificationError when some cannot be told apart."""
+    if len(A) < len(names):
+        raise IdentificationError(f"{len(A)} observations for {len(names)} parameters: record more poses and sweeps")
+    lengths = np.linalg.norm(A, axis=0)
+    if not lengths.all():
+        missing = ", ".join(name for name, length in zip(names, lengths, strict=True) if not length)
+        raise IdentificationError(f"nothing recorded moves {missing}: record poses and sweeps of those joints")
+    scaled = A / lengths
+    squares, directions = np.linalg.eigh(scaled.T @ scaled)
+    if squares[0] < _SINGULAR**2 * squares[-1]:
+        mixed = ", ".join(names[i] for i in np.flatnonzero(np.abs(directions[:, 0]) > 0.1).tolist())
+        raise IdentificationError(f"what was recorded cannot tell {mixed} apart: record more poses")
+    return float(np.sqrt(squares[-1] / squares[0]))
