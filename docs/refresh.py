@@ -17,6 +17,7 @@ sys.path.insert(0, str(DOCS))
 import command_line  # noqa: E402 (found through the line above)
 import fault_facts  # noqa: E402
 import file_keys  # noqa: E402
+import modbus_tables  # noqa: E402
 import tables  # noqa: E402
 
 from qrobot.wire import document  # noqa: E402
@@ -31,6 +32,10 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "command-line": command_line.command_line,
     "deployment-keys": file_keys.deployment_keys,
     "robot-keys": file_keys.robot_keys,
+    "modbus-window": modbus_tables.window,
+    "modbus-image": modbus_tables.image,
+    "modbus-mailbox": modbus_tables.mailbox,
+    "modbus-robot": modbus_tables.robot,
 }
 _PART: Final = re.compile(r"(<!-- generated: ([a-z-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -48,6 +53,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/deployment-file.md": rewrite,
     "reference/robot-file.md": rewrite,
     "reference/laws.md": rewrite,
+    "reference/modbus-map.md": rewrite,
     "reference/telemetry.md": rewrite,
     "explanation/safety.md": rewrite,
     "how-to/inject-faults.md": rewrite,

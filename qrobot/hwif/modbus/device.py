@@ -1,0 +1,246 @@
+"""What a Modbus server for a board does with a request, whatever carries it: no socket, no thread.
+
+One client at a time has the control: the first that writes, until it goes away or is silent for too long. Then the
+board is made safe - torque zero, power off - once. Readers are free.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
+from qrobot.hwif.bus import Endpoint, Operations, make_image, safe_operations
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_READ, OP_WRITE
+from qrobot.hwif.modbus.map import (
+    ANOTHER,
+    FIRST_WRITTEN,
+    IDENTITY,
+    IMAGE,
+    MAILBOX,
+    MAILBOX_HEAD,
+    NOBODY,
+    ROBOT,
+    WINDOW,
+    WINDOW_WORDS,
+    WORD_MASK,
+    YOU,
+    decode_operations,
+    encode_identity,
+    encode_image,
+    written,
+)
+from qrobot.hwif.registers import ADC_START, DISCRETE, STATUS
+
+Report = Callable[[str], None]
+WATCHDOG_MS: Final = 100.0
+_ADC_START: Final = ADC_START // 2
+_DISCRETE: Final = DISCRETE // 2 - FIRST_WRITTEN
+NS_PER_MS: Final = 1_000_000
+
+
+class ModbusDevice:
+    """A board behind its Modbus map.
+
+    Args:
+        endpoint: the board.
+        watchdog_ms: silence of the client in control after which the board is made safe; 0 for never.
+        now_ns: the clock of that silence.
+        report: takes a line when somebody takes the control or the watchdog acts.
+        robot: the words of a running robot (`robot.encode_robot`), asked for when they are read; None: no robot.
+        holder: who has the control for good, when no client may have it: a servo that runs.
+
+    Attributes:
+        trips, refused, bad, dropped: the counters of the map.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        watchdog_ms: float = WATCHDOG_MS,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        report: Report = lambda _line: None,
+        robot: Callable[[], list[int]] | None = None,
+        holder: object | None = None,
+    ) -> None:
+        self._endpoint, self._now_ns, self._report, self._robot = endpoint, now_ns, report, robot
+        self.watchdog_ns = round(watchdog_ms * NS_PER_MS)
+        self.trips = self.refused = self.bad = self.dropped = 0
+        self._image = make_image()
+        self._count = -1  # none seen
+        self._rose_ns = self._heard_ns = now_ns()
+        self._holder = holder
+        self._armed = False
+        self._applied = 0
+        self._mailbox = [0] * MAILBOX_HEAD
+        self._written = [0] * (WINDOW_WORDS - FIRST_WRITTEN)
+
+    @property
+    def has_robot(self) -> bool:
+        """There is a running robot to be shown."""
+        return self._robot is not None
+
+    @property
+    def applied(self) -> int:
+        """Sequence number of the newest mailbox whose operations were applied."""
+        return self._applied
+
+    def warm_up(self) -> None:
+        """Load what is compiled before the first client waits for it. Raises LinkError when there is no board."""
+        safe_operations(0)
+        self._fetch()
+
+    # ------------------------------------------------------------------------------------------------- who may write
+
+    def hear(self, client: object) -> None:
+        """A request of `client` has come: a sign of life when it is the one in control."""
+        if client is self._holder:
+            self._heard_ns = self._now_ns()
+
+    def leave(self, client: object) -> None:
+        """`client` has gone; another may take the control. What it has written stands until the watchdog acts."""
+        if client is self._holder:
+            self._holder = None
+
+    def control(self, client: object) -> int:
+        """Who may write, as `client` is told: NOBODY, YOU or ANOTHER."""
+        if self._holder is None:
+            return NOBODY
+        return YOU if client is self._holder else ANOTHER
+
+    def watch(self) -> bool:
+        """Make the board safe when the client in control has been silent for too long; True when that was so now."""
+        if not self._armed or not self.watchdog_ns or self._now_ns() - self._heard_ns <= self.watchdog_ns:
+            return False
+        self._armed, self._holder = False, None
+        self.trips += 1
+        self._report(f"the Modbus client in control is silent for {self.watchdog_ns / NS_PER_MS:g} ms: board made safe")
+        self.make_safe()
+        return True
+
+    def make_safe(self) -> None:
+        """Torque zero, power off; a board that is away is told of and not an error."""
+        try:
+            self._fetch()
+            self._apply(safe_operations(self._status))
+        except LinkError as error:
+            self._report(f"the board behind the Modbus server could not be made safe: {error}")
+
+    def _claim(self, client: object) -> None:
+        """Raises LinkBusy when another client has the control."""
+        if self._holder is None:
+            self._holder = client
+            self._report("a Modbus client takes the control of the board")
+            if not self._armed:  # coils start from a safe word, not from what a predecessor had written
+                self._fetch()
+                self._written[_DISCRETE] = int(safe_operations(self._status)[-1, 2])
+        elif self._holder is not client:
+            self.refused += 1
+            raise LinkBusy("another client has the control")
+        self._armed, self._heard_ns = True, self._now_ns()
+
+    # ----------------------------------------------------------------------------------------------------- requests
+
+    def write(self, client: object, address: int, values: Sequence[int]) -> None:
+        """Registers are written, in the order of addresses.
+
+        Raises:
+            LinkBusy: another client has the control, or the board takes nothing.
+            LinkError: there is no board.
+            RemoteProtocolError: the mailbox means nothing.
+        """
+        if address >= MAILBOX:
+            self._open_mailbox(client, address, values)
+            return
+        self._claim(client)
+        self._apply(written(address, values))
+
+    def write_coils(self, client: object, first: int, bits: Sequence[bool]) -> None:
+        """Bits of DISCRETE are written, the others stay as last written. Raises as `write`."""
+        self._claim(client)
+        word = self._written[_DISCRETE]
+        for bit, level in enumerate(bits, first):
+            word = word | 1 << bit if level else word & ~(1 << bit)
+        self._apply(written(DISCRETE // 2, [word]))
+
+    def read(self, client: object, address: int, count: int) -> dict[int, list[int]]:
+        """What stands where, by first address: the whole group of registers that `address` belongs to.
+
+        ADC_START read by itself acts, as it does on the board; read with its neighbours it does not.
+
+        Raises:
+            LinkError: there is no board; LinkBusy: a read that acts while another client has the control.
+        """
+        if (address, count) == (_ADC_START, 1):
+            self._start_conversion(client)
+        if address >= ROBOT and self._robot is not None:
+            return {ROBOT: self._robot()}
+        if address >= MAILBOX:
+            return {MAILBOX: self._mailbox}
+        if address >= IDENTITY:
+            return {IDENTITY: encode_identity(self._endpoint.facts())}
+        self._fetch()
+        return {
+            WINDOW: [*self._image[IMAGE_INPUTS:].tolist(), *self._written],
+            IMAGE: [*encode_image(self._image), *self._counters(client)],
+        }
+
+    def coils(self) -> int:
+        """DISCRETE as last written through Modbus."""
+        return self._written[_DISCRETE]
+
+    def discrete_inputs(self) -> int:
+        """The STATUS word. Raises LinkError when there is no board."""
+        self._fetch()
+        return self._status
+
+    # ------------------------------------------------------------------------------------------------------- inside
+
+    def _open_mailbox(self, client: object, address: int, values: Sequence[int]) -> None:
+        if address != MAILBOX or len(values) < MAILBOX_HEAD:
+            raise RemoteProtocolError(f"a mailbox is written whole, from register {MAILBOX} on")
+        operations = decode_operations(values[1:])
+        self._claim(client)
+        self._mailbox = list(values[:MAILBOX_HEAD])
+        if values[0] != self._applied:
+            self._applied = values[0]  # first: who asks again must not have it twice
+            self._apply(operations)
+
+    def _start_conversion(self, client: object) -> None:
+        self._claim(client)
+        self._apply(np.array([(OP_READ, ADC_START, 0)], np.int64))
+
+    def _apply(self, operations: Operations) -> None:
+        try:
+            self._endpoint.apply(operations)
+        except LinkError:
+            self.dropped += len(operations)
+            raise
+        for kind, offset, value in operations.tolist():
+            if kind == OP_WRITE and offset >= 2 * FIRST_WRITTEN:
+                self._written[offset // 2 - FIRST_WRITTEN] = value & WORD_MASK
+
+    def _fetch(self) -> None:
+        """Look at the board's newest image. Raises LinkError when there is none."""
+        self._endpoint.read_image(self._image)
+        if self._image[IMAGE_COUNT] != self._count:
+            self._count, self._rose_ns = int(self._image[IMAGE_COUNT]), self._now_ns()
+
+    @property
+    def _status(self) -> int:
+        return int(self._image[IMAGE_INPUTS + STATUS // 2])
+
+    def _counters(self, client: object) -> list[int]:
+        """The words from APPLIED on."""
+        age_ms = (self._now_ns() - self._rose_ns) // NS_PER_MS
+        wrapping = (self.trips, self.refused, self.bad, self.dropped)
+        return [
+            self._applied,
+            self.control(client),
+            min(self.watchdog_ns // NS_PER_MS, WORD_MASK),
+            *(counter & WORD_MASK for counter in wrapping),
+            min(age_ms, WORD_MASK),
+        ]

@@ -1,0 +1,46 @@
+"""The contract of a road, kept by Modbus TCP over a loopback connection that can be cut and garbled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
+from qrobot.hwif.modbus.device import ModbusDevice
+from qrobot.hwif.modbus.server import ModbusServer
+from tests.contract.bus_contract import BusContract, Road
+from tests.support.bus import BenchEndpoint
+from tests.support.relay import Relay, as_it_came
+
+HEAD = 7
+PATIENCE_S = 0.25
+
+
+class ModbusRoad:
+    """Cut in the middle; garbage is an answer whose length is right and whose meaning is not, once."""
+
+    def __init__(self, relay: Relay) -> None:
+        self._relay = relay
+        self.bus = ModbusBus(ModbusLine("127.0.0.1", relay.port, timeout_s=PATIENCE_S))
+
+    def cut(self) -> None:
+        self._relay.break_now()
+
+    def restore(self) -> None:
+        self._relay.cut = False
+
+    def garbage(self) -> None:
+        def spoil(data: bytes) -> bytes:
+            self._relay.spoil = as_it_came
+            return data[:HEAD] + bytes(b ^ 0x5A for b in data[HEAD:])
+
+        self._relay.spoil = spoil
+
+
+class TestModbus(BusContract):
+    """Modbus TCP."""
+
+    @contextmanager
+    def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
+        with ModbusServer(ModbusDevice(end, watchdog_ms=0)) as server, Relay(server.address) as relay:
+            yield ModbusRoad(relay)

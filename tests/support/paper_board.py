@@ -1,0 +1,60 @@
+"""A board of paper at the far end of a road: words in, words out, no kernels; for tests of the road alone."""
+
+from __future__ import annotations
+
+from qrobot.errors import LinkBusy, LinkError
+from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
+from qrobot.hwif.registers import ENC_COUNT, ENC_LOAD, N_INPUT_WORDS, STATUS
+from qrobot.realtime.segment import Words
+
+Row = tuple[int, int, int]
+
+
+class PaperBoard:
+    """An endpoint.
+
+    Attributes:
+        inputs: the sixteen input words; counters take their loads.
+        applied: every operation so far.
+        gone, full: there is no board; it takes no operations.
+    """
+
+    def __init__(self, revision: str = "F") -> None:
+        self.inputs = [0] * N_INPUT_WORDS
+        self.applied: list[Row] = []
+        self.gone = self.full = False
+        self.revision = revision
+        self._count = 0
+
+    @property
+    def status(self) -> int:
+        """The STATUS word."""
+        return self.inputs[STATUS // 2]
+
+    @status.setter
+    def status(self, word: int) -> None:
+        self.inputs[STATUS // 2] = word
+
+    def facts(self) -> BoardFacts:
+        self._insist()
+        return BoardFacts(self.revision, 6, 250_000)
+
+    def apply(self, operations: Operations) -> None:
+        self._insist()
+        if self.full:
+            raise LinkBusy("the board takes no operations")
+        for kind, offset, value in operations.tolist():
+            self.applied.append((kind, offset, value))
+            if kind == OP_WRITE and ENC_LOAD <= offset < ENC_LOAD + 12:
+                self.inputs[(ENC_COUNT + offset - ENC_LOAD) // 2] = value
+        self._count += 1
+
+    def read_image(self, image: Words) -> None:
+        self._insist()
+        image[IMAGE_T_NS], image[IMAGE_COUNT] = 1_000_000 * self._count, self._count
+        image[IMAGE_INPUTS:] = self.inputs
+
+    def _insist(self) -> None:
+        if self.gone:
+            raise LinkError("there is no board")
