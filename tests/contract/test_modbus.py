@@ -9,7 +9,7 @@ from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.server import ModbusServer
 from tests.contract.bus_contract import BusContract, Road
-from tests.support.bus import BenchEndpoint
+from tests.support.bus import BenchEndpoint, rows_of
 from tests.support.relay import Relay, as_it_came
 
 HEAD = 7
@@ -42,5 +42,6 @@ class TestModbus(BusContract):
 
     @contextmanager
     def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
+        end.apply(rows_of(()))  # compiles here, not while the near end waits for an answer
         with ModbusServer(ModbusDevice(end, watchdog_ms=0)) as server, Relay(server.address) as relay:
             yield ModbusRoad(relay)
