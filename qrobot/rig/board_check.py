@@ -104,7 +104,9 @@ def check_board(walk: Walk, leave: Leave) -> Iterator[Finding]:
     try:
         walk.begin()
     except QRobotError as error:
-        yield Finding("find the board", False, str(error), "start it, or look at the address and the cable")
+        yield Finding(
+            "find the board", False, str(error), "start it with `qrobot board`, or look at the address and the cable"
+        )
         return
     try:
         for step in STEPS:
@@ -307,7 +309,7 @@ def _push_steps(robot: Robot, joint: int) -> int:
     friction = robot.friction[robot.control.friction_preset]
     largest = max(abs(friction.coulomb_pos[joint]), abs(friction.coulomb_neg[joint]))
     share = PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
-    return round(DAC_ZERO * min(max(share, PUSH_SHARES[0]), PUSH_SHARES[1]))
+    return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
 
 
 def _power_on(walk: Walk) -> None:
