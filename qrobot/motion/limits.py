@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -49,6 +50,11 @@ class MotionLimits:
     def a_planned(self) -> Floats:
         """Largest acceleration of a planned motion. Shape (n,)."""
         return PLANNED_SHARE * self.a_max
+
+    @cached_property
+    def table(self) -> Floats:
+        """q_min, q_max, v_max, a_max and a_stop for kernels. Shape (5, n)."""
+        return np.array((self.q_min, self.q_max, self.v_max, self.a_max, self.a_stop))
 
     def check_position(self, q: Floats, what: str) -> None:
         """Raises JointLimit when `q` leaves the range, MotionError when it is no position of this arm at all."""

@@ -8,9 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.model.row import store_row, times, times_inverse, unit_row
 from qrobot.model.transform import inverse
-from qrobot.motion.limits import Floats
+from qrobot.motion.limits import Bools, Floats
 from qrobot.motion.trsf import Kind, Trsf
+from qrobot.realtime.jit import lean_kernel
 
 _STANDS: Final = (Kind.CONST, Kind.HOLD)
 
@@ -37,6 +39,16 @@ def inverted(factors: Sequence[Factor]) -> list[Factor]:
     return [factor.turned() for factor in reversed(factors)]
 
 
+@lean_kernel
+def multiply_chain(parts: Floats, inverse_wanted: Bools, out: Floats) -> None:
+    """`out` is the product of rigid transforms, of the inverse of some. Shapes (k, 4, 4), (k,), (4, 4)."""
+    for i in range(3):
+        row = unit_row(i)
+        for k in range(parts.shape[0]):
+            row = times_inverse(row, parts[k]) if inverse_wanted[k] else times(row, parts[k])
+        store_row(row, i, out)
+
+
 class Product:
     """The terms as a motion takes them along.
 
@@ -48,33 +60,40 @@ class Product:
     """
 
     def __init__(self, parts: Iterable[Factor | Floats]) -> None:
-        self._parts: list[Factor | Floats] = []
+        kept = list[Factor | Floats]()
         for part in parts:
-            self._append(part)
+            _append(kept, part)
+        self._moving = [(k, part.trsf) for k, part in enumerate(kept) if isinstance(part, Factor)]
+        self._inverted = np.array([isinstance(part, Factor) and part.inverted for part in kept], dtype=np.bool_)
+        self._values = np.empty((len(kept), 4, 4))
+        for k, part in enumerate(kept):
+            self._values[k] = np.eye(4) if isinstance(part, Factor) else part
 
     @property
     def fixed(self) -> bool:
         """Its value never changes."""
-        return not any(isinstance(part, Factor) for part in self._parts)
+        return not self._moving
 
     def __len__(self) -> int:
         """Number of factors left to multiply at each sample."""
-        return len(self._parts)
+        return len(self._values)
 
     def at(self, tick: int) -> Floats:
         """Its value at sample `tick`. Shape (4, 4)."""
-        value: Floats | None = None
-        for part in self._parts:
-            factor = part.at(tick) if isinstance(part, Factor) else part
-            value = np.array(factor) if value is None else value @ factor  # never a term's own array
-        return np.eye(4) if value is None else value
+        values, product = self._values.copy(), np.empty((4, 4))  # copied: a program's thread may ask as well
+        for k, trsf in self._moving:
+            values[k] = trsf.at(tick)
+        multiply_chain(values, self._inverted, product)
+        return product
 
-    def _append(self, part: Factor | Floats) -> None:
-        if isinstance(part, Factor) and part.trsf.kind not in _STANDS:
-            self._parts.append(part)
-            return
-        fixed = part.at(0) if isinstance(part, Factor) else part
-        if self._parts and not isinstance(self._parts[-1], Factor):
-            self._parts[-1] = self._parts[-1] @ fixed
-        else:
-            self._parts.append(np.array(fixed))
+
+def _append(parts: list[Factor | Floats], part: Factor | Floats) -> None:
+    """Append a factor; what stands still as its value, multiplied with what stands still before it."""
+    if isinstance(part, Factor) and part.trsf.kind not in _STANDS:
+        parts.append(part)
+        return
+    fixed = part.at(0) if isinstance(part, Factor) else part
+    if parts and not isinstance(parts[-1], Factor):
+        parts[-1] = parts[-1] @ fixed
+    else:
+        parts.append(np.array(fixed))

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.motion.limits import Floats
+from qrobot.realtime.jit import lean_kernel
 
 DEPTH: Final = 3  # samples of a parabola
 
@@ -57,17 +58,36 @@ def motion_of(points: Samples, period_s: float) -> Floats:
     Shape (3, m), per second. With two samples the second derivative is 0, with one both are: what was asked for only
     once is taken to stand still.
     """
-    tick, value = points[-1]
-    state = np.zeros((3, value.size))
-    state[0] = value
-    if len(points) == 1:
-        return state
-    near_s = (tick - points[-2][0]) * period_s
-    slope = (value - points[-2][1]) / near_s
-    if len(points) == 2:
-        state[1] = slope
-        return state
-    far_s = (points[-2][0] - points[-3][0]) * period_s
-    bend = 2.0 * (slope - (points[-2][1] - points[-3][1]) / far_s) / (near_s + far_s)
-    state[1], state[2] = slope + 0.5 * near_s * bend, bend
+    rows, near_s, far_s = rows_of(points, period_s)
+    state = np.empty_like(rows)
+    motion_at_end(rows, near_s, far_s, state)
     return state
+
+
+def rows_of(points: Samples, period_s: float) -> tuple[Floats, float, float]:
+    """One to three samples for kernels: newest first, shape (3, m), and the times between them.
+
+    What there is not repeats the oldest, after no time.
+    """
+    (tick, now), (middle, before), (last, earlier) = points[-1], points[-min(2, len(points))], points[-len(points)]
+    return np.array((now, before, earlier)), (tick - middle) * period_s, (middle - last) * period_s
+
+
+@lean_kernel
+def parabola(now: float, before: float, earlier: float, near_s: float, far_s: float) -> tuple[float, float]:
+    """First and second derivative at the end of three samples; 0 where there is no time between them."""
+    if near_s == 0.0:
+        return 0.0, 0.0
+    slope = (now - before) / near_s
+    if far_s == 0.0:
+        return slope, 0.0
+    bend = 2.0 * (slope - (before - earlier) / far_s) / (near_s + far_s)
+    return slope + 0.5 * near_s * bend, bend
+
+
+@lean_kernel
+def motion_at_end(rows: Floats, near_s: float, far_s: float, state: Floats) -> None:
+    """Fill `state` (3, m: value and its derivatives at the newest sample) from what `rows_of` gives."""
+    for j in range(rows.shape[1]):
+        state[0, j] = rows[0, j]
+        state[1, j], state[2, j] = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)

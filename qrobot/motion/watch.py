@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,12 @@ from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import PEAK, Blend
 from qrobot.motion.events import Termination
 from qrobot.motion.limits import Floats, MotionLimits
-from qrobot.motion.trail import Samples, motion_of
+from qrobot.motion.trail import Samples, parabola, rows_of
+from qrobot.realtime.jit import lean_kernel
+
+NONE: Final = int(Termination.NONE)
+JOINT_LIMIT: Final = int(Termination.JOINT_LIMIT)
+TOO_FAST: Final = int(Termination.TOO_FAST)
 
 # Speed and acceleration are differences of samples, which exceed what was planned a little where it changes.
 _SLACK: Final = 1.05
@@ -34,22 +40,31 @@ def halting_s(v: Floats, limits: MotionLimits, blend: Blend) -> float:
     return max(SHORTEST_HALT_S, float((np.abs(v) / limits.a_stop).max()) * PEAK[blend])
 
 
-def judge(state: Floats, limits: MotionLimits, blend: Blend) -> Termination:
-    """What is wrong with a setpoint of `state` (3, n: q, v, a): NONE, JOINT_LIMIT or TOO_FAST.
-
-    A joint limit is a limit from which the arm could no longer be stopped: before it is passed.
-    """
-    q, v, a = state
-    if not (np.abs(v) <= _SLACK * limits.v_max).all() or not (np.abs(a) <= _SLACK * limits.a_max).all():
-        return Termination.TOO_FAST
-    stopped = q + v * (0.5 * halting_s(v, limits, blend))
-    if not ((limits.q_min <= stopped) & (stopped <= limits.q_max)).all():
-        return Termination.JOINT_LIMIT
-    return Termination.NONE
-
-
 def judge_next(points: Samples, period_s: float, limits: MotionLimits, blend: Blend) -> Termination:
-    """`judge` of the newest of some setpoints; a joint that could go on a whole turn away only is at its limit."""
-    if len(points) > 1 and np.abs(points[-1][1] - points[-2][1]).max() > np.pi:
-        return Termination.JOINT_LIMIT
-    return judge(motion_of(points, period_s), limits, blend)
+    """What is wrong with the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
+
+    A joint limit is a limit from which the arm could no longer be stopped: before it is passed. A joint that could go
+    on a whole turn away only is at its limit, too.
+    """
+    rows, near_s, far_s = rows_of(points, period_s)
+    return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))
+
+
+@lean_kernel
+def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: float) -> int:
+    """`judge_next` of what `rows_of` gives, with `MotionLimits.table` and the PEAK of the transitions."""
+    halt_s, jumps, too_fast = SHORTEST_HALT_S, False, False
+    for j in range(rows.shape[1]):
+        v, a = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)
+        jumps = jumps or abs(rows[0, j] - rows[1, j]) > math.pi
+        too_fast = too_fast or not (abs(v) <= _SLACK * limits[2, j] and abs(a) <= _SLACK * limits[3, j])
+        halt_s = max(halt_s, peak * abs(v) / limits[4, j])
+    if jumps:
+        return JOINT_LIMIT
+    if too_fast:
+        return TOO_FAST
+    for j in range(rows.shape[1]):
+        v, _ = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)
+        if not limits[0, j] <= rows[0, j] + 0.5 * halt_s * v <= limits[1, j]:
+            return JOINT_LIMIT
+    return NONE

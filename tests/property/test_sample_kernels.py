@@ -1,0 +1,93 @@
+"""The kernels of a generator's sample, from what they stand for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from qrobot.model.transform import inverse, so3_exp, transform
+from qrobot.motion import Blend, MotionLimits, Termination
+from qrobot.motion.blend import PEAK
+from qrobot.motion.product import multiply_chain
+from qrobot.motion.trail import motion_of
+from qrobot.motion.watch import SHORTEST_HALT_S, halting_s, judge_next
+from tests.support.motion import LIMITS
+
+numbers = st.floats(-3.0, 3.0)
+vectors = st.lists(numbers, min_size=3, max_size=3)
+poses = st.tuples(vectors, vectors).map(lambda parts: transform(so3_exp(parts[0]), parts[1]))
+factors = st.lists(st.tuples(poses, st.booleans()), max_size=6)
+PERIOD_S = 0.01
+
+
+@given(factors)
+@settings(max_examples=50)
+def test_a_chain_is_the_product_of_its_factors_and_inverses(chain) -> None:
+    expected, out = np.eye(4), np.full((4, 4), np.nan)
+    for pose, inverted in chain:
+        expected = expected @ (inverse(pose) if inverted else pose)
+    parts = np.array([pose for pose, _ in chain]).reshape(len(chain), 4, 4)
+    multiply_chain(parts, np.array([inverted for _, inverted in chain], dtype=np.bool_), out)
+    np.testing.assert_allclose(out, expected, atol=1e-12)
+
+
+@given(st.lists(numbers, min_size=3, max_size=3), st.integers(1, 5), st.integers(1, 5))
+@settings(max_examples=50)
+def test_the_motion_at_the_end_of_three_samples_is_that_of_the_parabola_through_them(coefficients, far, near) -> None:
+    position, velocity, bend = coefficients
+    ticks = [0, far, far + near]
+    t = [tick * PERIOD_S for tick in ticks]
+    points = [
+        (tick, np.array([position + velocity * s + 0.5 * bend * s * s])) for tick, s in zip(ticks, t, strict=True)
+    ]
+    state = motion_of(points, PERIOD_S)
+    np.testing.assert_allclose(state[:, 0], [points[2][1][0], velocity + bend * t[2], bend], atol=1e-9)
+
+
+def test_what_was_seen_once_stands_and_what_was_seen_twice_does_not_accelerate() -> None:
+    a, b = (3, np.array([1.0])), (5, np.array([1.5]))
+    assert motion_of([a], PERIOD_S)[:, 0].tolist() == [1.0, 0.0, 0.0]
+    assert motion_of([a, b], PERIOD_S)[:, 0] == pytest.approx([1.5, 0.5 / 0.02, 0.0])
+
+
+def judged(q: np.ndarray, v: np.ndarray, a: np.ndarray, limits: MotionLimits = LIMITS) -> Termination:
+    """Of a setpoint `q` that moves with `v` and accelerates with `a`."""
+    points = [(tick, q + v * s + 0.5 * a * s * s) for tick, s in ((7, -2 * PERIOD_S), (8, -PERIOD_S), (9, 0.0))]
+    return judge_next(points, PERIOD_S, limits, Blend.QUARTIC)
+
+
+MIDDLE, NOTHING = np.array([0.5, 0.0]), np.zeros(2)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_speed_and_acceleration_are_judged_joint_by_joint_five_per_cent_above_their_limits(joint, sign) -> None:
+    v, a = np.zeros(2), np.zeros(2)
+    v[joint], a[joint] = sign * LIMITS.v_max[joint], sign * LIMITS.a_max[joint]
+    for within, beyond in ((1.049, Termination.NONE), (1.051, Termination.TOO_FAST)):
+        assert judged(MIDDLE, within * v, NOTHING) is beyond
+        assert judged(MIDDLE, NOTHING, within * a) is beyond
+
+
+@pytest.mark.parametrize(("side", "joint"), [("q_min", 0), ("q_max", 0), ("q_min", 1), ("q_max", 1)])
+def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) -> None:
+    """It needs half the time of its halt, which lasts PEAK v / a_stop and at least a tenth of a second."""
+    limit, v = getattr(LIMITS, side)[joint], np.zeros(2)
+    v[joint] = np.sign(limit) * 0.9 * LIMITS.v_max[joint]
+    halt = max(SHORTEST_HALT_S, PEAK[Blend.QUARTIC] * abs(v[joint]) / LIMITS.a_stop[joint])
+    assert halting_s(v, LIMITS, Blend.QUARTIC) == pytest.approx(halt)
+    for share, code in ((1.001, Termination.NONE), (0.999, Termination.JOINT_LIMIT)):
+        q = MIDDLE.copy()
+        q[joint] = limit - share * 0.5 * halt * v[joint]
+        assert judged(q, v, NOTHING) is code
+
+
+def test_a_turn_of_more_than_half_a_circle_between_samples_is_a_joint_at_its_limit() -> None:
+    points = [(1, np.array([-1.6, 0.0])), (2, np.array([1.6, 0.0]))]
+    assert judge_next(points, PERIOD_S, LIMITS, Blend.QUARTIC) is Termination.JOINT_LIMIT
+
+
+def test_what_is_no_number_never_passes() -> None:
+    assert judged(np.array([np.nan, 0.0]), NOTHING, NOTHING) is not Termination.NONE
