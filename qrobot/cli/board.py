@@ -5,13 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.board_check import check
 from qrobot.cli.console import note
 from qrobot.config.scene import SceneKind
 
+app = App(name="board", help_format="plaintext", group_commands="Commands")
+app.command(check)
 
+
+@app.default
 def board(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,

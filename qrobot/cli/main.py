@@ -44,7 +44,7 @@ COMMANDS: Final = (
     Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
     Command("calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."),
     Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
-    Command("board", "qrobot.cli.board:board", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
+    Command("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
     Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),
     Command("servo", "qrobot.cli.servo:app", PROCESSES, "Run the servo of one arm."),
     Command("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),

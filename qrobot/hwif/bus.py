@@ -42,6 +42,7 @@ from qrobot.realtime.segment import Words
 
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
 REGISTER_MASK: Final = 0xFFFF
+NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 
 

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import Bus, make_image, safe_operations
+from qrobot.hwif.bus import NO_OPERATIONS, Bus, make_image, safe_operations
 from qrobot.hwif.memory import (
     BOARD_DROPPED,
     BOARD_JOINTS,
@@ -33,7 +33,6 @@ from qrobot.hwif.registers import STATUS
 from qrobot.realtime.segment import Words
 
 RETRY_NS: Final = 200_000_000
-NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 
 Report = Callable[[str], None]
 

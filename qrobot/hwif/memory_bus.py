@@ -88,6 +88,6 @@ class MemoryBus:
             time.sleep(POLL_S)
 
 
-def board_memory_bus(arm: str, lane: Lane = Lane.TOOL) -> MemoryBus:
+def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:
     """The road to the board that runs as a process for `arm`."""
-    return MemoryBus(lambda: attach_board_memory(arm), f"the board memory of {arm}", lane)
+    return MemoryBus(lambda: attach_board_memory(arm), f"the board memory of {arm}", lane, timeout_s)

@@ -1,0 +1,100 @@
+"""`qrobot board check`: walk through a board that nobody has driven yet."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Final
+
+from rich.text import Text
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import FAILURE, SUCCESS, err, out, write_json
+from qrobot.errors import ConfigError, LinkBusy, LinkError
+
+if TYPE_CHECKING:
+    from qrobot.rig.board_check import Finding
+
+PATIENCE_S: Final = 2.0
+MARKS: Final = {True: ("✔", "green"), False: ("✘", "bold red"), None: ("·", "cyan")}
+
+
+def check(
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    arm: str | None = None,
+    read_only: bool = False,
+    power: bool = False,
+    yes: bool = False,
+    json: bool = False,
+) -> int:
+    """Walk through a board that nobody has driven yet, and tell what is in order.
+
+    In the order in which mistakes do least harm: what only reads, then what writes without arm power, then, with
+    --power, power for an instant and a short push on each joint. The walk ends at the first step that fails, and leaves
+    torque and power off. Counters and the calibration keep their values.
+
+    `qrobot board` must run, and no servo. Exit status 0 when nothing was found amiss, 1 otherwise.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    read_only
+        Write nothing at all: the first thing to do with a real board.
+    power
+        Make the steps with arm power too. THE ARM MAY SINK: support it, and keep a hand on the emergency stop.
+    yes
+        Ask nobody: leave out what needs hands, and take the questions of the steps with power as answered yes.
+    json
+        Print JSON.
+    """
+    from qrobot.hwif.memory_bus import board_memory_bus
+    from qrobot.rig.board_check import Leave, check_board
+    from qrobot.rig.board_walk import Walk
+
+    if not yes and not read_only and not sys.stdin.isatty():
+        raise ConfigError("nobody is there to answer: use a terminal, or --yes, or --read-only")
+    chosen = choose_arm(deployment, arm)
+    _refuse_beside_a_servo(chosen.name)
+    walk = Walk(
+        board_memory_bus(chosen.name, timeout_s=PATIENCE_S),
+        robot_of_arm(chosen),
+        (lambda _question: True) if yes else _ask,
+    )
+    findings = []
+    for finding in check_board(walk, Leave(read_only, power, hands=not yes and not read_only)):
+        findings.append(finding)
+        if not json:
+            _tell(finding)
+    good = all(finding.ok is not False for finding in findings)
+    if json:
+        write_json({"good": good, "findings": [asdict(finding) for finding in findings]})
+    return SUCCESS if good else FAILURE
+
+
+def _refuse_beside_a_servo(arm: str) -> None:
+    """Two who write torques are one too many. Raises LinkBusy."""
+    from qrobot.servo.mailbox import attach_servo_memory
+
+    try:
+        with attach_servo_memory(arm) as segment:
+            alive = segment.owner_alive
+    except LinkError:
+        return
+    if alive:
+        raise LinkBusy(f"the servo of {arm} runs: end it first, for the walk writes to the board itself")
+
+
+def _ask(question: str) -> bool:
+    err.print(Text(f"  {question} [y/N] "), end="")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _tell(finding: Finding) -> None:
+    mark, style = MARKS[finding.ok]
+    out.print(Text(f"{mark} {finding.step}: ", style=style) + Text(finding.detail, style=""), soft_wrap=True)
+    if finding.remedy:
+        out.print(Text(f"  → {finding.remedy}", style=style), soft_wrap=True)

@@ -1,0 +1,350 @@
+"""A walk through a board that nobody has driven yet, in the order in which mistakes do least harm.
+
+First what only reads, then what writes without arm power, then power for an instant, at last a short push on each
+joint. A step that fails ends the walk, and whatever happens, torque and power are off at its end. Everything goes over
+a `Bus`: the same walk is made on the emulated board, on one behind a gateway, and on a card in this machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.errors import QRobotError
+from qrobot.hwif.registers import (
+    ADC_VALUE,
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_INDEX,
+    DISCRETE_J6_OVERFLOW,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_LOAD,
+    N_ADCS,
+    N_DACS,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_INDEX,
+    STATUS_POWER,
+)
+from qrobot.rig.board_walk import SCRATCH, Walk
+from qrobot.servo.adc import code_volts
+
+LOAD_STEP: Final = 1000  # counts added to a counter to see that it takes a load
+STILL: Final = 5  # counts a standing joint may show
+CONVERSION_S: Final = 0.05
+POWER_S: Final = 5.0  # somebody has to press ARM POWER
+RELEASE_S: Final = 0.06  # brakes open
+PUSH_S: Final = 0.04
+PUSH_FRICTION: Final = 2.0  # times the friction the robot file expects: enough to move, too little to go far
+PUSH_SHARES: Final = (0.05, 0.6)  # of full torque, at least and at most
+PUSH_COUNTS: Final = 4  # least difference that a push must make
+
+
+class Amiss(QRobotError):  # noqa: N818
+    """A step found something wrong.
+
+    Attributes:
+        remedy: what to do about it.
+    """
+
+    def __init__(self, detail: str, remedy: str) -> None:
+        super().__init__(detail)
+        self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a step found; `ok` is None for one that was left out."""
+
+    step: str
+    ok: bool | None
+    detail: str
+    remedy: str = ""
+
+
+class Step(NamedTuple):
+    """One step: what it does, and what it must be allowed to."""
+
+    name: str
+    look: Callable[[Walk], str]
+    writes: bool = False
+    powers: bool = False
+    hands: bool = False  # somebody has to turn or measure something
+    question: str = ""
+
+
+@dataclass(frozen=True)
+class Leave:
+    """What a walk may do.
+
+    Attributes:
+        read_only: write nothing.
+        power: make the steps with arm power too.
+        hands: somebody is there who turns joints and measures voltages.
+    """
+
+    read_only: bool = False
+    power: bool = False
+    hands: bool = True
+
+
+def check_board(walk: Walk, leave: Leave) -> Iterator[Finding]:
+    """Make the steps, one after the other. Raises nothing of ours: what goes wrong is a finding."""
+    try:
+        walk.begin()
+    except QRobotError as error:
+        yield Finding(
+            "find the board", False, str(error), "start it with `qrobot board`, or look at the address and the cable"
+        )
+        return
+    try:
+        for step in STEPS:
+            finding = _make(step, walk, leave)
+            yield finding
+            if finding.ok is False:
+                return
+    finally:
+        with contextlib.suppress(QRobotError):  # a board that is gone cannot be made safe; its finding says that it is
+            if not leave.read_only:
+                walk.make_safe()
+        walk.bus.close()
+
+
+def _make(step: Step, walk: Walk, leave: Leave) -> Finding:
+    if why_not := _forbidden(step, leave):
+        return Finding(step.name, None, f"left out: {why_not}")
+    try:
+        if step.question and not walk.ask(step.question):
+            return Finding(step.name, None, "left out: not wanted")
+        return Finding(step.name, True, step.look(walk))
+    except Amiss as error:
+        return Finding(step.name, False, str(error), error.remedy)
+    except QRobotError as error:
+        return Finding(step.name, False, str(error), "look at the link to the board")
+
+
+def _forbidden(step: Step, leave: Leave) -> str:
+    if step.writes and leave.read_only:
+        return "it writes"
+    if step.powers and not leave.power:
+        return "it needs arm power (--power)"
+    return "it needs somebody's hands" if step.hands and not leave.hands else ""
+
+
+def see_images(walk: Walk) -> str:
+    """The board answers, and not with the 0xFFFF of an empty slot."""
+    walk.look()
+    first = walk.count
+    walk.wait(0.05)
+    words = {walk.word(offset) for offset in (STATUS, *range(ENC_COUNT, ENC_COUNT + 12, 2))}
+    if words == {0xFFFF}:
+        raise Amiss("every register reads 0xFFFF", "nothing answers at this address: check base address and cable")
+    if walk.count == first:
+        raise Amiss("the image stands still", "does the board have power?")
+    return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {walk.count - first} images in 50 ms"
+
+
+def see_status(walk: Walk) -> str:
+    """Emergency stop healthy, arm power off."""
+    if walk.status & STATUS_POWER:
+        raise Amiss("arm power is on", "switch it off before anything else")
+    if not walk.status & STATUS_ESTOP_OK:
+        raise Amiss("the emergency stop is pressed, or its chain is open", "close it; the walk needs it closed")
+    calibrated = "calibrated" if walk.status & STATUS_CALIBRATED else "not calibrated"
+    return f"STATUS {walk.status:#06x}: emergency stop healthy, power off, {calibrated}"
+
+
+def zero_outputs(walk: Walk) -> str:
+    """Writes arrive: zero torque, power disabled."""
+    kept = walk.status & SCRATCH
+    walk.make_safe()
+    if walk.status & SCRATCH != kept:
+        raise Amiss("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
+    return "all converters at 0 V, power disabled"
+
+
+def toggle_scratch(walk: Walk) -> str:
+    """Bits 6 and 7 of DISCRETE come back in STATUS."""
+    before = walk.kept
+    try:
+        for bits in (DISCRETE_CALIBRATED, DISCRETE_J6_OVERFLOW, 0):
+            walk.write((DISCRETE, bits | DISCRETE_HAND_RELAXED))
+            if (back := walk.status & SCRATCH) != bits:
+                raise Amiss(f"wrote {bits:#04x} to DISCRETE, STATUS shows {back:#04x}", "do writes reach the board?")
+    finally:  # a board must not be left calibrated that was not
+        walk.write((DISCRETE, before))
+    return "bits 6 and 7 can be written and read back"
+
+
+def load_counters(walk: Walk) -> str:
+    """Each counter takes a load, and gets its count back."""
+    before = walk.counts()
+    walk.write(*((ENC_LOAD + 2 * joint, count + LOAD_STEP & 0xFFFF) for joint, count in enumerate(before)))
+    moved = walk.moved(before)
+    walk.write(*((ENC_LOAD + 2 * j, walk.word(ENC_COUNT + 2 * j) - LOAD_STEP & 0xFFFF) for j in range(len(before))))
+    wrong = [joint + 1 for joint, by in enumerate(moved) if abs(by - LOAD_STEP) > STILL]
+    if wrong:
+        walk.write((DISCRETE, walk.kept & ~DISCRETE_CALIBRATED))  # who knows what the counters hold now
+        raise Amiss(f"{_joints(wrong)} did not take a load", "is the arm at rest? else its counter is at fault")
+    return f"{len(before)} counters take a load; their counts are back"
+
+
+def preset_indexes(walk: Walk) -> str:
+    """A masked index flag is preset, and stays so while nothing turns."""
+    walk.write((DISCRETE, walk.kept))
+    masked = walk.status & STATUS_INDEX
+    walk.write((DISCRETE, walk.kept | DISCRETE_INDEX))
+    walk.write((DISCRETE, walk.kept))
+    wrong = [joint + 1 for joint in range(walk.robot.n) if not masked >> (8 + joint) & 1]
+    if wrong:
+        raise Amiss(f"the index flag of {_joints(wrong)} is not preset by its mask", "the board's decoder differs")
+    return "masked flags are preset"
+
+
+def convert_all(walk: Walk) -> str:
+    """Every channel of the converter gives a result in time."""
+    volts = []
+    for channel in range(N_ADCS):
+        base = walk.kept
+        walk.write((DISCRETE, base))
+        walk.start_conversion(channel, base)
+        if not walk.wait(CONVERSION_S, lambda: not walk.status & STATUS_ADC_BUSY):
+            walk.write((DISCRETE, base))
+            raise Amiss(
+                f"channel {channel} is not done in {CONVERSION_S * 1e3:.0f} ms", f"is it revision {_other(walk)}?"
+            )
+        volts.append(code_volts(walk.word(ADC_VALUE), ord(walk.facts.revision)))
+        walk.write((DISCRETE, base))
+    return "volts " + " ".join(f"{value:.2f}" for value in volts)
+
+
+def _other(walk: Walk) -> str:
+    return "E" if walk.facts.revision == "F" else "F"
+
+
+def measure_outputs(walk: Walk) -> str:
+    """Converters at known voltages, without arm power, for a voltmeter."""
+    word = DAC_ZERO - round(DAC_ZERO / 10)
+    walk.write(*((DAC + 2 * channel, word) for channel in range(N_DACS)))
+    try:
+        if not walk.ask("Every analogue output now stands at +1.00 V. Does the voltmeter say so on each?"):
+            raise Amiss("an output is not at +1 V", "trim its zero at 0x800 first, then look at its wiring")
+    finally:
+        walk.write(*((DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)))
+    return "+1 V on every output, by the operator's word; back at 0 V"
+
+
+def turn_by_hand(walk: Walk) -> str:
+    """Joints without brakes, turned by hand towards positive angles, count the right way."""
+    free = [j for j in range(walk.robot.n) if not walk.robot.transmission.brake[j]]
+    told = []
+    for joint in free:
+        before = walk.counts()
+        if not walk.ask(f"Turn joint {joint + 1} by hand towards positive angles, by some ten degrees. Done?"):
+            raise Amiss(f"joint {joint + 1} was not turned", "make the walk again")
+        walk.look()
+        by = walk.moved(before)[joint] * float(np.sign(walk.robot.transmission.rad_per_count[joint]))
+        if by <= STILL:
+            raise Amiss(f"joint {joint + 1} counted {by:+.0f}", "swap A and B of its encoder, or its count_sign")
+        told.append(f"joint {joint + 1} {by:+.0f}")
+    return "counts towards positive angles: " + ", ".join(told)
+
+
+def power_for_an_instant(walk: Walk) -> str:
+    """Power comes with zero torque, and goes at once."""
+    walk.make_safe()
+    before, begin = walk.counts(), walk.t_s
+    _power_on(walk)
+    took_s = walk.t_s - begin
+    walk.make_safe()
+    if not walk.wait(0.5, lambda: not walk.status & STATUS_POWER):
+        raise Amiss("power does not go off", "PRESS THE EMERGENCY STOP; the power relay is stuck")
+    walk.wait(0.3)
+    largest = max(map(abs, walk.moved(before)))
+    return f"on after {took_s * 1e3:.0f} ms, off at once; the arm moved by {largest} counts at most"
+
+
+def push_each_joint(walk: Walk) -> str:
+    """A short push to either side: the counts must differ in the direction the robot file says."""
+    told = []
+    for joint in range(walk.robot.n):
+        scale = walk.robot.transmission.dac_per_Nm[joint] * walk.robot.transmission.rad_per_count[joint]
+        up, down = (_pushed(walk, joint, side) for side in (1, -1))
+        by = (up - down) * float(np.sign(scale))
+        if abs(by) < PUSH_COUNTS:
+            raise Amiss(f"joint {joint + 1} does not answer to torque", "amplifier, fuse, or a brake that stays closed")
+        if by < 0:
+            raise Amiss(f"joint {joint + 1} runs against its torque", "swap its motor leads, or the sign of dac_per_Nm")
+        told.append(f"{joint + 1}: {by:+.0f}")
+    return "counts in the direction of torque, joint " + ", ".join(told)
+
+
+def _pushed(walk: Walk, joint: int, side: int) -> int:
+    """Counts joint `joint` moved in a push to one side; power is on only for that."""
+    walk.make_safe()
+    _power_on(walk)
+    walk.wait(RELEASE_S)
+    before = walk.counts()
+    walk.write((DAC + 2 * joint, DAC_ZERO + side * _push_steps(walk.robot, joint)))
+    walk.wait(PUSH_S)
+    moved = walk.moved(before)[joint]
+    walk.make_safe()
+    walk.wait(0.2)
+    return moved
+
+
+def _push_steps(robot: Robot, joint: int) -> int:
+    """Steps of the converter that move a joint against its friction."""
+    friction = robot.friction[robot.control.friction_preset]
+    largest = max(abs(friction.coulomb_pos[joint]), abs(friction.coulomb_neg[joint]))
+    share = PUSH_FRICTION * largest * abs(robot.transmission.dac_per_Nm[joint]) / DAC_ZERO
+    return round(DAC_ZERO * float(np.clip(share, *PUSH_SHARES)))
+
+
+def _power_on(walk: Walk) -> None:
+    walk.write((DISCRETE, walk.kept | DISCRETE_POWER))
+    if not walk.wait(POWER_S, lambda: bool(walk.status & STATUS_POWER)):
+        walk.make_safe()
+        raise Amiss(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")
+
+
+def _joints(numbers: list[int]) -> str:
+    return ("joint " if len(numbers) == 1 else "joints ") + ", ".join(map(str, numbers))
+
+
+_HOLD_ARM: Final = (
+    "The brakes will open and the arm may sink by some degrees: is it supported or hanging, with nobody in its reach "
+    "and a hand on the emergency stop?"
+)
+
+STEPS: Final = (
+    Step("the board answers", see_images),
+    Step("status", see_status),
+    Step("outputs to zero", zero_outputs, writes=True),
+    Step("scratch bits", toggle_scratch, writes=True),
+    Step("counters take a load", load_counters, writes=True),
+    Step("index flags", preset_indexes, writes=True),
+    Step("converter", convert_all, writes=True),
+    Step(
+        "analogue outputs",
+        measure_outputs,
+        writes=True,
+        hands=True,
+        question="Is arm power locked out, and a voltmeter at hand?",
+    ),
+    Step("encoders by hand", turn_by_hand, hands=True, question="Can the joints without brakes be turned by hand?"),
+    Step("power for an instant", power_for_an_instant, writes=True, powers=True, question=_HOLD_ARM),
+    Step("a push on each joint", push_each_joint, writes=True, powers=True, question=_HOLD_ARM),
+)
+"""In this order."""

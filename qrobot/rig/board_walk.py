@@ -1,0 +1,123 @@
+"""One walk over a bus: registers and time as its steps need them.
+
+Time is the board's own, as its images tell it: a walk runs as well on virtual time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.errors import LinkTimeout
+from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, make_image, safe_operations
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
+from qrobot.hwif.registers import (
+    ADC_F_CHANNEL_SHIFT,
+    ADC_F_COMMAND,
+    ADC_MUX,
+    ADC_START,
+    DISCRETE,
+    DISCRETE_ADC,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_J6_OVERFLOW,
+    ENC_COUNT,
+    STATUS,
+)
+from qrobot.model.transmission import signed_word
+
+SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
+IMAGES_AT_MOST: Final = 1_000_000
+
+Ask = Callable[[str], bool]
+Access = tuple[int, int, int]
+
+
+class Walk:
+    """A connection to a board, its newest image, and an operator.
+
+    Args:
+        bus: to the board; nobody else may drive it meanwhile.
+        robot: what is expected behind it.
+        ask: puts a question to the operator; False leaves something out.
+    """
+
+    def __init__(self, bus: Bus, robot: Robot, ask: Ask) -> None:
+        self.bus, self.robot, self.ask = bus, robot, ask
+        self.facts = BoardFacts("F", robot.n)
+        self._image = make_image()
+
+    def begin(self) -> None:
+        """Find the board. Raises LinkError."""
+        self.facts = self.bus.connect()
+
+    def look(self) -> None:
+        """The newest image."""
+        self.bus.exchange(NO_OPERATIONS, self._image)
+
+    def write(self, *pairs: tuple[int, int]) -> None:
+        """Write (offset, value) pairs in order; the image shows what they did."""
+        self.do(*((OP_WRITE, offset, value) for offset, value in pairs))
+
+    def do(self, *accesses: Access) -> None:
+        """As `write`, with reads for their side effect among them: (kind, offset, value)."""
+        self.bus.exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS), self._image)
+
+    def make_safe(self) -> None:
+        """Torque and power off; the scratch bits stay."""
+        self.look()
+        self.bus.exchange(safe_operations(self.status), self._image)
+
+    def word(self, offset: int) -> int:
+        """An input word of the newest image."""
+        return int(self._image[IMAGE_INPUTS + offset // 2])
+
+    @property
+    def status(self) -> int:
+        """STATUS of the newest image."""
+        return self.word(STATUS)
+
+    @property
+    def kept(self) -> int:
+        """What DISCRETE has to say for the scratch bits to stay, with the hand relaxed."""
+        return self.status & SCRATCH | DISCRETE_HAND_RELAXED
+
+    @property
+    def count(self) -> int:
+        """Number of the newest image."""
+        return int(self._image[IMAGE_COUNT])
+
+    @property
+    def t_s(self) -> float:
+        """Time of the newest image."""
+        return int(self._image[IMAGE_T_NS]) * 1e-9
+
+    def counts(self) -> list[int]:
+        """Encoder words of the robot's joints."""
+        return [self.word(ENC_COUNT + 2 * joint) for joint in range(self.robot.n)]
+
+    def moved(self, before: list[int]) -> list[int]:
+        """Counts since, as the words wrap."""
+        return [signed_word(now - was & 0xFFFF) for was, now in zip(before, self.counts(), strict=True)]
+
+    def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Look on for so long; True as soon as `until` holds. Raises LinkTimeout when the board has no time."""
+        begin_s = self.t_s
+        for _ in range(IMAGES_AT_MOST):
+            self.look()
+            if until():
+                return True
+            if self.t_s - begin_s >= seconds:
+                return False
+        raise LinkTimeout("the board's clock stands still")
+
+    def start_conversion(self, channel: int, discrete: int) -> None:
+        """The vendor's sequence for the revision (TRC004 vendor driver v4.3); `discrete` without the ADC bit."""
+        armed = (OP_WRITE, DISCRETE, discrete | DISCRETE_ADC)
+        if self.facts.revision == "F":
+            self.do(armed, (OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND))
+        else:
+            self.do((OP_WRITE, ADC_MUX, channel), (OP_READ, ADC_START, 0), armed)

@@ -1,0 +1,85 @@
+"""`qrobot board check` as people and scripts call it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.console import FAILURE
+from qrobot.config import load_robot
+from qrobot.hwif.memory import read_trace
+from qrobot.hwif.registers import DAC_ZERO
+from qrobot.rig.board_check import STEPS
+from qrobot.servo.mailbox import create_servo_memory
+from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.server import BoardServer
+from tests.support.processes import qrobot
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[BoardServer]:
+    with BoardServer(f"t{uuid.uuid4().hex[:10]}", Emulator(load_robot("puma560"))) as server:
+        yield server
+
+
+@pytest.fixture
+def deployment(server: BoardServer, tmp_path: Path) -> Path:
+    name = server.segment.path.name.removeprefix("qrobot-").removesuffix("-board")
+    path = tmp_path / "arms.toml"
+    path.write_text(f'[[arm]]\nname = "{name}"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n')
+    return path
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    with qrobot("board", "check", *arguments) as process:
+        out, errors = process.communicate(timeout=60)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
+
+
+def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: BoardServer, deployment: Path) -> None:
+    done = run(deployment, "--yes", "--power", "--json")
+    report = json.loads(done.stdout)
+    assert (done.returncode, report["good"]) == (0, True), report
+    assert [finding["step"] for finding in report["findings"]] == [step.name for step in STEPS]
+    left_out = [step.name for step in STEPS if step.hands]
+    assert [finding["step"] for finding in report["findings"] if finding["ok"] is None] == left_out
+    assert not server.emulator.powered
+    assert (server.emulator.bundle.board.dac == DAC_ZERO).all()
+
+
+def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: BoardServer, deployment: Path) -> None:
+    before = len(read_trace(server.segment.words))
+    done = run(deployment, "--read-only")
+    assert done.returncode == 0
+    assert "✔ status" in done.stdout
+    assert "· outputs to zero: left out: it writes" in done.stdout
+    assert len(read_trace(server.segment.words)) == before
+
+
+def test_it_does_not_write_beside_a_servo(server: BoardServer, deployment: Path) -> None:
+    arm = server.segment.path.name.removeprefix("qrobot-").removesuffix("-board")
+    with create_servo_memory(arm, "puma560", "pd", 6, 1_000_000, SMALLEST_RING):
+        done = run(deployment, "--yes")
+    assert done.returncode == FAILURE
+    assert "end it first" in done.stderr
+
+
+def test_without_anybody_to_ask_it_says_what_to_do(deployment: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "qrobot", "board", "check", deployment],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == FAILURE
+    assert "--yes" in done.stderr
