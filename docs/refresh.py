@@ -20,6 +20,7 @@ import file_keys  # noqa: E402
 import modbus_tables  # noqa: E402
 import tables  # noqa: E402
 
+from qrobot.hwif.canbus import objects  # noqa: E402
 from qrobot.wire import document  # noqa: E402
 
 PARTS: Final[dict[str, Callable[[], str]]] = {
@@ -36,6 +37,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "modbus-image": modbus_tables.image,
     "modbus-mailbox": modbus_tables.mailbox,
     "modbus-robot": modbus_tables.robot,
+    "can-objects": objects.objects_page,
 }
 _PART: Final = re.compile(r"(<!-- generated: ([a-z-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -55,6 +57,8 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/laws.md": rewrite,
     "reference/modbus-map.md": rewrite,
     "reference/telemetry.md": rewrite,
+    "reference/can-objects.md": rewrite,
+    "../config/can/qrobot_board.eds": lambda _page: objects.eds_text(),
     "explanation/safety.md": rewrite,
     "how-to/inject-faults.md": rewrite,
 }

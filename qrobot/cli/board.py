@@ -1,4 +1,4 @@
-"""`qrobot board`: an emulated TRC004 board with an arm behind it, as a process of its own."""
+"""`qrobot board`: a TRC004 board as a process: an emulated one, or the gateway to one behind a road."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from cyclopts import App, Parameter
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.console import note
+from qrobot.config.deployment import Arm
 from qrobot.config.scene import SceneKind
+from qrobot.errors import ConfigError
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -26,10 +28,12 @@ def board(
     fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     faults: Path | None = None,
     scene: SceneKind | None = None,
+    serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
 ) -> None:
-    """Emulate a TRC004 board and the arm behind it, until Ctrl-C.
+    """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 
-    The board lives in shared memory under the arm's name and runs on the wall clock, whoever connects or dies.
+    The board lives in shared memory under the arm's name and runs on the wall clock, whoever connects or dies. Where
+    the file's board is of another kind than `emulator`, its image is exchanged with the real one instead.
 
     Parameters
     ----------
@@ -48,14 +52,44 @@ def board(
         TOML file with the keys `faults`, a list of such lines, and `seed`, of what is random in them.
     scene
         Overrides the file: what stands around the arm. Its other settings are the file's.
+    serve
+        Serve the emulated board over a road as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
+        follow). Whoever is at the other end then is this board's one controller. May be given again.
     """
+    chosen = choose_arm(deployment, arm)
+    if chosen.board.kind != "emulator":
+        refuse_options(chosen, plant=plant, calibrated=calibrated, fault=fault, faults=faults, scene=scene, serve=serve)
+        run_gateway(chosen)
+        return
+    from qrobot.hwif.bus import MemoryEndpoint
+    from qrobot.hwif.roads import servers
     from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
-    from qrobot.sim_board.server import serve
+    from qrobot.sim_board.server import serve as serve_emulator
 
-    chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
     plan = FaultPlan.load(faults) if faults else FaultPlan()
     plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)
     emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
-    serve(chosen.name, emulator, lambda: note(f"board of {chosen.name} ({robot.name}) runs"))
+    serve_emulator(
+        chosen.name,
+        emulator,
+        lambda: note(f"board of {chosen.name} ({robot.name}) runs"),
+        lambda memory: servers(serve, MemoryEndpoint(memory), note),
+    )
+
+
+def refuse_options(arm: Arm, **options: object) -> None:
+    """Raise ConfigError when an option is given that only an emulated board has."""
+    given = ", ".join(f"--{name}" for name, value in options.items() if value not in (None, ()))
+    if given:
+        raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
+
+
+def run_gateway(arm: Arm) -> None:
+    """The gateway process of a board that is elsewhere."""
+    from qrobot.hwif.gateway import serve
+    from qrobot.hwif.roads import open_road
+
+    bus, period_ns = open_road(arm.board)
+    serve(arm.name, bus, period_ns, lambda line: note(f"{arm.name}: {line}"))

@@ -11,16 +11,22 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from qrobot.config.can import CanRoad
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.scene import ForceSensor, Scene
 
 FIRST_PORT = 1024
+ROADS = ("can",)  # kinds of boards that are not emulated here; each has a table of its name
+EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
 
 
 class BoardChoice(Table):
     """The board of an arm; `emulator` is the only kind that needs no hardware.
+
+    Every other kind has a table of its own name that says where the board is: with `kind = "can"` there has to be
+    `[arm.board.can]`, though it may be empty.
 
     `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
     and their ADC channels are free inputs. `calibration_table` is a packaged table or a `.txt`; without one the servo
@@ -29,7 +35,7 @@ class BoardChoice(Table):
     `calibrated` is the state of the counters at chassis power-up.
     """
 
-    kind: Literal["emulator"] = "emulator"
+    kind: Literal["emulator", "can"] = "emulator"
     plant: Literal["nominal", "mismatched"] = "nominal"
     calibrated: bool = True
     revision: Literal["E", "F"] | None = None
@@ -39,6 +45,23 @@ class BoardChoice(Table):
     calibration_table: str | None = None
     scene: Scene = Scene()
     force_sensor: ForceSensor | None = None
+    can: CanRoad | None = None
+
+    @model_validator(mode="after")
+    def _has_the_table_of_its_kind(self) -> BoardChoice:
+        for road in ROADS:
+            given = getattr(self, road) is not None
+            if given and self.kind != road:
+                raise ValueError(f"a table {road!r} needs kind = {road!r}, not {self.kind!r}")
+            if not given and self.kind == road:
+                raise ValueError(f"kind = {road!r} needs a table [arm.board.{road}]")
+        return self
+
+    @property
+    def period_ms(self) -> float:
+        """Time between two exchanges with a board behind a gateway; 0 for a board without one."""
+        road = getattr(self, self.kind, None)
+        return float(getattr(road, "period_ms", 0.0))
 
 
 class OverrunChoice(Table):
@@ -98,6 +121,16 @@ class Arm(Table):
     servo: ServoChoice = ServoChoice()
     bridge: BridgeChoice
     log: LogChoice = LogChoice()
+
+    @model_validator(mode="after")
+    def _is_patient_with_its_road(self) -> Arm:
+        least = EXCHANGES_TO_MISS * self.board.period_ms
+        if self.servo.board_timeout_ms < least:
+            raise ValueError(
+                f"servo.board_timeout_ms {self.servo.board_timeout_ms:g} is too short for a board that is asked every "
+                f"{self.board.period_ms:g} ms: at least {least:g}"
+            )
+        return self
 
 
 class Deployment(Table):

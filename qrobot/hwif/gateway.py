@@ -26,11 +26,13 @@ from qrobot.hwif.memory import (
     LANE_CAPACITY,
     N_LANES,
     OP_FIELDS,
+    create_board_memory,
     publish_image,
     take_all_operations,
 )
 from qrobot.hwif.registers import STATUS
 from qrobot.realtime.segment import Words
+from qrobot.realtime.signals import set_on_signals
 
 RETRY_NS: Final = 200_000_000
 
@@ -131,3 +133,13 @@ def run_gateway(gateway: Gateway, period_ns: int, stop: threading.Event) -> None
             stop.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9)
     finally:
         gateway.release()
+
+
+def serve(arm: str, bus: Bus, period_ns: int, report: Report) -> None:
+    """Be the board process of `arm` until SIGTERM or SIGINT, then leave the board safe. From the main thread.
+
+    Raises:
+        LinkBusy: a board already serves that arm.
+    """
+    with set_on_signals() as stop, create_board_memory(arm) as memory:
+        run_gateway(Gateway(bus, memory.words, period_ns, report), period_ns, stop)

@@ -7,12 +7,12 @@ is beyond is given up and counted in BOARD_SKIPPED.
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections.abc import Callable
-from types import FrameType, TracebackType
-from typing import Any, Final
+from contextlib import AbstractContextManager, nullcontext
+from types import TracebackType
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
 from qrobot.realtime.setup import set_fifo, tighten_timers
+from qrobot.realtime.signals import set_on_signals
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
 
 CATCH_UP_NS: Final = 100_000_000
@@ -82,27 +83,23 @@ def _warm_up(emulator: Emulator) -> None:
     run_board(emulator.bundle, local_board_memory(), np.ones(1, np.int64))
 
 
-def serve(arm: str, emulator: Emulator, ready: Callable[[], None] = lambda: None) -> None:
+def serve(
+    arm: str,
+    emulator: Emulator,
+    ready: Callable[[], None] = lambda: None,
+    beside: Callable[[Words], AbstractContextManager[object]] = nullcontext,
+) -> None:
     """Serve a board until SIGTERM or SIGINT, then remove its memory. Call from the main thread of a process.
 
     Args:
         arm: instance name.
         emulator: the board.
         ready: called once the first image is there.
+        beside: what else serves the board memory meanwhile.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
-    done = threading.Event()
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        done.set()
-
-    previous: dict[int, Any] = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        with BoardServer(arm, emulator):
-            ready()
-            done.wait()
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    with set_on_signals() as done, BoardServer(arm, emulator) as server, beside(server.segment.words):
+        ready()
+        done.wait()

@@ -11,6 +11,7 @@ import struct
 import time
 from typing import TYPE_CHECKING, Final
 
+from qrobot.config.can import CanRoad
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.canbus.frames import (
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 TIMEOUT_S: Final = 0.05
 SDO_TIMEOUT_S: Final = 0.5
+MS_PER_S: Final = 1000
 _START: Final = 1  # NMT command
 _UPLOAD: Final = struct.Struct("<BHBL")
 _UPLOAD_REQUEST: Final = 0x40
@@ -83,7 +85,7 @@ class CanBus:
             period_ns=self._upload(FACTS_OBJECT, FACTS_PERIOD_NS),
         )
         if facts.revision not in "EF":
-            raise RemoteProtocolError(f"{self.name} is no board of revision E or F")
+            raise RemoteProtocolError(f"node {self._node} is no board of revision E or F")
         self._lists = self._upload(IMAGE_OBJECT, IMAGE_LISTS)
         self._count = self._upload(IMAGE_OBJECT, IMAGE_COUNT)
         self._send(NMT, bytes((_START, self._node)))
@@ -113,7 +115,7 @@ class CanBus:
         self._lists = self._lists + bool(frames) & 0xFF
         if answer.lists != self._lists:
             self._lists = answer.lists
-            raise LinkLost(f"{self.name} has not got all of a list of operations, and has done none of it")
+            raise LinkLost(f"node {self._node} has not got all of a list of operations, and has done none of it")
         image[COUNT_WORD] = self._count
         answer.fill(image)
         self._count = int(image[COUNT_WORD])
@@ -138,7 +140,7 @@ class CanBus:
             if (of_index, of_sub) != (index, sub):
                 continue
             if command == _ABORTED or command & _EXPEDITED != _EXPEDITED:
-                raise RemoteProtocolError(f"{self.name} has no object {index:#06x}:{sub}: is it a QRobot board?")
+                raise RemoteProtocolError(f"node {self._node} has no object {index:#06x}:{sub}: is it a QRobot board?")
             return int(value)
 
     def _receive(self, deadline: float) -> can.Message:
@@ -148,18 +150,19 @@ class CanBus:
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             if message.arbitration_id == EMCY + self._node and len(message.data) >= 2:
-                self._emergency = f"; its last emergency: {int.from_bytes(message.data[:2], 'little'):#06x}"
+                code = int.from_bytes(message.data[:2], "little")
+                self._emergency = f"; its last emergency message: {code:#06x}" if code else ""
             if message.arbitration_id == HEARTBEAT + self._node and message.data == b"\0":
-                raise LinkLost(f"{self.name} has started anew{self._emergency}")
+                raise LinkLost(f"node {self._node} has started anew{self._emergency}")
             return message
-        raise LinkTimeout(f"{self.name} does not answer{self._emergency}")
+        raise LinkTimeout(f"node {self._node} does not answer{self._emergency}")
 
     def _next(self, seconds: float) -> can.Message | None:
         library = load_can()
         try:
             return self._open.recv(seconds)
         except (library.CanError, OSError, ValueError) as error:
-            raise LinkLost(f"{self.name}: {error}") from error
+            raise LinkLost(f"the interface fails: {error}") from error
 
     def _drain(self) -> None:
         while self._next(0.0) is not None:
@@ -170,10 +173,17 @@ class CanBus:
         try:
             self._open.send(library.Message(arbitration_id=can_id, data=data, is_extended_id=False))
         except (library.CanError, OSError, ValueError) as error:
-            raise LinkLost(f"{self.name}: {error}") from error
+            raise LinkLost(f"the interface fails: {error}") from error
 
     @property
     def _open(self) -> can.BusABC:
         if self._bus is None:
             raise LinkError(f"{self.name} is not connected")
         return self._bus
+
+
+def can_bus(road: CanRoad) -> CanBus:
+    """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
+    load_can()
+    timeout_s = road.timeout_ms / MS_PER_S
+    return CanBus(road.interface, road.channel, bitrate=road.bitrate, node_id=road.node_id, timeout_s=timeout_s)

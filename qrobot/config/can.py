@@ -1,0 +1,27 @@
+"""The road over CAN in a deployment file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from qrobot.config.document import Table
+
+ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]
+
+
+class CanRoad(Table):
+    """Where the board's CANopen node is, and how often the image is exchanged with it.
+
+    `interface` and `channel` are names of python-can: `socketcan` and `can0`, or `udp_multicast` and a group such as
+    `239.74.163.2`, which QRobot keeps on this machine. An exchange of a servo that moves is about ten frames: 1.2 ms at
+    1 Mbit/s. One that has no answer after `timeout_ms` has failed.
+    """
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
+    node_id: int = Field(default=1, ge=1, le=95)
+    period_ms: ExchangePeriod = 2.0
+    timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)

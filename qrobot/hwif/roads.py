@@ -1,0 +1,56 @@
+"""The roads by name: the bus a deployment file describes, and the servers a command line asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from typing import Final
+
+from qrobot.config.deployment import BoardChoice
+from qrobot.errors import ConfigError
+from qrobot.hwif.bus import Bus, Endpoint
+
+Report = Callable[[str], None]
+NS_PER_MS: Final = 1_000_000
+
+
+def open_road(board: BoardChoice) -> tuple[Bus, int]:
+    """The near end of the road to `board`, not connected yet, and the time between two exchanges, ns.
+
+    Raises:
+        ConfigError: this board is not reached by a gateway, or what the road is made of is not installed.
+    """
+    period_ns = round(board.period_ms * NS_PER_MS)
+    if board.can is not None:
+        from qrobot.hwif.canbus.client import can_bus
+
+        return can_bus(board.can), period_ns
+    raise ConfigError(f"a board of kind {board.kind!r} is behind no road")
+
+
+def _serve_can(address: str, endpoint: Endpoint, report: Report) -> AbstractContextManager[object]:
+    from qrobot.hwif.canbus.interface import load_can
+
+    load_can()  # says what to install
+    from qrobot.hwif.canbus.server import can_server
+
+    return can_server(address, endpoint, report)
+
+
+SERVERS: Final[dict[str, Callable[[str, Endpoint, Report], AbstractContextManager[object]]]] = {"can": _serve_can}
+
+
+@contextmanager
+def servers(wanted: tuple[str, ...], endpoint: Endpoint, report: Report) -> Iterator[None]:
+    """Serve a board over roads given as `can=INTERFACE:CHANNEL` while the block runs.
+
+    Raises:
+        ConfigError: no such road, or an address it cannot have. LinkError: the address is in use, or not there.
+    """
+    with ExitStack() as stack:
+        for text in wanted:
+            kind, _, address = text.partition("=")
+            if kind not in SERVERS or not address:
+                raise ConfigError(f"--serve {text!r}: give ROAD=ADDRESS, with a road out of {', '.join(SERVERS)}")
+            stack.enter_context(SERVERS[kind](address, endpoint, report))
+        yield

@@ -1,0 +1,103 @@
+"""Roads by name: tables of a deployment file, servers of a command line, and what is said when they are wrong."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.board import board
+from qrobot.config import Deployment, load_deployment
+from qrobot.errors import ConfigError, LinkError
+from qrobot.hwif.canbus.client import CanBus
+from qrobot.hwif.canbus.interface import open_interface
+from qrobot.hwif.canbus.multicast import LocalMulticast
+from qrobot.hwif.roads import open_road, servers
+from tests.support.bus import BenchEndpoint
+
+CAN = """
+[[arm]]
+name = "left"
+robot = "puma560"
+bridge = { port = 5600 }
+servo = { board_timeout_ms = 10 }
+[arm.board]
+kind = "can"
+can = { interface = "virtual", channel = "x", node_id = 7, period_ms = 4 }
+"""
+
+
+def load(tmp_path: Path, text: str) -> Deployment:
+    path = tmp_path / "here.toml"
+    path.write_text(text)
+    return load_deployment(path)
+
+
+def test_a_board_on_can_is_reached_by_a_bus_at_its_own_pace(tmp_path: Path) -> None:
+    [arm] = load(tmp_path, CAN).arm
+    bus, period_ns = open_road(arm.board)
+    assert isinstance(bus, CanBus)
+    assert (bus.name, period_ns) == ("CAN virtual:x, node 7", 4_000_000)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kind = "can"', 'kind = "emulator"', "a table 'can' needs kind = 'can', not 'emulator'"),
+        ("can = {", "scene = {}\n# {", "kind = 'can' needs a table"),
+        ("node_id = 7", "node_id = 96", "node_id"),
+        ("board_timeout_ms = 10", "board_timeout_ms = 7", "asked every 4 ms: at least 8"),
+    ],
+)
+def test_a_road_that_does_not_fit_its_board_or_its_servo_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in CAN
+    with pytest.raises(ConfigError, match=message):
+        load(tmp_path, CAN.replace(old, new))
+
+
+def test_an_emulated_board_is_behind_no_road() -> None:
+    [arm] = load_deployment("emulator").arm
+    with pytest.raises(ConfigError, match="behind no road"):
+        open_road(arm.board)
+
+
+def test_options_of_an_emulated_board_are_refused_for_another(tmp_path: Path) -> None:
+    load(tmp_path, CAN)
+    with pytest.raises(ConfigError, match=r"--plant, --serve: only for an emulated board"):
+        board(str(tmp_path / "here.toml"), plant="nominal", serve=("can=virtual:x",))
+
+
+@pytest.mark.parametrize("text", ["can", "can=", "carrier-pigeon=coop", "=virtual:x"])
+def test_a_server_needs_a_road_and_an_address(text: str) -> None:
+    with pytest.raises(ConfigError, match="give ROAD=ADDRESS"), servers((text,), BenchEndpoint(), print):
+        pass
+
+
+@pytest.mark.parametrize("text", ["vcan0", "socketcan:", "virtual:x@y", "virtual:x@200"])
+def test_an_address_that_is_none_is_refused(text: str) -> None:
+    with (
+        pytest.raises(ConfigError, match=r"INTERFACE:CHANNEL|1 to 95"),
+        servers((f"can={text}",), BenchEndpoint(), print),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("interface", "channel"), [("no-such", "x"), ("socketcan", "no-such-device")])
+def test_an_interface_that_does_not_open_is_named(interface: str, channel: str) -> None:
+    with pytest.raises(LinkError, match=f"{interface}:{channel} does not open"):
+        open_interface(interface, channel)
+
+
+def test_multicast_takes_multicast_groups_alone_and_stays_on_this_machine() -> None:
+    with pytest.raises(ConfigError, match="no multicast group"):
+        LocalMulticast("192.168.1.1")
+    with open_interface("udp_multicast", "239.74.163.2/43997") as bus:
+        assert isinstance(bus, LocalMulticast)
+        with socket.socket(fileno=os.dup(bus.fileno())) as shared:
+            assert shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
+            chosen = shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4)
+        assert socket.inet_ntoa(chosen) == "127.0.0.1"
