@@ -9,6 +9,7 @@ and `generator` decides which of them comes when. `force` lets joints give way (
 
 from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.compliance import Compliance, Drift, ForceLimits
+from qrobot.motion.drive import Turn
 from qrobot.motion.equation import Equation, Goal
 from qrobot.motion.events import EventKind, MotionEvent, Termination
 from qrobot.motion.external import Exerted, Seen
@@ -50,6 +51,7 @@ __all__ = [
     "Termination",
     "ToolSpeed",
     "Trsf",
+    "Turn",
     "motion_limits",
     "reach_of",
     "warm_up",

@@ -20,7 +20,7 @@ from typing import Final, Protocol
 
 from qrobot.model.branch import Branch
 from qrobot.motion.aim import Aim, Frames
-from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion.drive import Turn, drive, drive_parameters
 from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats
 from qrobot.motion.reach import Reach
@@ -120,12 +120,14 @@ class Straight:
         reach: kinematics.
         branch: configuration all the way.
         near: where the arm is. Shape (n,).
+        turn: how orientations are interpolated.
     """
 
-    def __init__(self, aim: Aim, reach: Reach, branch: Branch, near: Floats) -> None:
+    def __init__(self, aim: Aim, reach: Reach, branch: Branch, near: Floats, turn: Turn = Turn.ONE_AXIS) -> None:
         self.goal: Goal | None = aim.goal
         self.fixed = aim.goal.fixed
         self._aim, self._reach, self._branch, self._near = aim, reach, branch, near
+        self._turn = turn
 
     def sample(self, tick: int) -> None:
         """See `Chart.sample`."""
@@ -139,7 +141,7 @@ class Straight:
     def look(self, x: Floats, near: Floats) -> Floats:
         """See `Chart.look`."""
         frames = self._aim.newest
-        t6 = frames.left @ drive(x) @ frames.right
+        t6 = frames.left @ drive(x, self._turn) @ frames.right
         return self._reach.inverse(t6, self._branch, near, singular=not x.any())
 
     def trace(self, points: Samples) -> Samples:
@@ -148,7 +150,8 @@ class Straight:
         for tick, q in points:
             if (frames := self._aim.frames(tick)) is not None:
                 near = found[-1][1] if found else None
-                found.append((tick, drive_parameters(frames.drive_to(self._reach.forward(q)), near)))
+                left = frames.drive_to(self._reach.forward(q))
+                found.append((tick, drive_parameters(left, near, self._turn)))
         return found
 
 

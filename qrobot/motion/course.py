@@ -15,7 +15,7 @@ from qrobot.errors import MotionError
 from qrobot.model.branch import Branch
 from qrobot.model.transform import inverse
 from qrobot.motion.chart import JOINTS, Chart, JointsToGoal, Straight
-from qrobot.motion.drive import drive_parameters
+from qrobot.motion.drive import Turn, drive_parameters
 from qrobot.motion.errand import Errand
 from qrobot.motion.limits import Floats
 from qrobot.motion.reach import Reach
@@ -78,7 +78,7 @@ def lay_course(errand: Errand, corner: Floats, reach: Reach | None) -> Course:
     present, request = reach.branch(corner), errand.request
     if request.mode is Mode.CARTESIAN:
         _same_branch(request, present)
-        return _straight(Straight(errand.aim, reach, present, corner), tool, corner)
+        return _straight(Straight(errand.aim, reach, present, corner, request.turn), tool, corner)
     branch = present if request.branch is None else request.branch
     q = reach.inverse(errand.aim.newest.pose, branch, corner, singular=True)
     return _linear(JointsToGoal(errand.aim, reach, branch, q), corner - q, np.zeros_like(q), tool)
@@ -95,7 +95,8 @@ def _tool(errand: Errand, corner: Floats, reach: Reach | None) -> Floats | None:
     if reach is None:
         return None
     if errand.aim is not None:
-        return drive_parameters(errand.aim.newest.drive_to(reach.forward(corner)))
+        turn = errand.request.turn if errand.request.mode is Mode.CARTESIAN else Turn.ONE_AXIS
+        return drive_parameters(errand.aim.newest.drive_to(reach.forward(corner)), turn=turn)
     if errand.target is None:
         return None
     return drive_parameters(inverse(reach.forward(errand.target)) @ reach.forward(corner))

@@ -16,6 +16,7 @@ import numpy as np
 from qrobot.errors import MotionError
 from qrobot.model.branch import Branch
 from qrobot.motion.compliance import ForceLimits
+from qrobot.motion.drive import Turn
 from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats, MotionLimits
 
@@ -145,6 +146,7 @@ class MoveRequest:
         branch: configuration at the goal; None keeps the present one. Only joint mode can change it.
         monitor: called at each sample while the request is served; a true result ends it with that code (A-37).
         limits: forces and displacements that end it.
+        turn: how orientations are interpolated in Cartesian mode.
     """
 
     name: str
@@ -155,6 +157,7 @@ class MoveRequest:
     branch: Branch | None = None
     monitor: Callable[[], object] | None = None
     limits: ForceLimits | None = None
+    turn: Turn = Turn.ONE_AXIS
 
     def __post_init__(self) -> None:
         if isinstance(self.target, np.ndarray):

@@ -120,18 +120,20 @@ class Channel:
 
     # ---------------------------------------------------------------------------------------------------- motions
 
-    def setmode(self, mode: str) -> None:
+    def setmode(self, mode: str, turn: str = "axis") -> None:
         """What is straight about the following motions: the path of the joints, or that of the controlled frame.
 
         Positions that are given by their joints are gone to in joint mode always.
 
         Args:
             mode: "joint" or "cartesian", or their first letters.
+            turn: how the controlled frame turns in Cartesian mode: about one "axis" on the shortest way, as the
+                interpolation of quaternions does, or in the two "angles" of Paul's older drive.
 
         Raises:
             MotionError: neither.
         """
-        self._said.setmode(mode)
+        self._said.setmode(mode, turn)
 
     def setvel(self, tv: float, rv: float) -> None:
         """Speed of the controlled frame in the following motions of either mode: mm/s and degrees/s.

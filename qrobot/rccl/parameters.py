@@ -28,6 +28,7 @@ from qrobot.motion import (
     SpeedShare,
     ToolSpeed,
     Trsf,
+    Turn,
 )
 from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
@@ -37,6 +38,7 @@ from qrobot.units import M_PER_MM, RAD_PER_DEG
 DEFAULT_PACE: Final = SpeedShare(0.3)
 _S_PER_MS: Final = 1e-3
 _MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
+_TURNS: Final = {turn.value: turn for turn in Turn}
 _DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -86,6 +88,7 @@ class Parameters:
         self.once = Once()
         self._pace: Pace = DEFAULT_PACE
         self._mode = Mode.JOINT
+        self._turn = Turn.ONE_AXIS
         self._branch: Branch | None = None
         self._drift = Drift()
         self._compliance: Compliance | None = None
@@ -100,11 +103,13 @@ class Parameters:
             raise MotionError("setjvel takes either a speed or a share")
         self._pace = JointSpeed(speed) if speed is not None else SpeedShare(share or 0.0)
 
-    def setmode(self, mode: str) -> None:
+    def setmode(self, mode: str, turn: str) -> None:
         """See `Channel.setmode`."""
         if mode not in _MODES:
             raise MotionError(f"mode {mode!r} is neither 'joint' nor 'cartesian'")
-        self._mode = _MODES[mode]
+        if turn not in _TURNS:
+            raise MotionError(f"turn {turn!r} is neither {' nor '.join(map(repr, _TURNS))}")
+        self._mode, self._turn = _MODES[mode], _TURNS[turn]
 
     def setconf(self, letters: str) -> None:
         """See `Channel.setconf`."""
@@ -140,7 +145,9 @@ class Parameters:
         once, self.once = self.once, Once()
         pace, ta = (self._pace, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
         goal = _goal(position, once.distance, self._compliance)
-        request = MoveRequest(position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit)
+        request = MoveRequest(
+            position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
+        )
         return Order(request, position, once.update)
 
 

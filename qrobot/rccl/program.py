@@ -101,9 +101,9 @@ def pose(name: str) -> Position:
     return arm().pose(name)
 
 
-def setmode(mode: str) -> None:
+def setmode(mode: str, turn: str = "axis") -> None:
     """Joint or Cartesian mode of the following motions; see `Channel.setmode`."""
-    arm().setmode(mode)
+    arm().setmode(mode, turn)
 
 
 def setvel(tv: float, rv: float) -> None:
