@@ -7,9 +7,9 @@
         arm.waitfor(arm.completed)
 
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
-RCCL's global variables `completed`, `nbrequest`, `how`, `park` and `there`. Transforms and position equations belong to
-no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and milliseconds at this
-boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable
+RCCL's global variables `completed`, `nbrequest`, `how`, `chg`, `park` and `there`. Transforms and position equations
+belong to no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and milliseconds at
+this boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable
 QROBOT_BRIDGE ("host:port"), else the default port of this machine.
 """
 
@@ -44,6 +44,7 @@ from qrobot.rccl.program import (
     setmode,
     setvel,
     stop,
+    teach,
     update,
     use,
     waitas,
@@ -117,6 +118,7 @@ __all__ = [
     "setvel",
     "stop",
     "t6",
+    "teach",
     "trmult",
     "trsl",
     "update",

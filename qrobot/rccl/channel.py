@@ -25,7 +25,7 @@ from qrobot.rccl.position import Position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
-from qrobot.rci import Link, LinkFactory, hello_for
+from qrobot.rci import Chg, Link, LinkFactory, hello_for
 from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
 from qrobot.wire import RobotState, Welcome
 from qrobot.wire.vocabulary import Hand
@@ -107,6 +107,28 @@ class Channel:
         if self._task.how is None:
             raise LinkError("nothing was heard of the robot yet")
         return self._task.how
+
+    @property
+    def chg(self) -> Chg:
+        """What the next command says: hand and outputs are the program's, the joints those of its motions.
+
+        A function given to `each_sample` may change the joints' modes and setpoints too.
+        """
+        return self._task.chg
+
+    def each_sample(self, function: Callable[[], object] | None) -> None:
+        """Call `function` at every sample, when the command is made up and before it goes out; None ends that.
+
+        It may read `how` and change `chg`, and must be quick. What it raises stops the arm and reaches the program.
+        The motions know nothing of joints it moves elsewhere: it has to bring them back before it ends.
+        """
+        with self._hold.task():
+            self._task.each_sample = function
+
+    @property
+    def overruns(self) -> dict[str, float]:
+        """Functional transforms whose function has taken longer than a sample period, with the longest time, ms."""
+        return self._task.slot.overruns
 
     @property
     def joints(self) -> Floats:

@@ -10,9 +10,12 @@ from typing import Any, Final
 from qrobot.errors import LinkError
 from qrobot.motion import Blend, Trsf
 from qrobot.rccl.channel import YES, Channel, open_channel
+from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
+from qrobot.rccl.lesson import teach as teach_arm
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import Trace
+from qrobot.rccl.transforms import Transform
 from qrobot.rci import Link, LinkFactory, TcpLink, bridge_address
 from qrobot.wire import Hello
 
@@ -20,6 +23,7 @@ VARIABLES: Final[dict[str, Callable[[Channel], Any]]] = {
     "completed": lambda arm: arm.completed,
     "nbrequest": lambda arm: arm.nbrequest,
     "how": lambda arm: arm.how,
+    "chg": lambda arm: arm.chg,
     "park": lambda arm: arm.pose("park"),
     "there": lambda arm: arm.there,
 }
@@ -149,6 +153,11 @@ def limit(spec: str, *values: float) -> None:
 def update(trsf: Trsf, position: Position) -> None:
     """Measure a transform when the next motion ends; see `Channel.update`."""
     arm().update(trsf, position)
+
+
+def teach(trsf: Transform, position: Position, database: DataBase | None = None) -> int:
+    """Let a person show a transform, in the terminal; see `lesson.teach`."""
+    return teach_arm(arm(), trsf, position, database)
 
 
 def setime(ta: float, ts: float) -> None:

@@ -12,6 +12,7 @@ It knows no clock and no thread: `drivers` calls `step` once per STATE.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from enum import Enum
 from typing import Final
 
@@ -41,6 +42,7 @@ from qrobot.rccl.player import Player
 from qrobot.rccl.position import Position
 from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
 from qrobot.rccl.setpoints import Setpoints
+from qrobot.rccl.slot import Slot
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.wire import Command, RobotMode, RobotState, State
@@ -79,6 +81,8 @@ class TrajectoryTask:
         period_s: sample period.
         tick: samples so far.
         force: what the arm exerts, and the joints that give way.
+        slot: the time that functional transforms take.
+        each_sample: called at each sample once the command is made up, before it goes out.
     """
 
     def __init__(
@@ -101,6 +105,8 @@ class TrajectoryTask:
         self._reach = reach_of(self._arm)
         self._blend = blend
         self.force = ForceControl(robot, period_s, self._reach)
+        self.slot = Slot(period_s * 1e3)
+        self.each_sample: Callable[[], object] | None = None
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
@@ -133,6 +139,7 @@ class TrajectoryTask:
         """
         if isinstance(order.request.target, Goal) and self.how is not None:
             self.force.check(order.request.target, np.array(self.how.q), self.tick)
+            self.slot.watch(order.request.target.equation)
         if self._player is not None:
             raise MotionError(f"{order.request.name}: setpoints are being played; wait for `completed` first")
         self.generator.push(order.request)
@@ -220,8 +227,10 @@ class TrajectoryTask:
 
     def _track(self, robot: RobotState) -> None:
         if robot.mode != RobotMode.TRACKING:
-            raise servo_fault(robot, "the servo stopped the arm", self._heard)
+            raise servo_fault(robot, f"the servo stopped the arm{self.slot.complaint()}", self._heard)
         self._generate()
+        if self.each_sample is not None:
+            self.each_sample()
 
     def _leave(self, robot: RobotState) -> None:
         if self._power_down.step(robot, self.chg):

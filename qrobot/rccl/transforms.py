@@ -8,6 +8,7 @@ ordinary function that returns a `Transform`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from time import perf_counter_ns
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -17,7 +18,7 @@ from qrobot.model.orientation import axis_angle, euler
 from qrobot.model.transform import inverse, rpy, transform
 from qrobot.motion import T6, Kind, Trsf
 from qrobot.motion.limits import Floats
-from qrobot.units import M_PER_MM, MM_PER_M, RAD_PER_DEG
+from qrobot.units import M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG
 
 Vector: TypeAlias = Sequence[float]
 Function: TypeAlias = Callable[["Transform"], object]
@@ -83,7 +84,13 @@ class Column:
 
 
 class Transform(Trsf):
-    """A transform of a program: columns `n`, `o`, `a` (unit vectors) and `p` (mm), each with fields x, y, z."""
+    """A transform of a program: columns `n`, `o`, `a` (unit vectors) and `p` (mm), each with fields x, y, z.
+
+    Attributes:
+        longest_ms: the longest time that the function of a functional one took so far.
+    """
+
+    longest_ms = 0.0
 
     @property
     def n(self) -> Column:
@@ -117,10 +124,21 @@ def newtrans(name: str, kind: str | Function = varb) -> Transform:
         MotionError: no such kind.
     """
     if callable(kind):
-        return Transform(name, Kind.FUNCTION, function=kind)
+        return Transform(name, Kind.FUNCTION, function=_timed(kind))
     if kind not in (const, varb, hold):
         raise MotionError(f"transform {name}: kind {kind!r} is none of {const!r}, {varb!r}, {hold!r}, nor a function")
     return Transform(name, Kind(kind))
+
+
+def _timed(function: Function) -> Function:
+    """The same, its time measured: a program has to know which of its functions is too slow for the sample period."""
+
+    def call(t: Transform) -> None:
+        begin_ns = perf_counter_ns()
+        function(t)
+        t.longest_ms = max(t.longest_ms, (perf_counter_ns() - begin_ns) / NS_PER_MS)
+
+    return call
 
 
 def gentr_trsl(name: str, px: float, py: float, pz: float, kind: str = const) -> Transform:

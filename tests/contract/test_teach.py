@@ -11,7 +11,9 @@ import pytest
 from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.errors import MotionError
 from qrobot.model.orientation import axis_angle
+from qrobot.rccl.lesson import teach
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.teach import Teacher
 from tests.support.puma import arm as kinematics
@@ -43,6 +45,12 @@ def test_a_step_of_the_tool_moves_along_its_own_axes(teacher: Teacher) -> None:
     np.testing.assert_allclose(pose()[:3, :3], before[:3, :3], atol=1e-9)
 
 
+def test_one_joint_is_stepped_by_hand(teacher: Teacher) -> None:
+    before = np.array(rccl.how.q)
+    teacher.obey("joint 2 -5")
+    np.testing.assert_allclose(np.degrees(np.array(rccl.how.q) - before), [0, -5, 0, 0, 0, 0], atol=1e-9)
+
+
 def test_what_was_recorded_is_found_again(teacher: Teacher) -> None:
     taught = pose()
     assert teacher.obey("record PART").startswith("recorded PART: at ")
@@ -64,6 +72,8 @@ def test_what_was_recorded_is_found_again(teacher: Teacher) -> None:
         ("tool dx 5000", "reach"),
         ("move NOWHERE", "no transform 'NOWHERE'"),
         ("record", "say one name"),
+        ("joint 3", "say a joint and how far"),
+        ("joint 9 5", "joints 1 to 6"),
     ],
 )
 def test_mistakes_are_answered_and_end_nothing(teacher: Teacher, line: str, complaint: str) -> None:
@@ -99,3 +109,78 @@ def test_the_command_reads_a_script_and_goes_on_after_mistakes(tmp_path: Path, c
 def test_a_script_that_is_not_there_is_refused(tmp_path: Path, capsys) -> None:
     assert run_app(make_app("teach"), ["teach", "--offline", "--script", str(tmp_path / "none")]) == 1
     assert "cannot read" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------ lessons: the library's own teach
+
+TOOL = rccl.gentr_trsl("E", 0, 0, 50)
+
+
+class Person:
+    """Answers one question after the other, and remembers what was asked and said."""
+
+    def __init__(self, *answers: str) -> None:
+        self.asked: list[str] = []
+        self.told: list[str] = []
+        self._answers = iter(answers)
+
+    def ask(self, question: str) -> str:
+        self.asked.append(question)
+        try:
+            return next(self._answers)
+        except StopIteration:
+            raise EOFError from None
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+
+
+def lesson(part: rccl.Transform, person: Person, database: rccl.DataBase | None = None) -> int:
+    p = rccl.makeposition("GET", rccl.t6, TOOL, rccl.EQ, part, rccl.TL, TOOL)
+    return teach(rccl.program.arm(), part, p, database, person.ask, person.tell)
+
+
+@pytest.fixture
+def part(teacher: Teacher) -> rccl.Transform:
+    return rccl.newtrans("PART")
+
+
+def test_a_lesson_gives_the_transform_the_value_of_its_last_record(part: rccl.Transform) -> None:
+    person = Person("record", "world dz -20", "record", "q")
+    assert lesson(part, person) == rccl.YES
+    np.testing.assert_allclose(part.value, pose() @ TOOL.value, atol=1e-9)
+    assert person.told[0] == "teach mode V1.0, transform PART, position GET"
+    assert person.asked == ["? "] * 4
+
+
+@pytest.mark.parametrize(
+    ("answers", "asked"),
+    [
+        (("world dx 5", "q", "n", "help", "q", "y"), "nothing taught, exit ? (y/n) "),
+        (("record", "q!"), "? "),
+        (("tool dz 1",), "? "),
+    ],
+)
+def test_a_lesson_without_a_record_that_counts_leaves_the_transform_as_it_was(part, answers, asked) -> None:
+    person = Person(*answers)
+    assert lesson(part, person) == rccl.NO
+    assert person.asked[-1] == asked
+    np.testing.assert_array_equal(part.value, np.eye(4))
+
+
+def test_a_lesson_that_was_saved_needs_nobody_the_next_time(part: rccl.Transform, tmp_path: Path) -> None:
+    base = rccl.DataBase(tmp_path / "parts.db")
+    assert lesson(part, Person("record", "q", "n"), base) == rccl.YES
+    assert base.names() == []
+    assert lesson(part, Person("record", "q", "y"), base) == rccl.YES
+    again = rccl.newtrans("PART")
+    assert lesson(again, Person(), base) == rccl.YES
+    np.testing.assert_allclose(again.value, part.value, atol=1e-6)
+
+
+def test_a_lesson_for_a_transform_that_the_equation_lacks_is_refused_before_it_begins(part) -> None:
+    other, person = rccl.newtrans("OTHER"), Person()
+    p = rccl.makeposition("GET", rccl.t6, rccl.EQ, part, rccl.TL, part)
+    with pytest.raises(MotionError, match="cannot be solved for OTHER"):
+        teach(rccl.program.arm(), other, p, ask=person.ask)
+    assert person.asked == []

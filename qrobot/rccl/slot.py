@@ -1,0 +1,35 @@
+"""The time slot of functional transforms: who takes longer than a sample (Hayward & Paul 1986, section 3.1)."""
+
+from __future__ import annotations
+
+from weakref import WeakSet
+
+from qrobot.motion import Equation
+from qrobot.rccl.transforms import Transform
+
+
+class Slot:
+    """Knows the functional transforms of the motions that were asked for.
+
+    Args:
+        period_ms: sample period.
+    """
+
+    def __init__(self, period_ms: float) -> None:
+        self._period_ms = period_ms
+        self._watched: WeakSet[Transform] = WeakSet()
+
+    def watch(self, equation: Equation | None) -> None:
+        """Its transforms count from now on."""
+        if equation is not None:
+            self._watched.update(term for term in equation.terms if isinstance(term, Transform))
+
+    @property
+    def overruns(self) -> dict[str, float]:
+        """The longest time of each function that took longer than a sample, ms, by the name of its transform."""
+        return {trsf.name: trsf.longest_ms for trsf in self._watched if trsf.longest_ms > self._period_ms}
+
+    def complaint(self) -> str:
+        """What to tell with a stop that they may have caused; nothing when none is too slow."""
+        slow = ", ".join(f"{name} took {ms:.0f} ms" for name, ms in self.overruns.items())
+        return f"; the sample period is {self._period_ms:g} ms, and the function of {slow}" if slow else ""

@@ -1,0 +1,148 @@
+"""What runs at every sample besides the motions: slow functions are named, `chg` is written; and two arms at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.config import load_robot
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, newtrans, t6
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import TcpLink, VirtualLink
+from qrobot.wire import Hello, JointMode
+from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+
+PARK = tuple(load_robot("puma560").poses["park"].tolist())
+PERIOD_US = 2_000
+TURN = (0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def robot() -> Iterator[FakeRobot]:
+    fake = FakeRobot(PARK, period_us=PERIOD_US, patience=100)
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        yield fake
+
+
+def over(arm: rccl.Channel, *functions: rccl.Transform) -> rccl.Position:
+    """Where the arm is, by transforms that do not move."""
+    start = gentr_trsl("START", 0, 0, 0)
+    arm.update(start, makeposition("HERE", t6, EQ, start, TL, start))
+    arm.move(arm.there)
+    arm.waitfor(arm.completed)
+    return makeposition("OVER", t6, EQ, start, *functions, TL, start)
+
+
+def idle(t: rccl.Transform) -> None:
+    """A function in time."""
+    t.p.z = 0.0
+
+
+def dawdle(t: rccl.Transform) -> None:
+    """One that takes longer than a sample."""
+    time.sleep(1.5e-6 * PERIOD_US)
+    t.p.z = 0.0
+
+
+def test_functions_that_take_longer_than_a_sample_are_named(robot) -> None:
+    with rccl.control() as arm:
+        arm.move(over(arm, newtrans("BELT", idle), newtrans("SLOW", dawdle)))
+        arm.waitas(lambda: arm.time > 100)
+        assert list(arm.overruns) == ["SLOW"]
+        assert arm.overruns["SLOW"] >= 3.0
+        robot.halt(FaultCode.STREAM_LOST)
+        with pytest.raises(ServoFault, match=r"period is 2 ms, and the function of SLOW took \d+ ms: STREAM_LOST"):
+            arm.waitas(lambda: False)
+
+
+def test_without_slow_functions_nothing_is_blamed_on_them(robot) -> None:
+    with rccl.control() as arm:
+        arm.waitas(lambda: arm.time > 20)
+        assert arm.overruns == {}
+        robot.halt(FaultCode.STREAM_LOST)
+        with pytest.raises(ServoFault, match="the servo stopped the arm: STREAM_LOST"):
+            arm.waitas(lambda: False)
+
+
+def test_a_program_reads_how_and_writes_chg_at_every_sample(robot) -> None:
+    seen: list[int] = []
+
+    def weave() -> None:
+        seen.append(arm.how.t_ns)
+        q = np.array(arm.chg.setpoints)
+        q[5] += 0.01 * np.sin(0.05 * len(seen)) if len(seen) < 126 else 0.0
+        arm.chg.go_to(tuple(q.tolist()))
+
+    with rccl.control() as arm:
+        rccl.chg.outputs = 0b101
+        arm.each_sample(weave)
+        arm.waitas(lambda: len(seen) >= 150)
+        arm.each_sample(None)
+        told = len(seen)
+        arm.waitas(lambda: arm.time > 600)
+    assert len(seen) == told
+    assert np.diff(seen).tolist() == [PERIOD_US * 1000] * (told - 1)
+    path = np.array(robot.path)
+    assert np.ptp(path[:, 5]) == pytest.approx(0.02, abs=1e-3)
+    assert np.ptp(path[:, :5]) == pytest.approx(np.ptp(PARK[:5]))
+    assert robot.commands[-1].outputs == 0b101
+
+
+def test_a_joint_can_be_given_a_torque_by_the_program(robot) -> None:
+    with rccl.control() as arm:
+        arm.each_sample(lambda: arm.chg.drive((*PARK[:5], 0.25), (False,) * 5 + (True,)))
+        arm.waitas(lambda: arm.time > 20)
+        arm.each_sample(None)
+        arm.waitas(lambda: arm.time > 40)
+    told = [command for command in robot.commands if command.modes[5] == JointMode.TORQUE]
+    assert len(told) > 5
+    assert {command.setpoints[5] for command in told} == {0.25}
+
+
+def test_what_a_function_of_every_sample_raises_reaches_the_program(robot) -> None:
+    def fail() -> None:
+        raise LookupError("no sensor")
+
+    with rccl.control() as arm:
+        arm.each_sample(fail)
+        with pytest.raises(LookupError, match="no sensor"):
+            arm.waitas(lambda: False)
+    assert robot.said_goodbye
+
+
+def test_one_program_moves_two_arms_at_the_same_time_in_step_by_events() -> None:
+    """The right arm begins when the left one is half way; both stream all the time."""
+    robots = [FakeRobot(PARK, name="puma560", period_us=4_000, patience=100) for _ in range(2)]
+    with SocketRobot(robots[0]) as left_server, SocketRobot(robots[1]) as right_server:
+        servers = iter((left_server, right_server))
+
+        def link(hello: Hello) -> TcpLink:
+            return TcpLink(hello, ("test", 0), lambda _: next(servers).socket)
+
+        with rccl.use(link), rccl.control() as left, rccl.control() as right:
+            goals = [arm.jposition("goal", np.degrees(np.add(PARK, TURN))) for arm in (left, right)]
+            left.setime(60, 400)
+            left.move(goals[0])
+            left.waitas(lambda: goals[0].scal > 0.5)
+            assert right.completed.count == 1
+            right.setime(80, 160)
+            right.move(goals[1])
+            right.waitfor(goals[1].end)
+            left.waitfor(goals[0].end)
+        wait_until(lambda: all(robot.said_goodbye for robot in robots))
+    for robot in robots:
+        assert robot.q == pytest.approx(np.add(PARK, TURN))
+
+
+def test_two_arms_of_different_kinds_are_two_channels() -> None:
+    with rccl.use(OfflineLink), rccl.control("puma560") as puma, rccl.control("stanford") as stanford:
+        for arm in (puma, stanford):
+            arm.move(arm.pose("park"))
+            arm.waitfor(arm.completed)
+            np.testing.assert_allclose(arm.how.q, arm.robot.poses["park"], atol=1e-9)
