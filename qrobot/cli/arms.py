@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
+from qrobot.config.identified import load_model, with_model
 from qrobot.errors import ConfigError
 from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.laws.file import is_file_law, split_name
@@ -30,6 +32,27 @@ def choose_arm(deployment: str, name: str | None) -> Arm:
 def robot_of_arm(arm: Arm) -> Robot:
     """The robot file an arm names."""
     return load_robot(arm.robot)
+
+
+def controlled_robot(arm: Arm, model: str | None = None) -> tuple[Robot, str]:
+    """The robot as the servo of an arm knows it, and the model it was identified by ("" for the robot file's own).
+
+    A `model` that was asked for has to fit. One of the deployment file that does not is told, and the robot file's
+    numbers are used instead: an arm that has always run shall not stand still for it.
+
+    Raises:
+        ConfigError: `model` is missing, damaged or another robot's.
+    """
+    robot = robot_of_arm(arm)
+    if model is not None:
+        return with_model(robot, load_model(model, robot)), model
+    if arm.servo.model is None:
+        return robot, ""
+    try:
+        return with_model(robot, load_model(arm.servo.model, robot)), arm.servo.model
+    except ConfigError as error:
+        note(f"warning: the identified model of {arm.name} is not used, the robot file's numbers are: {error}")
+        return robot, ""
 
 
 def calibration_of_arm(arm: Arm) -> CalibrationTable | None:

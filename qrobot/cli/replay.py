@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
 from qrobot.cli.console import out
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 
@@ -75,8 +75,8 @@ def _lockstep_links(arm: Arm, period_us: int) -> LinkFactory:
     from qrobot.rig.lockstep import LockstepRig, link_factory
     from qrobot.sim_board.deployed import emulator_of_arm
 
-    robot = robot_of_arm(arm)
-    rig = LockstepRig(robot, servo_settings(arm), emulator_of_arm(arm, robot), keep_telemetry=False)
+    emulator = emulator_of_arm(arm, robot_of_arm(arm))
+    rig = LockstepRig(controlled_robot(arm)[0], servo_settings(arm), emulator, keep_telemetry=False)
     return partial(link_factory, rig, period_us)
 
 

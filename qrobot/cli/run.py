@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
 
@@ -103,7 +103,7 @@ def _lockstep_links(arm: Arm, plant: Literal["nominal", "mismatched"] | None, sc
 
     robot = robot_of_arm(arm)
     emulator = emulator_of_arm(arm, robot, plant=plant, scene=scene)
-    rig = LockstepRig(robot, servo_settings(arm), emulator, keep_telemetry=False)
+    rig = LockstepRig(controlled_robot(arm)[0], servo_settings(arm), emulator, keep_telemetry=False)
     return partial(link_factory, rig, round(arm.bridge.period_ms * US_PER_MS))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.config.deployment import Arm, Interpolation, Velocity
 
@@ -30,6 +30,7 @@ def servo(
     arm: str | None = None,
     rate: float | None = None,
     law: str | None = None,
+    model: str | None = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
     guardian: Annotated[bool, Parameter(negative="--own-guardian")] = True,
@@ -50,6 +51,8 @@ def servo(
         Cycles per second, overriding the file: 1000, 2000, 4000, ...
     law
         Control law, overriding the file's: pd, qrobot, qrobot+a, computed-torque, unimation, or path/to/file.py:name.
+    model
+        Identified model of the arm (`qrobot identify fit`), overriding the file.
     velocity
         How velocities are estimated, overriding the file: the paper's difference, or an observer with less noise.
     interpolation
@@ -60,13 +63,15 @@ def servo(
     from qrobot.servo.daemon import serve
 
     chosen = choose_arm(deployment, arm)
-    robot, settings = robot_of_arm(chosen), servo_settings(chosen, rate, law, velocity, interpolation)
+    robot, identified = controlled_robot(chosen, model)
+    settings = servo_settings(chosen, rate, law, velocity, interpolation)
 
     def started() -> None:
         if guardian:
             command = [sys.executable, "-m", "qrobot", "guardian", deployment, "--arm", chosen.name]
             subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
+        choices += f", model {identified}" if identified else ""
         note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     look = {"look": _flight_recorder(chosen, robot).look} if chosen.log.directory else {}

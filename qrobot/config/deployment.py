@@ -82,12 +82,16 @@ class ServoChoice(Table):
 
     Without `overrun` late cycles of an emulated arm are only counted.
 
+    `model` is the arm's identified model, a `.toml` that `qrobot identify fit` wrote; one that is damaged or another
+    robot's is told and not used.
+
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     """
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
     law: str = "qrobot"
     law_settings: dict[str, float] = Field(default={}, strict=False)
+    model: str | None = None
     velocity: Velocity = "difference"
     interpolation: Interpolation = "quintic"
     cpu: int | None = Field(default=None, ge=0)

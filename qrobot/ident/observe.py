@@ -1,7 +1,8 @@
 """From a log to observations: the mean torque of every motor while it turned steadily.
 
 At constant speed nothing accelerates: what a motor gives is gravity and friction, and a little centrifugal torque that
-the robot file knows well enough. The equations are linear in what is sought, so the mean of a whole pass obeys them as
+the robot file knows well enough; where it is more than that the motor is left out, and so it is where it turns so
+slowly that friction is another. The equations are linear in what is sought, so the mean of a whole pass obeys them as
 every sample does, without its quantisation. Passes are found in the log itself; whoever moved the arm need not say.
 """
 
@@ -27,6 +28,8 @@ Bools = NDArray[np.bool_]
 
 CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction
+SLOWEST: Final = 0.06  # of a joint's greatest speed: below, friction falls with speed (Stribeck) and is not fitted
+KNOWN: Final = 0.02  # of a motor's Coulomb friction: a larger centrifugal torque, a third of it wrong, would show
 SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceleration before
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
@@ -96,7 +99,9 @@ class Observer:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
         self._params = dynamics_params(robot)._replace(gravity=np.zeros(3))
-        self._slowest = TRANSITIONS * robot.control.friction_velocity
+        preset = robot.friction[robot.control.friction_preset]
+        self._most = KNOWN * (preset.coulomb_pos + preset.coulomb_neg)
+        self._slowest = np.maximum(TRANSITIONS * robot.control.friction_velocity, SLOWEST * robot.limits.v_max)
 
     def observe(self, rows: Rows, period_s: float) -> Observations:
         """The observations of a log, rows of shape (r,)."""
@@ -107,8 +112,10 @@ class Observer:
         q, rate = rows["q"], rows["v_ref"] @ self._robot.transmission.coupling.T
         columns = self._base.columns(self._regressor(q[EVERY // 2 :: EVERY])).mean(axis=0)
         given = ((rows["dac"] - DAC_ZERO) / self._robot.transmission.dac_per_Nm).mean(axis=0)
-        torque = given - self._to_motor @ self._centrifugal(q.mean(axis=0), rows["v_ref"].mean(axis=0))
-        turning = np.flatnonzero(np.abs(rate).min(axis=0) > self._slowest)
+        centrifugal = self._to_motor @ self._centrifugal(q.mean(axis=0), rows["v_ref"].mean(axis=0))
+        torque = given - centrifugal
+        tells = (np.abs(rate).min(axis=0) > self._slowest) & (np.abs(centrifugal) < self._most)
+        turning = np.flatnonzero(tells)
         mean_rate = rate.mean(axis=0)
         numbers = np.full(turning.size, number)
         return Observations(turning, numbers, (self._to_motor @ columns)[turning], mean_rate[turning], torque[turning])

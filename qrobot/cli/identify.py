@@ -1,0 +1,246 @@
+"""`qrobot identify`: from a plan of motion over a recording to a model of gravity and friction."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+from cyclopts import App, Parameter
+from rich.table import Table
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import note, out, write_json
+from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.config import Robot
+    from qrobot.config.identified import IdentifiedModel
+    from qrobot.ident.base import BaseParameters
+    from qrobot.ident.plan import Plan
+
+HELP: Final = """
+Find what an arm weighs and how it rubs, and make a model of it that the servo uses.
+
+  qrobot identify plan                                   see what the arm would do, and what that tells
+  qrobot identify record --lockstep --output run.mcap    do it on an emulated arm
+  qrobot identify fit run.mcap --output model.toml       find the numbers, with their uncertainty
+  qrobot servo --model model.toml                        use them
+
+A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.
+"""
+
+Poses = Annotated[int, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")]
+Seed = Annotated[int, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")]
+app = App(name="identify", help=HELP, help_format="plaintext", group_commands="Commands")
+
+
+@app.command
+def plan(
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    arm: str | None = None,
+    poses: Poses = 24,
+    seed: Seed = 0,
+    json: bool = False,
+) -> None:
+    """Show what an arm would do to be identified, and what of it can be told. Nothing moves.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    json
+        Print the plan as JSON, positions in rad.
+    """
+    robot = robot_of_arm(choose_arm(deployment, arm))
+    made, base = _planned(robot, poses, seed)
+    if json:
+        write_json(made.to_dict() | {"parameters": _combinations(base), "untold": list(base.unseen)})
+        return
+    _show_plan(robot, made)
+    table = Table(title="what of gravity can be told", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for name, combination in _combinations(base).items():
+        table.add_row(name, combination)
+    out.print(table)
+    out.print(f"cannot be told, and does not matter: {', '.join(base.unseen)}", soft_wrap=True)
+
+
+@app.command
+def record(
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    output: Path,
+    arm: str | None = None,
+    lockstep: bool = False,
+    go: bool = False,
+    first: int = 1,
+    plant: Literal["nominal", "mismatched"] | None = None,
+    poses: Poses = 24,
+    seed: Seed = 0,
+) -> None:
+    """Let an arm make the swings of its plan, and write the servo's log of it.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    output
+        The log to write (.mcap).
+    arm
+        Which arm of the file; may be left out when there is only one.
+    lockstep
+        On an emulated arm inside this process, on virtual time.
+    go
+        On the running arm of the deployment, which moves through most of its range.
+    first
+        Swing to begin with, to go on where a recording broke off; give `fit` both logs.
+    plant
+        With --lockstep: overrides the deployment file.
+    """
+    chosen = choose_arm(deployment, arm)
+    robot = robot_of_arm(chosen)
+    made, _ = _planned(robot, poses, seed)
+    if output.suffix != ".mcap":
+        raise ConfigError(f"the log {output} must end in .mcap")
+    if not 1 <= first <= len(made.swings):
+        raise ConfigError(f"--first {first}: the plan has swings 1 to {len(made.swings)}")
+    if lockstep == go:
+        _show_plan(robot, made)
+        raise ConfigError("nothing has moved: choose --lockstep for an emulated arm, or --go for the running one")
+
+    from qrobot.cli.identify_record import record_emulated, record_running
+
+    if lockstep:
+        record_emulated(chosen, robot, made, output, plant, first - 1)
+    else:
+        record_running(chosen, robot, made, output, first - 1)
+
+
+@app.command
+def fit(
+    *logs: Path,
+    output: Path,
+    robot: str | None = None,
+    date: str | None = None,
+    json: bool = False,
+) -> None:
+    """Find gravity and friction in the logs of one arm, and write its model.
+
+    Steady passes are looked for in the logs; it does not matter who moved the arm. What the logs do not tell is an
+    error that names it, and so is a model that predicts worse than the robot file.
+
+    Parameters
+    ----------
+    logs
+        First files of one or more logs of the arm.
+    output
+        The model to write (.toml).
+    robot
+        Robot file; default the packaged one that the logs name.
+    date
+        Of the measurement, YYYY-MM-DD; default today.
+    json
+        Print the model as JSON.
+    """
+    from qrobot.cli.identify_record import read_rows
+    from qrobot.config import load_robot
+    from qrobot.ident.base import base_of_robot
+    from qrobot.ident.model import identify
+    from qrobot.ident.observe import Observer
+    from qrobot.ident.regressor import gravity_regressor
+    from qrobot.ident.result import model_of, write_model
+
+    rows, header = read_rows(logs)
+    known = load_robot(robot or header.robot)
+    if known.name != header.robot:
+        raise ConfigError(f"the logs are of robot {header.robot!r}, {robot} is {known.name!r}")
+    regressor = gravity_regressor(known)
+    base = base_of_robot(known, regressor)
+    observations = Observer(known, regressor, base).observe(rows, header.period_ns * 1e-9)
+    found = identify(known, base, regressor, observations)
+    model = model_of(found, rows, date or datetime.now(UTC).date().isoformat())
+    write_model(output, model)
+    _report(known, model, json)
+    suspicious = sorted(set(observations.passed[found.fit.outliers].tolist()))
+    few = f"{found.fit.outliers.size} in {len(suspicious)} passes hardly count"
+    note(f"{len(observations)} observations, of which {few}")
+    note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")
+
+
+@app.command
+def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, json: bool = False) -> None:
+    """Show an identified model: values with their 95 % intervals, beside the robot file's, and how well it predicts.
+
+    Parameters
+    ----------
+    model
+        The file (.toml).
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file it is for; may be left out when there is only one.
+    json
+        Print it as JSON.
+    """
+    from qrobot.config.identified import load_model
+
+    robot = robot_of_arm(choose_arm(deployment, arm))
+    _report(robot, load_model(model, robot), json)
+
+
+def _planned(robot: Robot, poses: int, seed: int) -> tuple[Plan, BaseParameters]:
+    from qrobot.ident.base import base_of_robot
+    from qrobot.ident.plan import make_plan
+    from qrobot.ident.regressor import gravity_regressor
+
+    regressor = gravity_regressor(robot)
+    base = base_of_robot(robot, regressor)
+    return make_plan(robot, regressor, base, poses, seed), base
+
+
+def _combinations(base: BaseParameters) -> dict[str, str]:
+    return {name: base.combination(index) for index, name in enumerate(base.leaders)}
+
+
+def _show_plan(robot: Robot, made: Plan) -> None:
+    scale = _people_scale(robot)
+    table = Table(title=f"plan for {robot.name}, deg (mm)", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("", "swing", *robot.joint_names):
+        table.add_column(heading, justify="left" if heading == "swing" else "right", no_wrap=heading == "swing")
+    for number, swing in enumerate(made.swings, 1):
+        cells = [
+            f"{centre:.0f} ± {half:.0f}" if half else f"{centre:.0f}"
+            for centre, half in zip(swing.centre * scale, swing.half * scale, strict=True)
+        ]
+        table.add_row(str(number), swing.name, *cells)
+    out.print(table)
+    out.print(f"{made.seconds:.0f} s; condition of the parameters of gravity {made.condition:.1f}")
+
+
+def _people_scale(robot: Robot) -> list[float]:
+    from qrobot.units import DEG_PER_RAD, MM_PER_M
+
+    return [MM_PER_M if slides else DEG_PER_RAD for slides in robot.prismatic]
+
+
+def _report(robot: Robot, model: IdentifiedModel, as_json: bool) -> None:
+    if as_json:
+        write_json(model.to_dict())
+        return
+    table = Table(title=f"{model.robot}, {model.date}", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("parameter", "value", "95 %", "robot file", "unit"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    for value in model.value:
+        numbers = f"{value.value:.4f}", f"± {value.half_width:.4f}", f"{value.before:.4f}"
+        table.add_row(value.name, *numbers, value.unit)
+    out.print(table)
+    errors = Table(title="error of predicted torque, N m (N)", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("joint", "model", "robot file"):
+        errors.add_column(heading, justify="left" if heading == "joint" else "right")
+    quality = model.quality
+    for name, now, before in zip(robot.joint_names, quality.held_back_rms, quality.before_rms, strict=True):
+        errors.add_row(name, f"{now:.3f}", f"{before:.3f}")
+    out.print(errors)

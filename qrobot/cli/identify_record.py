@@ -1,0 +1,120 @@
+"""Recording for `qrobot identify`: an emulated arm in lock-step, or the running one over its bridge."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from qrobot import rccl
+from qrobot.cli.arms import controlled_robot, servo_settings
+from qrobot.cli.console import err, note
+from qrobot.config import Robot
+from qrobot.config.deployment import Arm
+from qrobot.errors import ConfigError, LogError
+from qrobot.ident.perform import Progress as Told
+from qrobot.ident.perform import perform
+from qrobot.ident.plan import Plan, Swing
+from qrobot.log.header import LOCKSTEP, LogHeader, header_for
+from qrobot.log.read import read_log
+from qrobot.log.record import write_log
+from qrobot.rci import TcpLink
+from qrobot.servo.telemetry import Rows
+
+Plant = Literal["nominal", "mismatched"]
+US_PER_MS = 1000
+
+
+def record_emulated(arm: Arm, robot: Robot, plan: Plan, output: Path, plant: Plant | None, first: int) -> None:
+    """The swings of `plan` from number `first` on, in lock-step; their log goes to `output`."""
+    from qrobot.rig.identify import record_lockstep
+    from qrobot.sim_board.deployed import emulator_of_arm
+
+    settings, emulator = servo_settings(arm), emulator_of_arm(arm, robot, plant=plant)
+    believed, _ = controlled_robot(arm)
+    with _bar(plan) as told:
+        rows = record_lockstep(
+            believed, arm.robot, settings, emulator, plan, told, round(arm.bridge.period_ms * US_PER_MS), first
+        )
+    header = header_for(
+        robot,
+        settings.period_ns,
+        settings.law,
+        LOCKSTEP,
+        plant or arm.board.plant,
+        settings.velocity,
+        settings.interpolation,
+    )
+    output.parent.mkdir(parents=True, exist_ok=True)
+    path = write_log(output, rows, header)[0]
+    note(f"{rows.size} cycles in {path}: now `qrobot identify fit {path} --output model.toml`")
+
+
+def record_running(arm: Arm, robot: Robot, plan: Plan, output: Path, first: int) -> None:
+    """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory."""
+    address = arm.bridge.host, arm.bridge.port
+    with (
+        _recording(arm, robot, output),
+        _bar(plan) as told,
+        rccl.use(lambda hello: TcpLink(hello, address)),
+        rccl.control(arm.robot) as channel,
+    ):
+        perform(channel, robot, plan, told, first)
+
+
+@contextmanager
+def _recording(arm: Arm, robot: Robot, output: Path) -> Iterator[None]:
+    """A log of the running servo, from now on until the end."""
+    from qrobot.cli.log import recorded_header
+    from qrobot.log.follow import ServoFollower, follow, log_paths
+    from qrobot.log.writer import LogWriter
+    from qrobot.servo.mailbox import attach_servo_memory
+
+    attach_servo_memory(arm.name).close()  # says so when there is none
+    paths = log_paths(output, arm.name)
+    follower = ServoFollower(
+        arm.name, lambda servo, pid: LogWriter(next(paths), recorded_header(robot, servo, pid, arm.board.plant)), note
+    )
+    stop = threading.Event()
+    thread = threading.Thread(target=follow, args=(follower, stop), name="recorder")
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@contextmanager
+def _bar(plan: Plan) -> Iterator[Told]:
+    """A bar of the swings, on the terminal only."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
+        task = progress.add_task("", total=len(plan.swings))
+
+        def told(number: int, swing: Swing) -> None:
+            progress.update(task, completed=number, description=swing.name)
+
+        yield told
+
+
+def read_rows(logs: Sequence[Path]) -> tuple[Rows, LogHeader]:
+    """The rows of several logs of one robot at one rate, and the header of the first.
+
+    Raises:
+        ConfigError: there is none.
+        LogError: they do not belong together.
+    """
+    if not logs:
+        raise ConfigError("name at least one log; `qrobot identify record` writes them")
+    read = [read_log(path) for path in logs]
+    header = read[0].header
+    for log in read[1:]:
+        if (log.header.robot, log.header.period_ns) != (header.robot, header.period_ns):
+            raise LogError(f"{log.path} is of another robot or rate than {read[0].path}")
+    return np.concatenate([log.rows for log in read]), header

@@ -1,0 +1,112 @@
+"""A model found by identification: what of a robot file it replaces, and what the numbers are worth.
+
+The servo takes masses, centres and friction from it, and compensates gravity on every joint. A model is bound to the
+robot it was found on: to its name and, by a digest, to geometry and transmission.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pydantic import Field
+
+from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.robot import Friction, Robot
+from qrobot.config.values import JointKinds, PerJoint, PerJointNotNegative, PerJointVectors
+from qrobot.errors import ConfigError
+
+PRESET: Final = "identified"
+FOLDER: Final = "ident"
+
+
+class IdentifiedLinks(Table):
+    """Masses in kg and centres in m, axes of the link frames; inertia about the centres stays the robot file's."""
+
+    mass: PerJointNotNegative
+    com: PerJointVectors
+
+
+class IdentifiedFriction(Table):
+    """Viscous friction (N·m·s/rad) and Coulomb friction of each direction (N·m) of the motors, in joint units."""
+
+    viscous: PerJointNotNegative
+    coulomb_pos: PerJointNotNegative
+    coulomb_neg: PerJointNotNegative
+
+
+class Quality(Table):
+    """Error of torques predicted for passes held back, N·m, and of the robot file's; `condition` is that of the fit."""
+
+    held_back_rms: PerJoint
+    before_rms: PerJoint
+    observations: int
+    condition: float
+
+
+class IdentifiedValue(Table):
+    """One identified number with the half width of its 95 % interval, and what the robot file says."""
+
+    name: str
+    meaning: str
+    unit: str
+    value: float
+    half_width: float
+    before: float
+
+
+class IdentifiedModel(Table):
+    """A model of one robot. `date` is that of the measurement, `data` the digest of what was measured."""
+
+    robot: str
+    robot_digest: str
+    date: str
+    data: str
+    links: IdentifiedLinks
+    friction: IdentifiedFriction
+    quality: Quality
+    value: tuple[IdentifiedValue, ...] = Field(default=(), strict=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON and TOML."""
+        plain: dict[str, Any] = json.loads(json.dumps(self.model_dump(), default=np.ndarray.tolist))
+        return plain
+
+
+def robot_digest(robot: Robot) -> str:
+    """Digest of what an identified model rests on: joints, geometry and transmission. 16 hexadecimal digits."""
+    sections = robot.joints, robot.geometry, robot.transmission
+    plain = [section.model_dump(exclude={"source"}) for section in sections]
+    return hashlib.sha256(json.dumps(plain, default=np.ndarray.tolist, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def load_model(name_or_path: str | Path, robot: Robot) -> IdentifiedModel:
+    """Load a model, a path to a `.toml` or the name of a packaged one, for a robot.
+
+    Raises:
+        ConfigError: no such file, mistakes in it, or it was made for another robot.
+    """
+    path = config_path(name_or_path, FOLDER)
+    document = read_document(path)
+    if document.get("robot") != robot.name:
+        raise ConfigError(f"{path.name} was identified on robot {document.get('robot')!r}, not on {robot.name!r}")
+    model = check_document(IdentifiedModel, document, path.name, JointKinds(robot.prismatic))
+    if model.robot_digest != robot_digest(robot):
+        raise ConfigError(f"{path.name}: geometry or transmission of {robot.name} changed since: identify it again")
+    return model
+
+
+def with_model(robot: Robot, model: IdentifiedModel) -> Robot:
+    """The robot as it was identified: masses, centres, friction; gravity is compensated on every joint."""
+    links = robot.links.model_copy(update={"mass": model.links.mass, "com": model.links.com})
+    believed = robot.friction[robot.control.friction_preset]
+    friction: Friction = believed.model_copy(update=dict(model.friction))
+    control = robot.control.model_copy(
+        update={"friction_preset": PRESET, "gravity_joints": np.ones(robot.n, dtype=np.bool_)}
+    )
+    return robot.model_copy(
+        update={"links": links, "friction": {**robot.friction, PRESET: friction}, "control": control}
+    )

@@ -1,0 +1,229 @@
+"""What the arm shall do to be identified: swings through chosen poses, and sweeps of each joint at several speeds.
+
+A swing goes through its centre at constant speed, forwards and back. Poses are chosen for information: of many random
+ones that set for which the determinant of the information matrix of the base parameters is largest (D-optimal), by
+adding one at a time and then exchanging until nothing improves (Fedorov 1972). Each motor's torque counts by its
+Coulomb friction, which is about what its scatter is proportional to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import IdentificationError
+from qrobot.ident.base import BaseParameters
+from qrobot.ident.clearance import Clearance
+from qrobot.ident.regressor import Regressor, known_parameters
+
+Floats = NDArray[np.float64]
+
+POSES: Final = 24
+SWING_SPEED: Final = 0.1  # of each joint's greatest speed, through poses
+SWEEP_SPEEDS: Final = (0.2, 0.4, 0.7)
+TRAVEL_SPEED: Final = 0.4
+PASS_S: Final = 1.0  # at constant speed
+READY: Final = "ready"
+TORQUE_SHARE: Final = 0.6  # of the guard's limit: what weight and friction may take, by the robot file
+RANGE_MARGIN: Final = 0.05  # of a joint's range, kept at either end
+_PEAK: Final = 1.6  # peak over mean acceleration of a transition, with a little to spare (Paul 1981: 1.5)
+_SHORTEST_TURN_S: Final = 0.15
+_CANDIDATES: Final = 250
+_EXCHANGES: Final = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """From `centre - half` to `centre + half` and back, each in `seconds` and at constant speed.
+
+    Attributes:
+        name: for people.
+        centre, half: rad (m). Shape (n,).
+        turn_s: half the length of the transition at each end.
+        by_ready: the way there goes by the pose `ready`.
+    """
+
+    name: str
+    centre: Floats
+    half: Floats
+    seconds: float
+    turn_s: float
+    by_ready: bool = False
+
+    @property
+    def low(self) -> Floats:
+        """Where it begins and ends. Shape (n,)."""
+        return self.centre - self.half
+
+    @property
+    def high(self) -> Floats:
+        """Where it turns. Shape (n,)."""
+        return self.centre + self.half
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Swings in the order in which they are made.
+
+    Attributes:
+        robot: name.
+        swings: through poses, then sweeps.
+        condition: of the base parameters at the poses, columns scaled to length 1.
+        seconds: an estimate of the whole.
+    """
+
+    robot: str
+    swings: tuple[Swing, ...]
+    condition: float
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; positions in rad (m)."""
+        swings = [
+            {"name": s.name, "centre": s.centre.tolist(), "half": s.half.tolist(), "seconds": s.seconds}
+            for s in self.swings
+        ]
+        return {"robot": self.robot, "seconds": self.seconds, "condition": self.condition, "swings": swings}
+
+
+def make_plan(robot: Robot, regressor: Regressor, base: BaseParameters, poses: int = POSES, seed: int = 0) -> Plan:
+    """Choose poses and speeds for a robot; the same seed gives the same plan.
+
+    Raises:
+        IdentificationError: too few poses are clear of floor and column, or fewer are asked for than tell everything.
+    """
+    clearance = Clearance(robot)
+    half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
+    candidates = _candidates(robot, regressor, clearance, half, seed)
+    columns = _scaled_columns(robot, regressor, base, candidates)
+    chosen = choose_informative(columns, poses)
+    if poses * robot.n < columns.shape[-1] or len(candidates) < poses:
+        raise IdentificationError(
+            f"{poses} of {len(candidates)} clear poses cannot tell {columns.shape[-1]} parameters"
+        )
+    through = [_swing(robot, f"pose {i + 1}", q, half, SWING_SPEED) for i, q in enumerate(candidates[chosen])]
+    centres = [robot.poses[READY], *candidates]
+    swings = tuple(_in_order(robot, clearance, through, list(_sweeps(robot, clearance, centres))))
+    seconds = _estimate(robot, swings)
+    stacked = columns[chosen].reshape(-1, columns.shape[-1])
+    condition = np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0))
+    return Plan(robot.name, swings, float(condition), seconds)
+
+
+def choose_informative(columns: Floats, count: int) -> list[int]:
+    """The `count` poses whose rows together have the largest determinant of information; columns: (m, rows, b)."""
+    each = np.einsum("mri,mrj->mij", columns, columns)
+    total = 1e-6 * np.trace(each.mean(axis=0)) * np.eye(each.shape[-1])  # until there are enough to invert
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(_best(total + each))
+        total = total + each[chosen[-1]]
+    for _ in range(_EXCHANGES):
+        before = list(chosen)
+        for place in range(len(chosen)):
+            total = total - each[chosen[place]]
+            chosen[place] = _best(total + each)
+            total = total + each[chosen[place]]
+        if chosen == before:
+            break
+    return sorted(chosen)
+
+
+def _best(totals: Floats) -> int:
+    return int(np.argmax(np.linalg.slogdet(totals)[1]))
+
+
+def _scaled_columns(robot: Robot, regressor: Regressor, base: BaseParameters, q: Floats) -> Floats:
+    """Motor side columns of the base parameters over each motor's Coulomb friction. Shape (m, n, b)."""
+    friction = robot.friction[robot.control.friction_preset]
+    scatter = np.maximum(friction.coulomb_pos + friction.coulomb_neg, 1e-3)
+    to_motor = np.linalg.inv(robot.transmission.coupling.T)
+    return np.asarray((to_motor / scatter[:, None]) @ base.columns(regressor(q)))
+
+
+def _candidates(robot: Robot, regressor: Regressor, clearance: Clearance, half: Floats, seed: int) -> Floats:
+    """Random poses whose swing is within the limits, clear, not too heavy, and has a clear way from `ready`."""
+    random, (low, high) = np.random.default_rng(seed), _range(robot, half)
+    draws = random.uniform(low, high, (_CANDIDATES * 4, robot.n))
+    friction = robot.friction[robot.control.friction_preset]
+    weight = np.abs(regressor(draws) @ known_parameters(robot, regressor))
+    load = weight + np.maximum(friction.coulomb_pos, friction.coulomb_neg)
+    light = draws[(load <= TORQUE_SHARE * robot.guard.tau_max).all(axis=1)]
+    ready = robot.poses[READY]
+    clear = [q for q in light if clearance.of_way(q - half, q + half) and clearance.of_way(ready, q - half)]
+    return np.array(clear[:_CANDIDATES]).reshape(-1, robot.n)
+
+
+def _range(robot: Robot, half: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest centre of a swing. Shapes (n,)."""
+    margin = RANGE_MARGIN * (robot.limits.q_max - robot.limits.q_min) + half
+    return robot.limits.q_min + margin, robot.limits.q_max - margin
+
+
+def _turn(robot: Robot, share: float) -> float:
+    """Half the length of a transition that turns every joint round at a share of its greatest speed."""
+    slowest = float((_PEAK * share * robot.limits.v_max / robot.limits.a_max).max())
+    return max(_SHORTEST_TURN_S, slowest)
+
+
+def _seconds(robot: Robot, share: float) -> float:
+    return PASS_S + 2.0 * _turn(robot, share)
+
+
+def _swing(robot: Robot, name: str, centre: Floats, half: Floats, share: float) -> Swing:
+    return Swing(name, centre, half, _seconds(robot, share), _turn(robot, share))
+
+
+def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats]) -> Iterator[Swing]:
+    """Each joint alone, at several speeds, around the first of the centres where that is clear.
+
+    Raises:
+        IdentificationError: there is none.
+    """
+    for joint, name in enumerate(robot.joint_names):
+        for share in SWEEP_SPEEDS:
+            half, span = np.zeros(robot.n), robot.limits.q_max[joint] - robot.limits.q_min[joint]
+            wanted = 0.5 * share * robot.limits.v_max[joint] * _seconds(robot, share)
+            half[joint] = min(wanted, (0.5 - 2.0 * RANGE_MARGIN) * span)
+            inside = (np.clip(centre, *_range(robot, half)) for centre in centres)
+            clear = (centre for centre in inside if clearance.of_way(centre - half, centre + half))
+            if (centre := next(clear, None)) is None:
+                raise IdentificationError(f"sweeping {name} comes too near to floor or column wherever it is tried")
+            yield _swing(robot, f"{name} at {100 * share:.0f} %", centre, half, share)
+
+
+def _in_order(robot: Robot, clearance: Clearance, through: list[Swing], sweeps: list[Swing]) -> Iterator[Swing]:
+    """Poses, the nearest next; then the sweeps. By way of `ready` where the straight way is not clear."""
+    at = robot.poses[READY]
+    while through or sweeps:
+        pool = through or sweeps[:1]
+        nearest = min(pool, key=lambda swing: _distance(robot, at, swing.low))
+        (through or sweeps).remove(nearest)
+        yield _routed(nearest, clear=clearance.of_way(at, nearest.low))
+        at = nearest.low
+
+
+def _routed(swing: Swing, clear: bool) -> Swing:
+    return Swing(swing.name, swing.centre, swing.half, swing.seconds, swing.turn_s, by_ready=not clear)
+
+
+def _distance(robot: Robot, begin: Floats, end: Floats) -> float:
+    """Seconds of the travel between two positions."""
+    return float((np.abs(end - begin) / (TRAVEL_SPEED * robot.limits.v_max)).max())
+
+
+def _estimate(robot: Robot, swings: tuple[Swing, ...]) -> float:
+    ready = robot.poses[READY]
+    at, total = ready, 0.0
+    for swing in swings:
+        stops = [at, ready, swing.low] if swing.by_ready else [at, swing.low]
+        total += sum(_distance(robot, a, b) for a, b in pairwise(stops))
+        total += 2.0 * swing.seconds + 4.0 * swing.turn_s
+        at = swing.low
+    return total

@@ -1,0 +1,95 @@
+"""From what was identified to the file that the servo loads."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.config.document import check_document
+from qrobot.config.identified import IdentifiedModel, robot_digest
+from qrobot.config.values import JointKinds
+from qrobot.errors import IdentificationError
+from qrobot.ident.consistent import nearest_links
+from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.model import Identified
+from qrobot.servo.telemetry import Rows
+
+WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
+_DIGITS: Final = 8
+
+
+def model_of(found: Identified, rows: Rows, date: str) -> IdentifiedModel:
+    """The model of what was found in `rows`, measured on `date` (YYYY-MM-DD).
+
+    Raises:
+        IdentificationError: it would make the servo worse: it predicts held-back passes worse than the robot file
+            does, a friction is negative, or no bodies have that gravity.
+    """
+    _need_better(found)
+    robot = found.robot
+    document = _document(found, date, f"sha256:{hashlib.sha256(rows.tobytes()).hexdigest()[:16]}")
+    return check_document(IdentifiedModel, document, "the identified model", JointKinds(robot.prismatic))
+
+
+def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
+    robot = found.robot
+    mass, com = nearest_links(robot, found.base, found.beta)
+    return {
+        "robot": robot.name,
+        "robot_digest": robot_digest(robot),
+        "date": date,
+        "data": data,
+        "links": {"mass": mass.round(_DIGITS).tolist(), "com": com.round(_DIGITS).tolist()},
+        "friction": {
+            name: column.round(_DIGITS).tolist() for name, column in zip(FRICTION_NAMES, found.friction.T, strict=True)
+        },
+        "quality": {
+            "held_back_rms": found.held_back_rms.round(_DIGITS).tolist(),
+            "before_rms": found.before_rms.round(_DIGITS).tolist(),
+            "observations": len(found.observations),
+            "condition": round(found.fit.condition, 3),
+        },
+        "value": [value.to_dict() for value in found.values],
+    }
+
+
+def _need_better(found: Identified) -> None:
+    robot = found.robot
+    if unjudged := _named(robot, np.isnan(found.held_back_rms)):
+        raise IdentificationError(f"no held-back pass turns {unjudged}: record more poses")
+    if worse := _named(robot, found.held_back_rms > WORSE * found.before_rms):
+        raise IdentificationError(f"the fit predicts {worse} worse than the robot file does: no model is written")
+    if negative := _named(robot, (found.friction < 0.0).any(axis=1)):
+        raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
+
+
+def _named(robot: Robot, which: Any) -> str:
+    return ", ".join(np.array(robot.joint_names)[which])
+
+
+def write_model(path: Path, model: IdentifiedModel) -> None:
+    """Write a model as TOML. Raises IdentificationError when the file cannot be written."""
+    plain = model.to_dict()
+    tables = [f"[{name}]\n{_lines(plain.pop(name))}" for name in ("links", "friction", "quality")]
+    values = [f"[[value]]\n{_lines(value)}" for value in plain.pop("value")]
+    head = f"# Identified model of {model.robot}; written by `qrobot identify fit`, used as [arm.servo] model.\n\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(head + "\n".join([_lines(plain), *tables, *values]), encoding="utf-8")
+    except OSError as error:
+        raise IdentificationError(f"cannot write the model to {path}: {error.strerror}") from error
+
+
+def _lines(table: Mapping[str, Any]) -> str:
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)

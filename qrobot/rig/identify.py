@@ -1,0 +1,45 @@
+"""Record a plan in lock-step: an emulated arm makes its swings, by the library every program uses."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from qrobot import rccl
+from qrobot.config import Robot
+from qrobot.ident.perform import Progress, perform
+from qrobot.ident.plan import Plan
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.telemetry import Rows
+from qrobot.sim_board.emulator import Emulator
+from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
+
+
+def record_lockstep(
+    robot: Robot,
+    robot_file: str,
+    settings: ServoSettings,
+    emulator: Emulator,
+    plan: Plan,
+    progress: Progress = lambda _number, _swing: None,
+    period_us: int = DEFAULT_PERIOD_US,
+    first: int = 0,
+) -> Rows:
+    """Telemetry of an emulated arm that makes the swings of a plan, shape (rows,).
+
+    Args:
+        robot: as the servo believes it to be.
+        robot_file: its name or file, as a program has it.
+        settings: of the servo.
+        emulator: the arm as it is.
+        plan: made for the robot.
+        progress, first: see `perform`.
+        period_us: sample period of the program.
+
+    Raises:
+        ServoFault: the servo stopped the arm.
+    """
+    rig = LockstepRig(robot, settings, emulator)
+    with rccl.use(partial(link_factory, rig, period_us)), rccl.control(robot_file) as arm:
+        perform(arm, robot, plan, progress, first)
+    return rig.rows()
