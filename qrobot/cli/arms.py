@@ -9,6 +9,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
 from qrobot.config.identified import load_model, with_model
 from qrobot.errors import ConfigError
+from qrobot.realtime.segment import Words
 from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.laws.file import is_file_law, split_name
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
@@ -59,6 +60,21 @@ def calibration_of_arm(arm: Arm) -> CalibrationTable | None:
     """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
     name = arm.board.calibration_table
     return None if name is None else load_table(name, robot_of_arm(arm))
+
+
+def revision_of_arm(arm: Arm) -> str:
+    """The deployment's word on the board's revision, or else the robot file's."""
+    return arm.board.revision or robot_of_arm(arm).board.revision
+
+
+def card_of_arm(arm: Arm) -> Words:
+    """The card that servo and guardian reach by themselves; none, unless the board is on this machine's ISA bus."""
+    from qrobot.hwif.port.card import NO_CARD, REAL_CARD, make_card  # kernels: half a second
+
+    road = arm.board.port
+    if road is None:
+        return make_card(NO_CARD)
+    return make_card(REAL_CARD, road.base, revision_of_arm(arm), road.read_only)
 
 
 def servo_settings(

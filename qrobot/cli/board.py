@@ -33,7 +33,8 @@ def board(
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 
     The board lives in shared memory under the arm's name and runs on the wall clock, whoever connects or dies. Where
-    the file's board is of another kind than `emulator`, its image is exchanged with the real one instead.
+    the file's board is of another kind than `emulator`, its image is exchanged with the real one instead. A card on
+    this machine's own bus (kind = "port") needs no such process: the servo reaches it.
 
     Parameters
     ----------

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 from rich.text import Text
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm, robot_of_arm
 from qrobot.cli.console import FAILURE, SUCCESS, err, out, write_json
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 
 if TYPE_CHECKING:
+    from qrobot.config.deployment import Arm
+    from qrobot.hwif.bus import Bus
     from qrobot.rig.board_check import Finding
 
 PATIENCE_S: Final = 2.0
@@ -34,7 +36,8 @@ def check(
     --power, power for an instant and a short push on each joint. The walk ends at the first step that fails, and leaves
     torque and power off. Counters and the calibration keep their values.
 
-    `qrobot board` must run, and no servo. Exit status 0 when nothing was found amiss, 1 otherwise.
+    `qrobot board` must run, unless the board is a card on this machine's own bus, and no servo. Exit status 0 when
+    nothing was found amiss, 1 otherwise.
 
     Parameters
     ----------
@@ -51,7 +54,6 @@ def check(
     json
         Print JSON.
     """
-    from qrobot.hwif.memory_bus import board_memory_bus
     from qrobot.rig.board_check import Leave, check_board
     from qrobot.rig.board_walk import Walk
 
@@ -60,7 +62,7 @@ def check(
     chosen = choose_arm(deployment, arm)
     _refuse_beside_a_servo(chosen.name)
     walk = Walk(
-        board_memory_bus(chosen.name, timeout_s=PATIENCE_S),
+        _road_to(chosen),
         robot_of_arm(chosen),
         (lambda _question: True) if yes else _ask,
     )
@@ -73,6 +75,16 @@ def check(
     if json:
         write_json({"good": good, "findings": [asdict(finding) for finding in findings]})
     return SUCCESS if good else FAILURE
+
+
+def _road_to(arm: Arm) -> Bus:
+    """The memory of the board process; a card on this machine's own bus has none, and is met at its ports."""
+    from qrobot.hwif.memory_bus import board_memory_bus
+    from qrobot.hwif.port.bus import PortBus
+
+    if arm.board.kind == "port":
+        return PortBus(card_of_arm(arm), robot_of_arm(arm).n)
+    return board_memory_bus(arm.name, timeout_s=PATIENCE_S)
 
 
 def _refuse_beside_a_servo(arm: str) -> None:

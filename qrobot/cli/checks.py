@@ -9,13 +9,14 @@ import shutil
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from qrobot.hwif.port.permission import allow_ports
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.segment import DIRECTORY
 from qrobot.realtime.setup import DMA_LATENCY, Step, hold_dma_latency, may_lock_all, set_fifo
@@ -48,11 +49,12 @@ class Finding:
         return not self.step.ok and self.weight is Weight.NEEDED
 
 
-def all_findings(ports: dict[str, tuple[str, int]]) -> Iterator[Finding]:
-    """Everything, group by group; `ports` are the addresses bridges want, by arm."""
+def all_findings(ports: dict[str, tuple[str, int]], bases: Sequence[int] = ()) -> Iterator[Finding]:
+    """Everything, group by group; `ports` are the addresses bridges want, by arm, `bases` those of ISA cards."""
     yield from software()
     yield from shared_memory(DIRECTORY)
     yield from (Finding("network", look_at_port(arm, *address), Weight.NEEDED) for arm, address in ports.items())
+    yield from (Finding("board", step, Weight.NEEDED) for step in map(look_at_card, bases))
     yield from (Finding("real time", step, Weight.TIMING) for step in realtime_rights())
     yield from (Finding("machine", step, Weight.TIMING) for step in machine_steps())
 
@@ -152,6 +154,15 @@ def look_at_port(arm: str, host: str, port: int, directory: Path = DIRECTORY) ->
             remedy = "stop what listens there, or choose another port in the deployment file"
             return Step(name, False, f"{host}:{port}: {error.strerror}", remedy)
     return Step(name, True, f"{host}:{port} is free")
+
+
+def look_at_card(base: int) -> Step:
+    """May the ports of a card be used? Asked in a thread that ends at once, and its right with it."""
+    steps: list[Step] = []
+    thread = threading.Thread(target=lambda: steps.append(allow_ports(base)))
+    thread.start()
+    thread.join()
+    return steps[0]
 
 
 def realtime_rights() -> list[Step]:

@@ -22,14 +22,16 @@ def doctor(deployment: str = "emulator", *, json: bool = False) -> int:
     Parameters
     ----------
     deployment
-        Deployment file, or the name of a packaged one, whose ports are looked at.
+        Deployment file, or the name of a packaged one, whose ports and cards are looked at.
     json
         Print JSON.
     """
     from qrobot.config import load_deployment
 
     arms = load_deployment(deployment).arm
-    findings = list(all_findings({arm.name: (arm.bridge.host, arm.bridge.port) for arm in arms}))
+    ports = {arm.name: (arm.bridge.host, arm.bridge.port) for arm in arms}
+    bases = [arm.board.port.base for arm in arms if arm.board.port is not None]
+    findings = list(all_findings(ports, bases))
     usable = not any(finding.prevents_running for finding in findings)
     if json:
         write_json({"usable": usable, "findings": [_plain(finding) for finding in findings]})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from types import FrameType
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm
 from qrobot.cli.console import note
 
 LINGER_S = 5.0
@@ -29,7 +29,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
 
     chosen = choose_arm(deployment, arm)
     warm_up()
-    watcher = Guardian(chosen.name, chosen.servo.guardian_timeout_ms, note)
+    watcher = Guardian(chosen.name, chosen.servo.guardian_timeout_ms, note, card_of_arm(chosen))
 
     def end(_signal: int, _frame: FrameType | None) -> None:
         watcher.stop[0] = 1

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm, controlled_robot, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.config.deployment import Arm, Interpolation, Velocity
 
@@ -75,7 +75,8 @@ def servo(
         note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     look = {"look": _flight_recorder(chosen, robot).look} if chosen.log.directory else {}
-    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started, **look)
+    card = card_of_arm(chosen)
+    serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started, card=card, **look)
 
 
 def _flight_recorder(arm: Arm, robot: Robot) -> FlightRecorder:

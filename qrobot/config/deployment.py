@@ -13,10 +13,11 @@ from pydantic import Field, model_validator
 
 from qrobot.config.can import CanRoad
 from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
 
 FIRST_PORT = 1024
-ROADS = ("can",)  # kinds of boards that are not emulated here; each has a table of its name
+ROADS = ("port", "can")  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
@@ -35,7 +36,7 @@ class BoardChoice(Table):
     `calibrated` is the state of the counters at chassis power-up.
     """
 
-    kind: Literal["emulator", "can"] = "emulator"
+    kind: Literal["emulator", "port", "can"] = "emulator"
     plant: Literal["nominal", "mismatched"] = "nominal"
     calibrated: bool = True
     revision: Literal["E", "F"] | None = None
@@ -45,6 +46,7 @@ class BoardChoice(Table):
     calibration_table: str | None = None
     scene: Scene = Scene()
     force_sensor: ForceSensor | None = None
+    port: PortRoad | None = None
     can: CanRoad | None = None
 
     @model_validator(mode="after")

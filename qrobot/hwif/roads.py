@@ -21,6 +21,8 @@ def open_road(board: BoardChoice) -> tuple[Bus, int]:
         ConfigError: this board is not reached by a gateway, or what the road is made of is not installed.
     """
     period_ns = round(board.period_ms * NS_PER_MS)
+    if board.kind == "port":
+        raise ConfigError("the servo reaches a card on this machine's bus by itself: no board process is needed")
     if board.can is not None:
         from qrobot.hwif.canbus.client import can_bus
 

@@ -19,6 +19,9 @@ from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
+from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card
+from qrobot.hwif.port.owner import own_board_memory
+from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
 from qrobot.servo.authority import Authority
@@ -62,7 +65,7 @@ def warm_up(robot: Robot, settings: ServoSettings) -> None:
     board = local_board_memory()
     one_cycle(params, make_state(params, law), mail, board, settings.period_ns, 0)
     mail[COMMAND_SHUTDOWN] = 1
-    run(params, make_state(params, law), mail, board, 0, BOARD_AWAY_NS)
+    run(params, make_state(params, law), mail, board, make_card(NO_CARD), 0, BOARD_AWAY_NS)
 
 
 @dataclass
@@ -75,6 +78,7 @@ class ServoProcess:
     report: Report
     memory: Segment
     board: Segment
+    card: Words
     params: ServoParameters
     state: ServoState
     law: Law
@@ -86,6 +90,8 @@ class ServoProcess:
     def loop(self) -> None:
         """Body of the loop thread: set it up, then stay compiled until shutdown or until the board goes away."""
         try:
+            if self.card[CARD_KIND] == REAL_CARD:  # ports are granted to a thread
+                require_ports(int(self.card[CARD_BASE]))
             with hold_dma_latency() as idle:
                 self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
                 self._insist_on_realtime()
@@ -97,7 +103,8 @@ class ServoProcess:
 
     def _run_once(self) -> int:
         margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
-        return int(run(self.params, self.state, self.memory.words, self.board.words, margin_ns, BOARD_AWAY_NS))
+        memories = self.memory.words, self.board.words, self.card
+        return int(run(self.params, self.state, *memories, margin_ns, BOARD_AWAY_NS))
 
     def _insist_on_realtime(self) -> None:
         refused = [step for step in self.steps if not step.ok]
@@ -187,20 +194,25 @@ def serve(
     report: Report,
     started: Callable[[], Any],
     look: Look = lambda _mailbox, _incident, _ended: None,
+    card: Words | None = None,
 ) -> None:
     """Run the servo of `arm` until SIGTERM, SIGINT or SIGHUP.
 
     Args:
         started: called once the servo memory exists and the loop is about to run (to start the guardian).
         look: called some 20 times a second (for a flight recorder), and once more at the end.
+        card: of a board on this machine's own bus: the loop reaches it itself, and this process owns the board memory.
 
     Raises:
-        LinkError: no board serves this arm.
+        ConfigError: the card's ports are refused.
+        LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
     """
-    attach_board_memory(arm).close()  # say so at once when there is none: compiling takes a while
+    card = make_card(NO_CARD) if card is None else card
+    if card[CARD_KIND] == NO_CARD:
+        attach_board_memory(arm).close()  # say so at once when there is none: compiling takes a while
     warm_up(robot, settings)
-    board = attach_board_memory(arm)
+    board = _board_memory(arm, card, robot.n, settings.period_ns)
     with create_servo_memory(
         arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity
     ) as memory:
@@ -214,6 +226,7 @@ def serve(
             report,
             memory,
             board,
+            card,
             params,
             make_state(params, law),
             law,
@@ -223,8 +236,15 @@ def serve(
         with shutdown_on_signals(memory.words):
             started()
             _run_and_watch(process, look)
-    process.board.close()
+    process.board.close(unlink=process.board.owner)
     Authority(arm).clear()
+
+
+def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Segment:
+    """That of a board process, or one of our own for a card."""
+    if card[CARD_KIND] == NO_CARD:
+        return attach_board_memory(arm)
+    return own_board_memory(arm, card, joints, period_ns)
 
 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:

@@ -18,11 +18,13 @@ import numpy as np
 
 from qrobot.errors import LinkError
 from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, local_board_memory, post_operations, put_write
+from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
+from qrobot.hwif.port.permission import require_ports
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import HEADER_WORDS, Segment
+from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
@@ -64,11 +66,12 @@ def make_safe(discrete: int, board: Any, ops: Any) -> bool:
 
 
 @lean_kernel
-def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
+def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
     """One look at the servo: trip, keep the board safe, or hand it back.
 
     Args:
         own: int64[N_OWN], the guardian's memory.
+        card: of a board on this machine's own bus; nobody but the servo and the guardian reach it, each by itself.
         ops: scratch, int64[N_SAFE_OPS, 3].
     """
     fresh = now_ns - load_acquire(mail, BEAT_T_NS) <= timeout_ns
@@ -84,15 +87,17 @@ def look(own: Any, mail: Any, board: Any, ops: Any, now_ns: int, timeout_ns: int
     store_release(mail, GUARD_T_NS, now_ns)
     if own[TRIPPED] != 0:
         make_safe(own[LAST_DISCRETE], board, ops)
+    if card[CARD_KIND] != NO_CARD:
+        pour_lane(card, board, GUARDIAN_LANE, now_ns)
 
 
 @lean_kernel
-def watch(own: Any, mail: Any, board: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int) -> None:
+def watch(own: Any, mail: Any, board: Any, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int) -> None:
     """Look again and again until `until_ns`, or until `stop[0]` is set."""
     period_ns = timeout_ns // LOOKS_PER_TIMEOUT
     deadline = monotonic_ns()
     while load_acquire(stop, 0) == 0 and deadline < until_ns:
-        look(own, mail, board, ops, monotonic_ns(), timeout_ns)
+        look(own, mail, board, card, ops, monotonic_ns(), timeout_ns)
         deadline = max(deadline + period_ns, monotonic_ns())
         sleep_until_ns(deadline)
 
@@ -109,9 +114,14 @@ class Guardian:
     """
 
     def __init__(
-        self, arm: str, timeout_ms: float = DEFAULT_TIMEOUT_MS, report: Callable[[str], None] = lambda _line: None
+        self,
+        arm: str,
+        timeout_ms: float = DEFAULT_TIMEOUT_MS,
+        report: Callable[[str], None] = lambda _line: None,
+        card: Words | None = None,
     ) -> None:
         self.arm = arm
+        self._card = make_card(NO_CARD) if card is None else card
         self._report = report
         self.timeout_ns = int(timeout_ms * 1e6)
         self.stop = np.zeros(1, dtype=np.int64)
@@ -133,12 +143,17 @@ class Guardian:
         return bool(self._own[TRIPPED])
 
     def run(self, linger_s: float) -> None:
-        """Watch until stopped, or until there has been no servo process for `linger_s` seconds."""
+        """Watch until stopped, or until there has been no servo process for `linger_s` seconds.
+
+        Raises ConfigError when the card's ports are refused to this thread.
+        """
+        if self._card[CARD_KIND] == REAL_CARD:
+            require_ports(int(self._card[CARD_BASE]))
         alone_since: int | None = None
         while not self.stop[0]:
             before = self.tripped
             watch(
-                self._own, self._servo.words, self._board.words, self._ops, self.stop,
+                self._own, self._servo.words, self._board.words, self._card, self._ops, self.stop,
                 self.timeout_ns, monotonic_now() + SLICE_NS,
             )  # fmt: skip
             self._tell(before)
@@ -182,7 +197,16 @@ def warm_up() -> None:
     mail = local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING)
     ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
     own = np.ones(N_OWN, dtype=np.int64)
-    watch(own, mail, local_board_memory(), ops, np.zeros(1, dtype=np.int64), NS_PER_S, monotonic_now() + 1)
+    watch(
+        own,
+        mail,
+        local_board_memory(),
+        make_card(NO_CARD),
+        ops,
+        np.zeros(1, dtype=np.int64),
+        NS_PER_S,
+        monotonic_now() + 1,
+    )
 
 
 def prepare() -> list[Step]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.hwif.memory import BOARD_REVISION, Lane, fetch_image, post_operations
+from qrobot.hwif.port.card import CARD_KIND, NO_CARD, serve_card, show_card
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -69,10 +70,13 @@ def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any,
 
 
 @lean_kernel
-def run(params: ServoParameters, state: ServoState, mail: Any, board: Any, margin_ns: int, away_ns: int) -> int:
+def run(
+    params: ServoParameters, state: ServoState, mail: Any, board: Any, card: Any, margin_ns: int, away_ns: int
+) -> int:
     """Run until shutdown is requested and the arm is without power.
 
     Args:
+        card: see `hwif.port.card`; one on this machine's own bus is read before and written after each cycle.
         margin_ns: initial spin margin; 0 never spins. away_ns: without an image for this long, and without power,
             return BOARD_AWAY so that the board can be mapped anew.
     """
@@ -81,7 +85,11 @@ def run(params: ServoParameters, state: ServoState, mail: Any, board: Any, margi
     while True:
         margin_ns = wait_until(deadline, margin_ns)
         started = monotonic_ns()
+        if card[CARD_KIND] != NO_CARD:
+            show_card(card, board, started)
         one_cycle(params, state, mail, board, deadline, started - deadline)
+        if card[CARD_KIND] != NO_CARD:
+            serve_card(card, board, started)
         finished = monotonic_ns()
         state.i[BUSY_NS] = finished - started
         powered = wants_power(state.i[MODE])

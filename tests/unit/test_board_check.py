@@ -30,6 +30,7 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from qrobot.sim_board.stepping import SteppingEndpoint
 from tests.support.bus import DirectBus
+from tests.support.fake_card import FakeCard, FakeCardBus
 
 ROBOT = load_robot("puma560")
 EVERYTHING = Leave(power=True)
@@ -221,3 +222,22 @@ def test_no_board_is_a_finding() -> None:
     desk.bus.cut = True
     (only,) = desk.check()
     assert (only.ok, bool(only.remedy)) == (False, True)
+
+
+def test_a_card_in_this_machine_is_walked_through_as_well() -> None:
+    desk = Desk()
+    card = FakeCard(desk.end)
+    findings = list(check_board(Walk(FakeCardBus(card), ROBOT, desk.answer), UNATTENDED))
+    assert [finding for finding in findings if finding.ok is False] == []
+    assert not desk.emulator.powered
+    assert desk.emulator.bundle.board.dac.tolist() == [DAC_ZERO] * 8
+
+
+def test_a_dry_run_of_a_card_writes_nothing() -> None:
+    desk = Desk()
+    walk = Walk(FakeCardBus(FakeCard(desk, read_only=True)), ROBOT, desk.answer)
+    findings = list(check_board(walk, Leave(power=True, hands=False)))
+    assert [finding.step for finding in findings if finding.ok is False] == ["scratch bits"]  # the first to read back
+    findings = list(check_board(walk, Leave(read_only=True, hands=False)))
+    assert {finding.ok for finding in findings} == {True, None}
+    assert not desk.written

@@ -33,7 +33,7 @@ def test_json_lists_every_finding_and_each_that_is_not_ok_has_a_remedy(capsys: p
 
 def test_the_table_shows_the_same_findings(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     lack = Finding("machine", Step("kernel", False, "no preemption", "install another"), Weight.TIMING)
-    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports: [lack])
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [lack])
     assert run_app(make_app(), ["doctor"]) == 0
     text = capsys.readouterr().out
     for words in ("machine", "kernel", "no preemption", "→ install another", "1 findings marked !"):
@@ -45,13 +45,13 @@ def test_only_what_prevents_running_gives_status_1(
     weight: Weight, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lack = Finding("x", Step("thing", False, "gone", "get one"), weight)
-    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports: [lack])
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [lack])
     assert run_app(make_app(), ["doctor", "--json"]) == status
 
 
 def test_the_ports_of_the_deployment_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, tuple[str, int]] = {}
-    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda ports: asked.update(ports) or [])
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda ports, _bases: asked.update(ports) or [])
     run_app(make_app(), ["doctor", "two_arms", "--json"])
     assert len(asked) == 2
     assert all(host == "127.0.0.1" and port > 1024 for host, port in asked.values())

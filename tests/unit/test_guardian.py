@@ -7,6 +7,7 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import LANE_CAPACITY, OP_FIELDS, Lane, local_board_memory, pending_operations
+from qrobot.hwif.port.card import NO_CARD, make_card
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -23,6 +24,7 @@ from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, moving, writes_at
 
 TIMEOUT_NS = 5_000_000
+NO_CARD_WORDS = make_card(NO_CARD)
 
 
 class Watchman:
@@ -39,7 +41,7 @@ class Watchman:
     def step(self, now_ns: int) -> None:
         """One look, if it is time."""
         if now_ns % (TIMEOUT_NS // LOOKS_PER_TIMEOUT) == 0:
-            look(self.own, self.bench.mail, self.bench.board, self.ops, now_ns, TIMEOUT_NS)
+            look(self.own, self.bench.mail, self.bench.board, NO_CARD_WORDS, self.ops, now_ns, TIMEOUT_NS)
 
     @property
     def trips(self) -> int:
@@ -188,7 +190,7 @@ def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     mail, board = bench.mail, local_board_memory()
     own, ops = np.zeros(N_OWN, dtype=np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
     mail[BEAT_ARMED], mail[BEAT_T_NS], mail[BEAT_DISCRETE] = 1, 1_000_000_000, DISCRETE_POWER
-    look(own, mail, board, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
+    look(own, mail, board, NO_CARD_WORDS, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
     assert (own[TRIPS], mail[GUARD_TRIPS], mail[GUARD_TAKEOVER]) == (trips, trips, trips)
     assert pending_operations(board, int(Lane.GUARDIAN)) == trips * N_SAFE_OPS
 

@@ -1,0 +1,81 @@
+"""A card that is not there: the port layer's own fake, answered by a board on the bench in lock-step."""
+
+from __future__ import annotations
+
+from qrobot.errors import LinkError
+from qrobot.hwif.bus import Endpoint, make_image
+from qrobot.hwif.memory import IMAGE_INPUTS, OP_READ, OP_WRITE
+from qrobot.hwif.port.bus import PortBus
+from qrobot.hwif.port.card import (
+    CARD_READ_ONLY,
+    FAKE_CARD,
+    FAKE_HEAD,
+    FAKE_RECORD,
+    FAKE_WINDOW,
+    RECORD_CAPACITY,
+    RECORD_FIELDS,
+    make_card,
+)
+from qrobot.hwif.registers import ADC_START, N_INPUT_WORDS
+from tests.support.bus import rows_of
+
+Access = tuple[int, int, int, int]  # OP_READ or OP_WRITE, offset, bits, value
+
+
+class FakeCard:
+    """A window and a record in front of an endpoint.
+
+    Attributes:
+        words: the card, for compiled code.
+        pulled: the card is out of its slot.
+    """
+
+    def __init__(self, end: Endpoint, read_only: bool = False) -> None:
+        self.end = end
+        self.words = make_card(FAKE_CARD, revision=end.facts().revision)
+        self.words[CARD_READ_ONLY] = read_only
+        self.pulled = False
+        self._seen = 0
+        self._show()
+
+    def taken(self) -> list[Access]:
+        """Every access since the last call."""
+        head = int(self.words[FAKE_HEAD])
+        assert head - self._seen <= RECORD_CAPACITY
+        slots = [FAKE_RECORD + i % RECORD_CAPACITY * RECORD_FIELDS for i in range(self._seen, head)]
+        self._seen = head
+        return [tuple(int(word) for word in self.words[slot : slot + RECORD_FIELDS]) for slot in slots]  # type: ignore[misc]
+
+    def settle(self) -> list[Access]:
+        """Let the board see what was done, and show what it says; returns every access."""
+        accesses = self.taken()
+        acting = [a for a in accesses if a[0] == OP_WRITE or a[1] == ADC_START]
+        if not self.pulled:
+            self.end.apply(
+                rows_of((kind, offset, 0 if kind == OP_READ else value) for kind, offset, _, value in acting)
+            )
+        self._show()
+        return accesses
+
+    def _show(self) -> None:
+        window = self.words[FAKE_WINDOW : FAKE_WINDOW + N_INPUT_WORDS]
+        if self.pulled:
+            window[:] = 0xFFFF
+            return
+        image = make_image()
+        self.end.read_image(image)
+        window[:] = image[IMAGE_INPUTS:]
+
+
+class FakeCardBus(PortBus):
+    """The bus of the card, with the board answering between writing and reading."""
+
+    def __init__(self, fake: FakeCard) -> None:
+        super().__init__(fake.words)
+        self.fake = fake
+
+    def settle(self) -> None:
+        try:
+            self.fake.settle()
+        except LinkError:  # the board is gone: an empty bus
+            self.fake.words[FAKE_WINDOW : FAKE_WINDOW + N_INPUT_WORDS] = 0xFFFF
