@@ -127,6 +127,7 @@ class ExternalTorque:
         self.friction = Friction(robot)
         self._period_s = period_s
         self._seen: deque[tuple[int, Seen]] = deque(maxlen=DEPTH + _AVERAGED - 1)
+        self._torques: dict[int, Floats] = {}  # of the samples averaged last
         self._known: Exerted | None = None  # of the newest sample, once somebody has asked
 
     def gravity(self, q: Floats) -> Floats:
@@ -144,12 +145,15 @@ class ExternalTorque:
         """The estimate at the newest sample, over three of them; None before the first."""
         if self._known is None and self._seen:
             samples = list(self._seen)
-            ends = range(max(1, len(samples) - _AVERAGED + 1), len(samples) + 1)
-            torques = [self._exerted(samples[max(0, end - DEPTH) : end]) for end in ends]
-            self._known = Exerted(
-                np.mean(torques, axis=0), self.friction.uncertainty(self._motion(samples[-DEPTH:])[1])
-            )
+            self._torques = {samples[k][0]: self._torque_at(samples, k) for k in range(len(samples))[-_AVERAGED:]}
+            _, v, _ = self._motion(samples[-DEPTH:])
+            self._known = Exerted(np.mean(list(self._torques.values()), axis=0), self.friction.uncertainty(v))
         return self._known
+
+    def _torque_at(self, samples: list[tuple[int, Seen]], k: int) -> Floats:
+        """What was exerted at one of the samples, computed once. Shape (n,)."""
+        known = self._torques.get(samples[k][0])
+        return self._exerted(samples[max(0, k + 1 - DEPTH) : k + 1]) if known is None else known
 
     def _motion(self, samples: list[tuple[int, Seen]]) -> Floats:
         """Position, velocity and acceleration of the reference at the newest of a few samples. Shape (3, n)."""

@@ -19,15 +19,14 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import MotionError, Singular
 from qrobot.model.arm import Arm
-from qrobot.model.differential import cross_matrix
-from qrobot.model.transform import inverse
 from qrobot.motion.compliance import N_AXES, Compliance
+from qrobot.motion.contact import Contact, contact
 from qrobot.motion.equation import Goal
 from qrobot.motion.events import Termination
 from qrobot.motion.external import Exerted, ExternalTorque, Seen
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import Floats
-from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, inverse_of, match
+from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, match
 from qrobot.motion.reach import Reach
 
 LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
@@ -36,41 +35,6 @@ SETTLE_S: Final = 1.0  # in which it goes to where that torque leaves it [A]
 USABLE: Final = 0.9  # share of a torque limit [A]
 _DAMPING: Final = 0.25  # of M0 per sample, so that a joint slows down over several of them and cannot oscillate [A]
 _SHARE: Final = 0.3  # of the drift found that one sample takes over: the other joints have to follow it smoothly [A]
-
-
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """The controlled frame at one sample.
-
-    Attributes:
-        frame: in the base. Shape (4, 4).
-        jacobian: of the controlled frame in its own axes. Shape (6, n).
-        inverse: of the Jacobian. Shape (n, 6).
-    """
-
-    frame: Floats
-    jacobian: Floats
-    inverse: Floats
-
-    def wrench(self, tau: Floats) -> Floats:
-        """The wrench in the controlled frame that joint torques `tau` (n,) exert. Shape (6,), N and N m."""
-        wrench: Floats = self.inverse.T @ tau
-        return wrench
-
-    def wrench_bound(self, tau: Floats) -> Floats:
-        """What independent torque errors of about `tau` (n,) amount to along each axis. Shape (6,)."""
-        bound: Floats = np.sqrt(np.square(self.inverse).T @ np.square(tau))
-        return bound
-
-
-def contact(arm: Arm, q: Floats, tool: Floats) -> Contact:
-    """The controlled frame at joint positions `q` (n,); `tool` (4, 4) is T6 in it."""
-    t6 = arm.forward(q)
-    frame = t6 @ inverse(tool)
-    R, p = frame[:3, :3], frame[:3, 3] - t6[:3, 3]
-    J = arm.jacobian(q)
-    jacobian = np.vstack((R.T @ (J[:3] - cross_matrix(p) @ J[3:]), R.T @ J[3:]))  # `twist_to_child`, column by column
-    return Contact(frame, jacobian, inverse_of(jacobian))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +74,7 @@ class ForceControl:
         self.joints: Joints = ()
         self._compliance: Compliance | None = None
         self._contact: Contact | None = None
+        self._met: tuple[int, Goal | None, Contact] | None = None  # the newest contact, and what it was asked for
         self._asked: Floats | None = None  # setpoints of the sample before
         self._stood: Floats | None = None  # where the arm was then, foreseen to the time of those setpoints
         self._fading = np.zeros(robot.n)  # torque that a joint had when it began to give way
@@ -179,7 +144,7 @@ class ForceControl:
         if goal is None or compliance is None:
             self._let_go()
             return Drive(tuple(q.tolist()), (False,) * q.size)
-        self._contact = contact(self._arm, seen.q, goal.tool(tick))
+        self._contact = self._contact_at(seen, goal, tick)
         planned -= self._contact.inverse @ self._carried / self._period_s  # to drift is not the plan
         if compliance is not self._compliance:
             compliance.drift.keep(self._kept_axes(compliance))
@@ -191,6 +156,13 @@ class ForceControl:
         return Drive(tuple(setpoints.tolist()), tuple(j in self.joints for j in range(q.size)))
 
     # ------------------------------------------------------------------------------------------------------ inside
+
+    def _contact_at(self, seen: Seen, goal: Goal | None, tick: int) -> Contact:
+        """The controlled frame of `goal`, T6 without one; the limits and the torques of a sample ask for the same."""
+        if self._met is None or self._met[:2] != (tick, goal):
+            tool = np.eye(4) if goal is None else goal.tool(tick)
+            self._met = tick, goal, contact(self._arm, seen.q, tool)
+        return self._met[2]
 
     def _carry_along(self, compliance: Compliance) -> None:
         """Update COMPLY from the errors of the joints that give way."""
@@ -244,8 +216,7 @@ class ForceControl:
         request = generator.serving
         if request is None or request.limits is None or (exerted := self.exerted) is None:
             return Termination.NONE
-        tool = request.target.tool(tick) if isinstance(request.target, Goal) else np.eye(4)
-        there = contact(self._arm, seen.q, tool)
+        there = self._contact_at(seen, request.target if isinstance(request.target, Goal) else None, tick)
         sure = np.abs(there.wrench(exerted.torque)) - there.wrench_bound(exerted.uncertainty)
         if (sure > request.limits.force).any():
             return Termination.FORCE_LIMIT

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import Singular
+from qrobot.model.solve import invert_into
 from qrobot.motion.limits import Floats
 
 LEAST_FITNESS: Final = 0.1  # below it no joints are taken for the axes
@@ -26,9 +27,11 @@ Joints = tuple[int, ...]
 
 def inverse_of(J: Floats) -> Floats:
     """The inverse of a Jacobian, or what comes nearest to one. Shapes (6, n) and (n, 6)."""
-    if J.shape[0] != J.shape[1] or abs(np.linalg.det(J)) < _SINGULAR:
-        return np.array(np.linalg.pinv(J), dtype=np.float64)
-    return np.array(np.linalg.inv(J), dtype=np.float64)
+    if J.shape[0] == J.shape[1]:
+        inverse = np.empty_like(J)
+        if abs(invert_into(J, np.empty_like(J), inverse)) >= _SINGULAR:
+            return inverse
+    return np.array(np.linalg.pinv(J), dtype=np.float64)
 
 
 def fitness(J: Floats, G: Floats, axes: Joints, joints: Joints) -> float:

@@ -10,9 +10,9 @@ from qrobot.config import Robot
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse
 from qrobot.motion.blend import Blend
+from qrobot.motion.contact import contact
 from qrobot.motion.drive import drive, drive_parameters
 from qrobot.motion.external import ExternalTorque, Seen
-from qrobot.motion.force import contact
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.reach import Reach

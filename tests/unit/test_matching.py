@@ -8,7 +8,7 @@ import pytest
 from qrobot.errors import Singular
 from qrobot.model.differential import wrench_to_parent
 from qrobot.model.transform import inverse, transform
-from qrobot.motion.force import contact
+from qrobot.motion.contact import contact
 from qrobot.motion.matching import drift_step, fitness, match
 from tests.support.puma import PARK, ROBOT, TOOL, arm, reach
 
