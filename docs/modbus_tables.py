@@ -9,7 +9,13 @@ from qrobot.hwif.modbus.map import BOARD_ROWS, IMAGE, MAILBOX, ROBOT_ROWS, Row
 
 def _rows(rows: tuple[Row, ...]) -> str:
     head = ("address", "n", "name", "form", "access", "meaning")
-    return table(head, ((str(r.address), str(r.count), r.name, r.form, r.access, r.meaning) for r in rows))
+    return table(
+        head,
+        (
+            (str(r.address), str(r.count), r.name, r.form, r.access, r.meaning)
+            for r in sorted(rows, key=lambda row: row.address)
+        ),
+    )
 
 
 def window() -> str:

@@ -9,7 +9,6 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.board_check import check
-from qrobot.cli.board_replay import replay
 from qrobot.cli.console import note
 from qrobot.config.deployment import Arm
 from qrobot.config.scene import SceneKind
@@ -17,7 +16,6 @@ from qrobot.errors import ConfigError
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
-app.command(replay)
 
 
 @app.default
@@ -31,7 +29,6 @@ def board(
     faults: Path | None = None,
     scene: SceneKind | None = None,
     serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
-    record: Path | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 
@@ -58,17 +55,14 @@ def board(
         Overrides the file: what stands around the arm. Its other settings are the file's.
     serve
         Serve the emulated board over a road as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
-        follow). Whoever is at the other end then is this board's one controller. May be given again.
-    record
-        Write every register access of a board behind a road to this file; `qrobot board replay` reads it.
+        follow) or `modbus=HOST:PORT` (@MS may follow: the client's silence after which the board is made safe, 100 if
+        left out, 0 for never). Whoever is at the other end then is this board's one controller. May be given again.
     """
     chosen = choose_arm(deployment, arm)
     if chosen.board.kind != "emulator":
         refuse_options(chosen, plant=plant, calibrated=calibrated, fault=fault, faults=faults, scene=scene, serve=serve)
-        run_gateway(chosen, record)
+        run_gateway(chosen)
         return
-    if record is not None:
-        raise ConfigError(f"--record: the emulated board of {chosen.name} is behind no road; its log has every cycle")
     from qrobot.hwif.bus import MemoryEndpoint
     from qrobot.hwif.roads import servers
     from qrobot.sim_board.deployed import emulator_of_arm
@@ -94,21 +88,10 @@ def refuse_options(arm: Arm, **options: object) -> None:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
 
 
-def run_gateway(arm: Arm, record: Path | None = None) -> None:
-    """The gateway process of a board that is elsewhere. Raises LogError when there is no writing to `record`."""
+def run_gateway(arm: Arm) -> None:
+    """The gateway process of a board that is elsewhere."""
     from qrobot.hwif.gateway import serve
-    from qrobot.hwif.recorder import Recorder
     from qrobot.hwif.roads import open_road
 
     bus, period_ns = open_road(arm.board)
-
-    def report(line: str) -> None:
-        note(f"{arm.name}: {line}")
-
-    if record is None:
-        serve(arm.name, bus, period_ns, report)
-        return
-    with Recorder(bus, record) as recorder:
-        serve(arm.name, recorder, period_ns, report)
-    if recorder.problem:
-        report(f"{record} is not complete: {recorder.problem}")
+    serve(arm.name, bus, period_ns, lambda line: note(f"{arm.name}: {line}"))

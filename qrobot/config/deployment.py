@@ -13,11 +13,12 @@ from pydantic import Field, model_validator
 
 from qrobot.config.can import CanRoad
 from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.modbus import ModbusRoad
 from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
 
 FIRST_PORT = 1024
-ROADS = ("port", "can")  # kinds of boards that are not emulated here; each has a table of its name
+ROADS = ("port", "can", "modbus")  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
@@ -36,7 +37,7 @@ class BoardChoice(Table):
     `calibrated` is the state of the counters at chassis power-up.
     """
 
-    kind: Literal["emulator", "port", "can"] = "emulator"
+    kind: Literal["emulator", "port", "can", "modbus"] = "emulator"
     plant: Literal["nominal", "mismatched"] = "nominal"
     calibrated: bool = True
     revision: Literal["E", "F"] | None = None
@@ -48,6 +49,7 @@ class BoardChoice(Table):
     force_sensor: ForceSensor | None = None
     port: PortRoad | None = None
     can: CanRoad | None = None
+    modbus: ModbusRoad | None = None
 
     @model_validator(mode="after")
     def _has_the_table_of_its_kind(self) -> BoardChoice:

@@ -9,6 +9,7 @@ from typing import Final
 from qrobot.config.deployment import BoardChoice
 from qrobot.errors import ConfigError
 from qrobot.hwif.bus import Bus, Endpoint
+from qrobot.hwif.modbus.library import require_pymodbus
 
 Report = Callable[[str], None]
 NS_PER_MS: Final = 1_000_000
@@ -27,6 +28,11 @@ def open_road(board: BoardChoice) -> tuple[Bus, int]:
         from qrobot.hwif.canbus.client import can_bus
 
         return can_bus(board.can), period_ns
+    if board.modbus is not None:
+        require_pymodbus()
+        from qrobot.hwif.modbus.client import modbus_bus
+
+        return modbus_bus(board.modbus), period_ns
     raise ConfigError(f"a board of kind {board.kind!r} is behind no road")
 
 
@@ -39,12 +45,22 @@ def _serve_can(address: str, endpoint: Endpoint, report: Report) -> AbstractCont
     return can_server(address, endpoint, report)
 
 
-SERVERS: Final[dict[str, Callable[[str, Endpoint, Report], AbstractContextManager[object]]]] = {"can": _serve_can}
+def _serve_modbus(address: str, endpoint: Endpoint, report: Report) -> AbstractContextManager[object]:
+    require_pymodbus()
+    from qrobot.hwif.modbus.server import modbus_server
+
+    return modbus_server(address, endpoint, report)
+
+
+SERVERS: Final[dict[str, Callable[[str, Endpoint, Report], AbstractContextManager[object]]]] = {
+    "can": _serve_can,
+    "modbus": _serve_modbus,
+}
 
 
 @contextmanager
 def servers(wanted: tuple[str, ...], endpoint: Endpoint, report: Report) -> Iterator[None]:
-    """Serve a board over roads given as `can=INTERFACE:CHANNEL` while the block runs.
+    """Serve a board over roads given as `can=INTERFACE:CHANNEL`, `modbus=HOST:PORT` while the block runs.
 
     Raises:
         ConfigError: no such road, or an address it cannot have. LinkError: the address is in use, or not there.

@@ -56,6 +56,9 @@ def test_arms_may_not_collide(tmp_path: Path, second: str, says: str) -> None:
         ("servo = { require_realtime = 1 }", r"arm\.0\.servo\.require_realtime: .*valid boolean"),
         ("servo = { guardian_timeout_ms = nan }", r"arm\.0\.servo\.guardian_timeout_ms: .*finite"),
         ('board = { plant = "perfect" }', r"arm\.0\.board\.plant: .*'nominal' or 'mismatched'"),
+        ('board = { kind = "modbus" }', r"arm\.0\.board: .*needs a table \[arm\.board\.modbus\]"),
+        ("board = { modbus = {} }", r"arm\.0\.board: .*'modbus' needs kind = 'modbus'"),
+        ('board = { kind = "modbus", modbus = { port = 0 } }', r"board\.modbus\.port: .*greater than or equal to 1"),
         ('colour = "red"', r"arm\.0\.colour: unknown key; known: name, robot"),
     ],
 )

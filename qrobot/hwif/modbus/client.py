@@ -12,6 +12,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from qrobot.config.modbus import ModbusRoad
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.modbus.map import (
@@ -34,6 +35,7 @@ from qrobot.realtime.segment import Words
 DEFAULT_PORT: Final = 502
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 0.01
+MS_PER_S: Final = 1000.0
 Request = Callable[..., ModbusPDU]
 
 
@@ -158,3 +160,8 @@ class ModbusBus:
         if applied != self._sequence:
             raise RemoteProtocolError(f"{self.name} applied mailbox {applied} instead of {self._sequence}")
         return registers
+
+
+def modbus_bus(road: ModbusRoad) -> ModbusBus:
+    """The bus that a deployment file describes."""
+    return ModbusBus(ModbusLine(road.host, road.port, road.device_id, road.timeout_ms / MS_PER_S))

@@ -81,7 +81,9 @@ class Row:
 
 
 def _window_rows() -> tuple[Row, ...]:
-    """The board's own registers, from their table."""
+    """The board's own registers, from their table; what it leaves unused can be read, so that all can be read at once."""
+    used = {offset for register in REGISTERS for offset in register.offsets}
+    holes = sorted(set(range(0, WINDOW_BYTES, 2)) - used)
     return tuple(
         Row(
             r.offset // 2,
@@ -92,7 +94,7 @@ def _window_rows() -> tuple[Row, ...]:
             f"{r.meaning}; scale {r.scale}" + (f", {r.unit}" if r.unit != "-" else ""),
         )
         for r in REGISTERS
-    )
+    ) + tuple(Row(hole // 2, 1, "UNUSED", "u16", "read", "nothing") for hole in holes)
 
 
 BOARD_ROWS: Final[tuple[Row, ...]] = (

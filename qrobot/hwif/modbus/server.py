@@ -21,14 +21,16 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
-from qrobot.hwif.modbus.device import ModbusDevice
+from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
+from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
+from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice, Report
 from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, Row
 
 MBAP_BYTES: Final = (
     7  # transaction, protocol, length of what follows it, unit (Modbus messaging on TCP/IP V1.0b, 3.1.3)
 )
 MAX_LENGTH: Final = 254
+LAST_PORT: Final = 65535
 FUNCTIONS: Final = frozenset({1, 2, 3, 4, 5, 6, 15, 16, 22, 23})
 READ_COILS, READ_DISCRETE_INPUTS = 1, 2
 COILS: Final = (READ_COILS, 5, 15)
@@ -92,6 +94,26 @@ class ModbusServer:
         self._loop.run_forever()
         watch.cancel()
         self._loop.run_until_complete(_close(server, watch))
+
+
+def split_address(address: str) -> tuple[str, int, float]:
+    """Host, port and milliseconds of the watchdog of `HOST:PORT` or `HOST:PORT@MS`. Raises ConfigError."""
+    where, _, patience = address.partition("@")
+    host, _, port = where.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > LAST_PORT or (patience and not patience.isdecimal()):
+        raise ConfigError(f"Modbus address {address!r}: give HOST:PORT or HOST:PORT@MS, for instance 127.0.0.1:1502")
+    return host, int(port), float(patience or WATCHDOG_MS)
+
+
+def modbus_server(address: str, endpoint: Endpoint, report: Report) -> ModbusServer:
+    """A server for a board that runs by itself, to be entered, at an address of the command line.
+
+    Raises:
+        ConfigError: the address is none.
+    """
+    host, port, watchdog_ms = split_address(address)
+    endpoint.apply(NO_OPERATIONS)  # compiles here, not while the first client waits
+    return ModbusServer(ModbusDevice(endpoint, watchdog_ms, report=report), host, port)
 
 
 async def _listen(device: ModbusDevice, address: tuple[str, int]) -> ModbusTcpServer | None:

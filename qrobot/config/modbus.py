@@ -1,0 +1,25 @@
+"""The road over Modbus TCP in a deployment file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from qrobot.config.document import Table
+
+ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]
+
+
+class ModbusRoad(Table):
+    """Where the Modbus server of the board is, and how often the image is exchanged with it.
+
+    One exchange is one request. One that has no answer after `timeout_ms` has failed. `device_id` matters only behind a
+    gateway to other devices.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=502, ge=1, le=65535)
+    device_id: int = Field(default=1, ge=0, le=255)
+    period_ms: ExchangePeriod = 2.0
+    timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)

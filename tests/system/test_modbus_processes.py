@@ -1,0 +1,134 @@
+"""Boards over Modbus between processes: a client that is not ours moves the emulated arm, and a gateway reaches it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from qrobot.errors import LinkBusy
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_COUNT, attach_board_memory, fetch_image
+from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    N_DACS,
+)
+from qrobot.rig.processes import ProcessRig, board_ready, bridge_ready
+
+pytestmark = pytest.mark.realtime
+
+MBPOLL = shutil.which("mbpoll") or ""  # of libmodbus
+needs_mbpoll = pytest.mark.skipif(
+    not MBPOLL and "CI" not in os.environ, reason="no client to compare with: apt install mbpoll"
+)
+WATCHDOG_MS = 3000
+POWERED = DISCRETE_POWER | DISCRETE_HAND_RELAXED | DISCRETE_CALIBRATED
+PUSH = 800  # DAC counts, twice joint 1's friction
+MOVED = 200  # encoder counts, a hundred times what a brake lets through
+PERIOD_MS = 4.0
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as unused:
+        port: int = unused.getsockname()[1]
+    return port
+
+
+@dataclass(frozen=True)
+class Served:
+    """An emulated board served over Modbus, and a rig for what else runs."""
+
+    rig: ProcessRig
+    folder: Path
+    arm: str
+    port: int
+
+    def deployment(self, arm: str, board: str) -> str:
+        path = self.folder / f"{arm}.toml"
+        path.write_text(f'[[arm]]\nname = "{arm}"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\n{board}')
+        return str(path)
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    folder, arm, port = tmp_path_factory.mktemp("modbus"), f"far{uuid.uuid4().hex[:8]}", free_port()
+    with ProcessRig(folder) as rig:
+        served = Served(rig, folder, arm, port)
+        address = f"modbus=127.0.0.1:{port}@{WATCHDOG_MS}"
+        arguments = ["board", served.deployment(arm, ""), "--serve", address]
+        rig.start("far", arguments, lambda: bridge_ready("127.0.0.1", port))
+        yield served
+
+
+class Mbpoll:
+    """The command-line client of libmodbus; registers counted from 0."""
+
+    def __init__(self, port: int) -> None:
+        self._command = [MBPOLL, "-m", "tcp", "-p", str(port), "-a", "1", "-0", "-1", "-q", "-o", "2"]
+
+    def read(self, kind: int, first: int, count: int) -> list[int]:
+        """`kind`: 0 coils, 1 discrete inputs, 3 input registers, 4 holding registers."""
+        text = self._run("-t", str(kind), "-r", str(first), "-c", str(count), "127.0.0.1")
+        values = dict(re.findall(r"^\[(\d+)\]:\s+(-?\d+)", text, re.MULTILINE))
+        return [int(values[str(first + i)]) & 0xFFFF for i in range(count)]
+
+    def write(self, first: int, *values: int) -> None:
+        self._run("-t", "4", "-r", str(first), "127.0.0.1", *(str(value) for value in values))
+
+    def _run(self, *arguments: str) -> str:
+        done = subprocess.run([*self._command, *arguments], capture_output=True, text=True, timeout=20, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+
+@needs_mbpoll
+def test_a_client_that_is_not_ours_reads_counts_writes_a_converter_and_moves_a_joint(served: Served) -> None:
+    client = Mbpoll(served.port)
+    before = client.read(3, ENC_COUNT // 2, 6)
+    client.write(DISCRETE // 2, POWERED, DAC_ZERO - PUSH, *[DAC_ZERO] * (N_DACS - 1))
+    assert client.read(4, DAC // 2, 1) == [DAC_ZERO - PUSH]
+    assert client.read(0, 0, 1) == [1]
+    deadline = time.monotonic() + WATCHDOG_MS * 1e-3
+    while abs((client.read(3, ENC_COUNT // 2, 1)[0] - before[0] + 0x8000) % 0x10000 - 0x8000) < MOVED:
+        assert time.monotonic() < deadline, "joint 1 does not move"
+    assert client.read(1, 15, 1) == [1]
+    client.write(DISCRETE // 2, DISCRETE_HAND_RELAXED | DISCRETE_CALIBRATED, *[DAC_ZERO] * N_DACS)
+    assert client.read(1, 15, 1) == [0]
+
+
+def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served: Served) -> None:
+    arm = f"near{uuid.uuid4().hex[:8]}"
+    table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
+    road = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
+    deployment = served.deployment(arm, road + "[arm.servo]\nboard_timeout_ms = 20.0\n")
+    served.rig.start("near", ["board", deployment], lambda: board_ready(arm))
+    with attach_board_memory(arm) as memory:
+        assert memory.words[BOARD_PERIOD_NS] == PERIOD_MS * 1e6
+        image, deadline = make_image(), time.monotonic() + 10.0
+        assert fetch_image(memory.words, image)
+        first = int(image[IMAGE_COUNT])
+        while not fetch_image(memory.words, image) or image[IMAGE_COUNT] < first + 20:
+            assert time.monotonic() < deadline, "the image stands still"
+            time.sleep(0.01)
+    other = ModbusBus(ModbusLine("127.0.0.1", served.port, timeout_s=1.0))
+    with pytest.raises(LinkBusy, match="another client has the control"):
+        other.connect()
+    other.close()
+    served.rig.end("near")
+    assert "board found at Modbus" in (served.folder / "near.txt").read_text()
