@@ -6,12 +6,16 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 # Generated kernels stay with the other caches of the tests, not in the home directory; subprocesses inherit it.
 os.environ.setdefault("QROBOT_CACHE", str(Path(__file__).parents[1] / ".pytest_cache" / "qrobot"))
 
 # A shell ignores Ctrl-C for what it runs in the background, and every process started from here would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Hypothesis would try constants of whichever modules of ours are loaded, which depends on the tests that ran before.
+providers.is_local_module_file = lambda _path: False
 
 settings.register_profile("qrobot", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("qrobot")
