@@ -6,6 +6,7 @@ import re
 import runpy
 import sys
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ import pytest
 from qrobot import rccl
 from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
+from qrobot.motion.matching import Joints
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
+from qrobot.rccl.task import TrajectoryTask
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
@@ -26,6 +29,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 TUTORIALS = "".join((ROOT / "docs/tutorials" / name).read_text() for name in ("sensing.md", "force-control.md"))
 SAMPLE_US = 28_000
+CYCLES_PER_SAMPLE = 28
 TABLE_MM = -300.0  # its top in the base frame
 FRICTION_N = 15.0  # half of what Coulomb friction of the shoulder, 13.6 N m at 0.48 m, can hide
 E = gentr_trsl("E", 0, 0, 156.25)
@@ -134,13 +138,34 @@ def test_a_program_that_dies_while_it_presses_leaves_the_arm_holding_its_positio
     assert np.abs(rig.rows()["v"][-200:]).max() < 0.02
 
 
-def test_a_crank_whose_shaft_is_not_where_the_program_thinks_is_turned_four_times_s06(capsys) -> None:
+def watched_joints(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, Joints]]:
+    """At each sample from now on its time, and which joints give way."""
+    seen: list[tuple[int, Joints]] = []
+    generate = TrajectoryTask._generate
+
+    def watching(task: TrajectoryTask) -> None:
+        generate(task)
+        if task.how is not None:
+            seen.append((task.how.t_ns, task.force.joints))
+
+    monkeypatch.setattr(TrajectoryTask, "_generate", watching)
+    return seen
+
+
+def test_a_crank_whose_shaft_is_not_where_the_program_thinks_is_turned_four_times_s06(capsys, monkeypatch) -> None:
     rig = rig_with(Scene(kind="crank", clearance_m=0.0015))
+    giving_way = watched_joints(monkeypatch)
     run(rig, "08_crank.py")
     assert "turned 4 times" in capsys.readouterr().out
     assert np.degrees(crank_angle(rig.emulator)) == pytest.approx(4 * 360.0, abs=5.0)
     rows = rig.rows()
     assert not rows["fault"].any()
+    changes = [t_ns for (_, before), (t_ns, after) in pairwise(giving_way) if before and before != after]
+    assert len(changes) > 8
+    steps = np.abs(np.diff(rows["tau"], axis=0)) / ROBOT.guard.tau_max
+    for t_ns in changes:  # the torque of no joint jumps when another one takes over
+        first = np.searchsorted(rows["t_ns"], t_ns)
+        assert steps[first : first + CYCLES_PER_SAMPLE].max() < 0.15
     assert (rows["mode"][-500:] == Mode.HOLDING).any()  # released where it stands, with no stop in between
     assert not (rows["mode"] == Mode.FAULT).any()
 

@@ -182,6 +182,20 @@ def test_a_function_belongs_to_functional_transforms_only(kind, function) -> Non
         Trsf("T", kind, function=function)
 
 
+def test_the_frame_of_an_object_is_the_unknown_of_its_own_equations() -> None:
+    """Multi-RCCL: TRANS GRASP = CONV PG, solved for where the object has to be while the belt runs."""
+    trans, grasp = Trsf("TRANS", Kind.UNKNOWN), Trsf("GRASP", Kind.CONST, some_pose())
+    equation = Equation("OBJECT", [trans, grasp], [CONV, PG], grasp, unknown=trans)
+    goal = equation.goal()
+    assert goal.pose(TICK) @ grasp.value == pytest.approx(CONV.at(TICK) @ PG.value)
+    x = np.array([0.1, 0.0, -0.2, 0.3, 0.0, 0.1])
+    on_the_way = goal.left.at(TICK) @ drive(x) @ goal.right.at(TICK)
+    assert on_the_way @ grasp.value == pytest.approx(CONV.at(TICK) @ PG.value @ drive(x))
+    assert equation.solve(PG, goal.pose(TICK), TICK) == pytest.approx(PG.value)
+    with pytest.raises(MotionError, match="TRANS must stand exactly once"):
+        Equation("OBJECT", [grasp], [CONV, PG], grasp, unknown=trans)
+
+
 def test_an_equation_shows_as_it_is_written() -> None:
     assert repr(Equation("P", [REF, T6, TOOL], [CONV, OBJ], TOOL)) == "REF T6 TOOL = CONV OBJ (TL TOOL)"
 

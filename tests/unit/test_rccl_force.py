@@ -135,6 +135,49 @@ def test_an_absolute_stop_ends_the_compliance(robot) -> None:
     assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
 
 
+def push(robot: CarryingRobot, joint: int, step_rad: float, until: float) -> None:
+    """From now on somebody turns a joint a little in each sample, as long as the arm gives way."""
+
+    def turn(seq: int) -> None:
+        assert seq < 1000, "nothing ends this"
+        q = np.array(robot.q)
+        if JointMode.TORQUE in robot.commands[-1].modes:
+            q[joint] += np.clip(until - q[joint], -abs(step_rad), abs(step_rad))
+        robot.q = tuple(q)
+
+    robot.before_period = turn
+
+
+@pytest.mark.parametrize("under_way", [True, False])
+@pytest.mark.parametrize("until", [-2.0, 1.0])
+def test_an_arm_that_is_carried_to_the_end_of_its_reach_stops_giving_way_and_says_why(robot, until, under_way) -> None:
+    comply("fz", 5.0)
+    if under_way:
+        rccl.setime(100, 9000)
+        rccl.move(P)
+        wait(300)
+    push(robot, 1, 0.006, until)
+    rccl.waitas(lambda: JointMode.TORQUE not in robot.commands[-1].modes)
+    wait(1000)
+    assert P.code in (rccl.Termination.UNREACHABLE, rccl.Termination.JOINT_LIMIT, rccl.Termination.SINGULAR)
+    assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
+    assert np.abs(np.diff(robot.path[-30:], axis=0)).max() < 0.03  # it is brought to rest where it was carried to
+
+
+def test_joints_that_are_in_line_do_not_disturb_one_that_gives_way_elsewhere(robot) -> None:
+    """Joint 5 is turned to zero, where 4 and 6 are in line; the shoulder moves the tool up and down as before."""
+    comply("fz", 5.0)
+    begin = len(robot.commands)
+    push(robot, 4, 0.02, 0.0)
+    rccl.waitas(lambda: robot.q[4] == 0.0)
+    wait(500)
+    told = robot.commands[begin:]
+    torques = np.array([command.setpoints[1] for command in told])
+    assert {command.modes for command in told} == {(1, int(JointMode.TORQUE), 1, 1, 1, 1)}
+    assert np.abs(np.diff(torques)).max() < 5.0  # of 180 allowed
+    assert np.ptp([command.setpoints for command in told[-10:]], axis=0).max() < 0.01
+
+
 @pytest.mark.parametrize(("spec", "values"), [("fz", (0.0,)), ("fz", (-3.0,)), ("gz", (1.0,)), ("fz dz", (1.0,))])
 def test_a_malformed_limit_is_refused(robot, spec, values) -> None:
     with pytest.raises(MotionError):
