@@ -13,12 +13,13 @@ from pydantic import Field, model_validator
 
 from qrobot.config.can import CanRoad
 from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.drives import DrivesRoad
 from qrobot.config.modbus import ModbusRoad
 from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
 
 FIRST_PORT = 1024
-ROADS = ("port", "can", "modbus")  # kinds of boards that are not emulated here; each has a table of its name
+ROADS = ("port", "can", "modbus", "drives")  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
@@ -37,7 +38,7 @@ class BoardChoice(Table):
     `calibrated` is the state of the counters at chassis power-up.
     """
 
-    kind: Literal["emulator", "port", "can", "modbus"] = "emulator"
+    kind: Literal["emulator", "port", "can", "modbus", "drives"] = "emulator"
     plant: Literal["nominal", "mismatched"] = "nominal"
     calibrated: bool = True
     revision: Literal["E", "F"] | None = None
@@ -50,6 +51,7 @@ class BoardChoice(Table):
     port: PortRoad | None = None
     can: CanRoad | None = None
     modbus: ModbusRoad | None = None
+    drives: DrivesRoad | None = None
 
     @model_validator(mode="after")
     def _has_the_table_of_its_kind(self) -> BoardChoice:

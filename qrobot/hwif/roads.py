@@ -33,6 +33,10 @@ def open_road(board: BoardChoice) -> tuple[Bus, int]:
         from qrobot.hwif.modbus.client import modbus_bus
 
         return modbus_bus(board.modbus), period_ns
+    if board.drives is not None:
+        from qrobot.hwif.canbus.drives import drives_bus
+
+        return drives_bus(board.drives), period_ns
     raise ConfigError(f"a board of kind {board.kind!r} is behind no road")
 
 

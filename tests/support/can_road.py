@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import threading
+import time
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 
 import can
 
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.node import BoardNode, run_node
+from qrobot.hwif.gateway import NO_OPERATIONS
 
+PATIENCE_S = 10.0
 PATIENCE_MS = 5000.0  # no watchdog while a test waits for something else
 
 
@@ -66,6 +69,7 @@ class CanRoad:
 @contextmanager
 def can_road(endpoint: Endpoint, watchdog_ms: float = PATIENCE_MS, timeout_s: float = 0.2) -> Iterator[CanRoad]:
     """A node that serves `endpoint` in a thread until the block ends; the near end is not connected."""
+    endpoint.apply(NO_OPERATIONS)  # compile before somebody waits
     road = CanRoad(endpoint, watchdog_ms, timeout_s)
     stop = threading.Event()
     booted = road.interface()
@@ -82,3 +86,28 @@ def can_road(endpoint: Endpoint, watchdog_ms: float = PATIENCE_MS, timeout_s: fl
         thread.join(10.0)
         road.wire.shutdown()
         assert not thread.is_alive()
+
+
+class RoadStack:
+    """Opens a road to any endpoint, as `RoadRig` wants it, and tears it down with the block."""
+
+    def __init__(self, watchdog_ms: float = 0.0, timeout_s: float = 5.0) -> None:
+        self._options = watchdog_ms, timeout_s
+        self._stack = ExitStack()
+        self.road: CanRoad
+
+    def open(self, endpoint: Endpoint) -> CanBus:
+        self.road = self._stack.enter_context(can_road(endpoint, *self._options))
+        return self.road.bus
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+
+    def __enter__(self) -> RoadStack:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()

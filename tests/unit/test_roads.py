@@ -12,6 +12,7 @@ from qrobot.cli.board import board
 from qrobot.config import Deployment, load_deployment
 from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.canbus.client import CanBus
+from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.canbus.multicast import LocalMulticast
 from qrobot.hwif.roads import open_road, servers
@@ -40,6 +41,42 @@ def test_a_board_on_can_is_reached_by_a_bus_at_its_own_pace(tmp_path: Path) -> N
     bus, period_ns = open_road(arm.board)
     assert isinstance(bus, CanBus)
     assert (bus.name, period_ns) == ("CAN virtual:x, node 7", 4_000_000)
+
+
+DRIVES = (
+    CAN.split("[arm.board]", maxsplit=1)[0]
+    + """
+[arm.board]
+kind = "drives"
+[arm.board.drives]
+interface = "virtual"
+channel = "x"
+nodes = [1, 2, 3, 4, 5, 6]
+torque_permille = [900, -900, 900, 900, 900, 900]
+increments_per_count = [131.072, 131.072, 131.072, -131.072, 131.072, 131.072]
+counts_at_zero = [0, 0, 0, 8000, 0, 0]
+"""
+)
+
+
+def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:
+    [arm] = load(tmp_path, DRIVES).arm
+    bus, period_ns = open_road(arm.board)
+    assert isinstance(bus, DrivesBus)
+    assert (bus.name, period_ns) == ("CAN virtual:x, 6 drives", 2_000_000)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5, 5]", "same node number"),
+        ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5]", "torque_permille needs 5 numbers"),
+        ("-900", "0", "must not be 0"),
+    ],
+)
+def test_drives_need_a_number_for_each_that_means_something(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load(tmp_path, DRIVES.replace(old, new))
 
 
 @pytest.mark.parametrize(

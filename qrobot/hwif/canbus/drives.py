@@ -1,0 +1,197 @@
+"""Separate drives (CiA 402) that look like a board: a robot with modern drives under the same servo.
+
+Each joint has a drive in cyclic synchronous torque mode; all work on one SYNC. To the drives go control word and target
+torque (RPDO 1), from them come status word and actual position (TPDO 1). Of a board's registers there are
+
+* DAC: the target torque, `torque_permille` thousandths of the rated one at +10 V (the all-zero word);
+* ENC_COUNT: the actual position in counts, plus what ENC_LOAD has put there;
+* DISCRETE bit 0 and STATUS bit 15: arm power is on while every drive is in OPERATION ENABLED. A drive that leaves it
+  takes the others along, and power has to be asked for anew;
+* STATUS bit 0: no drive has stopped by itself (QUICK STOP ACTIVE);
+* the scratch bits, kept here. With absolute encoders the arm is calibrated from the start.
+
+There is no converter: a conversion is never done, and no index pulse is ever seen.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from typing import Final
+
+from qrobot.config.drives import DrivesRoad
+from qrobot.errors import RemoteProtocolError
+from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
+from qrobot.hwif.canbus.ds402 import (
+    CYCLIC_TORQUE,
+    DEVICE_TYPE,
+    DISABLE_VOLTAGE,
+    MODE_SHOWN,
+    MODE_WANTED,
+    PROFILE,
+    DriveState,
+    state_of,
+    towards_operation,
+)
+from qrobot.hwif.canbus.frames import RPDO, SYNC, TPDO
+from qrobot.hwif.canbus.interface import load_can
+from qrobot.hwif.canbus.link import CanLink
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_MASK,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_LOAD,
+    N_ENCODERS,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_ESTOP_OK,
+    STATUS_INDEX,
+    STATUS_POWER,
+)
+from qrobot.realtime.segment import Words
+
+TO_DRIVE: Final = struct.Struct("<Hh")  # control word, target torque
+FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
+MS_PER_S: Final = 1000
+_TORQUE_LIMIT: Final = 0x7FFF
+
+
+class DrivesBus:
+    """The drives of one arm as a `Bus`.
+
+    Args:
+        road: where they are, and what their numbers mean.
+        clock: time of an image, ns; by default the middle between asking and answer.
+    """
+
+    def __init__(self, road: DrivesRoad, clock: Callable[[], int] | None = None) -> None:
+        self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
+        self._road, self._clock = road, clock
+        self._link = CanLink(road.interface, road.channel, road.bitrate, road.nodes)
+        n = len(road.nodes)
+        self._status, self._position = [0] * n, [0] * n
+        self._dac, self._loaded = [DAC_ZERO] * n, list(road.counts_at_zero)
+        self._discrete = DISCRETE_CALIBRATED if road.absolute else 0
+        self._tripped = False
+        self._was_on = False
+        self._count = 0
+
+    def connect(self) -> BoardFacts:
+        """Find every drive, choose its mode, and let it operate.
+
+        Raises:
+            LinkTimeout: one does not answer. RemoteProtocolError: one is no drive, or does not have the mode.
+        """
+        self._link.open()
+        for node in self._road.nodes:
+            if self._link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
+                raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
+            self._link.download(node, MODE_WANTED, 0, CYCLIC_TORQUE, 1)
+            if self._link.upload(node, MODE_SHOWN, 0) & 0xFF != CYCLIC_TORQUE:
+                raise RemoteProtocolError(f"the drive of node {node} has no cyclic synchronous torque mode")
+            self._link.start(node)
+        self._switch_off()
+        return BoardFacts("F", len(self._road.nodes))
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        """See `Bus`. Of several writes to one converter in a list the last one reaches the drive."""
+        for kind, offset, value in operations.tolist():
+            if kind == OP_WRITE:
+                self._write(offset, value)
+        asked_ns = time.monotonic_ns()
+        self._transmit()
+        self._collect()
+        answered_ns = time.monotonic_ns()
+        self._judge_power()
+        self._fill(image, self._clock() if self._clock else (asked_ns + answered_ns) // 2)
+
+    def close(self) -> None:
+        """Let go of the interface; the drives notice by their own time-out."""
+        self._link.close()
+
+    # ------------------------------------------------------------------------------------------------------ inside
+
+    def _write(self, offset: int, value: int) -> None:
+        channel = (offset % 16) // 2
+        if offset == DISCRETE:
+            if not value & DISCRETE_POWER:
+                self._tripped = False  # and may be asked for anew
+            self._discrete = value
+        elif offset >= DAC and channel < len(self._dac):
+            self._dac[channel] = value & DAC_MASK
+        elif ENC_LOAD <= offset < ENC_LOAD + 2 * len(self._loaded):
+            self._loaded[channel] = value - self._turned(channel)
+
+    def _transmit(self) -> None:
+        wanted = bool(self._discrete & DISCRETE_POWER) and not self._tripped
+        for channel, node in enumerate(self._road.nodes):
+            control = towards_operation(self._status[channel]) if wanted else DISABLE_VOLTAGE
+            torque = self._torque(channel) if self._powered and wanted else 0
+            self._link.send(RPDO[0] + node, TO_DRIVE.pack(control, torque))
+        self._link.send(SYNC, b"")
+
+    def _torque(self, channel: int) -> int:
+        """Thousandths of the rated torque that a DAC word stands for."""
+        full = self._road.torque_permille[channel]
+        torque = round((DAC_ZERO - self._dac[channel]) * full / DAC_ZERO)
+        return min(max(torque, -_TORQUE_LIMIT), _TORQUE_LIMIT)
+
+    def _collect(self) -> None:
+        waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
+        deadline = time.monotonic() + self._road.timeout_ms / MS_PER_S
+        while waiting:
+            message = self._link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
+            channel = waiting.pop(message.arbitration_id, None)
+            if channel is None:
+                continue
+            if len(message.data) < FROM_DRIVE.size:
+                raise RemoteProtocolError(f"TPDO 1 of node {self._road.nodes[channel]} is too short: check its mapping")
+            self._status[channel], self._position[channel] = FROM_DRIVE.unpack_from(bytes(message.data))
+
+    @property
+    def _powered(self) -> bool:
+        return all(state_of(status) is DriveState.ENABLED for status in self._status)
+
+    def _judge_power(self) -> None:
+        """One drive that stops by itself stops them all."""
+        if self._was_on and not self._powered and self._discrete & DISCRETE_POWER:
+            self._tripped = True
+        self._was_on = self._powered
+
+    def _switch_off(self) -> None:
+        self._discrete &= SCRATCH_BITS
+        self._was_on = self._tripped = False
+        self._dac = [DAC_ZERO] * len(self._dac)
+        self._status = [0] * len(self._status)
+        self._link.drain()
+
+    def _turned(self, channel: int) -> int:
+        return round(self._position[channel] / self._road.increments_per_count[channel])
+
+    def _fill(self, image: Words, t_ns: int) -> None:
+        self._count += 1
+        image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, self._count
+        stopped = any(state_of(status) is DriveState.QUICK_STOPPED for status in self._status)
+        image[IMAGE_INPUTS:] = 0
+        image[IMAGE_INPUTS + STATUS // 2] = (
+            STATUS_INDEX
+            | STATUS_ADC_BUSY
+            | self._discrete & SCRATCH_BITS
+            | STATUS_POWER * (self._powered and not self._tripped)
+            | STATUS_ESTOP_OK * (not stopped)
+        )
+        for channel in range(min(N_ENCODERS, len(self._position))):
+            word = self._turned(channel) + self._loaded[channel]
+            image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = word & 0xFFFF
+
+
+def drives_bus(road: DrivesRoad) -> DrivesBus:
+    """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
+    load_can()
+    return DrivesBus(road)

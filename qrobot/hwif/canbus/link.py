@@ -1,0 +1,139 @@
+"""What every near end on CAN needs: frames both ways, service data of at most four bytes, and who has restarted."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
+from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, SDO_ANSWER, SDO_ASK
+from qrobot.hwif.canbus.interface import load_can, open_interface
+
+if TYPE_CHECKING:
+    import can
+
+SDO_TIMEOUT_S: Final = 0.5
+START: Final = 1  # NMT command
+SDO: Final = struct.Struct("<BHBL")  # of at most four bytes (CiA 301, 7.2.4.3)
+UPLOAD: Final = 0x40
+UPLOADED: Final = 0x43  # less the bits of its size
+DOWNLOAD: Final = {1: 0x2F, 2: 0x2B, 4: 0x23}  # by bytes
+DOWNLOADED: Final = 0x60
+ABORTED: Final = 0x80
+_EXPEDITED: Final = 0x42
+_ALL_DIGITS: Final = 0xFFFFFFFF
+
+
+class CanLink:
+    """A CAN interface as seen by somebody who talks to some of its nodes.
+
+    Args:
+        interface, channel, bitrate: of python-can.
+        nodes: whose emergency and boot-up messages are listened to.
+    """
+
+    def __init__(self, interface: str, channel: str, bitrate: int, nodes: Sequence[int]) -> None:
+        self._where = interface, channel, bitrate
+        self._nodes = frozenset(nodes)
+        self._bus: can.BusABC | None = None
+        self._emergencies: dict[int, int] = {}
+
+    def open(self) -> None:
+        """Open the interface unless it is, and forget what came in. Raises LinkError."""
+        if self._bus is None:
+            self._bus = open_interface(*self._where)
+        self._emergencies.clear()
+        self.drain()
+
+    def close(self) -> None:
+        """Let go of the interface. May be called twice."""
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a frame. Raises LinkLost when the interface fails."""
+        library = load_can()
+        try:
+            self._open.send(library.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        except (library.CanError, OSError, ValueError) as error:
+            raise LinkLost(f"the interface fails: {error}") from error
+
+    def receive(self, deadline: float, whom: str) -> can.Message:
+        """The next data frame, until `deadline` of `time.monotonic`.
+
+        Raises:
+            LinkTimeout: none came; names `whom`, and the last emergency messages.
+            LinkLost: one of the nodes has started anew, or the interface fails.
+        """
+        while (left := deadline - time.monotonic()) > 0:
+            message = self._next(left)
+            if message is None or message.is_error_frame or message.is_remote_frame:
+                continue
+            self._listen(message)
+            node = message.arbitration_id - HEARTBEAT
+            if node in self._nodes and message.data == b"\0":
+                raise LinkLost(f"node {node} has started anew{self.emergencies}")
+            return message
+        raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
+
+    def drain(self) -> None:
+        """Pass over what has come in, but for emergency messages."""
+        while (message := self._next(0.0)) is not None:
+            self._listen(message)
+
+    @property
+    def emergencies(self) -> str:
+        """What the nodes complain of, for the end of an error message."""
+        told = ", ".join(f"{code:#06x} of node {node}" for node, code in sorted(self._emergencies.items()))
+        return f"; emergency messages: {told}" if told else ""
+
+    def start(self, node: int) -> None:
+        """Let a node operate."""
+        self.send(NMT, bytes((START, node)))
+
+    def upload(self, node: int, index: int, sub: int) -> int:
+        """Read a number from a node's object dictionary. Raises RemoteProtocolError when it has no such object."""
+        return self._ask(node, UPLOAD, index, sub, 0)
+
+    def download(self, node: int, index: int, sub: int, value: int, size: int) -> None:
+        """Write a number of `size` bytes (1, 2 or 4). Raises RemoteProtocolError when the node refuses it."""
+        self._ask(node, DOWNLOAD[size], index, sub, value & _ALL_DIGITS)
+
+    def _ask(self, node: int, command: int, index: int, sub: int, value: int) -> int:
+        self.send(SDO_ASK + node, SDO.pack(command, index, sub, value))
+        deadline = time.monotonic() + SDO_TIMEOUT_S
+        while True:
+            message = self.receive(deadline, f"node {node}")
+            if message.arbitration_id != SDO_ANSWER + node or len(message.data) != SDO.size:
+                continue
+            answer, of_index, of_sub, number = SDO.unpack(bytes(message.data))
+            if (of_index, of_sub) != (index, sub):
+                continue
+            if answer != DOWNLOADED and (answer == ABORTED or answer & _EXPEDITED != _EXPEDITED):
+                raise RemoteProtocolError(f"node {node} refuses object {index:#06x}:{sub} ({number:#010x})")
+            return int(number)
+
+    def _listen(self, message: can.Message) -> None:
+        node = message.arbitration_id - EMCY
+        if node in self._nodes and len(message.data) >= 2:
+            code = int.from_bytes(message.data[:2], "little")
+            if code:
+                self._emergencies[node] = code
+            else:
+                self._emergencies.pop(node, None)
+
+    def _next(self, seconds: float) -> can.Message | None:
+        library = load_can()
+        try:
+            return self._open.recv(seconds)
+        except (library.CanError, OSError, ValueError) as error:
+            raise LinkLost(f"the interface fails: {error}") from error
+
+    @property
+    def _open(self) -> can.BusABC:
+        if self._bus is None:
+            raise LinkError("not connected")
+        return self._bus

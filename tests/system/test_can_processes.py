@@ -1,0 +1,123 @@
+"""CAN between processes: `qrobot board --serve can=...`, the package canopen at the other end, and the gateway."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import canopen
+import numpy as np
+import pytest
+
+from qrobot.config.deployment import load_deployment
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.canbus.interface import open_interface
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
+from qrobot.hwif.registers import ENC_COUNT, STATUS_POWER
+from qrobot.rig.processes import board_ready
+from tests.support.processes import PATIENCE_S, free_port, qrobot, wait_until
+
+pytestmark = pytest.mark.realtime
+
+EDS = str(Path(__file__).parents[2] / "config/can/qrobot_board.eds")
+COLD_S = 300.0
+ARMS = """
+[[arm]]
+name = "{far}"
+robot = "puma560"
+bridge = {{ port = 5701 }}
+[[arm]]
+name = "{near}"
+robot = "puma560"
+bridge = {{ port = 5702 }}
+servo = {{ rate_hz = 200, board_timeout_ms = 100 }}
+[arm.board]
+kind = "can"
+can = {{ interface = "udp_multicast", channel = "{channel}", period_ms = 5, timeout_ms = 500 }}
+"""
+
+
+class Far:
+    """The emulated board's process, and the deployment file of a gateway to it."""
+
+    def __init__(self, path: Path) -> None:
+        self.deployment = path
+        self.far, self.near = (arm.name for arm in load_deployment(path).arm)
+        self.channel = load_deployment(path).arm[1].board.can.channel  # type: ignore[union-attr]
+        self.process = qrobot("board", path, "--arm", self.far, "--serve", f"can=udp_multicast:{self.channel}")
+
+
+@pytest.fixture(scope="module")
+def far(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Far]:
+    path = tmp_path_factory.mktemp("can") / "arms.toml"
+    ident = uuid.uuid4().hex[:10]
+    path.write_text(ARMS.format(far=f"f{ident}", near=f"n{ident}", channel=f"239.74.163.2/{free_port()}"))
+    far = Far(path)
+    wait_until(lambda: board_ready(far.far), "the board runs", COLD_S)
+    yield far
+    end(far.process)
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    process.communicate(timeout=20.0)
+
+
+def counts_of(arm: str) -> np.ndarray:
+    segment = attach_board_memory(arm)
+    image = make_image()
+    assert fetch_image(segment.words, image)
+    segment.close()
+    return image[IMAGE_INPUTS + ENC_COUNT // 2 :][:6].copy()
+
+
+def answers(board: canopen.RemoteNode) -> bool:
+    try:
+        return bool(board.sdo[0x1000].raw)
+    except canopen.SdoCommunicationError:
+        return False
+
+
+def test_the_package_canopen_reads_counts_and_moves_a_joint_of_the_emulated_arm(far: Far) -> None:
+    network = canopen.Network(open_interface("udp_multicast", far.channel))
+    network.connect()
+    try:
+        board = network.add_node(1, EDS)
+        board.sdo.RESPONSE_TIMEOUT = 0.5
+        wait_until(lambda: answers(board), "the node answers: it starts after the board")
+        board.sdo.RESPONSE_TIMEOUT = PATIENCE_S
+        counts = [board.sdo["ENC_COUNT"][joint].raw for joint in range(1, 7)]
+        assert counts == counts_of(far.far).tolist()
+        board.nmt.state = "OPERATIONAL"
+        network.sync.start(0.01)
+
+        def waist_moves() -> bool:
+            """Ask again each time: on a machine that stalls the watchdog may have acted meanwhile."""
+            board.sdo[0x6300][1].raw = 0x0007  # arm power, hand relaxed
+            board.sdo[0x6411][1].raw = 13107  # 4 V turn the waist
+            return abs(int(board.sdo["ENC_COUNT"][1].raw) - counts[0]) > 200
+
+        wait_until(waist_moves, "the waist moves")
+        network.sync.stop()
+        time.sleep(0.3)  # silence is what the watchdog waits for
+        assert not board.sdo["STATUS"][1].raw & STATUS_POWER
+    finally:
+        network.disconnect()
+
+
+def test_the_gateway_shows_the_far_board_under_the_near_arms_name(far: Far) -> None:
+    gateway = qrobot("board", far.deployment, "--arm", far.near)
+    try:
+        wait_until(lambda: board_ready(far.near), "the far board is found", COLD_S)
+        assert counts_of(far.near).tolist() == counts_of(far.far).tolist()
+        segment = attach_board_memory(far.near)
+        image = make_image()
+        fetch_image(segment.words, image)
+        before = int(image[IMAGE_COUNT])
+        wait_until(lambda: fetch_image(segment.words, image) and image[IMAGE_COUNT] > before, "new images")
+        segment.close()
+    finally:
+        end(gateway)
