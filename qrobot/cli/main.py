@@ -49,6 +49,7 @@ COMMANDS: Final = (
     Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),
     Command("servo", "qrobot.cli.servo:app", PROCESSES, "Run the servo of one arm."),
     Command("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),
+    Command("modbus", "qrobot.cli.modbus:modbus", PROCESSES, "Show a running robot to Modbus TCP clients."),
     Command("bridge", "qrobot.cli.bridge:bridge", PROCESSES, "Let programs command a servo over TCP."),
 )
 

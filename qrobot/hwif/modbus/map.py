@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from qrobot.errors import RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Operations
@@ -123,7 +124,7 @@ ROBOT_ROWS: Final[tuple[Row, ...]] = (
     Row(ROBOT, 1, "MODE", "u16", "read", "of the servo, as in the list of modes"),
     Row(ROBOT + 1, 1, "FAULT", "u16", "read", "fault it stands in, 0 for none"),
     Row(ROBOT + 2, 1, "EVENT", "u16", "read", "newest event"),
-    Row(ROBOT + 3, 1, "JOINT", "u16", "read", "joint the event is about, from 1; 0 for none"),
+    Row(ROBOT + 3, 1, "JOINT", "u16", "read", "joint the event is about, counted from 0; 0 too where it is about none"),
     Row(ROBOT + 4, 1, "FLAGS", "u16", "read", "1 powered, 2 calibrated, 4 emergency stop healthy, 8 guarded, 16 at rest"),
     Row(ROBOT + 5, 1, "INPUTS", "u16", "read", "discrete inputs"),
     Row(ROBOT + 6, 1, "HAND", "u16", "read", "as commanded: 0 relaxed, 1 open, 2 closed"),
@@ -211,3 +212,20 @@ def _check_operations(operations: Operations) -> None:
 def written(address: int, values: Sequence[int]) -> Operations:
     """Writes of the window's registers from `address` on, in the order of addresses."""
     return np.array([(OP_WRITE, 2 * (address + i), value) for i, value in enumerate(values)], np.int64)
+
+
+def encode_robot(words: Sequence[int], t_ns: int, tick: int, vectors: Sequence[NDArray[np.float64]]) -> list[int]:
+    """Registers from ROBOT on.
+
+    Args:
+        words: MODE to N, as in ROBOT_ROWS.
+        t_ns, tick: of the cycle.
+        vectors: positions, velocities, torques, references. Shape (n,) each, n up to MAX_JOINTS.
+    """
+    registers = [*(word & WORD_MASK for word in words), *registers_of(struct.pack(">qq", t_ns, tick))]
+    registers += [0] * (VECTORS - ROBOT - len(registers))
+    for vector in vectors:
+        singles = np.zeros(MAX_JOINTS, ">f4")
+        singles[: len(vector)] = vector
+        registers += registers_of(singles.tobytes())
+    return registers
