@@ -67,14 +67,17 @@ def revision_of_arm(arm: Arm) -> str:
     return arm.board.revision or robot_of_arm(arm).board.revision
 
 
-def card_of_arm(arm: Arm) -> Words:
-    """The card that servo and guardian reach by themselves; none, unless the board is on this machine's ISA bus."""
+def card_of_arm(arm: Arm, read_only: bool = False) -> Words:
+    """The card that servo and guardian reach by themselves; none, unless the board is on this machine's ISA bus.
+
+    It is read only when either the file or the caller says so.
+    """
     from qrobot.hwif.port.card import NO_CARD, REAL_CARD, make_card  # kernels: half a second
 
     road = arm.board.port
     if road is None:
         return make_card(NO_CARD)
-    return make_card(REAL_CARD, road.base, revision_of_arm(arm), road.read_only)
+    return make_card(REAL_CARD, road.base, revision_of_arm(arm), road.read_only or read_only)
 
 
 def servo_settings(

@@ -62,7 +62,7 @@ def check(
     chosen = choose_arm(deployment, arm)
     _refuse_beside_a_servo(chosen.name)
     walk = Walk(
-        _road_to(chosen),
+        _road_to(chosen, read_only),
         robot_of_arm(chosen),
         (lambda _question: True) if yes else _ask,
     )
@@ -77,13 +77,13 @@ def check(
     return SUCCESS if good else FAILURE
 
 
-def _road_to(arm: Arm) -> Bus:
+def _road_to(arm: Arm, read_only: bool) -> Bus:
     """The memory of the board process; a card on this machine's own bus has none, and is met at its ports."""
     from qrobot.hwif.memory_bus import board_memory_bus
     from qrobot.hwif.port.bus import PortBus
 
     if arm.board.kind == "port":
-        return PortBus(card_of_arm(arm), robot_of_arm(arm).n)
+        return PortBus(card_of_arm(arm, read_only), robot_of_arm(arm).n)
     return board_memory_bus(arm.name, timeout_s=PATIENCE_S)
 
 

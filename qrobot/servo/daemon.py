@@ -19,7 +19,8 @@ from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
-from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card
+from qrobot.hwif.port.bus import PortBus
+from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.segment import Segment, Words
@@ -209,8 +210,7 @@ def serve(
         LinkBusy: another servo runs this arm.
     """
     card = make_card(NO_CARD) if card is None else card
-    if card[CARD_KIND] == NO_CARD:
-        attach_board_memory(arm).close()  # say so at once when there is none: compiling takes a while
+    _insist_on_a_board(arm, card)  # say so at once when there is none: compiling takes a while
     warm_up(robot, settings)
     board = _board_memory(arm, card, robot.n, settings.period_ns)
     with create_servo_memory(
@@ -236,8 +236,17 @@ def serve(
         with shutdown_on_signals(memory.words):
             started()
             _run_and_watch(process, look)
+    if card[CARD_READ_ONLY]:
+        report(f"dry run: {int(card[CARD_WITHHELD])} accesses that would have changed something were withheld")
     process.board.close(unlink=process.board.owner)
     Authority(arm).clear()
+
+
+def _insist_on_a_board(arm: str, card: Words) -> None:
+    if card[CARD_KIND] == NO_CARD:
+        attach_board_memory(arm).close()
+    else:
+        PortBus(card).connect()
 
 
 def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Segment:

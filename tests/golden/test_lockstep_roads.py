@@ -10,6 +10,7 @@ from qrobot.errors import LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.port.card import serve_card, show_card
+from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.lockstep import LockstepRig, run_blocks
 from qrobot.rig.lockstep_road import RoadRig
 from qrobot.servo.mailbox import POSITION_SETPOINT
@@ -83,6 +84,22 @@ def test_a_card_on_the_bus_changes_no_setpoint_no_word_and_no_motion() -> None:
     card = fly(PortRig(new_emulator()))
     for field in ("q_ref", "dac", "q", "mode"):
         np.testing.assert_array_equal(card[field], direct[field], field)
+
+
+def test_a_card_pulled_in_a_move_faults_the_servo_and_its_return_moves_nothing() -> None:
+    rig = PortRig(new_emulator())
+    hold(rig)
+    for frame in range(FRAMES // 2):
+        push(rig, frame)
+    rig.card.pulled = True
+    rig.run_for(0.01)
+    seen = rig.mailbox.snapshot()
+    assert (seen.mode, seen.event) == (Mode.FAULT, FaultCode.BOARD_GONE)
+    rig.card.pulled = False
+    rig.run_for(0.1)
+    assert rig.mailbox.snapshot().mode == Mode.FAULT
+    assert not rig.emulator.powered
+    assert rig.emulator.bundle.board.dac[: ROBOT.n].tolist() == [DAC_ZERO] * ROBOT.n
 
 
 def test_a_road_cut_in_a_move_stops_the_servo_and_the_board_is_safe_when_it_is_found_again() -> None:

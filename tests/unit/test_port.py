@@ -13,6 +13,8 @@ from numba import types
 
 from qrobot.cli.arms import card_of_arm, choose_arm
 from qrobot.cli.checks import look_at_card
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost
 from qrobot.hwif.bus import make_image, safe_operations
@@ -64,6 +66,7 @@ from qrobot.hwif.registers import (
     STATUS_CALIBRATED,
     STATUS_POWER,
 )
+from qrobot.rig.deployed import ArmProcesses
 from qrobot.servo.adc import make_adc_state, start_sample
 from qrobot.servo.guardian import N_OWN, N_SAFE_OPS, look
 from qrobot.servo.loop import ENDED, run
@@ -366,3 +369,40 @@ def test_a_board_is_where_its_kind_says(tmp_path: Path, board: str, says: str) -
     path.write_text(f'[[arm]]\nname = "left"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\nboard = {board}\n')
     with pytest.raises(ConfigError, match=says):
         choose_arm(str(path), None)
+
+
+@pytest.fixture
+def port_arm(tmp_path: Path) -> str:
+    """A deployment with a card."""
+    path = tmp_path / "here.toml"
+    path.write_text(
+        f'[[arm]]\nname = "port{os.getpid()}"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\n'
+        'log = { directory = "" }\nboard = { kind = "port", port = {} }\n'
+    )
+    return str(path)
+
+
+@pytest.mark.parametrize("command", [["servo", "--own-guardian"], ["board", "check", "--read-only"], ["board"]])
+def test_where_there_are_no_ports_a_command_says_so_before_it_does_anything(
+    port_arm: str, command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qrobot.hwif.port.permission.HAS_PORTS", False)
+    assert run_app(make_app(), [*command, port_arm]) == 1
+    said = capsys.readouterr()
+    assert "x86-64" in said.out + said.err or "no board process is needed" in said.err
+
+
+def test_an_arm_with_a_card_starts_no_board_process(port_arm: str) -> None:
+    started: list[str] = []
+
+    class Rig:
+        def start(self, _name: str, arguments: list[str], *_rest: object) -> None:
+            started.append(arguments[0])
+
+    ArmProcesses(Rig(), port_arm, choose_arm(port_arm, None)).start_all()  # type: ignore[arg-type]
+    assert started == ["servo", "guardian", "bridge"]
+
+
+def test_a_card_is_read_only_when_the_caller_says_so(port_arm: str) -> None:
+    arm = choose_arm(port_arm, None)
+    assert [int(card_of_arm(arm, read_only)[CARD_READ_ONLY]) for read_only in (False, True)] == [0, 1]

@@ -154,7 +154,10 @@ def show_card(card: Any, memory: Any, now_ns: int) -> None:
 
 @lean_kernel
 def pour_lane(card: Any, memory: Any, lane: int, now_ns: int) -> None:
-    """Apply what was posted to one lane of the board memory, in order. Each lane has one process that does this."""
+    """Apply what was posted to one lane of the board memory, in order, and trace it.
+
+    Each lane has one process that does this: the guardian its own, whose trace follows a servo that is silent.
+    """
     operation = card[_OPERATION : _OPERATION + OP_FIELDS]
     for _ in range(LANE_CAPACITY):
         if not take_operation(memory, lane, operation):
