@@ -12,6 +12,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from qrobot.config.can import CanRoad
+from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesRoad
 from qrobot.config.modbus import ModbusRoad
@@ -52,6 +53,7 @@ class BoardChoice(Table):
     can: CanRoad | None = None
     modbus: ModbusRoad | None = None
     drives: DrivesRoad | None = None
+    can_sensor: CanSensor | None = None
 
     @model_validator(mode="after")
     def _has_the_table_of_its_kind(self) -> BoardChoice:
@@ -61,6 +63,12 @@ class BoardChoice(Table):
                 raise ValueError(f"a table {road!r} needs kind = {road!r}, not {self.kind!r}")
             if not given and self.kind == road:
                 raise ValueError(f"kind = {road!r} needs a table [arm.board.{road}]")
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_gateway_for_its_sensor(self) -> BoardChoice:
+        if self.can_sensor is not None and not self.period_ms:
+            raise ValueError(f"a sensor on CAN needs a board behind a gateway, and kind = {self.kind!r} has none")
         return self
 
     @property

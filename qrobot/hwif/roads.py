@@ -21,22 +21,30 @@ def open_road(board: BoardChoice) -> tuple[Bus, int]:
     Raises:
         ConfigError: this board is not reached by a gateway, or what the road is made of is not installed.
     """
-    period_ns = round(board.period_ms * NS_PER_MS)
+    bus = _bus_of(board)
+    if board.can_sensor is not None:
+        from qrobot.hwif.canbus.sensor import with_sensor
+
+        bus = with_sensor(bus, board.can_sensor)
+    return bus, round(board.period_ms * NS_PER_MS)
+
+
+def _bus_of(board: BoardChoice) -> Bus:
     if board.kind == "port":
         raise ConfigError("the servo reaches a card on this machine's bus by itself: no board process is needed")
     if board.can is not None:
         from qrobot.hwif.canbus.client import can_bus
 
-        return can_bus(board.can), period_ns
+        return can_bus(board.can)
     if board.modbus is not None:
         require_pymodbus()
         from qrobot.hwif.modbus.client import modbus_bus
 
-        return modbus_bus(board.modbus), period_ns
+        return modbus_bus(board.modbus)
     if board.drives is not None:
         from qrobot.hwif.canbus.drives import drives_bus
 
-        return drives_bus(board.drives), period_ns
+        return drives_bus(board.drives)
     raise ConfigError(f"a board of kind {board.kind!r} is behind no road")
 
 

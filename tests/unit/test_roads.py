@@ -15,6 +15,7 @@ from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.canbus.multicast import LocalMulticast
+from qrobot.hwif.canbus.sensor import SensorBus
 from qrobot.hwif.roads import open_road, servers
 from tests.support.bus import BenchEndpoint
 
@@ -57,6 +58,27 @@ increments_per_count = [131.072, 131.072, 131.072, -131.072, 131.072, 131.072]
 counts_at_zero = [0, 0, 0, 8000, 0, 0]
 """
 )
+
+
+SENSOR = """
+[arm.board.can_sensor]
+interface = "virtual"
+channel = "y"
+signals = [{ channel = 6, id = 0x1B0, volt_per_count = 0.001 }]
+"""
+
+
+def test_a_sensor_on_can_stands_before_the_road_to_a_board(tmp_path: Path) -> None:
+    [arm] = load(tmp_path, CAN + SENSOR).arm
+    bus, _ = open_road(arm.board)
+    assert isinstance(bus, SensorBus)
+    assert bus.name == "CAN virtual:x, node 7 with a sensor on CAN virtual:y"
+
+
+def test_a_sensor_on_can_needs_a_gateway(tmp_path: Path) -> None:
+    emulated = CAN.split("[arm.board]", maxsplit=1)[0] + SENSOR
+    with pytest.raises(ConfigError, match="needs a board behind a gateway, and kind = 'emulator' has none"):
+        load(tmp_path, emulated)
 
 
 def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:

@@ -79,6 +79,11 @@ class CanLink:
             return message
         raise LinkTimeout(f"{whom} does not answer{self.emergencies}")
 
+    def waiting(self) -> list[can.Message]:
+        """The data frames that have come in, without waiting for more."""
+        messages = iter(lambda: self._next(0.0), None)
+        return [message for message in messages if not message.is_error_frame and not message.is_remote_frame]
+
     def drain(self) -> None:
         """Pass over what has come in, but for emergency messages."""
         while (message := self._next(0.0)) is not None:
