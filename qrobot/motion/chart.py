@@ -18,9 +18,11 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
+import numpy as np
+
 from qrobot.model.branch import Branch
 from qrobot.motion.aim import Aim, Frames
-from qrobot.motion.drive import Turn, drive, drive_parameters
+from qrobot.motion.drive import Turn, drive_between, drive_parameters
 from qrobot.motion.equation import Goal
 from qrobot.motion.limits import Floats
 from qrobot.motion.reach import Reach
@@ -141,8 +143,9 @@ class Straight:
     def look(self, x: Floats, near: Floats) -> Floats:
         """See `Chart.look`."""
         frames = self._aim.newest
-        t6 = frames.left @ drive(x, self._turn) @ frames.right
-        return self._reach.inverse(t6, self._branch, near, singular=not x.any())
+        t6, d = np.empty((4, 4)), np.empty((4, 4))
+        at_goal = drive_between(frames.left, x, self._turn is Turn.TWO_ANGLES, frames.right, d, t6)
+        return self._reach.inverse(t6, self._branch, near, singular=at_goal)
 
     def trace(self, points: Samples) -> Samples:
         """See `Chart.trace`."""

@@ -15,13 +15,15 @@ Either turns at |w| / T rad/s, T the time it takes: the two axes of Paul's drive
 
 from __future__ import annotations
 
+import math
 from enum import Enum
-from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
+from qrobot.model.row import row_of, store_row, times
 from qrobot.model.transform import so3_exp_into, so3_log
 from qrobot.motion.limits import Floats
+from qrobot.realtime.jit import lean_kernel
 
 
 class Turn(Enum):
@@ -33,14 +35,34 @@ class Turn(Enum):
 
 def drive(x: Floats, turn: Turn = Turn.ONE_AXIS) -> Floats:
     """`drive_parameters(drive(x)) == x` for turns below π. Shapes (6,), (4, 4)."""
-    D = np.eye(4)
-    one_axis = turn is Turn.ONE_AXIS
-    so3_exp_into((float(x[3]), float(x[4]), float(x[5]) if one_axis else 0.0), D)
-    if not one_axis:
-        c, s = cos(x[5]), sin(x[5])
-        D[:3, 0], D[:3, 1] = c * D[:3, 0] + s * D[:3, 1], c * D[:3, 1] - s * D[:3, 0]
-    D[:3, 3] = x[:3]
+    D = np.empty((4, 4))
+    drive_into(np.array(x, dtype=np.float64), turn is Turn.TWO_ANGLES, D)
     return D
+
+
+@lean_kernel
+def drive_into(x: Floats, two_angles: bool, D: Floats) -> None:
+    """`D` is `drive(x)`. Shapes (6,), (4, 4)."""
+    so3_exp_into((x[3], x[4], 0.0 if two_angles else x[5]), D)
+    for i in range(3):
+        D[i, 3], D[3, i] = x[i], 0.0
+    D[3, 3] = 1.0
+    if two_angles:
+        c, s = math.cos(x[5]), math.sin(x[5])
+        for i in range(3):
+            D[i, 0], D[i, 1] = c * D[i, 0] + s * D[i, 1], c * D[i, 1] - s * D[i, 0]
+
+
+@lean_kernel
+def drive_between(left: Floats, x: Floats, two_angles: bool, right: Floats, D: Floats, T: Floats) -> bool:
+    """`T` is `left @ D @ right` with the drive `D` of `x`; true at the goal. Shapes (4, 4) but for (6,) of `x`."""
+    drive_into(x, two_angles, D)
+    for i in range(3):
+        store_row(times(times(row_of(left, i), D), right), i, T)
+    at_goal = True
+    for i in range(6):
+        at_goal = at_goal and x[i] == 0.0
+    return at_goal
 
 
 def drive_parameters(D: Floats, near: Floats | None = None, turn: Turn = Turn.ONE_AXIS) -> Floats:
@@ -62,19 +84,19 @@ def drive_parameters(D: Floats, near: Floats | None = None, turn: Turn = Turn.ON
 
 def _read_two_angles(D: Floats, x: Floats) -> None:
     """Fill w: what turns z into the approach vector, and the turn about that which is left."""
-    sine = hypot(D[0, 2], D[1, 2])
-    theta = atan2(sine, D[2, 2])
+    sine = math.hypot(D[0, 2], D[1, 2])
+    theta = math.atan2(sine, D[2, 2])
     share = theta / sine if sine > 0.0 else 1.0  # at θ = π any axis will do; x is taken
     x[3], x[4], x[5] = -share * D[1, 2], share * D[0, 2], 0.0
     if sine == 0.0:
         x[3] = theta
     here = drive(x, Turn.TWO_ANGLES)
-    x[5] = atan2(here[:3, 1] @ D[:3, 0], here[:3, 0] @ D[:3, 0])
+    x[5] = math.atan2(here[:3, 1] @ D[:3, 0], here[:3, 0] @ D[:3, 0])
 
 
 def _nearer(w: Floats, near: Floats) -> Floats:
     angle = float(np.linalg.norm(w))
-    if angle < 0.5 * pi:
+    if angle < 0.5 * math.pi:
         return w
-    other = w * (1.0 - 2.0 * pi / angle)
+    other = w * (1.0 - 2.0 * math.pi / angle)
     return other if np.linalg.norm(other - near) < np.linalg.norm(w - near) else w

@@ -36,7 +36,10 @@ def inverse_of(J: Floats) -> Floats:
 
 def fitness(J: Floats, G: Floats, axes: Joints, joints: Joints) -> float:
     """How well `joints` serve `axes`, 1 at best and 0 when they cannot; J (6, n), its inverse G (n, 6)."""
-    gain = float(np.linalg.det(J[np.ix_(axes, joints)]) * np.linalg.det(G[np.ix_(joints, axes)]))
+    if len(axes) == 1:
+        gain = float(J[axes[0], joints[0]] * G[joints[0], axes[0]])
+    else:
+        gain = float(np.linalg.det(J[np.ix_(axes, joints)]) * np.linalg.det(G[np.ix_(joints, axes)]))
     if gain <= 0.0:
         return 0.0
     return min(gain, 1.0 / gain)
@@ -63,4 +66,6 @@ def drift_step(G: Floats, axes: Joints, joints: Joints, error: Floats) -> Floats
     Shape (k,), m and rad: with the other axes held, joints move by G[S, C] times a motion along the axes (equation 16
     of Hayward & Paul 1986, solved so that the next solution has the compliant joints where they were found).
     """
+    if len(axes) == 1:
+        return np.array(error / G[joints[0], axes[0]], dtype=np.float64)
     return np.array(np.linalg.solve(G[np.ix_(joints, axes)], error), dtype=np.float64)

@@ -73,21 +73,31 @@ def rows_of(points: Samples, period_s: float) -> tuple[Floats, float, float]:
     return np.array((now, before, earlier)), (tick - middle) * period_s, (middle - last) * period_s
 
 
+Spacing = tuple[float, float, float, float]  # near_s, and the inverse of near_s, of far_s and of both; 0 for no time
+
+
 @lean_kernel
-def parabola(now: float, before: float, earlier: float, near_s: float, far_s: float) -> tuple[float, float]:
+def spacing(near_s: float, far_s: float) -> Spacing:
+    """The times between three samples for `parabola`, which so divides by none of them."""
+    per_near = 1.0 / near_s if near_s > 0.0 else 0.0
+    if far_s > 0.0:
+        return near_s, per_near, 1.0 / far_s, 1.0 / (near_s + far_s)
+    return near_s, per_near, 0.0, 0.0
+
+
+@lean_kernel
+def parabola(now: float, before: float, earlier: float, between: Spacing) -> tuple[float, float]:
     """First and second derivative at the end of three samples; 0 where there is no time between them."""
-    if near_s == 0.0:
-        return 0.0, 0.0
-    slope = (now - before) / near_s
-    if far_s == 0.0:
-        return slope, 0.0
-    bend = 2.0 * (slope - (before - earlier) / far_s) / (near_s + far_s)
+    near_s, per_near, per_far, per_both = between
+    slope = (now - before) * per_near
+    bend = 2.0 * (slope - (before - earlier) * per_far) * per_both
     return slope + 0.5 * near_s * bend, bend
 
 
 @lean_kernel
 def motion_at_end(rows: Floats, near_s: float, far_s: float, state: Floats) -> None:
     """Fill `state` (3, m: value and its derivatives at the newest sample) from what `rows_of` gives."""
+    between = spacing(near_s, far_s)
     for j in range(rows.shape[1]):
         state[0, j] = rows[0, j]
-        state[1, j], state[2, j] = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)
+        state[1, j], state[2, j] = parabola(rows[0, j], rows[1, j], rows[2, j], between)

@@ -11,7 +11,7 @@ from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import PEAK, Blend
 from qrobot.motion.events import Termination
 from qrobot.motion.limits import Floats, MotionLimits
-from qrobot.motion.trail import Samples, parabola, rows_of
+from qrobot.motion.trail import Samples, parabola, rows_of, spacing
 from qrobot.realtime.jit import lean_kernel
 
 NONE: Final = int(Termination.NONE)
@@ -53,18 +53,19 @@ def judge_next(points: Samples, period_s: float, limits: MotionLimits, blend: Bl
 @lean_kernel
 def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: float) -> int:
     """`judge_next` of what `rows_of` gives, with `MotionLimits.table` and the PEAK of the transitions."""
+    between = spacing(near_s, far_s)
     halt_s, jumps, too_fast = SHORTEST_HALT_S, False, False
     for j in range(rows.shape[1]):
-        v, a = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)
-        jumps = jumps or abs(rows[0, j] - rows[1, j]) > math.pi
-        too_fast = too_fast or not (abs(v) <= _SLACK * limits[2, j] and abs(a) <= _SLACK * limits[3, j])
+        v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
+        jumps = jumps | (abs(rows[0, j] - rows[1, j]) > math.pi)
+        too_fast = too_fast | (not abs(v) <= _SLACK * limits[2, j]) | (not abs(a) <= _SLACK * limits[3, j])
         halt_s = max(halt_s, peak * abs(v) / limits[4, j])
     if jumps:
         return JOINT_LIMIT
     if too_fast:
         return TOO_FAST
     for j in range(rows.shape[1]):
-        v, _ = parabola(rows[0, j], rows[1, j], rows[2, j], near_s, far_s)
+        v, _ = parabola(rows[0, j], rows[1, j], rows[2, j], between)
         if not limits[0, j] <= rows[0, j] + 0.5 * halt_s * v <= limits[1, j]:
             return JOINT_LIMIT
     return NONE

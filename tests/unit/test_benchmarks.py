@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import kinematics, laws, logs, page, sixlaw, twolink, twolink_numpy, wakeup
+from benchmarks import kinematics, laws, logs, page, sixlaw, trajectory, twolink, twolink_numpy, wakeup
 from benchmarks.box import FRAME_NS, REACH, setpoints
 from benchmarks.ctwin import compiler
 from benchmarks.machine import described, machine
 from benchmarks.rows import Goal, Row, against, load, row, save
 from benchmarks.timing import FULL, QUICK, interleaved
+from benchmarks.tour import MOTIONS, PERIOD_S, planned_tour, walk_again
 from qrobot.config import load_robot
 from qrobot.model.paul import T_PAUL_VAL, to_paul
 from qrobot.realtime.jit import jit_disabled
@@ -191,6 +192,32 @@ def test_eaik_finds_our_solutions() -> None:
         ours = np.exp(1j * np.array([to_paul(each) for each in poses.arm.inverses(T, q).values()]))
         distance = np.abs(found[:, None] - ours).max(axis=2)
         assert distance.min(axis=0).max() < 1e-6
+
+
+def test_the_compiled_setpoints_are_the_generators_and_keep_the_limits_from_sample_to_sample() -> None:
+    tour, q = planned_tour(4000)
+    failed, again = walk_again(tour)
+    assert set(tour.place) == set(range(MOTIONS))
+    assert failed == 0
+    np.testing.assert_allclose(again, q, rtol=0.0, atol=1e-12)
+    limits = load_robot("puma560").limits
+    assert (np.abs(np.diff(q, axis=0)) <= limits.v_max * PERIOD_S).all()
+    assert (np.abs(np.diff(q, 2, axis=0)) <= limits.a_max * PERIOD_S**2).all()
+
+
+def test_the_complying_cycle_that_is_timed_does_comply() -> None:
+    complying = trajectory.Round(comply=True)
+    complying.times_s(20)
+    assert complying.yielding == 1
+
+
+def test_without_its_peer_a_row_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kinematics, "eaik_puma", lambda *_: None)
+    monkeypatch.setattr(trajectory, "ruckig_updates", lambda *_: None)
+    poses, (tour, _) = kinematics.random_poses(5), planned_tour(2000)
+    names = [row.name for row in (*kinematics.timed_rows(poses, QUICK), *trajectory.setpoint_rows(tour, QUICK))]
+    assert [name for name in names if "EAIK is not installed" in name]
+    assert [name for name in names if "ruckig is not installed" in name]
 
 
 def test_trajectory_derivatives_are_derivatives() -> None:
