@@ -20,7 +20,18 @@ from benchmarks.timing import FULL, QUICK, Effort
 
 OUTPUT: Final = Path("out/bench.json")
 # Wake-ups last: they pin this process to processors and lock its memory.
-GROUPS: Final = ("laws", "models", "kinematics", "trajectory", "servo", "lockstep", "logs", "startup", "wakeup")
+GROUPS: Final = (
+    "laws",
+    "models",
+    "kinematics",
+    "trajectory",
+    "servo",
+    "lockstep",
+    "roads",
+    "logs",
+    "startup",
+    "wakeup",
+)
 
 app = App(name="python -m benchmarks", help="How fast QRobot is on this machine, and against whom.")
 console = Console(width=None if sys.stdout.isatty() else 140)
@@ -33,7 +44,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     Parameters
     ----------
     groups
-        Only these: laws, models, kinematics, trajectory, servo, lockstep, logs, startup, wakeup.
+        Only these: laws, models, kinematics, trajectory, servo, lockstep, roads, logs, startup, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs

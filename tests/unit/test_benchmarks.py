@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import kinematics, laws, logs, page, sixlaw, trajectory, twolink, twolink_numpy, wakeup
+from benchmarks import kinematics, laws, logs, page, roads, sixlaw, trajectory, twolink, twolink_numpy, wakeup
 from benchmarks.box import FRAME_NS, REACH, setpoints
 from benchmarks.ctwin import compiler
 from benchmarks.machine import described, machine
@@ -263,3 +263,12 @@ def test_benchmark_telemetry_has_every_tick_once() -> None:
     rows = logs.telemetry(50, 6)
     assert rows["tick"].tolist() == list(range(50))
     assert np.ptp(rows["q"], axis=0).min() > 0.0
+
+
+def test_images_go_over_every_road_and_over_the_bare_library() -> None:
+    found = {row.name: row for row in roads.rows(QUICK)}
+    assert all(row.value > 0 for row in found.values())
+    over = found["image over Modbus"]
+    assert over.peer == "bare pymodbus"
+    assert over.ratio is not None
+    assert over.reference is not None
