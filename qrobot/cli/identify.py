@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
+import numpy as np
 from cyclopts import App, Parameter
 from rich.table import Table
 
@@ -147,26 +148,20 @@ def fit(
     """
     from qrobot.cli.identify_record import read_rows
     from qrobot.config import load_robot
-    from qrobot.ident.base import base_of_robot
-    from qrobot.ident.model import identify
-    from qrobot.ident.observe import Observer
-    from qrobot.ident.regressor import gravity_regressor
     from qrobot.ident.result import model_of, write_model
+    from qrobot.ident.session import identify_log
 
     rows, header = read_rows(logs)
     known = load_robot(robot or header.robot)
     if known.name != header.robot:
         raise ConfigError(f"the logs are of robot {header.robot!r}, {robot} is {known.name!r}")
-    regressor = gravity_regressor(known)
-    base = base_of_robot(known, regressor)
-    observations = Observer(known, regressor, base).observe(rows, header.period_ns * 1e-9)
-    found = identify(known, base, regressor, observations)
+    found = identify_log(known, rows, header.period_ns * 1e-9)
     model = model_of(found, rows, date or datetime.now(UTC).date().isoformat())
     write_model(output, model)
     _report(known, model, json)
-    suspicious = sorted(set(observations.passed[found.fit.outliers].tolist()))
-    few = f"{found.fit.outliers.size} in {len(suspicious)} passes hardly count"
-    note(f"{len(observations)} observations, of which {few}")
+    outliers = found.fit.outliers
+    passes = np.unique(found.observations.passed[outliers]).size
+    note(f"{len(found.observations)} observations, of which {outliers.size} in {passes} passes hardly count")
     note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")
 
 

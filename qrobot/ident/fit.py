@@ -59,7 +59,7 @@ class Fit:
         return np.flatnonzero(self.weight < HUBER / OUTLIER)
 
 
-def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str]) -> Fit:
+def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doubt: Floats | None = None) -> Fit:
     """x of A x = b, by robust least squares.
 
     Args:
@@ -67,26 +67,35 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str]) -> F
         b: shape (rows,).
         row_class: class of each row, from 0. Shape (rows,).
         names: of the columns, for complaints.
+        doubt: standard deviation of each row that is known beforehand and adds to its class's. Shape (rows,).
 
     Raises:
         IdentificationError: the rows do not determine every value; names those that they do not.
     """
     condition = _need_full_rank(A, names)
-    classes = int(row_class.max()) + 1
-    weight, scatter = np.ones(len(b)), np.ones(classes)
+    known = np.zeros(len(b)) if doubt is None else doubt
+    weight, scatter = np.ones(len(b)), np.full(int(row_class.max()) + 1, max(float(np.abs(b).max()), 1e-9))
     x, residual = np.zeros(len(names)), b
     for _ in range(_PASSES):
-        step = _step(A, residual, weight / scatter[row_class] ** 2)
+        step = _step(A, residual, weight / _variance(scatter, known, row_class))
         x, residual = x + step, residual - A @ step
-        scatter = _spread(residual, row_class, classes)
-        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual) / scatter[row_class], 1e-12))
+        scatter = _spread(residual, scatter, known, row_class)
+        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual) / _deviation(scatter, known, row_class), 1e-12))
         if np.linalg.norm(step) <= _SETTLED * np.linalg.norm(x):
             break
-    root = np.sqrt(weight)[:, None] * A
-    scatter = _judged(root, residual, weight, row_class, scatter)
-    information = root / scatter[row_class, None]
+    scatter = _judged(A, residual, weight, row_class, scatter, known)
+    information = np.sqrt(weight / _variance(scatter, known, row_class))[:, None] * A
     covariance: Floats = np.linalg.inv(information.T @ information).astype(np.float64)
     return Fit(x, covariance, scatter, residual, weight, condition)
+
+
+def _variance(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
+    """Of each row: its class's, and what is known of it."""
+    return np.asarray(scatter[row_class] ** 2 + known**2)
+
+
+def _deviation(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
+    return np.sqrt(_variance(scatter, known, row_class))
 
 
 def _step(A: Floats, residual: Floats, weight: Floats) -> Floats:
@@ -97,23 +106,32 @@ def _step(A: Floats, residual: Floats, weight: Floats) -> Floats:
     return np.asarray(np.linalg.solve(scaled.T @ weighted, weighted.T @ residual) / lengths, np.float64)
 
 
-def _spread(residual: Floats, row_class: Ints, classes: int) -> Floats:
-    """Robust standard deviation of each class, never quite nothing."""
+def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints) -> Floats:
+    """Standard deviation of each class with which its rows, in their own deviations, spread by 1; never nothing."""
     floor = 1e-9 * max(float(np.abs(residual).max()), 1e-9)
-    each = (residual[row_class == c] for c in range(classes))
-    return np.array([max(_MAD * float(np.median(np.abs(r))), floor) if r.size else 1.0 for r in each])
+    in_deviations = np.abs(residual) / _deviation(scatter, known, row_class)
+    found = scatter.copy()
+    for c in np.unique(row_class):
+        found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[_telling(row_class == c, known)])), floor)
+    return found
 
 
-def _judged(root: Floats, residual: Floats, weight: Floats, row_class: Ints, scatter: Floats) -> Floats:
+def _telling(mine: NDArray[np.bool_], known: Floats) -> NDArray[np.bool_]:
+    """Of the rows of a class the half with less doubt, and all as good: the others say little of its scatter."""
+    return np.asarray(mine & (known <= np.median(known[mine])))
+
+
+def _judged(A: Floats, residual: Floats, weight: Floats, row_class: Ints, scatter: Floats, known: Floats) -> Floats:
     """Standard deviation of each class, with the parameters it determines taken off its degrees of freedom."""
-    whitened = root / scatter[row_class, None]
+    variance = _variance(scatter, known, row_class)
+    whitened = np.sqrt(weight / variance)[:, None] * A
     leverage = (whitened @ np.linalg.inv(whitened.T @ whitened) * whitened).sum(axis=1)
     judged = scatter.copy()
-    for c in range(scatter.size):
-        mine = row_class == c
+    for c in np.unique(row_class):
+        mine = _telling(row_class == c, known)
         freedom = float(weight[mine].sum() - leverage[mine].sum())
         if freedom > 1.0:
-            judged[c] = max(scatter[c] * 1e-3, np.sqrt((weight * residual**2)[mine].sum() / freedom))
+            judged[c] *= max(1e-3, np.sqrt((weight * residual**2 / variance)[mine].sum() / freedom))
     return judged
 
 

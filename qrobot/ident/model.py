@@ -95,14 +95,16 @@ def identify(robot: Robot, base: BaseParameters, regressor: Regressor, observati
     names = [name for name, _, _ in _descriptions(robot, base)]
     A = _columns(robot, observations)
     held = observations.passed % HELD_BACK == HELD_BACK - 1
-    trial = fit_linear(A[~held], observations.torque[~held], observations.motor[~held], names)
+    trial = fit_linear(
+        A[~held], observations.torque[~held], observations.motor[~held], names, observations.doubt[~held]
+    )
     before = _known(robot, base, regressor)
     motor, torque = observations.motor[held], observations.torque[held]
     return Identified(
         robot,
         base,
         regressor,
-        fit_linear(A, observations.torque, observations.motor, names),
+        fit_linear(A, observations.torque, observations.motor, names, observations.doubt),
         observations,
         _rms_by_motor(torque - A[held] @ trial.values, motor, robot.n),
         _rms_by_motor(torque - A[held] @ before, motor, robot.n),

@@ -1,9 +1,10 @@
 """From a log to observations: the mean torque of every motor while it turned steadily.
 
-At constant speed nothing accelerates: what a motor gives is gravity and friction, and a little centrifugal torque that
-the robot file knows well enough; where it is more than that the motor is left out, and so it is where it turns so
-slowly that friction is another. The equations are linear in what is sought, so the mean of a whole pass obeys them as
-every sample does, without its quantisation. Passes are found in the log itself; whoever moved the arm need not say.
+At constant speed hardly anything accelerates: what a motor gives is gravity and friction, and a little inertial torque
+that the robot file knows well enough; an observation is told how much of it is in doubt. A motor is left out where it
+turns so slowly that its friction is another. The equations are linear in what is sought, so the mean of a whole pass
+obeys them as every sample does, without its quantisation. Passes are found in the log itself; whoever moved the arm
+need not say.
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ Bools = NDArray[np.bool_]
 CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction
 SLOWEST: Final = 0.06  # of a joint's greatest speed: below, friction falls with speed (Stribeck) and is not fitted
-KNOWN: Final = 0.02  # of a motor's Coulomb friction: a larger centrifugal torque, a third of it wrong, would show
+DOUBT: Final = 0.2  # share of the inertial torque that may be wrong: links are drawn, not weighed
+RESOLUTION: Final = 0.1  # DAC counts: the mean torque of a pass is not known better
 SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceleration before
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
+LOOKS: Final = 9  # at the inertial torque along a pass
 DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end
 
 
@@ -54,6 +57,7 @@ class Observations:
         gravity: what multiplies the base parameters. Shape (m, b).
         rate: mean speed, rad/s (m/s). Shape (m,).
         torque: mean torque, less that of inertia, N m (N). Shape (m,).
+        doubt: standard deviation of what inertia was thought to take, N m (N). Shape (m,).
     """
 
     motor: Ints
@@ -61,6 +65,7 @@ class Observations:
     gravity: Floats
     rate: Floats
     torque: Floats
+    doubt: Floats
 
     def __len__(self) -> int:
         return len(self.motor)
@@ -93,40 +98,58 @@ class Observer:
         robot: whose log it is.
         regressor: of its gravity.
         base: parameters of the regressor.
+        believed: the same robot with better links, for the inertial torque.
     """
 
-    def __init__(self, robot: Robot, regressor: Regressor, base: BaseParameters) -> None:
+    def __init__(self, robot: Robot, regressor: Regressor, base: BaseParameters, believed: Robot | None = None) -> None:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
-        self._params = dynamics_params(robot)._replace(gravity=np.zeros(3))
-        preset = robot.friction[robot.control.friction_preset]
-        self._most = KNOWN * (preset.coulomb_pos + preset.coulomb_neg)
+        self._params = dynamics_params(believed or robot)._replace(gravity=np.zeros(3))
         self._slowest = np.maximum(TRANSITIONS * robot.control.friction_velocity, SLOWEST * robot.limits.v_max)
 
     def observe(self, rows: Rows, period_s: float) -> Observations:
         """The observations of a log, rows of shape (r,)."""
-        parts = [self._reduce(rows[p.start : p.stop], i) for i, p in enumerate(steady_passes(rows, period_s))]
+        passes = steady_passes(rows, period_s)
+        parts = [self._reduce(rows[p.start : p.stop], i, period_s) for i, p in enumerate(passes)]
         return _stacked(parts, len(self._base.leading))
 
-    def _reduce(self, rows: Rows, number: int) -> Observations:
-        q, rate = rows["q"], rows["v_ref"] @ self._robot.transmission.coupling.T
-        columns = self._base.columns(self._regressor(q[EVERY // 2 :: EVERY])).mean(axis=0)
-        given = ((rows["dac"] - DAC_ZERO) / self._robot.transmission.dac_per_Nm).mean(axis=0)
-        centrifugal = self._to_motor @ self._centrifugal(q.mean(axis=0), rows["v_ref"].mean(axis=0))
-        torque = given - centrifugal
-        tells = (np.abs(rate).min(axis=0) > self._slowest) & (np.abs(centrifugal) < self._most)
-        turning = np.flatnonzero(tells)
-        mean_rate = rate.mean(axis=0)
+    def _reduce(self, rows: Rows, number: int, period_s: float) -> Observations:
+        transmission = self._robot.transmission
+        turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
+        q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
+        columns = self._to_motor @ self._base.columns(self._regressor(_spaced(q, 1 + len(q) // EVERY))).mean(axis=0)
+        given = ((rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm).mean(axis=0)
+        v, a = _mean_motion(q, period_s)
+        inertial = self._to_motor @ self._inertial(q, v, a)
+        doubt = np.hypot(DOUBT * inertial, RESOLUTION / transmission.dac_per_Nm)
+        rate = transmission.coupling @ v
         numbers = np.full(turning.size, number)
-        return Observations(turning, numbers, (self._to_motor @ columns)[turning], mean_rate[turning], torque[turning])
+        return Observations(
+            turning, numbers, columns[turning], rate[turning], (given - inertial)[turning], doubt[turning]
+        )
 
-    def _centrifugal(self, q: Floats, v: Floats) -> Floats:
-        tau = np.zeros(q.size)
-        inverse_dynamics(q, v, np.zeros(q.size), self._params, dynamics_work(q.size), tau)
-        return tau
+    def _inertial(self, q: Floats, v: Floats, a: Floats) -> Floats:
+        """Mean torque beside gravity of moving at `v` and `a` (n,) through positions of shape (r, n)."""
+        n = v.size
+        tau, work = np.zeros((LOOKS, n)), dynamics_work(n)
+        for at, torque in zip(_spaced(q, LOOKS), tau, strict=True):
+            inverse_dynamics(at, v, a, self._params, work, torque)
+        return np.asarray(tau.mean(axis=0))
+
+
+def _spaced(q: Floats, count: int) -> Floats:
+    """So many positions of (r, n), from the middles of equal parts: half a cycle off would show as viscous friction."""
+    return np.asarray(q[((np.arange(count) + 0.5) * len(q) / count - 0.5).round().astype(int)])
+
+
+def _mean_motion(q: Floats, period_s: float) -> tuple[Floats, Floats]:
+    """Mean velocity and acceleration of positions (r, n), by a parabola: an arm follows its setpoints not quite."""
+    t = period_s * (np.arange(len(q)) - 0.5 * (len(q) - 1))
+    curve, slope, _ = np.polyfit(t, q, 2)
+    return slope, 2.0 * curve
 
 
 def _stacked(parts: list[Observations], n_base: int) -> Observations:
     none = np.zeros(0, np.int64)
-    empty = Observations(none, none, np.zeros((0, n_base)), np.zeros(0), np.zeros(0))
+    empty = Observations(none, none, np.zeros((0, n_base)), np.zeros(0), np.zeros(0), np.zeros(0))
     return Observations(*(np.concatenate([getattr(p, f.name) for p in (empty, *parts)]) for f in fields(empty)))

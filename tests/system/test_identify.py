@@ -5,8 +5,6 @@ Mass, centre and friction of the plant are drawn at random within 30 % of the ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +22,10 @@ from qrobot.log.record import write_log
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.rig.unknown import UnknownArm
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.telemetry import Rows
-from qrobot.sim_board.emulator import Emulator
 
 PUMA = load_robot("puma560")
 N = PUMA.n
@@ -36,42 +34,14 @@ SETTINGS = ServoSettings(rate_hz=1000.0)
 LAW_JOINTS = slice(1, 3)  # those whose gravity a PUMA's law has always compensated
 
 
-@dataclass(frozen=True)
-class Unknown:
-    """An arm as it is."""
-
-    robot: Robot
-    payload_kg: float
-
-    def emulator(self) -> Emulator:
-        return Emulator(self.robot, payload_kg=self.payload_kg)
-
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """True torques at positions of shape (m, n)."""
-        regressor = gravity_regressor(PUMA)
-        theta = known_parameters(self.robot, regressor)
-        theta[-4:] += self.payload_kg * np.array([1.0, 0.0, 0.0, PUMA.geometry.flange_m])
-        return regressor(q) @ theta
-
-
-@cache
-def unknown(seed: int) -> Unknown:
-    random = np.random.default_rng(seed)
-    mass, centre = random.uniform(0.7, 1.3, N), random.uniform(0.7, 1.3, (N, 3))
-    known, preset = PUMA.links, PUMA.friction[PUMA.control.friction_preset]
-    links = {"mass": known.mass * mass, "com": known.com * centre, "inertia": known.inertia * mass[:, None]}
-    kinds = ("viscous", "coulomb_pos", "coulomb_neg")
-    rubs = {kind: getattr(preset, kind) * random.uniform(0.7, 1.3, N) for kind in kinds}
-    friction = PUMA.friction | {PUMA.control.friction_preset: preset.model_copy(update=rubs)}
-    robot = PUMA.model_copy(update={"links": known.model_copy(update=links), "friction": friction})
-    return Unknown(robot, float(random.uniform(0.5, 2.5)))
+UNKNOWN = UnknownArm.drawn(PUMA, seed=1)
 
 
 @pytest.fixture(scope="module")
 def recorded() -> Rows:
     regressor = gravity_regressor(PUMA)
     plan = make_plan(PUMA, regressor, base_of_robot(PUMA, regressor), POSES)
-    rows = record_lockstep(PUMA, "puma560", SETTINGS, unknown(1).emulator(), plan)
+    rows = record_lockstep(PUMA, "puma560", SETTINGS, UNKNOWN.emulator(), plan)
     assert not rows["fault"].any()
     return rows
 
@@ -92,29 +62,43 @@ def identified(model_file: Path) -> Robot:
     return with_model(PUMA, load_model(model_file, PUMA))
 
 
-def gravity_error(robot: Robot, truth: Unknown) -> np.ndarray:
+def gravity_error(robot: Robot, truth: UnknownArm) -> np.ndarray:
     """Rms over poses the arm never took, N m. Shape (n,)."""
     q = np.random.default_rng(99).uniform(PUMA.limits.q_min, PUMA.limits.q_max, (500, N))
     regressor = gravity_regressor(PUMA)
-    return np.sqrt(np.mean((regressor(q) @ known_parameters(robot, regressor) - truth.gravity(q)) ** 2, axis=0))
+    return np.sqrt(
+        np.mean(
+            (regressor(q) @ known_parameters(robot, regressor) - regressor(q) @ truth.parameters(regressor)) ** 2,
+            axis=0,
+        )
+    )
 
 
-def test_gravity_is_found_to_a_fraction_of_a_newton_metre(identified: Robot) -> None:
-    error = gravity_error(identified, unknown(1))
-    assert (error[LAW_JOINTS] < 0.2).all()
-    assert (error[3:] < 0.05).all()
-    assert (gravity_error(PUMA, unknown(1))[LAW_JOINTS] > 2.0).all()
+def test_gravity_is_found_to_hundredths_of_a_newton_metre(identified: Robot) -> None:
+    error = gravity_error(identified, UNKNOWN)
+    assert (error[LAW_JOINTS] < 0.02).all()
+    assert (error[3:] < 0.005).all()
+    assert (gravity_error(PUMA, UNKNOWN)[LAW_JOINTS] > 2.0).all()
 
 
-def test_friction_is_found_within_a_tenth(identified: Robot) -> None:
-    found, true = identified.friction["identified"], unknown(1).robot.friction["corke"]
-    for kind in ("viscous", "coulomb_pos", "coulomb_neg"):
-        np.testing.assert_allclose(getattr(found, kind), getattr(true, kind), rtol=0.1)
+def test_intervals_hold_the_truth(model_file: Path) -> None:
+    regressor = gravity_regressor(PUMA)
+    beta = base_of_robot(PUMA, regressor).K @ UNKNOWN.parameters(regressor)
+    found, truth = load_model(model_file, PUMA).value, [*beta, *UNKNOWN.friction.ravel()]
+    assert (
+        np.mean([abs(value.value - true) <= value.half_width for value, true in zip(found, truth, strict=True)]) > 0.9
+    )
+
+
+def test_friction_is_found_within_a_fiftieth(identified: Robot) -> None:
+    preset = identified.friction["identified"]
+    found = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
+    np.testing.assert_allclose(found, UNKNOWN.friction, rtol=0.02)
 
 
 def test_the_load_in_the_hand_is_put_there(identified: Robot) -> None:
     wrist = slice(3, None)
-    true = unknown(1).robot.links.mass[wrist].sum() + unknown(1).payload_kg
+    true = UNKNOWN.robot.links.mass[wrist].sum() + UNKNOWN.payload_kg
     assert identified.links.mass[wrist].sum() == pytest.approx(true, abs=0.4)
 
 
@@ -123,7 +107,7 @@ def test_the_model_says_how_well_it_predicts(model_file: Path) -> None:
     assert (quality.held_back_rms < 0.3 * quality.before_rms).all()
 
 
-def tracking_error(believed: Robot, truth: Unknown) -> np.ndarray:
+def tracking_error(believed: Robot, truth: UnknownArm) -> np.ndarray:
     """Rms of the paper's experiment, rad. Shape (n,)."""
     rig = LockstepRig(believed, SETTINGS, truth.emulator())
     run_program(rig, program_path())
@@ -132,20 +116,9 @@ def tracking_error(believed: Robot, truth: Unknown) -> np.ndarray:
     return np.sqrt(np.mean((tracked["q_ref"] - tracked["q"]) ** 2, axis=0))
 
 
-def knowing(truth: Unknown) -> Robot:
-    """What a servo would know that had been told everything."""
-    links, load = truth.robot.links, truth.payload_kg
-    mass, com = links.mass.copy(), links.com.copy()
-    mass[-1] += load
-    com[-1] = (links.mass[-1] * com[-1] + load * np.array([0.0, 0.0, PUMA.geometry.flange_m])) / mass[-1]
-    control = PUMA.control.model_copy(update={"gravity_joints": np.ones(N, dtype=bool)})
-    told = links.model_copy(update={"mass": mass, "com": com})
-    return truth.robot.model_copy(update={"links": told, "control": control})
-
-
 def test_the_servo_tracks_twice_as_well_with_the_model_and_nearly_as_well_as_with_the_truth(identified: Robot) -> None:
     before, after, exact = (
-        np.linalg.norm(tracking_error(robot, unknown(1))) for robot in (PUMA, identified, knowing(unknown(1)))
+        np.linalg.norm(tracking_error(robot, UNKNOWN)) for robot in (PUMA, identified, UNKNOWN.told)
     )
     assert after < 0.5 * before
     assert after < 1.3 * exact

@@ -61,6 +61,18 @@ def test_one_row_in_twenty_may_be_wild() -> None:
     assert fit.outliers.size < 1.5 * wild.size
 
 
+def test_rows_in_doubt_count_less_and_the_intervals_know_it() -> None:
+    random, hits = np.random.default_rng(4), []
+    x = random.uniform(-1.0, 1.0, 100)
+    A, doubt = np.column_stack([np.ones(100), x]), np.where(np.arange(100) % 2, 0.0, 2.0)
+    for _ in range(100):
+        b = 1.0 + 2.0 * x + random.normal(0.0, np.hypot(0.1, doubt))
+        fit = fit_linear(A, b, np.zeros(100, np.int64), LINE, doubt)
+        hits.append(np.abs(fit.values - [1.0, 2.0]) < fit.half_width)
+        assert fit.scatter[0] == pytest.approx(0.1, rel=0.5)
+    assert 0.88 < np.mean(hits) < 0.99
+
+
 @pytest.mark.parametrize(
     ("A", "complaint"),
     [
@@ -101,7 +113,8 @@ def generated(beta: np.ndarray, friction: np.ndarray, noise: float, seed: int, p
     torque = gravity @ beta + (columns * friction).sum(axis=-1)
     torque += noise * random.normal(size=torque.shape)
     motor, passed = np.tile(np.arange(N), len(q)), np.repeat(np.arange(len(q)), N)
-    return Observations(motor, passed, gravity.reshape(-1, len(beta)), rate.ravel(), torque.ravel())
+    doubt = np.full(motor.size, 1e-3)
+    return Observations(motor, passed, gravity.reshape(-1, len(beta)), rate.ravel(), torque.ravel(), doubt)
 
 
 def drawn(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -196,3 +209,12 @@ def test_an_observation_is_the_mean_torque_of_a_motor_that_turns() -> None:
     assert observed.torque[0] == pytest.approx(100 / PUMA.transmission.dac_per_Nm[1], abs=1e-3)
     middle = rows["q"][200:].mean(axis=0)
     np.testing.assert_allclose(observed.gravity[0], base.columns(regressor(middle[None]))[0, 1], rtol=1e-3)
+
+
+def test_the_speed_of_an_observation_is_the_measured_one() -> None:
+    """An arm whose friction is not known lags behind its setpoints by what changes along the way."""
+    regressor, base = puma_base()
+    rows = tracked(1000)
+    rows["q"][:, 1] += 0.01 * PERIOD_S * np.arange(1000)
+    observed = Observer(PUMA, regressor, base).observe(rows, PERIOD_S)
+    assert observed.rate[0] == pytest.approx(0.11)

@@ -47,7 +47,7 @@ def found() -> Identified:
     values = np.concatenate([base.K @ theta, friction.ravel()])
     fit = Fit(values, 1e-4 * np.eye(values.size), np.ones(N), np.zeros(1), np.ones(1), 3.0)
     none = np.zeros(0, np.int64)
-    nothing = Observations(none, none, np.zeros((0, 10)), np.zeros(0), np.zeros(0))
+    nothing = Observations(none, none, np.zeros((0, 10)), np.zeros(0), np.zeros(0), np.zeros(0))
     return Identified(PUMA, base, regressor, fit, nothing, np.full(N, 0.1), np.full(N, 2.0))
 
 
