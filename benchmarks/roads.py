@@ -67,12 +67,17 @@ def rows(effort: Effort) -> Iterator[Row]:
         desk.read_image(image)
 
     yield row("image through shared memory, from Python", 1 / np.median(durations(through_memory, times)), "images/s")
-    ours, bare = modbus_durations(effort, times)
-    peer = "bare pymodbus"
-    yield against("image over Modbus", 1 / np.median(ours), "images/s", peer, float(1 / np.median(bare)))
+    yield from road_rows("Modbus", "bare pymodbus", modbus_durations(effort, times))
+    yield from road_rows("CAN by UDP multicast", "bare python-can", can_durations(effort, times))
+
+
+def road_rows(road: str, peer: str, both: tuple[NDArray[np.float64], NDArray[np.float64]]) -> Iterator[Row]:
+    """The rows of one road, from the durations of our exchange and of the bare one."""
+    ours, bare = both
+    yield against(f"image over {road}", 1 / np.median(ours), "images/s", peer, float(1 / np.median(bare)))
     for percent in (50, 99):
-        value, reference = (float(np.percentile(each, percent)) * 1e6 for each in (ours, bare))
-        yield against(f"image over Modbus, p{percent}", value, "µs", peer, reference)
+        value, reference = (float(np.percentile(each, percent)) * 1e6 for each in both)
+        yield against(f"image over {road}, p{percent}", value, "µs", peer, reference)
 
 
 def durations(exchange: Callable[[], object], times: int) -> NDArray[np.float64]:
@@ -99,6 +104,18 @@ def modbus_durations(effort: Effort, times: int) -> tuple[NDArray[np.float64], N
         for _ in range(effort.rounds):
             ours.append(durations(bus, times // effort.rounds + 1))
             bare.append(durations(client, times // effort.rounds + 1))
+    return np.concatenate(ours), np.concatenate(bare)
+
+
+def can_durations(effort: Effort, times: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of our exchange and of as many frames by python-can alone, in turns."""
+    from benchmarks.can_road import bare_frames, our_can
+
+    ours, bare = [], []
+    with our_can() as bus, bare_frames() as frames:
+        for _ in range(effort.rounds):
+            ours.append(durations(bus, times // effort.rounds + 1))
+            bare.append(durations(frames, times // effort.rounds + 1))
     return np.concatenate(ours), np.concatenate(bare)
 
 

@@ -268,7 +268,8 @@ def test_benchmark_telemetry_has_every_tick_once() -> None:
 def test_images_go_over_every_road_and_over_the_bare_library() -> None:
     found = {row.name: row for row in roads.rows(QUICK)}
     assert all(row.value > 0 for row in found.values())
-    over = found["image over Modbus"]
-    assert over.peer == "bare pymodbus"
-    assert over.ratio is not None
-    assert over.reference is not None
+    for road, peer in (("Modbus", "bare pymodbus"), ("CAN by UDP multicast", "bare python-can")):
+        over = found[f"image over {road}"]
+        assert over.peer == peer
+        assert over.ratio is not None
+        assert over.reference is not None
