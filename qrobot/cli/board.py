@@ -93,5 +93,8 @@ def run_gateway(arm: Arm) -> None:
     from qrobot.hwif.gateway import serve
     from qrobot.hwif.roads import open_road
 
-    bus, period_ns = open_road(arm.board)
-    serve(arm.name, bus, period_ns, lambda line: note(f"{arm.name}: {line}"))
+    def report(line: str) -> None:
+        note(f"{arm.name}: {line}")
+
+    bus, period_ns = open_road(arm.board, report)
+    serve(arm.name, bus, period_ns, report)

@@ -16,6 +16,7 @@ from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesRoad
 from qrobot.config.modbus import ModbusRoad
+from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
 
@@ -54,6 +55,7 @@ class BoardChoice(Table):
     modbus: ModbusRoad | None = None
     drives: DrivesRoad | None = None
     can_sensor: CanSensor | None = None
+    io: tuple[ModbusIo, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _has_the_table_of_its_kind(self) -> BoardChoice:
@@ -69,6 +71,15 @@ class BoardChoice(Table):
     def _has_a_gateway_for_its_sensor(self) -> BoardChoice:
         if self.can_sensor is not None and not self.period_ms:
             raise ValueError(f"a sensor on CAN needs a board behind a gateway, and kind = {self.kind!r} has none")
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_gateway_for_its_modules(self) -> BoardChoice:
+        inputs = [each.input for module in self.io for each in module.inputs]
+        if twice := [each for each in inputs if inputs.count(each) > 1]:
+            raise ValueError(f"two remote inputs stand for the same input {twice[0]}")
+        if self.io and not self.period_ms:
+            raise ValueError(f"modules need a board behind a gateway, and kind = {self.kind!r} has none")
         return self
 
     @property

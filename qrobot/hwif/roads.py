@@ -15,8 +15,10 @@ Report = Callable[[str], None]
 NS_PER_MS: Final = 1_000_000
 
 
-def open_road(board: BoardChoice) -> tuple[Bus, int]:
+def open_road(board: BoardChoice, report: Report = lambda _line: None) -> tuple[Bus, int]:
     """The near end of the road to `board`, not connected yet, and the time between two exchanges, ns.
+
+    `report` takes a line when a module beside the board is found or lost.
 
     Raises:
         ConfigError: this board is not reached by a gateway, or what the road is made of is not installed.
@@ -26,6 +28,11 @@ def open_road(board: BoardChoice) -> tuple[Bus, int]:
         from qrobot.hwif.canbus.sensor import with_sensor
 
         bus = with_sensor(bus, board.can_sensor)
+    if board.io:
+        require_pymodbus()
+        from qrobot.hwif.modbus.io import IoBus, RemoteModule
+
+        bus = IoBus(bus, [RemoteModule(module, report) for module in board.io])
     return bus, round(board.period_ms * NS_PER_MS)
 
 

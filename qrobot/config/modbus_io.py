@@ -1,0 +1,52 @@
+"""Modbus modules beside a board: remote inputs and a gripper."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from qrobot.config.document import Table
+
+RegisterWords = Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Field(min_length=1, max_length=16)]
+
+
+class RemoteInput(Table):
+    """A discrete input of the module that stands for one of the board's: STATUS bit `input`.
+
+    While the module is silent it reads as `safe`.
+    """
+
+    address: int = Field(ge=0, le=65535)
+    input: int = Field(ge=1, le=5)
+    safe: bool = False
+
+
+class RemoteGripper(Table):
+    """A gripper that follows the hand of the arm: registers from `address` on get the words of what the hand does."""
+
+    address: int = Field(ge=0, le=65535)
+    open: RegisterWords = Field(strict=False)
+    close: RegisterWords = Field(strict=False)
+    relax: RegisterWords | None = Field(default=None, strict=False)
+
+
+class ModbusIo(Table):
+    """A Modbus TCP module beside a board that is behind a gateway, asked every `period_ms` at its own pace.
+
+    What is older than `timeout_ms` is not believed: inputs then read as `safe`.
+    """
+
+    host: str
+    port: int = Field(default=502, ge=1, le=65535)
+    device_id: int = Field(default=1, ge=0, le=255)
+    period_ms: float = Field(default=20.0, ge=1, le=1000, allow_inf_nan=False)
+    timeout_ms: float = Field(default=100.0, ge=1, le=10_000, allow_inf_nan=False)
+    inputs: tuple[RemoteInput, ...] = Field(default=(), strict=False)
+    gripper: RemoteGripper | None = None
+
+    @model_validator(mode="after")
+    def _does_something(self) -> ModbusIo:
+        if not self.inputs and self.gripper is None:
+            raise ValueError("a module without inputs and without a gripper does nothing")
+        return self

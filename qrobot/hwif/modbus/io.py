@@ -1,0 +1,158 @@
+"""Modbus modules beside a board: remote inputs in its STATUS word, a gripper that follows its hand.
+
+`IoBus` stands before the bus to the board, so servo and programs see inputs and a hand as ever. Each module is asked by
+a thread of its own at its own pace; an exchange with the board never waits for one.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from qrobot.config.modbus_io import ModbusIo
+from qrobot.errors import LinkError, ProtocolError
+from qrobot.hwif.bus import BoardFacts, Bus, Operations
+from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
+from qrobot.hwif.modbus.client import ModbusLine
+from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
+from qrobot.realtime.segment import Words
+
+NS_PER_MS: Final = 1_000_000
+MS_PER_S: Final = 1000.0
+Report = Callable[[str], None]
+
+
+class RemoteModule:
+    """One module.
+
+    Args:
+        choice: where it is and what it has.
+        report: takes a line when it is found or lost.
+
+    Attributes:
+        mask: bits of STATUS that are its own.
+        losses: times it has been lost.
+    """
+
+    def __init__(self, choice: ModbusIo, report: Report = lambda _line: None) -> None:
+        self._choice, self._report = choice, report
+        self._line = ModbusLine(choice.host, choice.port, choice.device_id, choice.timeout_ms / MS_PER_S)
+        self.mask = sum(1 << each.input for each in choice.inputs)
+        self.losses = 0
+        self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
+        self._seen = (self._safe, 0)  # bits, time: one object, so that readers never mix two of them
+        self._wanted: Sequence[int] | None = None
+        self._written: Sequence[int] | None = None
+        self._here = False
+
+    def command(self, discrete: int) -> None:
+        """The hand is as this DISCRETE word says; both solenoids at once, as after reset, say nothing."""
+        gripper = self._choice.gripper
+        if gripper is None:
+            return
+        opens, closes = not discrete & DISCRETE_HAND_OPEN, not discrete & DISCRETE_HAND_CLOSE  # active low
+        if opens != closes:
+            self._wanted = gripper.open if opens else gripper.close
+        elif not opens and gripper.relax is not None:
+            self._wanted = gripper.relax
+
+    def bits(self, now_ns: int) -> int:
+        """Its inputs in their places of STATUS; the safe ones when what was seen is too old."""
+        bits, t_ns = self._seen
+        return bits if now_ns - t_ns <= self._choice.timeout_ms * NS_PER_MS else self._safe
+
+    def poll(self) -> None:
+        """Ask it once, and pass on what the hand does; a module that is away is told once and tried again."""
+        try:
+            if not self._here:
+                self._line.connect()
+                self._written = None
+            self._seen = self._read(), time.monotonic_ns()
+            self._write()
+        except (LinkError, ProtocolError) as error:
+            self._lose(error)
+            return
+        if not self._here:
+            self._here = True
+            self._report(f"module at {self._line.name} found")
+
+    def run(self, stop: threading.Event) -> None:
+        """Poll until `stop` is set."""
+        while not stop.is_set():
+            self.poll()
+            stop.wait(self._choice.period_ms / MS_PER_S)
+        self.close()
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._line.close()
+        self._here = False
+
+    def _read(self) -> int:
+        bits = 0
+        for each in self._choice.inputs:
+            answer = self._line.ask(self._line.client.read_discrete_inputs, address=each.address, count=1)
+            bits |= bool(answer.bits[0]) << each.input
+        return bits
+
+    def _write(self) -> None:
+        gripper, wanted = self._choice.gripper, self._wanted
+        if gripper is None or wanted is None or wanted == self._written:
+            return
+        self._line.ask(self._line.client.write_registers, address=gripper.address, values=list(wanted))
+        self._written = wanted
+
+    def _lose(self, error: Exception) -> None:
+        if self._here:
+            self.losses += 1
+            self._report(f"module at {self._line.name} lost, its inputs read as safe: {error}")
+        self.close()
+
+
+class IoBus:
+    """A `Bus` to a board with modules beside it.
+
+    Args:
+        bus: to the board.
+        modules: each with inputs of its own.
+    """
+
+    def __init__(self, bus: Bus, modules: Sequence[RemoteModule]) -> None:
+        self.name = bus.name
+        self._bus, self._modules = bus, modules
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def connect(self) -> BoardFacts:
+        """As that of the board's bus; the modules come when they come."""
+        self._end_threads()
+        facts = self._bus.connect()
+        self._stop = threading.Event()
+        self._threads = [threading.Thread(target=each.run, args=(self._stop,), daemon=True) for each in self._modules]
+        for thread in self._threads:
+            thread.start()
+        return facts
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        """See `Bus`."""
+        self._bus.exchange(operations, image)
+        for kind, offset, value in operations.tolist():
+            if (kind, offset) == (OP_WRITE, DISCRETE):
+                for module in self._modules:
+                    module.command(value)
+        status, now_ns = IMAGE_INPUTS + STATUS // 2, time.monotonic_ns()
+        for module in self._modules:
+            image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)
+
+    def close(self) -> None:
+        """Let go of all."""
+        self._end_threads()
+        self._bus.close()
+
+    def _end_threads(self) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        self._threads = []
