@@ -24,6 +24,8 @@ from qrobot.hwif.memory import (
     IMAGE_INPUTS,
     IMAGE_WORDS,
     OP_FIELDS,
+    OP_READ,
+    OP_WRITE,
     Lane,
     fetch_image,
     post_operations,
@@ -37,6 +39,7 @@ from qrobot.hwif.registers import (
     DISCRETE_HAND_RELAXED,
     DISCRETE_J6_OVERFLOW,
     N_DACS,
+    WINDOW_BYTES,
 )
 from qrobot.realtime.segment import Words
 
@@ -141,6 +144,15 @@ def check_image(image: Words) -> None:
     words = image[IMAGE_INPUTS:]
     if words.min() < 0 or words.max() > REGISTER_MASK:
         raise RemoteProtocolError("the board's image is garbage: a word has more than 16 bits")
+
+
+def sane_operations(operations: Operations) -> Operations:
+    """Those that a road can carry: of a known kind, at an even offset of the window; values cut to their 16 bits."""
+    kind, offset = operations[:, 0], operations[:, 1]
+    known = (kind == OP_READ) | (kind == OP_WRITE)
+    sane: Operations = operations[known & (offset >= 0) & (offset < WINDOW_BYTES) & (offset % 2 == 0)].copy()
+    sane[:, 2] &= REGISTER_MASK
+    return sane
 
 
 def safe_operations(status: int) -> Operations:

@@ -15,9 +15,10 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import NO_OPERATIONS, Bus, make_image, safe_operations
+from qrobot.hwif.bus import NO_OPERATIONS, Bus, Operations, make_image, safe_operations, sane_operations
 from qrobot.hwif.memory import (
     BOARD_DROPPED,
+    BOARD_ILLEGAL_OPS,
     BOARD_JOINTS,
     BOARD_LOSSES,
     BOARD_PERIOD_NS,
@@ -74,13 +75,19 @@ class Gateway:
             self._memory[BOARD_DROPPED] += taken
             return now_ns >= self._retry_ns and self._find(now_ns)
         try:
-            self._bus.exchange(self._operations[:taken], self._image)
+            self._bus.exchange(self._sane(taken), self._image)
         except (LinkError, ProtocolError) as error:
             self._memory[BOARD_DROPPED] += taken
             self._lose(error, now_ns)
             return False
         publish_image(self._memory, self._image)
         return True
+
+    def _sane(self, taken: int) -> Operations:
+        """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
+        operations = sane_operations(self._operations[:taken])
+        self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
+        return operations
 
     def _find(self, now_ns: int) -> bool:
         """Find the board, make it safe, and show it."""
