@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.board_check import check
+from qrobot.cli.board_replay import replay
 from qrobot.cli.console import note
 from qrobot.config.deployment import Arm
 from qrobot.config.scene import SceneKind
@@ -16,6 +17,7 @@ from qrobot.errors import ConfigError
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
+app.command(replay)
 
 
 @app.default
@@ -29,6 +31,7 @@ def board(
     faults: Path | None = None,
     scene: SceneKind | None = None,
     serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    record: Path | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 
@@ -57,12 +60,16 @@ def board(
         Serve the emulated board over a road as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
         follow) or `modbus=HOST:PORT` (@MS may follow: the client's silence after which the board is made safe, 100 if
         left out, 0 for never). Whoever is at the other end then is this board's one controller. May be given again.
+    record
+        Write every register access of a board behind a road to this file; `qrobot board replay` reads it.
     """
     chosen = choose_arm(deployment, arm)
     if chosen.board.kind != "emulator":
         refuse_options(chosen, plant=plant, calibrated=calibrated, fault=fault, faults=faults, scene=scene, serve=serve)
-        run_gateway(chosen)
+        run_gateway(chosen, record)
         return
+    if record is not None:
+        raise ConfigError(f"--record: the emulated board of {chosen.name} is behind no road; its log has every cycle")
     from qrobot.hwif.bus import MemoryEndpoint
     from qrobot.hwif.roads import servers
     from qrobot.sim_board.deployed import emulator_of_arm
@@ -88,13 +95,20 @@ def refuse_options(arm: Arm, **options: object) -> None:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
 
 
-def run_gateway(arm: Arm) -> None:
-    """The gateway process of a board that is elsewhere."""
+def run_gateway(arm: Arm, record: Path | None = None) -> None:
+    """The gateway process of a board that is elsewhere. Raises LogError when there is no writing to `record`."""
     from qrobot.hwif.gateway import serve
+    from qrobot.hwif.recorder import Recorder
     from qrobot.hwif.roads import open_road
 
     def report(line: str) -> None:
         note(f"{arm.name}: {line}")
 
     bus, period_ns = open_road(arm.board, report)
-    serve(arm.name, bus, period_ns, report)
+    if record is None:
+        serve(arm.name, bus, period_ns, report)
+        return
+    with Recorder(bus, record) as recorder:
+        serve(arm.name, recorder, period_ns, report)
+    if recorder.problem:
+        report(f"{record} is not complete: {recorder.problem}")
