@@ -8,6 +8,7 @@ from qrobot.config.robot import Robot
 from qrobot.config.values import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.branch import ALL_BRANCHES, Branch
+from qrobot.model.chain import link_turn, to_parent
 from qrobot.model.closed_form import CLOSED_FORMS, ClosedForm
 from qrobot.model.kinematics import forward, jacobian, kinematics_params
 from qrobot.model.puma import Status, nearest_solution
@@ -48,6 +49,26 @@ class Arm:
         J = np.empty((6, self.robot.n))
         jacobian(self._joints(q), self.params, J)
         return J
+
+    def link_jacobian(self, q: Floats, link: int) -> Floats:
+        """The same motion in the axes of frame `link` (1 to n). Shape (6, n).
+
+        In the axes of link 4 of an arm with a spherical wrist most of it is zero or constant: the form in which RCCL
+        computed it (Hayward & Paul 1986, after Renaud).
+        """
+        if not 1 <= link <= self.robot.n:
+            raise MotionError(f"{self.robot.name} has links 1 to {self.robot.n}, none of number {link}")
+        R = self._orientation(self._joints(q), link)
+        J = self.jacobian(q)
+        return np.vstack((R.T @ J[:3], R.T @ J[3:]))
+
+    def _orientation(self, q: Floats, link: int) -> Floats:
+        """Axes of frame `link` in the base. Shape (3, 3)."""
+        R = np.eye(3)
+        for i in range(link):
+            turn = link_turn(q, self.params.chain, i)
+            R = R @ np.array([to_parent(turn, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
+        return R
 
     def branch(self, q: Floats) -> Branch:
         """The branch on which the arm stands at `q` (n,).

@@ -212,6 +212,30 @@ def test_the_nearest_solution_from_park_to_park_is_park() -> None:
     np.testing.assert_allclose(ARM.nearest(ARM.forward(PARK), PARK), PARK, atol=1e-9)
 
 
+@pytest.mark.parametrize("link", [1, 4, 6])
+def test_the_jacobian_in_the_axes_of_a_link_is_the_motion_those_axes_see(link: int) -> None:
+    q = np.array([0.3, -0.7, 1.1, 0.4, -0.6, 0.2])
+    R = ARM.forward(q)[:3, :3] if link == 6 else ARM._orientation(q, link)
+    np.testing.assert_allclose(R @ ARM.link_jacobian(q, link)[:3], ARM.jacobian(q)[:3], atol=1e-15)
+    np.testing.assert_allclose(R @ ARM.link_jacobian(q, link)[3:], ARM.jacobian(q)[3:], atol=1e-15)
+
+
+def test_in_the_axes_of_link_4_the_wrist_turns_and_does_not_travel() -> None:
+    q = np.array([0.3, -0.7, 1.1, 0.4, -0.6, 0.2])
+    J = ARM.link_jacobian(q, 4)
+    np.testing.assert_allclose(J[:3, 3:], 0.0, atol=1e-15)  # joints 4 to 6 leave the centre of the wrist where it is
+    np.testing.assert_allclose(J[3:, 3], [0.0, 0.0, 1.0], atol=1e-15)  # joint 4 is the link's own axis
+    np.testing.assert_allclose(np.abs(J[3:, 4]), [0.0, 1.0, 0.0], atol=1e-15)  # joint 5 a constant direction in it
+    turned = q + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(J, ARM.link_jacobian(turned, 4), atol=1e-15)  # the arm does not see its waist turn
+
+
+def test_a_link_that_is_not_there_has_no_jacobian() -> None:
+    for link in (0, 7):
+        with pytest.raises(MotionError, match="links 1 to 6"):
+            ARM.link_jacobian(np.zeros(6), link)
+
+
 def test_joint_vectors_of_another_length_are_refused() -> None:
     with pytest.raises(MotionError, match="'puma560' has 6 joints"):
         ARM.forward(np.zeros(5))
