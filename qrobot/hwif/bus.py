@@ -10,6 +10,7 @@ Operations are int64[k, OP_FIELDS]; an image is int64[IMAGE_WORDS]: time stamp, 
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -46,6 +47,8 @@ from qrobot.realtime.segment import Words
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
 REGISTER_MASK: Final = 0xFFFF
 NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
+IMAGE_TRIES: Final = 100
+IMAGE_PAUSE_S: Final = 100e-6
 SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 
 
@@ -130,8 +133,11 @@ class MemoryEndpoint:
 
     def read_image(self, image: Words) -> None:
         """The newest whole image. Raises LinkError when none could be had."""
-        if not fetch_image(self._memory, image):
-            raise LinkError("the board shows no image")
+        for _ in range(IMAGE_TRIES):
+            if fetch_image(self._memory, image):
+                return
+            time.sleep(IMAGE_PAUSE_S)  # the board was interrupted in the middle of publishing one
+        raise LinkError("the board shows no image")
 
 
 def make_image() -> Words:

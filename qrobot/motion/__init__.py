@@ -20,7 +20,7 @@ from qrobot.motion.output import Output
 from qrobot.motion.reach import Reach, reach_of
 from qrobot.motion.request import HERE, Duration, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed
 from qrobot.motion.trsf import T6, Kind, Trsf
-from qrobot.motion.warm import warm_up, warm_up_force, warm_up_reach
+from qrobot.motion.warm import warm_up, warm_up_cartesian, warm_up_force
 
 __all__ = [
     "HERE",
@@ -55,6 +55,6 @@ __all__ = [
     "motion_limits",
     "reach_of",
     "warm_up",
+    "warm_up_cartesian",
     "warm_up_force",
-    "warm_up_reach",
 ]

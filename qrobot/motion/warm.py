@@ -8,18 +8,21 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.model.arm import Arm
-from qrobot.model.transform import inverse
+from qrobot.model.transform import rot_z, transform
 from qrobot.motion.blend import Blend
 from qrobot.motion.contact import contact
-from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion.drive import Turn
+from qrobot.motion.equation import Equation
 from qrobot.motion.external import ExternalTorque, Seen
 from qrobot.motion.generator import Generator
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.reach import Reach
-from qrobot.motion.request import Duration, MoveRequest
+from qrobot.motion.request import Duration, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed
+from qrobot.motion.trsf import T6, Kind, Trsf
 
 _PERIOD_S = 0.05
 _TICKS = 40
+_MODES = Mode.CARTESIAN, Mode.JOINT, Mode.CARTESIAN
 
 
 @cache
@@ -48,9 +51,28 @@ def warm_up_force(robot: Robot) -> None:
     contact(Arm(robot), q, np.eye(4))
 
 
-def warm_up_reach(reach: Reach, q: Floats) -> None:
-    """Make kinematics do everything once around joint positions `q` (n,), which the arm can have."""
+def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blend) -> None:
+    """Make a generator do everything once in Cartesian space around joint positions `q` (n,), which the arm can have.
+
+    To a goal that drifts, back in joint mode, in two angles, with an offset, interrupted and stopped.
+    """
     pose = reach.forward(q)
     reach.inverse(pose, reach.branch(q), q, singular=True)
+
+    def drift(belt: Trsf) -> None:
+        belt.value[0, 3] += 1e-5
+
+    belt, place, tool = Trsf("belt", Kind.FUNCTION, function=drift), Trsf("place", Kind.HOLD, pose), Trsf("tool")
+    goal = Equation("warm-up", [T6, tool], [belt, place], tool)
+    generator = Generator(limits, _PERIOD_S, q, blend=blend, reach=reach)
+    paces: tuple[Pace, ...] = (ToolSpeed(0.2, 1.0), Duration(1.0), SpeedShare(0.3))
+    for mode, pace, turn in zip(_MODES, paces, (Turn.ONE_AXIS, Turn.ONE_AXIS, Turn.TWO_ANGLES), strict=True):
+        target = goal.goal(offset=transform(rot_z(0.1), [0.0, 0.0, -0.01]))
+        generator.push(MoveRequest("warm-up", target, pace, mode=mode, turn=turn))
+    for tick in range(1, 2 * _TICKS):
+        if tick == _TICKS:
+            generator.interrupt(1)
+        if tick == _TICKS + _TICKS // 2:
+            generator.stop(0.1)
+        generator.update(tick)
     reach.near_singular(q)
-    drive(drive_parameters(inverse(pose) @ pose))

@@ -16,7 +16,7 @@ import numpy as np
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.model.arm import Arm
-from qrobot.motion import Blend, Exerted, Trsf, reach_of, warm_up, warm_up_force, warm_up_reach
+from qrobot.motion import Blend, Exerted, Trsf, motion_limits, reach_of, warm_up, warm_up_cartesian, warm_up_force
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
@@ -389,7 +389,7 @@ def _warm_up(robot: Robot, blend: Blend) -> None:
     warm_up(robot.n, blend)
     warm_up_force(robot)
     if (reach := reach_of(Arm(robot))) is not None:
-        warm_up_reach(reach, robot.poses["park"])
+        warm_up_cartesian(motion_limits(robot), reach, robot.poses["park"], blend)
 
 
 def _check_robot(robot: Robot, welcome: Welcome) -> None:

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qrobot.config.deployment import Arm, load_deployment
-from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_WORDS, attach_board_memory, fetch_image, read_trace
+from qrobot.hwif.bus import MemoryEndpoint
+from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_WORDS, attach_board_memory, read_trace
 from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.realtime.segment import DIRECTORY
 from qrobot.rig.deployed import ArmProcesses
@@ -33,14 +34,13 @@ GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine
 BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
-EMPTY = '{ kind = "empty" }'
 
 ARM = """
 [[arm]]
 name = "{name}"
 robot = "puma560"
 servo = {{ rate_hz = 1000, guardian_timeout_ms = {guardian_ms}, board_timeout_ms = {board_ms} }}
-board = {{ scene = {scene} }}
+board = {{ {board} }}
 bridge = {{ period_ms = {period_ms}, port = {port} }}
 log = {{ directory = "{log}" }}
 """
@@ -53,14 +53,14 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, scene: str = EMPTY) -> Path:
-    """A deployment file of so many arms with fresh names and ports."""
+def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "") -> Path:
+    """A deployment file of so many arms with fresh names and ports; `board` are keys of their board tables."""
     tables = [
         ARM.format(
             name=f"t{uuid.uuid4().hex[:10]}",
             guardian_ms=GUARDIAN_MS,
             board_ms=BOARD_MS,
-            scene=scene,
+            board=board,
             port=free_port(),
             period_ms=period_ms,
             log=directory / "log",
@@ -209,7 +209,7 @@ class RunningArm:
     def _image(self) -> Any:
         image = np.zeros(IMAGE_WORDS, np.int64)
         with attach_board_memory(self.name) as segment:
-            assert fetch_image(segment.words, image)
+            MemoryEndpoint(segment.words).read_image(image)
         return image[IMAGE_INPUTS:]
 
     @property
@@ -224,10 +224,10 @@ class RunningArm:
 
 @contextmanager
 def running_arms(
-    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, scene: str = EMPTY
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = ""
 ) -> Iterator[list[RunningArm]]:
     """All processes of so many arms, up and ready."""
-    deployment = write_deployment(directory, arms, period_ms, scene)
+    deployment = write_deployment(directory, arms, period_ms, board)
     with ProcessRig(directory / "processes") as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:

@@ -23,8 +23,7 @@ CALIBRATION_S = 200.0
 @pytest.fixture
 def processes(tmp_path: Path) -> Iterator[ArmProcesses]:
     """Board (not calibrated), servo and guardian of a fresh arm whose deployment names the table."""
-    path = write_deployment(tmp_path)
-    path.write_text(path.read_text().replace("servo = ", 'board = { calibration_table = "puma560" }\nservo = '))
+    path = write_deployment(tmp_path, board='calibration_table = "puma560"')
     arm = load_deployment(path).arm[0]
     with ProcessRig(tmp_path / "processes") as rig:
         processes = ArmProcesses(rig, str(path), arm)

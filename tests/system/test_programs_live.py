@@ -22,7 +22,7 @@ from tests.support.puma import ROBOT, arm, shift
 pytestmark = pytest.mark.realtime
 
 BOX = Path(__file__).parents[2] / "examples" / "12_box.py"
-TABLE = '{ kind = "table", position_m = [0.5, 0.0, -0.4] }'  # deep enough for the box to be traced above it
+TABLE = 'scene = { kind = "table", position_m = [0.5, 0.0, -0.4] }'  # deep enough for the box to be traced above it
 TIP = shift(z=0.15625).value  # the end of the rod
 PERIOD_MS = 28.0
 
@@ -58,7 +58,7 @@ Say = Callable[..., tuple[str, str]]
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("live"), period_ms=PERIOD_MS, scene=TABLE) as (running,):
+    with running_arms(tmp_path_factory.mktemp("live"), period_ms=PERIOD_MS, board=TABLE) as (running,):
         yield running
 
 

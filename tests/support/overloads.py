@@ -1,0 +1,41 @@
+"""`python -m tests.support.overloads PROGRAM`: kernels of arm and motion that a program compiles after the warm-up."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+from numba.core.dispatcher import Dispatcher
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.rccl import channel
+
+OURS = ("qrobot.motion.", "qrobot.model.")
+seen: dict[str, int] = {}
+
+
+def overloads() -> dict[str, int]:
+    """How many signatures of each kernel are compiled or loaded."""
+    kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    names = {f"{each.py_func.__module__}.{each.py_func.__qualname__}": len(each.overloads) for each in kernels}
+    return {name: number for name, number in names.items() if name.startswith(OURS)}
+
+
+def main() -> None:
+    """Run a program off-line and print what the warm-up has left out."""
+    warm_up = channel._warm_up
+
+    def watched(*arguments: object) -> None:
+        warm_up(*arguments)  # type: ignore[arg-type]
+        seen.update(overloads())
+
+    channel._warm_up = watched  # type: ignore[assignment]
+    status = run_app(make_app("run"), ["run", "--offline", *sys.argv[1:]])
+    late = [name for name, number in overloads().items() if number > seen.get(name, 0)]
+    print("\n".join(["late:", *sorted(late)]))
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()
