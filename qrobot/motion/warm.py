@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from functools import cache
 
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.errors import MotionError
 from qrobot.model.arm import Arm
 from qrobot.model.transform import rot_z, transform
 from qrobot.motion.blend import Blend
@@ -68,7 +70,8 @@ def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blen
     paces: tuple[Pace, ...] = (ToolSpeed(0.2, 1.0), Duration(1.0), SpeedShare(0.3))
     for mode, pace, turn in zip(_MODES, paces, (Turn.ONE_AXIS, Turn.ONE_AXIS, Turn.TWO_ANGLES), strict=True):
         target = goal.goal(offset=transform(rot_z(0.1), [0.0, 0.0, -0.01]))
-        generator.push(MoveRequest("warm-up", target, pace, mode=mode, turn=turn))
+        with contextlib.suppress(MotionError):  # an arm that cannot do it there has been asked at least
+            generator.push(MoveRequest("warm-up", target, pace, mode=mode, turn=turn))
     for tick in range(1, 2 * _TICKS):
         if tick == _TICKS:
             generator.interrupt(1)
