@@ -1,6 +1,6 @@
-"""Rewrite the generated parts of the pages: `python docs/refresh.py`. Tests refuse a page that is stale.
+"""Rewrite the generated parts of the pages, the EDS file and the C header. Tests refuse one that is stale.
 
-A part stands in its page between `<!-- generated: name -->` and `<!-- end -->`.
+Run `python docs/refresh.py`. A part stands in its page between `<!-- generated: name -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import fault_facts  # noqa: E402
 import file_keys  # noqa: E402
 import modbus_tables  # noqa: E402
 import tables  # noqa: E402
+import wire_header  # noqa: E402
 
 from qrobot.hwif.canbus import objects  # noqa: E402
 from qrobot.wire import document  # noqa: E402
@@ -59,6 +60,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/telemetry.md": rewrite,
     "reference/can-objects.md": rewrite,
     "../config/can/qrobot_board.eds": lambda _page: objects.eds_text(),
+    "../qrobot/wire/c/qrobot_wire.h": wire_header.refresh,
     "explanation/safety.md": rewrite,
     "how-to/inject-faults.md": rewrite,
 }
