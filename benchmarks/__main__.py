@@ -113,36 +113,6 @@ def soak(*, hours: float = 1.0, seed: int = 0, rigid: bool = False, json: Path |
     return 1 if result.failures else 0
 
 
-@app.command
-def identify(*, arms: int = 50, robot: str = "puma560", poses: int = 24, json: Path | None = None) -> int:
-    """Identify arms drawn at random, each in lock-step: masses, centres and friction 30 % off, 0 to 2.5 kg in the hand.
-
-    Parameters
-    ----------
-    arms
-        How many; each takes some ten seconds.
-    robot
-        Whose kind they are.
-    poses
-        Of the plan.
-    json
-        Write the result to this file as well.
-    """
-    from benchmarks.identification import study, summary
-    from qrobot.config import load_robot
-
-    verdicts = []
-    for verdict in study(arms, load_robot(robot), poses):
-        verdicts.append(verdict)
-        console.print(f"arm {verdict.seed}: gravity {max(verdict.gravity_rms):.3f} N m", style="dim", highlight=False)
-    report = json_format.dumps(summary(verdicts), indent=2)
-    console.print(report, highlight=False)
-    if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
-        json.write_text(report + "\n")
-    return 0
-
-
 def measured(groups: tuple[str, ...], effort: Effort) -> Iterator[Row]:
     """All rows of these groups."""
     for name in groups:

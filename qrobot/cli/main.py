@@ -44,6 +44,7 @@ COMMANDS: Final = (
     Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
     Command("calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."),
     Command("identify", "qrobot.cli.identify:app", EVERYDAY, "Find an arm's weight and friction; make its model."),
+    Command("study", "qrobot.cli.study:app", EVERYDAY, "Try identification or gains on many arms drawn at random."),
     Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
     Command("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
     Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),

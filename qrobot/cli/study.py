@@ -1,0 +1,181 @@
+"""`qrobot study`: what holds for one emulated arm, tried on many that are not what the robot file says."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from cyclopts import App, Parameter
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from qrobot.cli.console import err, note, out, write_json
+from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.study.campaign import Told
+    from qrobot.study.results import Results
+    from qrobot.study.study import Study
+
+HELP: Final = """
+Try something on many emulated arms, each off the robot file in its own way, on all processors or on many hosts.
+
+  qrobot study identify --arms 50 --output out/arms.jsonl    how well are they identified?
+  qrobot study gains --arms 20 --output out/gains.jsonl      which gains serve all of them?
+  qrobot study show out/arms.jsonl --plot arms.png           what came of it, also while it runs
+
+An arm is drawn by its number, so it is the same everywhere. Each outcome is kept as it comes in: after an interruption
+the same command goes on, and one with more --arms adds to what is there.
+"""
+
+Arms = Annotated[int, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
+Output = Annotated[Path, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
+Robot = Annotated[str, Parameter(help="Robot whose kind the arms are: a packaged one, or a file that every host has.")]
+Rate = Annotated[float, Parameter(help="Of the servo, Hz.")]
+Workers = Annotated[
+    int | None, Parameter(help="Processes on this machine; default one for each processor, 1 is this one itself.")
+]
+Scheduler = Annotated[
+    str | None, Parameter(help="Dask scheduler whose workers do it in place of those, as tcp://host:8786.")
+]
+Plot = Annotated[Path | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
+Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
+app = App(name="study", help=HELP, help_format="plaintext", group_commands="Commands")
+
+
+@app.command
+def identify(
+    *,
+    arms: Arms = 50,
+    output: Output,
+    robot: Robot = "puma560",
+    rate: Rate = 1000.0,
+    poses: int = 24,
+    tracking: bool = True,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    plot: Plot = None,
+    json: Json = False,
+) -> None:
+    """Identify arms whose masses, centres and friction are 30 % off, with up to 2.5 kg in the hand.
+
+    Each makes the motions of a plan, is identified from them, and is judged by what only an emulator knows: the truth.
+
+    Parameters
+    ----------
+    poses
+        Of the plan, besides the sweeps.
+    tracking
+        Also track the paper's experiment with the robot file, with the model found, and with the exact one.
+    """
+    from qrobot.study.identification import IdentificationStudy
+
+    _run(IdentificationStudy(robot, rate, poses, tracking), arms, output, workers, scheduler, plot, json)
+
+
+@app.command
+def gains(
+    *,
+    arms: Arms = 20,
+    output: Output,
+    robot: Robot = "puma560",
+    rate: Rate = 1000.0,
+    law: str = "qrobot",
+    velocity: str = "difference",
+    bandwidth: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0),
+    damping: tuple[float, ...] = (0.5, 1.0),
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    plot: Plot = None,
+    json: Json = False,
+) -> None:
+    """Track the paper's experiment with a grid of gains on each of many arms, none as the robot file has it.
+
+    Parameters
+    ----------
+    law
+        Of the servo.
+    velocity
+        How it estimates velocities.
+    bandwidth
+        Factors on the natural frequency of the joints: Kp grows by the square, Kv in proportion.
+    damping
+        Factors on Kv beside.
+    """
+    from qrobot.study.gains import GainStudy
+
+    study = GainStudy(robot, rate, law, velocity, bandwidth, damping)
+    _run(study, arms, output, workers, scheduler, plot, json)
+
+
+@app.command
+def show(results: Path, *, plot: Plot = None, json: Json = False) -> None:
+    """Show what a study has found so far.
+
+    Parameters
+    ----------
+    results
+        Its results file.
+    """
+    from qrobot.study.results import read_results
+
+    _report(read_results(results), plot, json)
+
+
+def _run(
+    study: Study, arms: int, output: Path, workers: int | None, scheduler: str | None, plot: Path | None, as_json: bool
+) -> None:
+    from qrobot.study.campaign import carry_out
+    from qrobot.study.engine import engine
+
+    if arms < 1:
+        raise ConfigError(f"--arms {arms}: at least 1")
+    count = workers if workers is not None else len(os.sched_getaffinity(0))
+    try:
+        with engine(min(count, arms), scheduler) as made, _bar(study.kind, made.workers) as told:
+            results = carry_out(study, arms, made, output, told)
+    except KeyboardInterrupt:
+        note(f"interrupted; what had come in is in {output}, and the same command goes on from there")
+        raise
+    _report(results, plot, as_json)
+
+
+@contextmanager
+def _bar(kind: str, workers: int) -> Iterator[Told]:
+    """Arms done and the time that the others will take; a line for each arm where there is no terminal."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    remaining = TextColumn("to go"), TimeRemainingColumn()
+    with Progress(*columns, *remaining, console=err, disable=not err.is_terminal) as progress:
+        task = progress.add_task(f"{kind}, {workers} worker{'s' * (workers != 1)}", total=None)
+
+        def told(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+            if not err.is_terminal:
+                note(f"{done} of {total} arms")
+
+        yield told
+
+
+def _report(results: Results, plot: Path | None, as_json: bool) -> None:
+    from qrobot.cli.study_tables import VIEWS
+    from qrobot.log.plot import save_figure
+
+    view = VIEWS.get(results.terms["study"])
+    if view is None:
+        raise ConfigError(f"this version knows no study {results.terms['study']!r}; it knows {', '.join(VIEWS)}")
+    summary: Any = view.summarise(results)
+    if plot is not None:
+        save_figure(view.figure(summary), plot)
+        note(f"figure {plot}")
+    if as_json:
+        write_json({"terms": results.terms} | summary.to_dict())
+        return
+    for table in view.tables(summary):
+        out.print(table)
+        out.print()
+    for line in view.lines(summary):
+        out.print(line, soft_wrap=True)
+    for seed, reason in summary.failed.items():
+        out.print(f"arm {seed}: {reason}", style="red", soft_wrap=True)

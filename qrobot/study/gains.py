@@ -1,0 +1,77 @@
+"""Which gains serve all arms of a kind: each arm tries every pair of a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import ClassVar, Final
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError, ServoFault
+from qrobot.faultcodes import explain
+from qrobot.rig.unknown import UnknownArm
+from qrobot.servo.laws import DEFAULT_LAW, check_law_name
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
+from qrobot.study.journey import journey
+from qrobot.study.study import Outcome, Study, kept
+
+BANDWIDTHS: Final = (0.5, 0.7, 1.0, 1.4, 2.0)
+DAMPINGS: Final = (0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class GainStudy(Study):
+    """The paper's experiment on each arm with every pair of gains, the robot file's masses and friction believed.
+
+    Attributes:
+        law, velocity: of the servo.
+        bandwidths: factors f on the natural frequency: Kp grows by f², Kv by f.
+        dampings: factors on the damping, and so on Kv, beside.
+    """
+
+    kind: ClassVar[str] = "gains"
+    law: str = DEFAULT_LAW
+    velocity: str = DEFAULT_ESTIMATOR
+    bandwidths: tuple[float, ...] = BANDWIDTHS
+    dampings: tuple[float, ...] = DAMPINGS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_law_name(self.law)
+        find_estimator(self.velocity)
+        if not (self.bandwidths and self.dampings and min(*self.bandwidths, *self.dampings) > 0.0):
+            raise ConfigError(f"bandwidths {self.bandwidths} and dampings {self.dampings}: factors above 0 are wanted")
+
+    def judge(self, seed: int) -> Outcome:
+        """What each pair does.
+
+        Returns:
+            tried: of each pair `rms` and `largest` error, as shares of what the guard allows, and `chatter`, all of the
+                worst joint; or `fault`, the reason why the servo stopped the arm.
+        """
+        arm = UnknownArm.drawn(self.robot, seed)
+        pairs = product(self.dampings, self.bandwidths)
+        return {
+            "payload_kg": kept(arm.payload_kg),
+            "tried": [
+                {"bandwidth": f, "damping": d, **self._tried(with_gains(self.robot, f, d), arm)} for d, f in pairs
+            ],
+        }
+
+    def _tried(self, believed: Robot, arm: UnknownArm) -> Outcome:
+        settings = ServoSettings(rate_hz=self.rate_hz, law=self.law, velocity=self.velocity)
+        try:
+            tracked = journey(believed, self.robot_file, settings, arm.emulator())
+        except ServoFault as fault:
+            return {"fault": explain(fault.code).partition(":")[0]}
+        allowed = self.robot.guard.following_error
+        shares = {"rms": tracked.rms / allowed, "largest": tracked.largest / allowed, "chatter": tracked.chatter}
+        return {name: kept(share.max()) for name, share in shares.items()}
+
+
+def with_gains(robot: Robot, bandwidth: float, damping: float) -> Robot:
+    """The robot with its natural frequencies and dampings multiplied: Kp by f², Kv by f and by the damping's factor."""
+    control = robot.control
+    gains = {"kp": control.kp * bandwidth**2, "kv": control.kv * bandwidth * damping}
+    return robot.model_copy(update={"control": control.model_copy(update=gains)})

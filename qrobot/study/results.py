@@ -1,0 +1,121 @@
+"""The file of a campaign: JSON, one line of terms and then one for each arm, in the order in which they came in.
+
+Lines are only ever added. A run that was interrupted, or ended by a power cut, loses what had not come in: the same
+command goes on from there, and one with more arms adds to them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from qrobot.errors import ConfigError
+from qrobot.study.study import Outcome
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a file holds: the terms of its study, and an outcome for each arm, by seed."""
+
+    terms: Outcome
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def good(self) -> list[Outcome]:
+        """Of arms that did not end in an error."""
+        return [outcome for outcome in self.outcomes if "failed" not in outcome]
+
+    @property
+    def failed(self) -> list[Outcome]:
+        """Of arms that did: `seed` and `failed`, the reason."""
+        return [outcome for outcome in self.outcomes if "failed" in outcome]
+
+
+def read_results(path: Path) -> Results:
+    """Read a results file; a last line that was torn off is left out.
+
+    Raises:
+        ConfigError: there is none, or it is something else.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read results of `qrobot study` from {path}: {error}") from error
+    try:
+        terms, *outcomes = [json.loads(line) for line in text[: _whole(text)].splitlines()]
+        by_seed = {int(outcome["seed"]): outcome for outcome in outcomes}
+        if not isinstance(terms["study"], str):
+            raise TypeError("the study has no name")
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} is no results file of `qrobot study`") from error
+    return Results(terms, tuple(by_seed[seed] for seed in sorted(by_seed)))
+
+
+class ResultsWriter:
+    """Adds outcomes to a results file."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    def add(self, outcome: Outcome) -> None:
+        """Put one outcome on the disk."""
+        self._write(outcome)
+        os.fsync(self._file.fileno())
+
+    def _write(self, line: Any) -> None:
+        self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
+        self._file.flush()
+
+    def begin(self, terms: Outcome) -> None:
+        """First line of a new file."""
+        self._write(terms)
+
+
+@contextmanager
+def open_results(path: Path, terms: Outcome) -> Iterator[tuple[ResultsWriter, frozenset[int]]]:
+    """Begin a results file, or go on with one of the same terms: where to add, and the seeds it has already.
+
+    Raises:
+        ConfigError: it cannot be written, is of other terms, or another run is writing to it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("a+", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write results to {path}: {error.strerror}") from error
+    with file:
+        _own(file, path)
+        done = _go_on(file, path, terms)
+        yield ResultsWriter(file), done
+
+
+def _own(file: TextIO, path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise ConfigError(f"another run is writing to {path}: wait for it, or name another file") from error
+
+
+def _go_on(file: TextIO, path: Path, terms: Outcome) -> frozenset[int]:
+    """Seeds of what is there; a torn last line is cut off, an empty file gets its first line."""
+    whole = _whole(path.read_text(encoding="utf-8", errors="replace"))
+    if not whole:
+        file.truncate(0)
+        ResultsWriter(file).begin(terms)
+        return frozenset()
+    before = read_results(path)
+    if differing := sorted(key for key in {*terms, *before.terms} if terms.get(key) != before.terms.get(key)):
+        raise ConfigError(f"{path} holds results of another {', '.join(differing)}: name another file")
+    file.truncate(len(path.read_text(encoding="utf-8")[:whole].encode()))
+    return frozenset(outcome["seed"] for outcome in before.outcomes)
+
+
+def _whole(text: str) -> int:
+    """Length of the lines that end."""
+    return text.rfind("\n") + 1

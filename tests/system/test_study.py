@@ -1,0 +1,59 @@
+"""Studies of real arms in lock-step: small, but all of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.study.campaign import carry_out
+from qrobot.study.engine import Engine, InProcess, engine
+from qrobot.study.gains import GainStudy
+from qrobot.study.results import Results, read_results
+
+ROOT = Path(__file__).parents[2]
+PAIRS = GainStudy(bandwidths=(0.5, 1.0), dampings=(1.0,))
+
+
+@pytest.fixture(scope="module")
+def gains(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Two arms, each with two pairs of gains, in this process."""
+    return carry_out(PAIRS, 2, Engine(InProcess(), 1, 1), tmp_path_factory.mktemp("gains") / "r.jsonl")
+
+
+def test_a_stiffer_servo_tracks_better_and_chatters_more(gains: Results) -> None:
+    for outcome in gains.good:
+        soft, stiff = outcome["tried"]
+        assert 0.0 < stiff["rms"] < soft["rms"] < soft["largest"] < 1.0
+        assert stiff["chatter"] > soft["chatter"] > 0.0
+
+
+def test_two_dask_workers_find_what_one_process_finds(gains: Results, tmp_path: Path) -> None:
+    with engine(2) as both:
+        assert both.workers == 2
+        assert carry_out(PAIRS, 2, both, tmp_path / "r.jsonl") == gains
+
+
+def test_an_arm_is_identified_and_judged_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    path = tmp_path / "arms.jsonl"
+    words = ["--arms", "1", "--poses", "12", "--no-tracking", "--workers", "1", "--output", str(path)]
+    assert run_app(make_app("study"), ["study", "identify", *words]) == 0
+    assert "are inside their 95 % intervals" in " ".join(capsys.readouterr().out.split())
+    outcome = read_results(path).good[0]
+    gravity, before = np.array(outcome["gravity_rms"]), np.array(outcome["gravity_before"])
+    assert (gravity[1:3] < 0.05 * before[1:3]).all()
+    assert np.abs(outcome["friction_error"]).max() < 0.1
+    assert run_app(make_app("study"), ["study", "show", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["arms"] == 1
+
+
+def test_the_program_of_the_page_runs() -> None:
+    page = (ROOT / "docs/how-to/try-many-arms.md").read_text()
+    program = re.search(r"```python\n(.*?)```", page, re.DOTALL)
+    assert program is not None
+    exec(compile(program[1], "try-many-arms.md", "exec"), {})
