@@ -100,10 +100,12 @@ def run_gateway(arm: Arm, record: Path | None = None) -> None:
     from qrobot.hwif.gateway import serve
     from qrobot.hwif.recorder import Recorder
     from qrobot.hwif.roads import open_road
+    from qrobot.realtime.turn import await_turn
 
     def report(line: str) -> None:
         note(f"{arm.name}: {line}")
 
+    await_turn()
     bus, period_ns = open_road(arm.board, report)
     if record is None:
         serve(arm.name, bus, period_ns, report)

@@ -29,6 +29,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import set_fifo
+    from qrobot.realtime.turn import await_turn
     from qrobot.servo.authority import Authority
 
     chosen = choose_arm(deployment, arm)
@@ -37,6 +38,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     settings = BridgeSettings(choice.host, choice.port if port is None else port, round(choice.period_ms * 1000))
     warm_up()
+    await_turn()
     run_bridge(
         ServoPort(chosen.name, robot.name, robot.n),
         settings,

@@ -110,8 +110,7 @@ def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, pr
     with ProcessRig(directory / "processes") as rig:
         processes = ArmProcesses(rig, deployment, choose_arm(deployment, None))
         progress("starting the board (a first start compiles for a minute or two)")
-        processes.start_board()
-        processes.start_bridge()
+        processes.start("board", "bridge")
         for number, run in enumerate(runs, 1):
             progress(f"run {number}: {_describe(run)} (a first start compiles)")
             results.append(run_realtime(run, processes, directory))

@@ -25,10 +25,12 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     linger
         Seconds to wait for a dead servo to be restarted.
     """
+    from qrobot.realtime.turn import await_turn
     from qrobot.servo.guardian import Guardian, prepare, warm_up
 
     chosen = choose_arm(deployment, arm)
     warm_up()
+    await_turn()
     watcher = Guardian(chosen.name, chosen.servo.guardian_timeout_ms, note, card_of_arm(chosen))
 
     def end(_signal: int, _frame: FrameType | None) -> None:

@@ -233,9 +233,11 @@ def record(
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
     from qrobot.log.writer import LogWriter
+    from qrobot.realtime.turn import await_turn
 
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
+    await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
     paths = log_paths(output or Path(chosen.log.directory or "."), chosen.name)
 

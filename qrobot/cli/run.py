@@ -92,7 +92,9 @@ def run(
 def _bridge_links(arm: Arm) -> LinkFactory:
     """To the arm of the deployment file, unless the environment names another bridge."""
     from qrobot.rci import TcpLink, bridge_address
+    from qrobot.realtime.turn import await_turn
 
+    await_turn()
     os.environ.setdefault("QROBOT_BRIDGE", f"{arm.bridge.host}:{arm.bridge.port}")
     return lambda hello: TcpLink(hello, bridge_address())
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from qrobot.config.deployment import Arm
 from qrobot.errors import LinkBusy
-from qrobot.rig.processes import Child, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
+from qrobot.rig.processes import Child, Plan, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
 
 # The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
 PROGRAM_RANK, BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 5, 4, 3, 2, 1, 0
@@ -41,44 +41,53 @@ class ArmProcesses:
 
         A card on this machine's own bus needs no board process: the servo reaches it by itself.
         """
-        if self.arm.board.kind != "port":
-            self.start_board()
-        self.start_servo()
-        self.start_guardian()
-        self.start_bridge()
+        require_free_port(self.arm)
+        plans = [] if self.arm.board.kind == "port" else [self.board()]
+        plans += [self.servo(), self.guardian(), self.bridge()]
         if self.arm.log.directory:
-            self.start_log("--output", self.arm.log.directory)
+            plans.append(self.log("--output", self.arm.log.directory))
+        self.rig.start(*plans)
 
-    def start_board(self, *options: str) -> Child:
-        """Start the emulated board."""
-        return self._start(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
+    def start(self, *commands: str) -> None:
+        """Start the processes of these commands, in this order: board, servo, guardian, bridge.
 
-    def start_servo(self, *options: str) -> Child:
-        """Start the servo; it refuses power until a guardian watches it."""
+        Raises LinkBusy when the bridge's port is taken, and what `ProcessRig.start` raises.
+        """
+        if "bridge" in commands:
+            require_free_port(self.arm)
+        plans = {"board": self.board, "servo": self.servo, "guardian": self.guardian, "bridge": self.bridge}
+        self.rig.start(*(plans[command]() for command in commands))
+
+    def board(self, *options: str) -> Plan:
+        """The emulated board."""
+        return self._plan(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
+
+    def servo(self, *options: str) -> Plan:
+        """The servo; it refuses power until a guardian watches it."""
         options = (*options, "--own-guardian")
-        return self._start(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
+        return self._plan(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
 
-    def start_guardian(self, *options: str) -> Child:
-        """Start the guardian of a running servo; it follows restarts of servo and board, whenever they come."""
+    def guardian(self, *options: str) -> Plan:
+        """The guardian of a running servo; it follows restarts of servo and board, whenever they come."""
         options = (*options, "--linger", "inf")
         since_ns = time.monotonic_ns()
         ready = partial(guardian_ready, self.arm.name, since_ns)
-        return self._start(("guardian", self.deployment), options, ready, GUARDIAN_RANK)
+        return self._plan(("guardian", self.deployment), options, ready, GUARDIAN_RANK)
 
-    def start_bridge(self, *options: str) -> Child:
-        """Start the bridge. Raises LinkBusy when its port is taken, and what `ProcessRig.start` raises."""
-        require_free_port(self.arm)
+    def bridge(self, *options: str) -> Plan:
+        """The bridge."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
-        return self._start(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
+        return self._plan(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
 
-    def start_log(self, *options: str) -> Child:
-        """Start the recorder of the servo's telemetry."""
-        return self._start(("log", "record", self.deployment), options, None, LOG_RANK)
+    def log(self, *options: str) -> Plan:
+        """The recorder of the servo's telemetry."""
+        return self._plan(("log", "record", self.deployment), options, None, LOG_RANK)
 
     def start_program(self, program: Path) -> Child:
         """Start a program of this arm."""
         arguments = ["run", "--deployment", self.deployment, "--arm", self.arm.name, str(program)]
-        return self.rig.start(self.name_of("program"), arguments, None, PROGRAM_RANK)
+        self.rig.start(Plan(self.name_of("program"), arguments, None, PROGRAM_RANK))
+        return self.rig.children[self.name_of("program")]
 
     def end(self, *commands: str) -> None:
         """End the processes of these commands, in this order."""
@@ -89,7 +98,7 @@ class ArmProcesses:
         """Name of a process in the rig."""
         return f"{self.arm.name}-{command}"
 
-    def _start(
+    def _plan(
         self, command: tuple[str, ...], options: tuple[str, ...], ready: Callable[[], bool] | None, rank: int
-    ) -> Child:
-        return self.rig.start(self.name_of(command[0]), [*command, "--arm", self.arm.name, *options], ready, rank)
+    ) -> Plan:
+        return Plan(self.name_of(command[0]), [*command, "--arm", self.arm.name, *options], ready, rank)

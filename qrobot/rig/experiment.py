@@ -171,9 +171,8 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
 def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[None]:
     """Servo, guardian and recorder for one run."""
     choices = ("--law", run.law, "--velocity", run.velocity, "--interpolation", run.interpolation)
-    processes.start_servo("--rate", str(run.rate_hz), *choices)
-    processes.start_guardian()
-    processes.start_log("--output", str(log), "--plant", run.plant)
+    servo = processes.servo("--rate", str(run.rate_hz), *choices)
+    processes.rig.start(servo, processes.guardian(), processes.log("--output", str(log), "--plant", run.plant))
     try:
         yield
     finally:

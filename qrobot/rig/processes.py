@@ -1,7 +1,8 @@
 """The processes of one deployment: started in order, watched, ended in order.
 
-Order matters: the board must exist before the servo, the servo before its guardian and the bridge. At the end the
-servo goes while board and guardian still live, so that it can make a controlled stop. Every process is a session of its
+Order matters: the board must exist before the servo, the servo before its guardian and the bridge. They import and
+compile at the same time, and begin one after the other. At the end the servo goes while board and guardian still live,
+so that it can make a controlled stop. Every process is a session of its
 own: a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
 """
 
@@ -23,11 +24,29 @@ from typing import IO, Any
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
 from qrobot.realtime.setup import PARENT_VARIABLE
+from qrobot.realtime.turn import TURN_VARIABLE
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
 POLL_S = 0.02
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A process to be started.
+
+    Attributes:
+        name: of the process in its rig.
+        arguments: of the `qrobot` command.
+        ready: waited for; it must not be true yet, for then somebody else's process already does this one's work.
+        rank: the higher, the sooner it ends.
+    """
+
+    name: str
+    arguments: Sequence[str]
+    ready: Callable[[], bool] | None = None
+    rank: int = 0
 
 
 @dataclass
@@ -38,6 +57,7 @@ class Child:
     process: subprocess.Popen[bytes]
     output: Path
     rank: int
+    turn: IO[bytes]
     killed: bool = field(default=False)
 
     @property
@@ -53,10 +73,16 @@ class Child:
                 return lines[-1].removeprefix("qrobot: ")
         return "it said nothing"
 
+    def begin(self) -> None:
+        """Let it go on, once it is ready, to what others can see."""
+        with contextlib.suppress(BrokenPipeError), self.turn:  # what became of it, if it has ended, its output tells
+            self.turn.write(b"!")
+
     def end(self, patience_s: float = STOP_PATIENCE_S) -> None:
         """SIGTERM, and SIGKILL for one that does not listen."""
         if self.alive:
             self.process.send_signal(signal.SIGTERM)
+        self.turn.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(patience_s)
             return
@@ -78,28 +104,25 @@ class ProcessRig:
         self._handlers: dict[int, Any] = {}
         directory.mkdir(parents=True, exist_ok=True)
 
-    def start(
-        self, name: str, arguments: Sequence[str], ready: Callable[[], bool] | None = None, rank: int = 0
-    ) -> Child:
-        """Start `qrobot ARGUMENTS` under `name`; the higher its rank, the sooner it ends.
-
-        Args:
-            ready: waited for; it must not be true yet, for then somebody else's process already does this one's work.
+    def start(self, *plans: Plan) -> None:
+        """Start processes; each begins its work when the ones before it are ready.
 
         Raises:
-            LinkBusy: it is ready before it was started.
-            LinkError: it ended instead of getting ready; the message is the process's own.
-            LinkTimeout: it did not get ready in time.
+            LinkBusy: one is ready before it was started; then none is started.
+            LinkError: one ended instead of getting ready; the message is the process's own.
+            LinkTimeout: one did not get ready in time.
         """
-        if ready is not None and ready():
-            raise LinkBusy(f"{name} is not started: another process does its work already; stop that one first")
-        output = self.directory / f"{name}.txt"
-        with output.open("wb") as file:
-            child = Child(name, _spawn(arguments, file), output, rank)
-        self.children[name] = child
-        if ready is not None:
-            _wait_for(child, ready)
-        return child
+        for plan in plans:
+            if plan.ready is not None and plan.ready():
+                raise LinkBusy(
+                    f"{plan.name} is not started: another process does its work already; stop that one first"
+                )
+        for plan in plans:
+            self.children[plan.name] = _spawn(plan, self.directory / f"{plan.name}.txt")
+        for plan in plans:
+            self.children[plan.name].begin()
+            if plan.ready is not None:
+                _wait_for(self.children[plan.name], plan.ready)
 
     def alive(self, name: str) -> bool:
         """True while a process of this name runs."""
@@ -154,15 +177,19 @@ def _wait_for(child: Child, ready: Callable[[], bool]) -> None:
         time.sleep(POLL_S)
 
 
-def _spawn(arguments: Sequence[str], output: IO[bytes]) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "qrobot", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-        env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
-    )
+def _spawn(plan: Plan, output: Path) -> Child:
+    awaited, turn = os.pipe()
+    with output.open("wb") as file, os.fdopen(awaited):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "qrobot", *plan.arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=[awaited],
+            env={**os.environ, PARENT_VARIABLE: str(os.getpid()), TURN_VARIABLE: str(awaited)},
+        )
+    return Child(plan.name, process, output, plan.rank, os.fdopen(turn, "wb", buffering=0))
 
 
 def board_ready(arm: str) -> bool:

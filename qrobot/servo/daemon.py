@@ -25,6 +25,7 @@ from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
+from qrobot.realtime.turn import await_turn, turn_is_awaited
 from qrobot.servo.authority import Authority
 from qrobot.servo.control import Controls
 from qrobot.servo.control_socket import ControlSocket
@@ -210,8 +211,11 @@ def serve(
         LinkBusy: another servo runs this arm.
     """
     card = make_card(NO_CARD) if card is None else card
-    _insist_on_a_board(arm, card)  # say so at once when there is none: compiling takes a while
+    if not turn_is_awaited():
+        _insist_on_a_board(arm, card)  # say so at once when there is none: compiling takes a while
     warm_up(robot, settings)
+    await_turn()
+    _insist_on_a_board(arm, card)
     board = _board_memory(arm, card, robot.n, settings.period_ns)
     with create_servo_memory(
         arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity

@@ -23,6 +23,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
 from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.realtime.signals import set_on_signals
+from qrobot.realtime.turn import await_turn
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
 
 CATCH_UP_NS: Final = 100_000_000
@@ -100,6 +101,8 @@ def serve(
     Raises:
         LinkBusy: a board already serves that arm.
     """
+    _warm_up(emulator)
+    await_turn()
     with set_on_signals() as done, BoardServer(arm, emulator) as server, beside(server.segment.words):
         ready()
         done.wait()

@@ -27,9 +27,7 @@ def processes(tmp_path: Path) -> Iterator[ArmProcesses]:
     arm = load_deployment(path).arm[0]
     with ProcessRig(tmp_path / "processes") as rig:
         processes = ArmProcesses(rig, str(path), arm)
-        processes.start_board("--uncalibrated")
-        processes.start_servo()
-        processes.start_guardian()
+        rig.start(processes.board("--uncalibrated"), processes.servo(), processes.guardian())
         yield processes
     assert left_behind(arm.name) == []
 
@@ -42,7 +40,7 @@ def test_an_arm_just_switched_on_is_calibrated_and_a_new_servo_adopts_that(proce
     assert json.loads(said)["votes"] == [3] * 6
     assert flags(arm) & FLAG_CALIBRATED
     processes.end("servo")
-    processes.start_servo()
+    processes.start("servo")
     wait_until(lambda: flags(arm) & FLAG_CALIBRATED, "the new servo adopts the counters")
     again = qrobot("calibrate", processes.deployment, "--arm", arm)
     said, _ = again.communicate(timeout=CALIBRATION_S)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.log.events import log_events
 from qrobot.log.read import read_log
 from qrobot.servo.authority import Authority
@@ -37,9 +41,11 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
 
 def ctl(arm: RunningArm, *words: str) -> tuple[int, Any, str]:
     """Exit status, JSON printed, complaint."""
-    process = qrobot("ctl", *words, "--deployment", arm.deployment, "--arm", arm.name, "--json")
-    printed, complaint = process.communicate(timeout=PATIENCE_S)
-    return process.returncode, json.loads(printed) if printed else None, complaint
+    printed, complaint = io.StringIO(), io.StringIO()
+    command = ["ctl", *words, "--deployment", str(arm.deployment), "--arm", arm.name, "--json"]
+    with redirect_stdout(printed), redirect_stderr(complaint):
+        status = run_app(make_app("ctl"), command)
+    return status, json.loads(printed.getvalue()) if printed.getvalue() else None, complaint.getvalue()
 
 
 def test_an_arm_is_powered_changed_and_put_away_by_hand(arm: RunningArm) -> None:
@@ -95,7 +101,7 @@ def test_the_hand_keeps_a_program_away_and_a_killed_bridge_keeps_nothing(arm: Ru
         wait_until(lambda: Authority(arm.name).maybe_holder() is not None, "the bridge holds it")
         arm.kill("bridge")
         wait_until(lambda: Authority(arm.name).maybe_holder() is None, "the kernel gave it back")
-    arm.processes.start_bridge()
+    arm.processes.start("bridge")
     assert ctl(arm, "power", "off")[0] == 0
 
 
@@ -119,7 +125,7 @@ def test_a_servo_whose_terminal_is_closed_puts_the_arm_away(arm: RunningArm) -> 
     os.kill(arm.pid("servo"), signal.SIGHUP)
     wait_until(lambda: "servo" not in arm.running(), "the servo has ended")
     wait_until(lambda: not arm.powered, "brakes closed")
-    arm.processes.start_servo()
+    arm.processes.start("servo")
 
 
 def test_without_a_servo_the_command_says_what_to_start() -> None:

@@ -27,10 +27,7 @@ def processes(tmp_path: Path) -> Iterator[ArmProcesses]:
     arm = load_deployment(path).arm[0]
     with ProcessRig(tmp_path / "processes") as rig:
         processes = ArmProcesses(rig, str(path), arm)
-        processes.start_board()
-        processes.start_servo()
-        processes.start_guardian()
-        processes.start_bridge()
+        processes.start("board", "servo", "guardian", "bridge")
         yield processes
     assert left_behind(arm.name) == []
 

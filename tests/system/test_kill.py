@@ -205,7 +205,7 @@ def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: Runnin
     assert_it_begins_within_two_frames(stop, killing)
     assert stop["fault"][0] == FaultCode.STREAM_LOST
     assert_a_stop_on_the_path(stop)
-    arm.processes.start_bridge()
+    arm.processes.start("bridge")
     assert_nothing_moves(arm)
     assert_the_next_program_works(arm, legs)
 
@@ -223,7 +223,7 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
         assert_the_rest_runs(arm, before, "servo")
         assert program.wait(PATIENCE_S) == 1
     assert_log_reaches(log, beat_ns)
-    arm.processes.start_servo()
+    arm.processes.start("servo")
     arm.wait_for(Mode.FAULT)  # it finds the board taken
     assert_refused(arm, timid, "GUARD_TRIP")
     assert_the_next_program_works(arm, legs)
@@ -260,7 +260,7 @@ def test_a_killed_guardian_makes_the_servo_stop_drop_power_and_refuse_it(arm: Ru
     assert_a_stop_on_the_path(stop)
     assert arm.snapshot().fault == FaultCode.GUARD_LOST
     assert_refused(arm, legs, "GUARD_LOST")  # it clears, but there still is no guardian
-    arm.processes.start_guardian()
+    arm.processes.start("guardian")
     assert_nothing_moves(arm)
     assert_the_next_program_works(arm, legs)
 
@@ -274,7 +274,7 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
         assert arm.snapshot().fault in (FaultCode.BOARD_GONE, FaultCode.FOLLOWING)
         assert_the_rest_runs(arm, before, "board")
         assert program.wait(PATIENCE_S) == 1
-    arm.processes.start_board()
+    arm.processes.start("board")
     assert_nothing_moves(arm)
     assert arm.mode is Mode.FAULT
     assert not arm.powered
@@ -293,5 +293,5 @@ def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: Runnin
     assert log.torn
     assert log.rows.size
     assert np.all(np.diff(log.rows["tick"]) == 1)
-    arm.processes.start_log("--output", arm.arm.log.directory)
+    arm.processes.rig.start(arm.processes.log("--output", arm.arm.log.directory))
     wait_until(lambda: newest_log(arm) != path, "a new log begins")

@@ -29,7 +29,7 @@ from qrobot.hwif.registers import (
     ENC_COUNT,
     N_DACS,
 )
-from qrobot.rig.processes import ProcessRig, board_ready, bridge_ready
+from qrobot.rig.processes import Plan, ProcessRig, board_ready, bridge_ready
 
 pytestmark = pytest.mark.realtime
 
@@ -72,7 +72,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         served = Served(rig, folder, arm, port)
         address = f"modbus=127.0.0.1:{port}@{WATCHDOG_MS}"
         arguments = ["board", served.deployment(arm, ""), "--serve", address]
-        rig.start("far", arguments, lambda: bridge_ready("127.0.0.1", port))
+        rig.start(Plan("far", arguments, lambda: bridge_ready("127.0.0.1", port)))
         yield served
 
 
@@ -117,7 +117,7 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
     road = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
     deployment = served.deployment(arm, road + "[arm.servo]\nboard_timeout_ms = 20.0\n")
-    served.rig.start("near", ["board", deployment], lambda: board_ready(arm))
+    served.rig.start(Plan("near", ["board", deployment], lambda: board_ready(arm)))
     with attach_board_memory(arm) as memory:
         assert memory.words[BOARD_PERIOD_NS] == PERIOD_MS * 1e6
         image, deadline = make_image(), time.monotonic() + 10.0

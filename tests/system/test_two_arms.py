@@ -75,5 +75,4 @@ def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list
         rows = right.telemetry()
     assert (rows["mode"][rows["tick"] > tick] == Mode.TRACKING).all()
     assert (right.trace()[:, 1] == Lane.SERVO).all()
-    left.processes.start_servo()
-    left.processes.start_bridge()
+    left.processes.start("servo", "bridge")

@@ -67,6 +67,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.processes import Plan
 from qrobot.servo.adc import make_adc_state, start_sample
 from qrobot.servo.guardian import N_OWN, N_SAFE_OPS, look
 from qrobot.servo.loop import ENDED, run
@@ -396,8 +397,8 @@ def test_an_arm_with_a_card_starts_no_board_process(port_arm: str) -> None:
     started: list[str] = []
 
     class Rig:
-        def start(self, _name: str, arguments: list[str], *_rest: object) -> None:
-            started.append(arguments[0])
+        def start(self, *plans: Plan) -> None:
+            started.extend(plan.arguments[0] for plan in plans)
 
     ArmProcesses(Rig(), port_arm, choose_arm(port_arm, None)).start_all()  # type: ignore[arg-type]
     assert started == ["servo", "guardian", "bridge"]
