@@ -28,13 +28,11 @@ class Brake:
     Attributes:
         clock: path time at which it begins.
         length: D, samples.
-        code: what the interrupted request ends with.
         blend: shape of the rate.
     """
 
     clock: float
     length: float
-    code: int
     blend: Blend
 
     def at(self, elapsed: float) -> tuple[float, float, float]:
@@ -43,7 +41,7 @@ class Brake:
         return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
 
 
-def fitting_brake(path: Path, clock: float, code: int, seconds: float, scheduler: Scheduler) -> Brake:
+def fitting_brake(path: Path, clock: float, seconds: float, scheduler: Scheduler) -> Brake:
     """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
 
     On a straight line it decelerates with a_stop; where the path itself accelerates it takes longer.
@@ -54,7 +52,7 @@ def fitting_brake(path: Path, clock: float, code: int, seconds: float, scheduler
         speed = np.maximum(speed, np.abs(path.segment.velocity))
     shortest = PEAK[blend] * float((speed / limits.a_stop).max())
     length = max(1.0, seconds / period_s, shortest / period_s)
-    while not _fits(brake := Brake(clock, length, code, blend), path, scheduler) and length * period_s < _LONGEST_S:
+    while not _fits(brake := Brake(clock, length, blend), path, scheduler) and length * period_s < _LONGEST_S:
         length *= _LONGER
     return brake
 

@@ -123,11 +123,10 @@ class ForceControl:
         self._carried = np.zeros(N_AXES)
         if self._compliance is not None and generator.goal is not None:
             self._carry_along(self._compliance)
-        code = self._failed or self._limit_passed(seen, generator, tick)
-        if code and generator.serving is not None:
+        if self._failed:
+            generator.give_up(self._failed)
+        elif code := self._limit_passed(seen, generator, tick):
             generator.interrupt(code)
-        elif self._failed:
-            generator.stop()
         self._failed = Termination.NONE
         self._stood = seen.q + LEAD * self._period_s * seen.v
         self.standing = None

@@ -16,24 +16,22 @@ from __future__ import annotations
 
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import Blend, Correction
-from qrobot.motion.brake import Brake, fitting_brake
 from qrobot.motion.chart import JOINTS
-from qrobot.motion.course import Course
+from qrobot.motion.corner import Corner, WayRound
 from qrobot.motion.equation import Goal
 from qrobot.motion.errand import Errand
 from qrobot.motion.events import Termination
 from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.news import News
-from qrobot.motion.output import Halt, Output
-from qrobot.motion.path import Path, Segment
+from qrobot.motion.output import Output, Stop
+from qrobot.motion.path import Segment
 from qrobot.motion.planner import Departure, Planner, Room
+from qrobot.motion.progress import Progress
 from qrobot.motion.queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.reach import Reach
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.schedule import Schedule
-from qrobot.motion.trail import Samples, Trail, true_joints
-from qrobot.motion.watch import halting_s, judge_next, reason
+from qrobot.motion.watch import judge_next, reason
 
 
 class Generator:
@@ -68,17 +66,10 @@ class Generator:
         self._scheduler = self._planner.scheduler
         self._reach = reach
         self._queue = RequestQueue(queue_size)
-        self._path = Path(q, self._shape)
-        self._trail = Trail(tick, q)
-        self._truth = Trail(tick, q)  # as the trail, but of joints that follow no setpoints where they really are
-        self._standing: Floats | None = None
-        self._tick = tick
-        self._clock = 0.0  # path time, in samples; as fast as the ticks except during a brake
-        self._told_clock = 0.0  # path time of the newest setpoint given out
-        self._brake: Brake | None = None
-        self._brake_tick = 0
-        self._halt: Halt | None = None
-        self._planned: tuple[Errand, Course, Schedule | None] | None = None  # the way round the next corner
+        self._at = Progress(q, tick, self._shape)
+        self._path = self._at.path
+        self._stop: Stop | None = None
+        self._corner = Corner(self._planner)
         self._interrupted: tuple[Segment, int] | None = None
         self._arrived: MoveRequest | None = None
         self._news = News()
@@ -93,12 +84,17 @@ class Generator:
     @property
     def busy(self) -> bool:
         """A request is being served, or waits."""
-        return self._path.segment is not None or self._halt is not None or len(self._queue) > 0
+        return self._path.segment is not None or self._stop is not None or len(self._queue) > 0
 
     @property
     def goal(self) -> Goal | None:
         """What is gone to, or followed, at the newest sample; None on a joint path."""
         return self._path.chart.goal
+
+    @property
+    def serving(self) -> MoveRequest | None:
+        """The request whose segment is under way; None at rest."""
+        return None if self._path.segment is None else self._path.segment.request
 
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
@@ -108,7 +104,7 @@ class Generator:
             Unreachable, Singular: no configuration, or not this one, reaches the goal or a place on the way.
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
-        self._queue.push(self._planner.prepare(request, self._last_end(), self._trail.newest, self._tick))
+        self._queue.push(self._planner.prepare(request, self._last_end(), self._at.newest, self._at.tick))
         self._news.expect()
 
     def interrupt(self, code: int) -> None:
@@ -117,7 +113,7 @@ class Generator:
         Does nothing at rest, nor during a stop.
         """
         segment = self._path.segment
-        if segment is not None and self._brake is None and self._halt is None:
+        if segment is not None and self._stop is None:
             self._interrupted = segment, code
 
     def stop(self, seconds: float = 0.0) -> None:
@@ -126,26 +122,28 @@ class Generator:
         On a joint path the arm stays on it; else it stops where its joints can.
         """
         self._drop_waiting()
-        segment = self._path.segment
-        if self._brake is not None or self._halt is not None:
+        stands = self._path.segment is None and self._path.chart.fixed
+        if self._stop is None and not stands:
+            self._begin_stop(self.serving, Termination.STOPPED, seconds)
+
+    def give_up(self, code: int) -> None:
+        """What is under way must not go on: an absolute stop wherever the joints can, and nothing of what waits.
+
+        The present request ends with `code`; at rest it is told that the goal which was followed is lost.
+        """
+        if self._stop is not None:
             return
-        if segment is None and self._path.chart.fixed:
-            return  # it stands
-        if self._path.chart is not JOINTS:
-            self._begin_halt(self.serving, Termination.STOPPED, seconds)
-        elif segment is not None:
-            self._begin_brake(segment, Termination.STOPPED, seconds)
+        if self._path.segment is None:
+            self._news.lost(self._arrived, code)
+        self._drop_waiting()
+        self._begin_halt(self.serving, code)
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
 
         Exact on joint paths; else of the parabola through the newest three setpoints.
         """
-        if self._path.chart is not JOINTS:
-            return self._trail.state(self.period_s)
-        if self._brake is None:
-            return self._path.state(self._clock)
-        return self._path.state(*self._brake.at(self._tick - self._brake_tick))
+        return self._at.state()
 
     # ----------------------------------------------------------------------------------------------- once per sample
 
@@ -161,31 +159,19 @@ class Generator:
             MotionError: it is not later than the sample before.
             Exception: whatever a functional transform or a monitor raised.
         """
-        if tick <= self._tick:
-            raise MotionError(f"sample {tick} asked for after sample {self._tick}")
-        self._standing = standing
-        self._advance(tick)
+        self._at.advance(tick, standing)
         self._look()
         q = self._follow()
-        self._trail.append(tick, q)
-        self._truth.append(tick, true_joints(q, standing))
-        self._told_clock = self._clock
+        self._at.give_out(q)
         return self._output(q)
-
-    def _advance(self, tick: int) -> None:
-        if self._brake is None:
-            self._clock += tick - self._tick
-        else:
-            self._clock = self._brake.at(tick - self._brake_tick)[0]
-        self._tick = tick
 
     def _look(self) -> None:
         """Evaluate what moves, and ask the monitor."""
-        self._path.chart.sample(self._tick)
+        self._path.chart.sample(self._at.tick)
         if (errand := self._queue.peek()) is not None:
-            errand.sample(self._tick)
-        segment = self._path.segment
-        if segment is not None and segment.request.monitor is not None and (code := segment.request.monitor()):
+            errand.sample(self._at.tick)
+        request = self.serving
+        if request is not None and request.monitor is not None and (code := request.monitor()):
             self.interrupt(int(code))  # type: ignore[call-overload]
 
     def _follow(self) -> Floats:
@@ -193,132 +179,123 @@ class Generator:
         try:
             q = self._next_setpoint()
         except (JointLimit, Unreachable, Singular) as error:
-            self._give_up(reason(error))
-            return self._path.joints(self._clock)
-        if self._path.chart is not JOINTS and (code := self._judged(q)) is not Termination.NONE:
-            self._give_up(code)
-            return self._path.joints(self._clock)
+            self.give_up(reason(error))
+            return self._at.setpoint()
+        if not self._at.on_joint_path and (code := self._judged(q)) is not Termination.NONE:
+            self.give_up(code)
+            return self._at.setpoint()
         return q
 
     def _next_setpoint(self) -> Floats:
         self._take_interruption()
         while self._turn():
             pass
-        self._finish_brake()
-        return self._path.joints(self._clock)
+        self._finish_stop()
+        return self._at.setpoint()
 
     def _judged(self, q: Floats) -> Termination:
-        code = judge_next(self._trail.with_now(self._tick, q), self.period_s, self._limits, self._shape.blend)
-        if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._trail.newest):
+        code = judge_next(self._at.setpoints_with(q), self.period_s, self._limits, self._shape.blend)
+        if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._at.newest):
             return Termination.SINGULAR
         return code
 
     def _output(self, q: Floats) -> Output:
         events = self._news.take(self.busy)
-        segment, halt = self._path.segment, self._halt
-        if halt is not None:
-            return Output(q, halt.request, halt.scal, events, True)
-        if segment is None:
-            return Output(q, None, 1.0, events, self.busy)
-        return Output(q, segment.request, self._scal(segment, self._clock), events, True)
+        if self._stop is not None:
+            return Output(q, self._stop.request, self._stop.scal, events, True)
+        return Output(q, self.serving, self._scal(), events, self.busy)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 
     def _turn(self) -> bool:
         """Begin the next leg if its time has come."""
         segment = self._path.segment
-        if self._halt is not None:
-            return self._finish_halt(self._halt)
+        if self._stop is not None and not self._stop.on_path:
+            return self._finish_stop()
         if segment is None:
             return self._start()
         if self._path.ending:
             return self._arrive(segment)
-        if self._brake is None and self._pass_corner(segment):
+        if self._stop is None and self._pass_corner(segment):
             return True
         return self._approach_rest(segment)
 
     def _start(self) -> bool:
         """From rest, or from the goal that is being followed, into the oldest request."""
         errand = self._queue.peek()
-        if errand is None or self._brake is not None or not errand.settled:
+        if errand is None or not errand.settled:
             return False
         if errand.here:
             return self._begin_here()
-        return self._depart(errand, self._path.goal_joints(self._trail.newest), Room(following=self._ta_after()))
+        return self._depart(errand, self._at.goal_joints(), Room(following=self._ta_after()))
 
     def _pass_corner(self, segment: Segment) -> bool:
         """Into the transition to the request that follows, once it is time for it."""
         errand = self._queue.peek()
         if errand is None or not errand.settled:
             return False
-        if errand.here:
-            return self._clock >= segment.rest_begin and self._begin_here(Termination.COMPLETED)
-        course, schedule = self._way_round(segment, errand)
-        if course is None or schedule is None or self._clock < segment.end - schedule.transition:
+        if errand.here:  # at a goal that stands still the arm comes to an absolute rest anyhow
+            return not segment.chart.fixed and self._at.clock >= segment.rest_begin and self._begin_here()
+        try:
+            way = self._corner.way_round(segment, errand, self._at, self._ta_after())
+        except MotionError as error:
+            self._refuse(error)
             return False
-        if course.chart is JOINTS and segment.chart is JOINTS:  # exact, whichever samples were left out
-            begin = segment.end - schedule.transition
-            there = self._planner.segment(errand, course, schedule, segment.end)
-            self._enter(Departure(there, self._path.state(begin)), begin, Termination.COMPLETED)
+        if way is None or self._at.clock < segment.end - way.schedule.transition:
+            return False
+        if way.course.chart is JOINTS and segment.chart is JOINTS:
+            self._round_exactly(segment, errand, way)
             return True
-        room = Room(schedule.transition, following=self._ta_after())
-        return self._depart(errand, self._path.goal_joints(self._trail.newest), room, Termination.COMPLETED)
+        room = Room(way.schedule.transition, following=self._ta_after())
+        return self._depart(errand, self._at.goal_joints(), room, Termination.COMPLETED)
+
+    def _round_exactly(self, segment: Segment, errand: Errand, way: WayRound) -> None:
+        """From one joint path into another, beginning when it should have, whichever samples were left out."""
+        begin = segment.end - way.schedule.transition
+        there = self._planner.segment(errand, way.course, way.schedule, segment.end)
+        self._enter(Departure(there, self._path.state(begin)), begin, Termination.COMPLETED)
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Into the transition to rest, once it is time for it."""
-        if self._clock < segment.rest_begin:
+        if self._at.clock < segment.rest_begin:
             return False
         self._path.end_segment(segment, segment.rest_begin)
         return True
 
     def _arrive(self, segment: Segment) -> bool:
         """Stand exactly at the target once the transition to rest is over."""
-        if self._clock < self._path.leg.end:
+        if self._at.clock < self._path.leg.end:
             return False
-        self._path.hold(segment.target, self._clock)
-        self._brake = None
+        self._at.hold(segment.target)
         self._arrived = segment.request
-        self._news.ended(segment.request, Termination.COMPLETED)
+        ended = segment.request if self._stop is None else self._stop.request
+        self._stop = None
+        if ended is not None:
+            self._news.ended(ended, Termination.COMPLETED)
         return True
-
-    def _way_round(self, segment: Segment, errand: Errand) -> tuple[Course | None, Schedule | None]:
-        """How to turn into `errand` at the end of `segment`; None when it came too late for that, or cannot be."""
-        if self._planned is None or self._planned[0] is not errand:
-            room = segment.end - max(self._clock, self._path.leg.end)
-            course = self._lay(errand, self._path.goal_joints(self._trail.newest))
-            if course is None:
-                return None, None
-            bounds = segment.schedule.braking, int(room), self._ta_after()
-            schedule = self._scheduler.plan(errand.request, course, segment.arriving, *bounds)
-            self._planned = errand, course, schedule if schedule.transition <= room else None
-        return self._planned[1], self._planned[2]
-
-    def _lay(self, errand: Errand, corner: Floats) -> Course | None:
-        try:
-            return self._planner.lay(errand, corner)
-        except MotionError as error:
-            self._refuse(error)
-            return None
 
     def _depart(self, errand: Errand, corner: Floats, room: Room, code: int | None = None) -> bool:
         """Into `errand` now; the present request ends with `code`. False when there turned out to be no way."""
-        points = self._points()
+        points = self._at.points()
         try:
-            departure = self._planner.depart(errand, corner, points, self._clock, room)
+            departure = self._planner.depart(errand, corner, points, self._at.clock, room)
         except MotionError as error:
             self._refuse(error)
             return False
-        self._enter(departure, self._clock, code)
+        self._enter(departure, self._at.clock, code)
         return True
 
     def _enter(self, departure: Departure, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
-        if self._path.segment is not None and code is not None:
-            self._news.ended(self._path.segment.request, code)
-        self._planned = None
-        self._trail = self._truth.copy()
-        self._path.enter(departure.segment, begin, departure.state)
+        self._end_present(code)
+        self._corner.forget()
+        self._at.enter(departure, begin)
         self._news.begun(self._queue.pop().request)
+
+    def _end_present(self, code: int | None) -> None:
+        """The present request, if there is one, ends with `code`."""
+        if self.serving is not None and code is not None:
+            self._news.ended(self.serving, code)
 
     # --------------------------------------------------------------------------------- interruptions, stops, failures
 
@@ -332,85 +309,61 @@ class Generator:
         if errand is not None and not errand.settled:
             return
         self._interrupted = None
-        if errand is None:
-            self._begin_stop(segment, code)
-        elif errand.here:
-            self._begin_here(code)
-        elif self._path.chart is JOINTS and errand.target is not None:
-            self._divert(segment, errand, code)
-        else:
-            corner = self._planner.ahead(errand.request, self._points())
-            if not self._depart(errand, corner, Room(following=self._ta_after()), code):
-                self._begin_stop(segment, code)
+        if errand is None or not self._leave_for(errand, code):
+            self._begin_stop(segment.request, code)
 
-    def _divert(self, segment: Segment, errand: Errand, code: int) -> None:
-        """From where the arm is now, at the speed it has, into `errand`; a stop when no such way is safe."""
-        departure = self._planner.divert(errand, self._path.state(self._clock), self._clock, self._ta_after())
+    def _leave_for(self, errand: Errand, code: int) -> bool:
+        """From where the arm is now, at the speed it has, into `errand`; False when no such way is safe."""
+        if errand.here:
+            return self._begin_here(code)
+        if self._at.on_joint_path and errand.target is not None:
+            return self._divert(errand, code)
+        corner = self._planner.ahead(errand.request, self._at.points())
+        return self._depart(errand, corner, Room(following=self._ta_after()), code)
+
+    def _divert(self, errand: Errand, code: int) -> bool:
+        """As `_leave_for`, from one joint path to another."""
+        clock = self._at.clock
+        departure = self._planner.divert(errand, self._path.state(clock), clock, self._ta_after())
         if departure is None:
-            self._begin_stop(segment, code)
-        else:
-            self._enter(departure, self._clock, code)
+            return False
+        self._enter(departure, clock, code)
+        return True
 
-    def _begin_stop(self, segment: Segment, code: int) -> None:
-        if self._path.chart is JOINTS:
-            self._begin_brake(segment, code, 0.0)
-        else:
-            self._begin_halt(segment.request, code, 0.0)
-
-    def _begin_brake(self, segment: Segment, code: int, seconds: float) -> None:
-        """Come to rest on the path, which stands still."""
-        self._planned = None
-        if not self._path.ending and self._clock > segment.rest_begin:  # a request that was to follow is gone
-            self._path.end_segment(segment, self._clock)
-        self._brake = fitting_brake(self._path, self._clock, code, seconds, self._scheduler)
-        self._brake_tick = self._tick
-
-    def _finish_brake(self) -> None:
-        """Stand where path time has come to a halt."""
-        brake, segment = self._brake, self._path.segment
-        if brake is None or segment is None or self._tick - self._brake_tick < brake.length:
-            return
-        self._path.hold(self._path.state(self._clock)[0], self._clock)
-        self._brake = None
-        self._news.ended(segment.request, brake.code)
-
-    def _begin_here(self, code: int | None = None) -> bool:
+    def _begin_here(self, code: int = Termination.COMPLETED) -> bool:
         """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
-        segment = self._path.segment
-        if segment is not None and code is not None:
-            self._news.ended(segment.request, code)
+        self._end_present(code)
         request = self._queue.pop().request
         self._news.begun(request)
-        self._begin_halt(request, Termination.COMPLETED, 0.0)
+        self._begin_stop(request, Termination.COMPLETED)
         return True
 
-    def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float) -> None:
-        """Bring the joints to rest from the newest setpoint, whatever the path was."""
-        joint_path = self._path.chart is JOINTS
-        state = self._path.state(self._told_clock) if joint_path else self._truth.state(self.period_s)
-        self._trail = self._truth.copy()
-        length_s = max(seconds, halting_s(state[1], self._limits, self._shape.blend))
-        scal = 1.0 if self._path.segment is None else self._scal(self._path.segment, self._told_clock)
-        self._halt = Halt(request, code, scal)
-        self._planned = self._brake = None
-        self._path.halt(state, self._told_clock, length_s / self.period_s)
+    def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+        """Come to an absolute rest, which ends `request`: on a joint path, or wherever the joints can."""
+        segment = self._path.segment
+        if not self._at.on_joint_path or segment is None:
+            self._begin_halt(request, code, seconds)
+            return
+        self._stop = Stop(request, code, self._scal(), on_path=True)
+        self._corner.forget()
+        self._at.brake(segment, seconds, self._scheduler)
 
-    def _finish_halt(self, halt: Halt) -> bool:
-        """Stand where the joints have come to rest."""
-        if self._clock < self._path.leg.end:
+    def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+        """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
+        self._stop = Stop(request, code, self._scal(), on_path=False)
+        self._corner.forget()
+        self._at.halt(seconds, self._limits)
+
+    def _finish_stop(self) -> bool:
+        """Stand where the joints, or path time, have come to rest."""
+        stop = self._stop
+        if stop is None or not self._at.stopped:
             return False
-        self._path.hold(self._path.state(self._path.leg.end)[0], self._clock)
-        self._halt = None
-        if halt.request is not None:
-            self._news.ended(halt.request, halt.code)
+        self._at.hold(self._path.state(self._at.clock)[0])
+        self._stop = None
+        if stop.request is not None:
+            self._news.ended(stop.request, stop.code)
         return True
-
-    def _give_up(self, code: Termination) -> None:
-        """The setpoint of this sample must not be: an absolute stop instead, and nothing of what waits."""
-        if self._path.segment is None:
-            self._news.lost(self._arrived, code)
-        self._drop_waiting()
-        self._begin_halt(self.serving, code, 0.0)
 
     def _refuse(self, error: MotionError) -> None:
         """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
@@ -418,23 +371,15 @@ class Generator:
         self._drop_waiting()
 
     def _drop_waiting(self) -> None:
-        self._planned = None
+        self._corner.forget()
         self._news.dropped(errand.request for errand in self._queue.clear())
 
     # ------------------------------------------------------------------------------------------------------- helpers
 
-    @property
-    def serving(self) -> MoveRequest | None:
-        """The request whose segment is under way; None at rest."""
-        return None if self._path.segment is None else self._path.segment.request
-
-    def _scal(self, segment: Segment, clock: float) -> float:
-        return segment.scal(clock, self._shape.blend, self._path.ending)
-
-    def _points(self) -> Samples:
-        """The newest setpoints, that of this sample included."""
-        q = true_joints(self._path.joints(self._clock), self._standing)
-        return self._truth.with_now(self._tick, q)
+    def _scal(self) -> float:
+        """How much of the present segment is done, 0 to 1; 1 at rest."""
+        segment = self._path.segment
+        return 1.0 if segment is None else segment.scal(self._at.clock, self._shape.blend, self._path.ending)
 
     def _ta_after(self) -> int:
         """Ta that the request behind the oldest asks for, 0 when there is none."""
@@ -445,6 +390,6 @@ class Generator:
         """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
         if (last := self._queue.last()) is not None:
             return last.end
-        if not self._path.chart.fixed or self._halt is not None:
+        if not self._path.chart.fixed or (self._stop is not None and not self._stop.on_path):
             return None
-        return self._path.goal_joints(self._trail.newest)
+        return self._at.goal_joints()

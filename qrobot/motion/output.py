@@ -1,4 +1,4 @@
-"""What the generator gives out, and how it stops."""
+"""What the generator gives out, and what it ends with a stop."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from qrobot.motion.request import MoveRequest
 
 
 @dataclass(frozen=True)
-class Halt:
+class Stop:
     """An absolute stop under way.
 
     Attributes:
         request: being ended, None when none was served.
         code: it ends with.
         scal: how much of it was done.
+        on_path: path time comes to a halt; otherwise the joints come to rest wherever they can.
     """
 
     request: MoveRequest | None
     code: int
     scal: float
+    on_path: bool
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.motion import Blend, JointSpeed, MoveRequest, SpeedShare, Termination
+from qrobot.motion import HERE, Blend, JointSpeed, MoveRequest, SpeedShare, Termination
 from tests.support.motion import LIMITS, ended, generator, run
 
 FINE_S = 0.005  # at this period differences of states say what the derivatives are
@@ -19,6 +19,7 @@ MOVES = st.builds(MoveRequest, st.just("there"), TARGETS.map(np.array), PACES)
 PROGRAMS = st.lists(MOVES, min_size=1, max_size=4)
 BLENDS = st.sampled_from(Blend)
 ROUNDING = 1e-9
+DONE = Termination.COMPLETED
 
 
 def assert_within_limits(state) -> None:
@@ -78,6 +79,33 @@ def test_interference_at_any_instant_leaves_position_velocity_and_acceleration_c
         assert_within_limits(state)
         assert_smooth(before, state, FINE_S)
         before = state
+
+
+@given(MOVES, MOVES, st.integers(1, 100), BLENDS)
+@settings(max_examples=20)
+def test_start_interruption_stop_and_resumption_are_requests_in_one_queue(first, second, when, blend) -> None:
+    """A-38: `there` ends a motion at any instant, and another one begins where the arm then stands."""
+    gen = generator(period_s=FINE_S, blend=blend)
+    gen.push(first)
+    events, last = [], first
+
+    def interfere(tick: int) -> None:
+        nonlocal last
+        if tick == 3 * when:
+            last = second
+            gen.push(MoveRequest("stand", HERE, SpeedShare(0.5)))
+            gen.push(second)
+            gen.interrupt(7)
+
+    before = gen.state()
+    for output in run(gen, at_tick=interfere):
+        state = gen.state()
+        assert_within_limits(state)
+        assert_smooth(before, state, FINE_S)
+        before = state
+        events.append(output)
+    assert (output.q == last.target).all()
+    assert ended(events) in ([("there", DONE)], [("there", 7), ("stand", DONE), ("there", DONE)])
 
 
 @given(MOVES, MOVES)

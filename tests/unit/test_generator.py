@@ -10,6 +10,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import JointLimit, MotionError
 from qrobot.motion import (
+    HERE,
     Duration,
     EventKind,
     Generator,
@@ -139,6 +140,27 @@ def test_an_interruption_with_nothing_to_follow_stops_on_the_path() -> None:
     q = outputs[-1].q
     assert 0.1 < q[0] < 1.0
     assert q[1] == pytest.approx(q[0] * 0.4 / 2.0)
+
+
+def test_a_stop_on_the_spot_behind_a_motion_lets_it_arrive_and_one_that_interrupts_does_not() -> None:
+    stand = MoveRequest("stand", HERE, SLOW)
+    for when, codes in ((None, [DONE, DONE]), (20, [42, DONE])):
+        gen = generator()
+        gen.push(move("a", 2.0, 0.4))
+        gen.push(stand)
+        outputs = list(run(gen, at_tick=lambda tick, gen=gen, when=when: gen.interrupt(42) if tick == when else None))
+        assert [code for _, code in ended(outputs)] == codes
+        assert (outputs[-1].q == [2.0, 0.4]).all() == (when is None)
+        assert outputs[-1].q[1] == pytest.approx(outputs[-1].q[0] * 0.2)
+
+
+def test_what_has_to_be_given_up_ends_in_a_stop_with_its_code_and_nothing_follows() -> None:
+    gen = generator()
+    gen.push(move("a", 2.0, 0.4))
+    gen.push(move("b", 0.0, 0.0))
+    outputs = list(run(gen, at_tick=lambda tick: gen.give_up(Termination.SINGULAR) if tick == 20 else None))
+    assert ended(outputs) == [("b", Termination.STOPPED), ("a", Termination.SINGULAR)]
+    assert 0.0 < outputs[-1].q[0] < 1.0
 
 
 def test_a_stop_decelerates_no_harder_than_a_stop() -> None:
