@@ -20,8 +20,17 @@ from qrobot.motion import Blend, Exerted, Trsf, motion_limits, reach_of, warm_up
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
-from qrobot.rccl.parameters import Parameters, Update, force_limits, milliseconds, small_move
-from qrobot.rccl.position import Position, there
+from qrobot.rccl.parameters import (
+    Parameters,
+    Update,
+    force_limits,
+    milliseconds,
+    numbers,
+    require_function,
+    sample_period_us,
+    small_move,
+)
+from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
@@ -32,7 +41,6 @@ from qrobot.wire.vocabulary import Hand
 
 YES: Final = 1
 NO: Final = 0
-_US_PER_MS: Final = 1000
 _S_PER_MS: Final = 1e-3
 
 
@@ -45,11 +53,12 @@ class Channel:
         there: the position that is always the arm's own; a move to it is an absolute stop.
     """
 
-    def __init__(self, robot: Robot, link: Link, task: TrajectoryTask) -> None:
+    def __init__(self, robot: Robot, link: Link, task: TrajectoryTask, traces: list[Trace] | None = None) -> None:
         self.robot = robot
         self.completed = task.completed
         self._task = task
         self._hold = Hold(robot.name, link, task)
+        self._traces = traces
         self._alone = link.virtual_time  # nobody but this program lets time pass
         self._said = Parameters()
         self._origin_ns = 0
@@ -90,10 +99,14 @@ class Channel:
     # ------------------------------------------------------------------------------------------------- positions
 
     def jposition(self, name: str, degs: Sequence[float]) -> Position:
-        """A position given by its joint angles, degrees (mm on a sliding joint). Raises MotionError: wrong number."""
+        """A position given by its joint angles, degrees (mm on a sliding joint).
+
+        Raises:
+            MotionError: too few numbers, too many, or one that is none.
+        """
         if len(degs) != self.robot.n:
             raise MotionError(f"position {name}: {self.robot.name} has {self.robot.n} joints, not {len(degs)}")
-        return Position(name, np.asarray(degs, dtype=np.float64) * self._radians)
+        return Position(name, np.array(numbers(f"position {name}", *degs)) * self._radians)
 
     def pose(self, name: str) -> Position:
         """The pose of that name in the robot's file, always the same descriptor. Raises ConfigError: there is none."""
@@ -122,6 +135,8 @@ class Channel:
         It may read `how` and change `chg`, and must be quick. What it raises stops the arm and reaches the program.
         The motions know nothing of joints it moves elsewhere: it has to bring them back before it ends.
         """
+        if function is not None:
+            require_function("each_sample", function)
         with self._hold.task():
             self._task.each_sample = function
 
@@ -174,10 +189,19 @@ class Channel:
         self._said.setconf(letters)
 
     def sample(self, ms: float) -> None:
-        """The sample period. Raises MotionError when it is another: it is agreed on in `control`."""
-        if round(ms * _US_PER_MS) != round(self._task.period_s * 1e6):
-            period_ms = self._task.period_s * 1e3
-            raise MotionError(f"sample({ms:g}): the period is {period_ms:g} ms; choose it with control(period_ms=...)")
+        """The sample period of the following motions, 1 to 100 ms.
+
+        Waits until those before are completed, and while the bridge is asked for another period: the arm then stands
+        still under power, also one that followed a frame or gave way.
+
+        Raises:
+            MotionError: no such period.
+            LinkError, ServoFault: as in `control`; the arm is then no longer under control.
+        """
+        period_us = sample_period_us("sample", ms)
+        if period_us != round(self._task.period_s * 1e6):
+            self.waitfor(self.completed)
+            self._hold.change_period(period_us, _new_trace(self.robot, period_us, self._traces))
 
     def setime(self, ta: float, ts: float) -> None:
         """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
@@ -185,6 +209,7 @@ class Channel:
 
     def evalfn(self, function: Callable[[], object]) -> None:
         """A function to be called at each sample of the next motion alone; a true result ends it with that code."""
+        require_function("evalfn", function)
         self._say(evalfn=function)
 
     def distance(self, spec: str, *values: float) -> None:
@@ -207,7 +232,7 @@ class Channel:
         Raises:
             MotionError: the position has no equation, or that does not name the transform once.
         """
-        position.equation.solve(trsf, np.eye(4), self._task.tick)
+        require_position("update", position).equation.solve(trsf, np.eye(4), self._task.tick)
         self._say(update=Update(trsf, position.equation))
 
     def comply(self, dirs: str, *values: float) -> None:
@@ -281,7 +306,7 @@ class Channel:
             MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
         """
         with self._hold.task():
-            self._task.push(self._said.order(position))
+            self._task.push(self._said.order(require_position("move", position)))
 
     def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
         """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.
@@ -299,6 +324,9 @@ class Channel:
 
         On a joint path it stays on it. The rest is absolute, also while a moving frame is followed.
         """
+        (ms,) = numbers("stop", ms)
+        if ms < 0.0:
+            raise MotionError(f"stop({ms:g}): a stop takes no negative time")
         with self._hold.task():
             self._task.stop(ms * _S_PER_MS)
 
@@ -307,8 +335,8 @@ class Channel:
 
         RCCL's global flag. Raises MotionError: `code` is not positive, so it could not be told from our own.
         """
-        if code <= 0:
-            raise MotionError(f"nextmove({code}): the code must be positive")
+        if not isinstance(code, int) or code <= 0:
+            raise MotionError(f"nextmove({code!r}): the code must be a positive whole number")
         with self._hold.task():
             self._task.generator.interrupt(code)
 
@@ -327,10 +355,13 @@ class Channel:
             ServoFault, LinkError: control of the arm was lost, here or earlier.
             MotionError: in lock-step, where nobody else could signal: no motion is left that would.
         """
+        if not isinstance(event, Event):
+            raise MotionError(f"waitfor: an event is needed, as the `end` of a position, not {event!r}")
         self._hold.wait(lambda: self._happened(event))
 
     def waitas(self, predicate: Callable[[], object]) -> None:
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
+        require_function("waitas", predicate)
         self._hold.wait(lambda: bool(predicate()))
 
     def _say(self, **once: Any) -> None:
@@ -367,18 +398,16 @@ def open_channel(
     traces: list[Trace] | None = None,
 ) -> Channel:
     """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
+    period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
     arm = load_robot(robot)
     _warm_up(arm, blend)
-    link = factory(hello_for(arm.name, 0 if period_ms is None else round(period_ms * _US_PER_MS)))
+    link = factory(hello_for(arm.name, period_us))
     try:
         welcome = link.open()
         _check_robot(arm, welcome)
-        period_s = welcome.period_us * 1e-6
-        trace = None if traces is None else Trace(arm, period_s)
-        task = TrajectoryTask(arm, period_s, clear_fault, blend, trace)
-        if traces is not None and trace is not None:
-            traces.append(trace)
-        return Channel(arm, link, task).start()
+        trace = _new_trace(arm, welcome.period_us, traces)
+        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace)
+        return Channel(arm, link, task, traces).start()
     except BaseException as error:
         link.close(str(error))
         raise
@@ -390,6 +419,14 @@ def _warm_up(robot: Robot, blend: Blend) -> None:
     warm_up_force(robot)
     if (reach := reach_of(Arm(robot))) is not None:
         warm_up_cartesian(motion_limits(robot), reach, robot.poses["park"], blend)
+
+
+def _new_trace(robot: Robot, period_us: int, traces: list[Trace] | None) -> Trace | None:
+    """A trace among `traces`, if traces are wanted."""
+    if traces is None:
+        return None
+    traces.append(Trace(robot, period_us * 1e-6))
+    return traces[-1]
 
 
 def _check_robot(robot: Robot, welcome: Welcome) -> None:

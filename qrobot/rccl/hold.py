@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager
 from qrobot.errors import LinkError, QRobotError
 from qrobot.rccl.drivers import driver_for
 from qrobot.rccl.task import Phase, TrajectoryTask
+from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 
 
@@ -27,6 +28,7 @@ class Hold:
 
     def __init__(self, name: str, link: Link, task: TrajectoryTask) -> None:
         self._name = name
+        self._link = link
         self._task = task
         self._driver = driver_for(link, task)
         self._released = False
@@ -34,9 +36,25 @@ class Hold:
 
     def start(self) -> None:
         """Run until the servo follows our setpoints."""
-        self._driver.start()
-        self.wait(lambda: self._task.phase is Phase.TRACKING)
+        self._begin()
         atexit.register(self._at_exit)
+
+    def change_period(self, period_us: int, trace: Trace | None) -> None:
+        """Bring the arm to rest, let go of it, and take it again with another sample period, of which `trace` is told.
+
+        It goes on holding its position meanwhile. Raises what `control` raises; the hold has then ended.
+        """
+        self._come_to_rest()
+        self._leave(power_off=False)
+        self._driver.end()
+        try:
+            welcome = self._link.reopen(period_us)
+        except BaseException as error:
+            self._driver.error = error
+            raise
+        self._task.begin(welcome.period_us * 1e-6, trace)
+        self._driver = driver_for(self._link, self._task)
+        self._begin()
 
     def release(self, power_off: bool) -> None:
         """Bring the arm to rest, let go of it and close the link; a second call does nothing.
@@ -70,6 +88,10 @@ class Hold:
         if self._released:
             raise LinkError(f"{self._name} was released; call control() first")
         return self._driver.lock()
+
+    def _begin(self) -> None:
+        self._driver.start()
+        self.wait(lambda: self._task.phase is Phase.TRACKING)
 
     def _come_to_rest(self) -> None:
         with self._driver.lock():

@@ -68,6 +68,7 @@ class OfflineLink:
     ) -> None:
         self._robot = robot or load_robot(hello.robot)
         self._period_us = hello.period_us or period_us
+        self._began_ns = 0  # when the first sample would have been
         q = self._robot.poses[START_POSE] if start is None else start
         still = (0.0,) * self._robot.n
         place = tuple(map(float, q))
@@ -80,6 +81,13 @@ class OfflineLink:
             raise LinkError(f"the sample period must be 1 to 100 ms, not {self._period_us / 1000:g}")
         return Welcome(ClientRole.COMMANDER, self._robot.name, self._robot.n, self._period_us)
 
+    def reopen(self, period_us: int) -> Welcome:
+        """See `Link.reopen`. Raises LinkError: no such sample period."""
+        self._began_ns = self.now_ns() - self._state.seq * period_us * NS_PER_US
+        self._period_us = period_us
+        self._torques = _Torques(self._robot, period_us * 1e-6)
+        return self.open()
+
     def exchange(self, command: Command | None) -> State:
         """Obey, and let one sample pass; see `Link.exchange`. Raises MotionError: joints are to give way."""
         before = self._state
@@ -90,7 +98,7 @@ class OfflineLink:
         seq = before.seq + 1
         v, tau = self._torques.at(seq, np.array(q))
         robot = replace(
-            before.robot, t_ns=seq * self._period_us * NS_PER_US, mode=mode, q=q, v=tuple(v.tolist()),
+            before.robot, t_ns=self._began_ns + seq * self._period_us * NS_PER_US, mode=mode, q=q, v=tuple(v.tolist()),
             tau=tuple(tau.tolist()), q_setpoint=q, hand=0 if command is None else command.hand,
         )  # fmt: skip
         self._state = replace(before, seq=seq, robot=robot)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from math import isfinite, nan
+from typing import Final, SupportsFloat
 
 import numpy as np
 
@@ -34,9 +35,11 @@ from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
 from qrobot.rccl.position import Position
 from qrobot.units import M_PER_MM, RAD_PER_DEG
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 DEFAULT_PACE: Final = SpeedShare(0.3)
 _S_PER_MS: Final = 1e-3
+_US_PER_MS: Final = 1e3
 _MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
 _TURNS: Final = {turn.value: turn for turn in Turn}
 _DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -95,13 +98,15 @@ class Parameters:
 
     def setvel(self, tv: float, rv: float) -> None:
         """See `Channel.setvel`."""
+        tv, rv = numbers("setvel", tv, rv)
         self._pace = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
 
     def setjvel(self, speed: float | None, share: float | None) -> None:
         """See `Channel.setjvel`."""
         if (speed is None) == (share is None):
             raise MotionError("setjvel takes either a speed or a share")
-        self._pace = JointSpeed(speed) if speed is not None else SpeedShare(share or 0.0)
+        (value,) = numbers("setjvel", share if speed is None else speed)
+        self._pace = SpeedShare(value) if speed is None else JointSpeed(value)
 
     def setmode(self, mode: str, turn: str) -> None:
         """See `Channel.setmode`."""
@@ -113,6 +118,8 @@ class Parameters:
 
     def setconf(self, letters: str) -> None:
         """See `Channel.setconf`."""
+        if not isinstance(letters, str):
+            raise MotionError(f'setconf: letters are needed, as in "lun", not {letters!r}')
         try:
             self._branch = branch_of(letters) if letters else None
         except ConfigError as error:
@@ -130,8 +137,8 @@ class Parameters:
 
     def lock(self, dirs: str) -> None:
         """See `Channel.lock`."""
-        names = dirs.split()
-        locked = set(named_values("lock", dirs, (0.0,) * len(names), _FORCES))
+        nothing = (0.0,) * len(str(dirs).split())
+        locked = set(named_values("lock", dirs, nothing, _FORCES))
         before = () if self._compliance is None else self._compliance.axes
         if self._compliance is None or not locked <= set(before):
             complying = " ".join(_FORCES[axis] for axis in before) or "nothing"
@@ -164,20 +171,48 @@ def _goal(position: Position, distance: Floats | None, compliance: Compliance | 
 
 
 def milliseconds(ta: float, ts: float) -> tuple[float, float]:
-    """Times of a motion in seconds."""
+    """Times of a motion in seconds. Raises MotionError: the segment takes no time, or the transition less than none."""
+    ta, ts = numbers("setime", ta, ts)
+    if ta < 0.0 or ts <= 0.0:
+        raise MotionError(f"setime({ta:g}, {ts:g}): the transition may take 0 ms, the motion more than that")
     return ta * _S_PER_MS, ts * _S_PER_MS
+
+
+def sample_period_us(call: str, ms: float) -> int:
+    """A sample period, microseconds. Raises MotionError when the bridge has no such period."""
+    (period_ms,) = numbers(call, ms)
+    period_us = round(period_ms * _US_PER_MS)
+    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
+        possible = f"{SHORTEST_PERIOD_US / _US_PER_MS:g} to {LONGEST_PERIOD_US / _US_PER_MS:g} ms"
+        raise MotionError(f"{call}: a sample period of {ms:g} ms; {possible} are possible")
+    return period_us
+
+
+def numbers(call: str, *values: object) -> tuple[float, ...]:
+    """The arguments of a call. Raises MotionError when one is no finite number."""
+    found = [float(value) if isinstance(value, SupportsFloat) else nan for value in values]
+    for value, number in zip(values, found, strict=True):
+        if not isfinite(number):
+            raise MotionError(f"{call}: {value!r} is not a finite number")
+    return tuple(found)
+
+
+def require_function(call: str, given: object) -> None:
+    """Raises MotionError when an argument that has to be called later on cannot be called."""
+    if not callable(given):
+        raise MotionError(f"{call}: a function is needed, not {given!r}")
 
 
 def named_values(call: str, spec: str, values: tuple[float, ...], allowed: tuple[str, ...]) -> dict[int, float]:
     """Values by the place of their names in `allowed`.
 
     Raises:
-        MotionError: an unknown name, one twice, none, or not one value for each.
+        MotionError: an unknown name, one twice, none, or not one finite value for each.
     """
-    names = spec.split()
+    names = spec.split() if isinstance(spec, str) else []
     if not names or len(names) != len(values) or not set(names) <= set(allowed) or len(set(names)) != len(names):
         raise MotionError(f"{call}({spec!r}, ...): name directions out of {' '.join(allowed)!r}, one value each")
-    return {allowed.index(name): value for name, value in zip(names, values, strict=True)}
+    return {allowed.index(name): value for name, value in zip(names, numbers(call, *values), strict=True)}
 
 
 def force_limits(spec: str, values: tuple[float, ...]) -> ForceLimits:

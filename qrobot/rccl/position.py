@@ -86,9 +86,11 @@ def makeposition(name: str, *terms: Trsf | Word) -> Position:
     Left of EQ must stand `t6`, once; TL is followed by the one term, of either side, that ends in the controlled frame.
 
     Raises:
-        MotionError: EQ or TL is missing or in the wrong place, or the equation makes no sense.
+        MotionError: a term is no transform, EQ or TL is missing or in the wrong place, or the equation makes no sense.
     """
-    if terms.count(EQ) != 1 or terms.count(TL) != 1 or terms[-2:-1] != (TL,):
+    if (strange := [term for term in terms if not isinstance(term, Trsf | Word)]) != []:
+        raise MotionError(f"makeposition {name}: {strange[0]!r} is no transform")
+    if terms.count(EQ) != 1 or terms.count(TL) != 1 or terms[-2:-1] != (TL,) or terms[-1] is EQ:
         raise MotionError(f'makeposition: write ("{name}", terms with t6, EQ, terms, TL, the term of the tool)')
     at = terms.index(EQ)
     left, right, tool = ([term for term in part if isinstance(term, Trsf)] for part in _parts(terms, at))
@@ -97,6 +99,13 @@ def makeposition(name: str, *terms: Trsf | Word) -> Position:
 
 def _parts(terms: tuple[Trsf | Word, ...], at: int) -> tuple[tuple[Trsf | Word, ...], ...]:
     return terms[:at], terms[at + 1 : -2], terms[-1:]
+
+
+def require_position(call: str, given: object) -> Position:
+    """What was given to a call. Raises MotionError when it is no position."""
+    if not isinstance(given, Position):
+        raise MotionError(f"{call}: a position is needed, from makeposition, jposition or pose, not {given!r}")
+    return given
 
 
 def there() -> Position:

@@ -93,30 +93,34 @@ class TrajectoryTask:
         blend: Blend = Blend.QUARTIC,
         trace: Trace | None = None,
     ) -> None:
-        self.phase = Phase.POWERING
         self.how: RobotState | None = None
         self.chg = Chg(robot.n)
         self.completed = Level("completed", 1)
-        self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
-        self._limits = motion_limits(robot)
-        self.period_s = period_s
         self.tick = 0
+        self.each_sample: Callable[[], object] | None = None
+        self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
+        self._robot = robot
+        self._limits = motion_limits(robot)
         self._arm = Arm(robot)
         self._reach = reach_of(self._arm)
         self._blend = blend
-        self.force = ForceControl(robot, period_s, self._reach)
+        self._arrived: Position | None = None
+        self._player: Player | None = None  # whose setpoints go out instead of the generator's
+        self.begin(period_s, trace, clear_fault)
+
+    def begin(self, period_s: float, trace: Trace | None = None, clear_fault: bool = False) -> None:
+        """Take the arm with this sample period; anew, when it was taken before."""
+        self.phase = Phase.POWERING
+        self.period_s = period_s
+        self.force = ForceControl(self._robot, period_s, self._reach)
         self.slot = Slot(period_s * 1e3)
-        self.each_sample: Callable[[], object] | None = None
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
         self._orders: dict[MoveRequest, Order] = {}
-        self._arrived: Position | None = None
         self._seq: int | None = None
         self._started_tick = 0
-        self._robot_name = robot.name
         self._trace = trace
-        self._player: Player | None = None  # whose setpoints go out instead of the generator's
 
     # -------------------------------------------------------------------------------------------- from the program
 
@@ -150,8 +154,8 @@ class TrajectoryTask:
 
     def play(self, setpoints: Setpoints, label: str) -> None:
         """Send setpoints one each sample. Raises what `Channel.play` raises."""
-        if setpoints.robot != self._robot_name:
-            raise MotionError(f"{label}: made for {setpoints.robot}, this is {self._robot_name}")
+        if setpoints.robot != self._robot.name:
+            raise MotionError(f"{label}: made for {setpoints.robot}, this is {self._robot.name}")
         if setpoints.period_us != round(self.period_s * 1e6):
             periods = f"{setpoints.period_us / 1e3:g} ms from one to the next, the sample period is"
             raise MotionError(f"{label}: {periods} {self.period_s * 1e3:g} ms")

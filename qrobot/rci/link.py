@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
 
 PROGRAM_NAME_LENGTH = 32
+NEW_PERIOD: Final = "another sample period"  # why a program says goodbye that greets again at once
 
 
 class Link(Protocol):
@@ -38,6 +39,9 @@ class Link(Protocol):
 
     def now_ns(self) -> int:
         """This end's clock."""
+
+    def reopen(self, period_us: int) -> Welcome:
+        """Say goodbye, and greet the server anew to have another sample period. Raises what `open` raises."""
 
     def close(self, reason: str = "") -> None:
         """Say goodbye. Never raises; may be called twice."""

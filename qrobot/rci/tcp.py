@@ -7,10 +7,12 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final, TypeVar
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout
 from qrobot.rci.client import Client
+from qrobot.rci.link import NEW_PERIOD
 from qrobot.wire import DEFAULT_PORT, Command, Hello, State, Welcome
 
 BRIDGE_VARIABLE: Final = "QROBOT_BRIDGE"
@@ -61,7 +63,8 @@ class TcpLink:
     virtual_time = False
 
     def __init__(self, hello: Hello, address: Address, connector: Callable[[Address], socket.socket] = connect) -> None:
-        self._client = Client(hello, f"the bridge at {address[0]}:{address[1]}")
+        self._hello = hello
+        self._client = self._new_client(address)
         self._address = address
         self._connector = connector
         self._socket: socket.socket | None = None
@@ -83,6 +86,13 @@ class TcpLink:
         """The monotonic clock."""
         return time.monotonic_ns()
 
+    def reopen(self, period_us: int) -> Welcome:
+        """See `Link.reopen`."""
+        self.close(NEW_PERIOD)
+        self._hello = replace(self._hello, period_us=period_us)
+        self._client = self._new_client(self._address)
+        return self.open()
+
     def close(self, reason: str = "") -> None:
         """Say goodbye and close the socket."""
         sock, self._socket = self._socket, None  # first: a program's own thread may close it as well
@@ -91,6 +101,9 @@ class TcpLink:
         with suppress(OSError):
             sock.sendall(self._client.farewell(reason))
         sock.close()
+
+    def _new_client(self, address: Address) -> Client:
+        return Client(self._hello, f"the bridge at {address[0]}:{address[1]}")
 
     def _await(self, pop: Callable[[], T | None]) -> T:
         while (answer := pop()) is None:

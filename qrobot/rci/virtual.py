@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final, TypeAlias, TypeVar
 
 from qrobot.errors import QRobotError
 from qrobot.rci.client import Client
+from qrobot.rci.link import NEW_PERIOD
 from qrobot.wire import Command, Hello, State, Welcome
 
 Transfer: TypeAlias = Callable[[bytes], bytes]
@@ -28,7 +30,8 @@ class VirtualLink:
     virtual_time = True
 
     def __init__(self, hello: Hello, transfer: Transfer) -> None:
-        self._client = Client(hello, "the bridge in this process")
+        self._hello = hello
+        self._client = self._new_client()
         self._transfer = transfer
         self._now_ns = 0
 
@@ -49,11 +52,21 @@ class VirtualLink:
         """Virtual time of the newest packet."""
         return self._now_ns
 
+    def reopen(self, period_us: int) -> Welcome:
+        """See `Link.reopen`."""
+        self.close(NEW_PERIOD)
+        self._hello = replace(self._hello, period_us=period_us)
+        self._client = self._new_client()
+        return self.open()
+
     def close(self, reason: str = "") -> None:
         """Say goodbye."""
         if farewell := self._client.farewell(reason):
             with suppress(QRobotError):
                 self._transfer(farewell)
+
+    def _new_client(self) -> Client:
+        return Client(self._hello, "the bridge in this process")
 
     def _await(self, data: bytes, pop: Callable[[], T | None]) -> T:
         for _ in range(_PATIENCE):

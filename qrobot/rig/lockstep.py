@@ -158,12 +158,18 @@ class LockstepBridge:
         self._port = MailboxPort(rig.mail)
         self._began_ns = rig.now_ns
         self._began_s = time.perf_counter()
-        settings = BridgeSettings(period_us=period_us)
-        self._session = Session(rig.robot.name, rig.robot.n, Lease(), settings, Peer("127.0.0.1", 0), rig.now_ns)
+        self._settings = BridgeSettings(period_us=period_us)
+        self._session = self._new_session()
+
+    def _new_session(self) -> Session:
+        rig = self._rig
+        return Session(rig.robot.name, rig.robot.n, Lease(), self._settings, Peer("127.0.0.1", 0), rig.now_ns)
 
     def transfer(self, data: bytes) -> bytes:
         """Hand over the program's bytes; when nothing answers them at once, let time run until the bridge speaks."""
         answer = b""
+        if data and self._session.ended:  # the program has said goodbye and greets again
+            self._session = self._new_session()
         if data:
             answer = carry_out(self._session.receive(data, self._rig.now_ns), self._port).data
         return answer or self._next_state()

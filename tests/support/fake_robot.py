@@ -72,10 +72,6 @@ class FakeRobot:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
         self.mode, self.event, self._dead_stream = RobotMode.HOLDING, code, self._stream
 
-    def reconnect(self) -> None:
-        """Be ready for another program."""
-        self._connection = Connection(Side.SERVER)
-
     # --------------------------------------------------------------------------------------------------- its one port
 
     def transfer(self, data: bytes) -> bytes:
@@ -84,7 +80,9 @@ class FakeRobot:
         return greeting or self.tell()
 
     def hear(self, data: bytes) -> bytes:
-        """Take the client's bytes; the answer to a greeting."""
+        """Take the client's bytes; the answer to a greeting, which may follow on a goodbye."""
+        if data and self._connection.ended:
+            self._connection = Connection(Side.SERVER)
         self._connection.receive_data(data)
         answers = b""
         while (event := self._connection.next_event()) is not None:
