@@ -1,24 +1,31 @@
 """Who calls the trajectory task: a thread paced by the robot's STATE packets, or the program itself while it waits.
 
 The same program runs under both. In real time samples pass by themselves; in lock-step time stands still until the
-program waits for something, so a run is the same every time.
+program waits for something, so a run is the same every time. Time passes for all arms of a program alike: whichever it
+waits for, none is left behind.
 """
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from typing import Final, Protocol
+from contextlib import AbstractContextManager, nullcontext, suppress
+from typing import ClassVar, Final, Protocol
+from weakref import WeakSet
 
-from qrobot.errors import LinkLost
+from qrobot.errors import LinkLost, MotionError
 from qrobot.rccl.task import Phase, TrajectoryTask
 from qrobot.rci import Link
 from qrobot.realtime.setup import set_fifo
+from qrobot.units import NS_PER_S
 from qrobot.wire import Command
 
 _PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 _LOOK_S: Final = 0.5  # a waiting program looks up so often
+# How long a program that computes keeps the interpreter when its thread has a sample to make, which asks several times.
+_TURN_S: Final = 0.0005
+_NO_WAIT: Final = "a function that is called at each sample must not wait: let it signal an event the program waits for"
 
 
 class Driver(Protocol):
@@ -37,7 +44,12 @@ class Driver(Protocol):
         """Held while the program touches the task."""
 
     def wait(self, predicate: Callable[[], bool]) -> None:
-        """Return when `predicate`, called with the lock held at every sample, is true. Raises `error` if it happens."""
+        """Return when `predicate`, called with the lock held at every sample, is true.
+
+        Raises:
+            BaseException: `error`, if it happens.
+            MotionError: called by a function that is itself called at each sample.
+        """
 
     def end(self) -> None:
         """Let no more samples pass, whatever the task has come to, and close the link."""
@@ -46,14 +58,21 @@ class Driver(Protocol):
 class LockstepDriver:
     """Time passes inside `wait`."""
 
+    _running: ClassVar[WeakSet[LockstepDriver]] = WeakSet()  # of this program
+
     def __init__(self, link: Link, task: TrajectoryTask) -> None:
         self.error: BaseException | None = None
         self._link = link
         self._task = task
         self._command: Command | None = None
+        self._origin_ns = 0
+        self._sampling = False
 
     def start(self) -> None:
-        """Nothing to do: the program itself lets time pass."""
+        """Let time pass from now on, beside that of the program's other arms."""
+        now_ns = max((other._elapsed_ns for other in self._running), default=0)
+        self._origin_ns = self._link.now_ns() - now_ns
+        self._running.add(self)
 
     def lock(self) -> AbstractContextManager[object]:
         """Nobody else is there."""
@@ -61,22 +80,43 @@ class LockstepDriver:
 
     def wait(self, predicate: Callable[[], bool]) -> None:
         """Let samples pass until `predicate` is true."""
+        if self._sampling:
+            raise MotionError(_NO_WAIT)
         while not predicate():
             if self.error is not None:
                 raise self.error
             self._sample()
+            for other in list(self._running - {self}):
+                other._catch_up(self._elapsed_ns)
 
     def end(self) -> None:
         """Close the link."""
+        self._running.discard(self)
         self._link.close("program ended")
 
+    @property
+    def _elapsed_ns(self) -> int:
+        """Time of the program, which all its arms share."""
+        return self._link.now_ns() - self._origin_ns
+
+    def _catch_up(self, elapsed_ns: int) -> None:
+        """Let samples pass to about that time; what goes wrong is told when the program turns to this arm."""
+        nearly_ns = elapsed_ns - round(self._task.period_s * 0.5 * NS_PER_S)
+        with suppress(Exception):
+            while self.error is None and not self._sampling and self._elapsed_ns <= nearly_ns:
+                self._sample()
+
     def _sample(self) -> None:
+        self._sampling = True
         try:
             self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
         except BaseException as error:
             self.error = error
+            self._running.discard(self)
             self._link.close(str(error))
             raise
+        finally:
+            self._sampling = False
 
 
 class ThreadDriver:
@@ -91,7 +131,8 @@ class ThreadDriver:
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread. From now on it gets its turn within half a millisecond whenever the program computes."""
+        sys.setswitchinterval(min(_TURN_S, sys.getswitchinterval()))
         self._thread.start()
 
     def lock(self) -> AbstractContextManager[object]:
@@ -100,6 +141,8 @@ class ThreadDriver:
 
     def wait(self, predicate: Callable[[], bool]) -> None:
         """Sleep from sample to sample until `predicate` is true."""
+        if threading.current_thread() is self._thread:
+            raise MotionError(_NO_WAIT)
         with self._sampled:
             while not predicate():
                 if self.error is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,7 +12,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
-from qrobot.errors import JointLimit, LinkError, LinkLost, MotionError, ServoFault
+from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
 from qrobot.rci import TcpLink, VirtualLink
@@ -206,7 +208,6 @@ def test_a_second_program_takes_over_an_arm_that_holds_without_switching_it_off(
     with rccl.control():
         pass
     assert quiet_robot.mode is RobotMode.HOLDING
-    quiet_robot.reconnect()
     quiet_robot.commands.clear()
     with rccl.control():
         assert quiet_robot.mode is RobotMode.TRACKING
@@ -290,6 +291,30 @@ def test_a_lost_link_raises_where_the_program_waits() -> None:
         server.hang_up()
         with pytest.raises(LinkLost):
             arm.waitas(lambda: False)
+        arm.release()
+
+
+def test_a_function_that_is_called_at_each_sample_must_not_wait(robot) -> None:
+    arm = rccl.control()
+    arm.each_sample(lambda: arm.waitfor(arm.completed))
+    with pytest.raises(MotionError, match="must not wait: let it signal an event"):
+        arm.waitas(lambda: False)
+    wait_until(lambda: robot.said_goodbye)
+
+
+def test_a_program_that_computes_without_a_pause_does_not_disturb_its_motion() -> None:
+    """A-02. Robot and generator are threads of the interpreter that the program keeps busy."""
+    fake = FakeRobot(PARK, period_us=28_000, patience=1)
+    with in_real_time(fake):
+        arm = rccl.control()
+        p = near_park("p", 20.0)
+        rccl.setime(200, 1000)
+        rccl.move(p)
+        assert sys.getswitchinterval() < 0.001  # s that the program may keep the interpreter, a tenth of the usual
+        end = time.monotonic() + 20.0
+        while p.code == Termination.NONE and time.monotonic() < end:
+            sum(range(1000))
+        assert p.code == DONE
         arm.release()
 
 
@@ -407,30 +432,6 @@ def test_a_pose_is_always_the_same_descriptor(quiet_robot) -> None:
     with rccl.control() as arm:
         assert rccl.park is arm.pose("park")
         assert arm.joints == pytest.approx(PARK_DEG)
-
-
-@pytest.mark.parametrize(
-    ("deed", "error", "words"),
-    [
-        (lambda: rccl.pose("nowhere"), Exception, "no pose 'nowhere'; it has"),
-        (lambda: rccl.jposition("p", [1, 2, 3]), MotionError, "position p: puma560 has 6 joints, not 3"),
-        (lambda: rccl.move(rccl.jposition("p", [200, 0, 0, 0, 0, 0])), JointLimit, "joint 1"),
-        (lambda: rccl.setmode("curved"), MotionError, "neither 'joint' nor 'cartesian'"),
-        (rccl.setjvel, MotionError, "either"),
-        (lambda: rccl.setjvel(1.0, share=0.5), MotionError, "either"),
-        (lambda: rccl.setjvel(share=1.5), MotionError, "at most 1"),
-        (lambda: rccl.nextmove(0), MotionError, "must be positive"),
-        (lambda: rccl.waitfor(rccl.park.end), MotionError, r"waitfor\(park.end\): no motion is left"),
-    ],
-)
-def test_a_wrong_call_says_what_is_wrong_and_the_program_may_go_on(quiet_robot, deed, error, words) -> None:
-    with rccl.control() as arm:
-        with pytest.raises(error, match=words):
-            deed()
-        arm.setmode("joint")
-        arm.move(near_park("p", 1.0))
-        arm.waitfor(arm.completed)
-    rccl.release()
 
 
 def test_without_control_every_call_says_so() -> None:
