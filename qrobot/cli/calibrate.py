@@ -51,26 +51,36 @@ def calibrate(
     chosen = choose_arm(deployment, arm)
     if make_table is not None:
         return _make_table(chosen, make_table, json)
-    from qrobot.servo.authority import Authority
-    from qrobot.servo.calibration_client import run_calibration
-    from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
-
-    robot = robot_of_arm(chosen)
-    memory, authority = attach_servo_memory(chosen.name), Authority(chosen.name)
-    try:
-        authority.take("qrobot calibrate")
-        with _Bars(robot) as bars:
-            report = run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
-    finally:
-        authority.release()
-        memory.close()
+    report = calibrate_arm(chosen, indexes)
     if json:
         write_json(report.to_dict())
     elif report.was_calibrated:
         out.print(f"{chosen.name} is calibrated already: its board has kept the counters")
     else:
-        out.print(_results(robot, report))
+        out.print(_results(robot_of_arm(chosen), report))
     return SUCCESS
+
+
+def calibrate_arm(arm: Arm, indexes: int = 0) -> CalibrationReport:
+    """Have the running servo of an arm calibrate it, and show on the terminal how far it is.
+
+    Raises:
+        LinkError: no servo runs, or it does not answer any more.
+        LinkBusy: somebody else commands the arm.
+        ConfigError, ServoFault: what `run_calibration` raises.
+    """
+    from qrobot.servo.authority import Authority
+    from qrobot.servo.calibration_client import run_calibration
+    from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+
+    memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
+    try:
+        authority.take("qrobot calibrate")
+        with _Bars(robot_of_arm(arm)) as bars:
+            return run_calibration(ServoMailbox(memory.words), time.sleep, indexes, bars.show)
+    finally:
+        authority.release()
+        memory.close()
 
 
 class _Bars:

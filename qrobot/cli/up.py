@@ -12,12 +12,13 @@ from qrobot.cli.console import SUCCESS, note
 from qrobot.errors import LinkLost
 
 if TYPE_CHECKING:
+    from qrobot.config.deployment import Arm
     from qrobot.rig.processes import ProcessRig
 
 POLL_S = 0.2
 
 
-def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/processes")) -> int:
+def up(deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir: Path = Path("out/processes")) -> int:
     """Start board, servo, guardian, bridge and log of every arm of a deployment file; end them with Ctrl-C.
 
     Programs then reach the arms through their bridges (`qrobot run PROGRAM`). When one of the processes dies the others
@@ -27,6 +28,9 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/proces
     ----------
     deployment
         Deployment file, or the name of a packaged one (emulator, pressing, two_arms).
+    calibrate
+        Calibrate each arm whose board has lost its counters, before programs reach it. THE ARM MOVES. The key
+        `calibrate_at_start` of an arm's board asks for the same.
     out_dir
         Where the processes' messages go, one file each.
     """
@@ -43,12 +47,23 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, out_dir: Path = Path("out/proces
         for arm in arms:
             note(f"starting {arm.name} (a first start compiles for a minute or two)")
             ArmProcesses(rig, deployment, arm).start_all()
+            if calibrate or arm.board.calibrate_at_start:
+                _calibrate(arm)
             note(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")
         note("Ctrl-C ends everything")
         with suppress(KeyboardInterrupt):
             _watch(rig)
         note("stopping")
     return SUCCESS
+
+
+def _calibrate(arm: Arm) -> None:
+    """Leave the arm with counters that are right. Raises what `calibrate_arm` raises."""
+    from qrobot.cli.calibrate import calibrate_arm
+
+    note(f"calibrating {arm.name}, unless its board has kept its counters: keep clear, it moves")
+    kept = calibrate_arm(arm).was_calibrated
+    note(f"{arm.name} is calibrated{': its board has kept the counters' if kept else ''}")
 
 
 def _watch(rig: ProcessRig) -> None:

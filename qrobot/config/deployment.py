@@ -35,9 +35,10 @@ class BoardChoice(Table):
 
     `revision` defaults to the robot file's. With `pots = false` the arm has no potentiometers, as the PUMA 200 series,
     and their ADC channels are free inputs. `calibration_table` is a packaged table or a `.txt`; without one the servo
-    looks at no potentiometer, and cannot calibrate the arm. `plant` is the physics behind the emulated board: the robot
-    file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and stiction (`mismatched`).
-    `calibrated` is the state of the counters at chassis power-up.
+    looks at no potentiometer, and cannot calibrate the arm. With `calibrate_at_start`, `qrobot up` calibrates an arm
+    whose board has lost its counters, as the supervisor of the papers did: it moves. `plant` is the physics behind the
+    emulated board: the robot file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and
+    stiction (`mismatched`). `calibrated` is the state of the counters at chassis power-up.
     """
 
     kind: Literal["emulator", "port", "can", "modbus", "drives"] = "emulator"
@@ -48,6 +49,7 @@ class BoardChoice(Table):
     seed: int = Field(default=0, ge=0)
     pots: bool = True
     calibration_table: str | None = None
+    calibrate_at_start: bool = False
     scene: Scene = Scene()
     force_sensor: ForceSensor | None = None
     port: PortRoad | None = None
@@ -65,6 +67,12 @@ class BoardChoice(Table):
                 raise ValueError(f"a table {road!r} needs kind = {road!r}, not {self.kind!r}")
             if not given and self.kind == road:
                 raise ValueError(f"kind = {road!r} needs a table [arm.board.{road}]")
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_table_to_calibrate_with(self) -> BoardChoice:
+        if self.calibrate_at_start and self.calibration_table is None:
+            raise ValueError("calibrate_at_start needs a calibration_table")
         return self
 
     @model_validator(mode="after")
