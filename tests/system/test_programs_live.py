@@ -38,13 +38,23 @@ with rccl.control("puma560") as arm:
     arm.distance("dz", -8)
     arm.move(p)
     arm.waitfor(arm.completed)
+    p.end = 0
     arm.comply("fz", 20)
     arm.distance("dz", -8)
     arm.setime(200, 400)
     arm.move(p)
     arm.waitfor(p.end)
-    begin = arm.time
-    arm.waitas(lambda: arm.time > begin + 1500)
+    pressed = arm.time
+    came, at = pressed, arm.joints
+
+    def rests():
+        # no joint has moved for a second, or it cannot be waited for any longer
+        global came, at
+        if abs(arm.joints - at).max() > 0.05:
+            came, at = arm.time, arm.joints
+        return arm.time > min(came + 1000, pressed + 15000)
+
+    arm.waitas(rests)
     print("pressing at", *arm.how.q)
     arm.lock("fz")
     arm.distance("dz", -50)
