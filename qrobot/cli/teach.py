@@ -49,13 +49,15 @@ def teach(
     from qrobot.rci import LinkFactory, TcpLink
 
     lines = _typed() if script is None else iter(_script(script))
+    taught = DataBase(database)
+    taught.check()  # better now than when the arm is in place
     chosen = choose_arm(deployment, arm)
     factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
     if offline:
         robot = robot_of_arm(chosen)
         factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
     with open_channel(factory, chosen.robot) as channel:
-        teacher = Teacher(channel, DataBase(database))
+        teacher = Teacher(channel, taught)
         for line in lines:
             if answer := teacher.obey(line):
                 out.print(answer, markup=False, soft_wrap=True)

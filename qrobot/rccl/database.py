@@ -60,6 +60,12 @@ class DataBase:
         made.set(values[name])
         return made
 
+    def check(self) -> None:
+        """Raises ConfigError when a transform could not be recorded: the file cannot be read, or not be written."""
+        self._read()
+        if not os.access(self._path if self._path.exists() else self._path.parent, os.W_OK):
+            raise ConfigError(f"cannot write {self._path}: is there such a folder, and may you write there?")
+
     def read(self, trsf: Transform) -> bool:
         """Give `trsf` the value recorded under its name; False when there is none."""
         if (value := self._read().get(trsf.name)) is None:
@@ -71,7 +77,7 @@ class DataBase:
         """Put a transform, as it is now, under its name; one of the same name is replaced.
 
         Raises:
-            ConfigError: the name cannot stand in the file, or the file cannot be read.
+            ConfigError: the name cannot stand in the file, or the file cannot be read or written.
         """
         if not trsf.name or any(letter.isspace() or letter == "#" for letter in trsf.name):
             raise ConfigError(f"{self._path}: a name without spaces and # is needed, not {trsf.name!r}")
@@ -93,28 +99,38 @@ class DataBase:
         return {name: self._value(i, line) for i, line in enumerate(self._lines()) if (name := _name(line))}
 
     def _lines(self) -> list[str]:
-        return self._path.read_text().splitlines() if self._path.exists() else []
+        try:
+            return self._path.read_text().splitlines() if self._path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f"cannot read {self._path}: {error}") from error
 
     def _value(self, index: int, line: str) -> Floats:
         words = line.partition("#")[0].split()[1:]
         try:
             x, y, z, *angles = (float(word) for word in words)
             roll, pitch, yaw = (angle * RAD_PER_DEG for angle in angles)
+            if not np.isfinite([x, y, z, *angles]).all():
+                raise ValueError(line)
         except ValueError as error:
             wanted = "a name and six numbers: x y z in mm, roll pitch yaw in degrees"
             raise ConfigError(f"{self._path}, line {index + 1}: {wanted}, not {line.strip()!r}") from error
         return transform(rpy(roll, pitch, yaw), [x * M_PER_MM, y * M_PER_MM, z * M_PER_MM])
 
     def _change(self, edit: Callable[[list[str]], list[str]]) -> None:
-        with self._lock():
-            self._read()  # what cannot be read is not written over
-            lines = edit(self._lines() or [HEADING])
-            new = self._path.with_name(f"{self._path.name}.{os.getpid()}")
-            with new.open("w") as file:
-                file.write("\n".join(lines) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            new.replace(self._path)
+        try:
+            with self._lock():
+                self._read()  # what cannot be read is not written over
+                self._write(edit(self._lines() or [HEADING]))
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._path}: {error.strerror}") from error
+
+    def _write(self, lines: list[str]) -> None:
+        new = self._path.with_name(f"{self._path.name}.{os.getpid()}")
+        with new.open("w") as file:
+            file.write("\n".join(lines) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self._path)
 
     @contextmanager
     def _lock(self) -> Iterator[None]:

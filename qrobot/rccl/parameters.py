@@ -211,7 +211,9 @@ def named_values(call: str, spec: str, values: tuple[float, ...], allowed: tuple
     """
     names = spec.split() if isinstance(spec, str) else []
     if not names or len(names) != len(values) or not set(names) <= set(allowed) or len(set(names)) != len(names):
-        raise MotionError(f"{call}({spec!r}, ...): name directions out of {' '.join(allowed)!r}, one value each")
+        raise MotionError(
+            f"{call}({spec!r}, ...): name directions out of {' '.join(allowed)!r}, each once, one value each"
+        )
     return {allowed.index(name): value for name, value in zip(names, numbers(call, *values), strict=True)}
 
 

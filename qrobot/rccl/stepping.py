@@ -93,7 +93,7 @@ class Stepper:
             joint, by = int(number) - 1, float(step)
         except ValueError:
             raise MotionError("say a joint and how far, as in: joint 3 -5") from None
-        if not 0 <= joint < joints.size or not np.isfinite(by):
+        if not 0 <= joint < joints.size:
             raise MotionError(f"there are joints 1 to {joints.size}")
         joints[joint] += by
         return self._go(self._arm.jposition(f"joint {number}", joints.tolist()))

@@ -74,6 +74,8 @@ def test_what_was_recorded_is_found_again(teacher: Teacher) -> None:
         ("record", "say one name"),
         ("joint 3", "say a joint and how far"),
         ("joint 9 5", "joints 1 to 6"),
+        ("joint 3 inf", "inf is not a finite number"),
+        ("world dx 5 dx 5", "each once"),
     ],
 )
 def test_mistakes_are_answered_and_end_nothing(teacher: Teacher, line: str, complaint: str) -> None:
@@ -104,6 +106,22 @@ def test_the_command_reads_a_script_and_goes_on_after_mistakes(tmp_path: Path, c
     assert "error: unknown command" in said
     assert "recorded PART" in said
     assert rccl.DataBase(taught).names() == ["PART"]
+
+
+@pytest.mark.parametrize(
+    ("database", "complaint"),
+    [
+        ("none/parts.db", "is there such a folder"),
+        ("bad.db", "bad.db, line 1: a name and six numbers"),
+        (".", "cannot"),
+    ],
+)
+def test_a_data_base_in_which_nothing_could_be_recorded_is_refused_before_the_arm_moves(
+    database: str, complaint: str, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "bad.db").write_text("HOLE 1 2 3 nan 0 0\n")
+    assert run_app(make_app("teach"), ["teach", "--offline", str(tmp_path / database)]) == 1
+    assert complaint in capsys.readouterr().err
 
 
 def test_a_script_that_is_not_there_is_refused(tmp_path: Path, capsys) -> None:
