@@ -18,6 +18,7 @@ from qrobot.units import DEG_PER_RAD, MM_PER_M
 _PROJECTIONS: Final = ((1, "x", "y"), (2, "x", "z"), (3, "y", "z"))  # place in the figure, axes
 _AXIS: Final = {"x": 0, "y": 1, "z": 2}
 WIDE: Final = {"color": COLOURS[0], "linewidth": 3.0, "alpha": 0.4}
+THINNEST, WIDER = 1.2, 0.4  # each line is wider than the one above it: joints that move alike are all seen
 THIN: Final = {"color": COLOURS[1], "linewidth": 1.0}
 
 
@@ -33,8 +34,10 @@ def joints_figure(robot: Robot, setpoints: Setpoints) -> Figure:
         for axes, (chosen, scale, label) in zip(
             figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0], panels, strict=True
         ):
-            for j in np.flatnonzero(chosen):
+            joints = np.flatnonzero(chosen)
+            for j, above in zip(joints, reversed(range(joints.size)), strict=True):
                 line = {"color": COLOURS[j % len(COLOURS)], "linestyle": DASHES[j // len(COLOURS) % len(DASHES)]}
+                line |= {"linewidth": THINNEST + above * WIDER}
                 axes.plot(setpoints.t, setpoints.q[:, j] * scale, label=robot.joint_names[j], **line)
             axes.set(ylabel=label, xlabel="time (s)")
             axes.legend(**LEGEND)

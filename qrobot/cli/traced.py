@@ -32,7 +32,7 @@ def run_traced(program: Path, factory: LinkFactory, folder: Path, ideal: bool) -
             finally:
                 rccl.release()
     finally:
-        for number, trace in enumerate(traces, 1):
+        for number, trace in enumerate([trace for trace in traces if trace.requests] or traces[:1], 1):
             _write_trace(trace, folder, "" if number == 1 else f"-{number}", ideal)
 
 
