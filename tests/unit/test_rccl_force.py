@@ -11,7 +11,8 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import MotionError, Singular, Unreachable
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque
-from qrobot.motion import Kind
+from qrobot.motion import Kind, force
+from qrobot.motion.matching import Joints
 from qrobot.rccl import EQ, TL, Transform, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rci import VirtualLink
 from qrobot.wire import JointMode, RobotState
@@ -162,6 +163,20 @@ def test_an_arm_that_is_carried_to_the_end_of_its_reach_stops_giving_way_and_say
     assert P.code in (rccl.Termination.UNREACHABLE, rccl.Termination.JOINT_LIMIT, rccl.Termination.SINGULAR)
     assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
     assert np.abs(np.diff(robot.path[-30:], axis=0)).max() < 0.03  # it is brought to rest where it was carried to
+
+
+def test_an_arm_that_only_holds_says_when_no_joint_serves_its_direction_any_more(robot, monkeypatch) -> None:
+    comply("fz", 5.0)
+    rccl.waitfor(rccl.completed)
+
+    def none_serves(*_: object) -> Joints:
+        raise Singular("no joints move the controlled frame")
+
+    monkeypatch.setattr(force, "fitness", lambda *_: 0.0)
+    monkeypatch.setattr(force, "match", none_serves)
+    wait(600)
+    assert P.code == rccl.Termination.SINGULAR
+    assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
 
 
 def test_joints_that_are_in_line_do_not_disturb_one_that_gives_way_elsewhere(robot) -> None:
