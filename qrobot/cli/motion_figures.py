@@ -36,7 +36,10 @@ def joints_figure(robot: Robot, setpoints: Setpoints) -> Figure:
         ):
             joints = np.flatnonzero(chosen)
             for j, above in zip(joints, reversed(range(joints.size)), strict=True):
-                line = {"color": COLOURS[j % len(COLOURS)], "linestyle": DASHES[j // len(COLOURS) % len(DASHES)]}
+                line: dict[str, Any] = {
+                    "color": COLOURS[j % len(COLOURS)],
+                    "linestyle": DASHES[j // len(COLOURS) % len(DASHES)],
+                }
                 line |= {"linewidth": THINNEST + above * WIDER}
                 axes.plot(setpoints.t, setpoints.q[:, j] * scale, label=robot.joint_names[j], **line)
             axes.set(ylabel=label, xlabel="time (s)")
