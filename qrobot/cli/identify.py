@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -21,11 +20,12 @@ if TYPE_CHECKING:
     from qrobot.ident.plan import Plan
 
 HELP: Final = """
-Find what an arm weighs and how it rubs, and make a model of it that the servo uses.
+Find what an arm weighs, how it rubs and how strong its motors are, and make a model of it that the servo uses.
 
   qrobot identify plan                                   see what the arm would do, and what that tells
   qrobot identify record --lockstep --output run.mcap    do it on an emulated arm
   qrobot identify fit run.mcap --output model.toml       find the numbers, with their uncertainty
+  qrobot identify report run.mcap --output model.html    look at them
   qrobot servo --model model.toml                        use them
 
 A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.
@@ -33,6 +33,16 @@ A running arm is recorded with --go in place of --lockstep. Keep clear of it: it
 
 Poses = Annotated[int, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")]
 Seed = Annotated[int, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")]
+RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
+Loaded = Annotated[
+    tuple[Path, ...],
+    Parameter(help="Logs of the arm with a load in its hand besides: its mass and centre are found too."),
+]
+LoadKg = Annotated[
+    float | None, Parameter(help="Mass of that load where it was weighed: torque scales are then of true torque.")
+]
+KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
+Date = Annotated[str | None, Parameter(help="Of the measurement, YYYY-MM-DD; default today.")]
 app = App(name="identify", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
@@ -79,6 +89,7 @@ def record(
     go: bool = False,
     first: int = 1,
     plant: Literal["nominal", "mismatched"] | None = None,
+    load_kg: float = 0.0,
     poses: Poses = 24,
     seed: Seed = 0,
 ) -> None:
@@ -100,6 +111,8 @@ def record(
         Swing to begin with, to go on where a recording broke off; give `fit` both logs.
     plant
         With --lockstep: overrides the deployment file.
+    load_kg
+        With --lockstep: what the emulated arm holds at its flange, 0 to 2.5 kg.
     """
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
@@ -108,6 +121,8 @@ def record(
         raise ConfigError(f"the log {output} must end in .mcap")
     if not 1 <= first <= len(made.swings):
         raise ConfigError(f"--first {first}: the plan has swings 1 to {len(made.swings)}")
+    if load_kg and not lockstep:
+        raise ConfigError("--load-kg is for an emulated arm: put the load into the running one's hand")
     if lockstep == go:
         _show_plan(robot, made)
         raise ConfigError("nothing has moved: choose --lockstep for an emulated arm, or --go for the running one")
@@ -115,7 +130,7 @@ def record(
     from qrobot.cli.identify_record import record_emulated, record_running
 
     if lockstep:
-        record_emulated(chosen, robot, made, output, plant, first - 1)
+        record_emulated(chosen, robot, made, output, plant, first - 1, load_kg)
     else:
         record_running(chosen, robot, made, output, first - 1)
 
@@ -124,14 +139,17 @@ def record(
 def fit(
     *logs: Path,
     output: Path,
-    robot: str | None = None,
-    date: str | None = None,
+    robot: RobotFile = None,
+    loaded: Loaded = (),
+    load_kg: LoadKg = None,
+    known_torque: KnownTorque = False,
+    date: Date = None,
     json: bool = False,
 ) -> None:
-    """Find gravity and friction in the logs of one arm, and write its model.
+    """Find gravity, friction and torque scales in the logs of one arm, and write its model.
 
     Steady passes are looked for in the logs; it does not matter who moved the arm. What the logs do not tell is an
-    error that names it, and so is a model that predicts worse than the robot file.
+    error that names it, and so are a bad recording and a model that predicts worse than the robot file.
 
     Parameters
     ----------
@@ -139,30 +157,53 @@ def fit(
         First files of one or more logs of the arm.
     output
         The model to write (.toml).
-    robot
-        Robot file; default the packaged one that the logs name.
-    date
-        Of the measurement, YYYY-MM-DD; default today.
     json
         Print the model as JSON.
     """
-    from qrobot.cli.identify_record import read_rows
-    from qrobot.config import load_robot
-    from qrobot.ident.result import model_of, write_model
-    from qrobot.ident.session import identify_log
+    from qrobot.cli.identify_fit import Request
+    from qrobot.ident.result import write_model
 
-    rows, header = read_rows(logs)
-    known = load_robot(robot or header.robot)
-    if known.name != header.robot:
-        raise ConfigError(f"the logs are of robot {header.robot!r}, {robot} is {known.name!r}")
-    found = identify_log(known, rows, header.period_ns * 1e-9)
-    model = model_of(found, rows, date or datetime.now(UTC).date().isoformat())
+    found, model = Request(logs, robot, loaded, load_kg, known_torque, date).identified()
     write_model(output, model)
-    _report(known, model, json)
+    _report(found.robot, model, json)
     outliers = found.fit.outliers
     passes = np.unique(found.observations.passed[outliers]).size
     note(f"{len(found.observations)} observations, of which {outliers.size} in {passes} passes hardly count")
     note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")
+
+
+@app.command
+def report(
+    *logs: Path,
+    output: Path,
+    previous: Path | None = None,
+    robot: RobotFile = None,
+    loaded: Loaded = (),
+    load_kg: LoadKg = None,
+    known_torque: KnownTorque = False,
+    date: Date = None,
+) -> None:
+    """Fit the same, and write a page for people: measured against predicted torque, what is left, all parameters.
+
+    Parameters
+    ----------
+    logs
+        First files of one or more logs of the arm.
+    output
+        The page to write (.html); its figures come beside it (.png).
+    previous
+        Another model of the robot (.toml), to compare with on the same passes.
+    """
+    from qrobot.cli.identify_fit import Request
+    from qrobot.config.identified import load_model
+    from qrobot.ident.report import write_report
+
+    if output.suffix != ".html":
+        raise ConfigError(f"the report {output} must end in .html")
+    found, model = Request(logs, robot, loaded, load_kg, known_torque, date).identified()
+    old = None if previous is None else load_model(previous, found.robot)
+    for file in write_report(output, found, model, old):
+        note(f"written: {file}")
 
 
 @app.command

@@ -30,12 +30,14 @@ Plant = Literal["nominal", "mismatched"]
 US_PER_MS = 1000
 
 
-def record_emulated(arm: Arm, robot: Robot, plan: Plan, output: Path, plant: Plant | None, first: int) -> None:
+def record_emulated(
+    arm: Arm, robot: Robot, plan: Plan, output: Path, plant: Plant | None, first: int, load_kg: float
+) -> None:
     """The swings of `plan` from number `first` on, in lock-step; their log goes to `output`."""
     from qrobot.rig.identify import record_lockstep
     from qrobot.sim_board.deployed import emulator_of_arm
 
-    settings, emulator = servo_settings(arm), emulator_of_arm(arm, robot, plant=plant)
+    settings, emulator = servo_settings(arm), emulator_of_arm(arm, robot, plant=plant, payload_kg=load_kg)
     believed, _ = controlled_robot(arm)
     with _bar(plan) as told:
         rows = record_lockstep(
@@ -103,8 +105,8 @@ def _bar(plan: Plan) -> Iterator[Told]:
         yield told
 
 
-def read_rows(logs: Sequence[Path]) -> tuple[Rows, LogHeader]:
-    """The rows of several logs of one robot at one rate, and the header of the first.
+def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows, LogHeader]:
+    """The rows of several logs of one robot at one rate, and the header of the first; `like` is that of others.
 
     Raises:
         ConfigError: there is none.
@@ -113,8 +115,8 @@ def read_rows(logs: Sequence[Path]) -> tuple[Rows, LogHeader]:
     if not logs:
         raise ConfigError("name at least one log; `qrobot identify record` writes them")
     read = [read_log(path) for path in logs]
-    header = read[0].header
-    for log in read[1:]:
+    header = like or read[0].header
+    for log in read:
         if (log.header.robot, log.header.period_ns) != (header.robot, header.period_ns):
-            raise LogError(f"{log.path} is of another robot or rate than {read[0].path}")
+            raise LogError(f"{log.path} is of another robot or rate than {logs[0] if like is None else 'the others'}")
     return np.concatenate([log.rows for log in read]), header

@@ -1,7 +1,7 @@
 """A model found by identification: what of a robot file it replaces, and what the numbers are worth.
 
-The servo takes masses, centres and friction from it, and compensates gravity on every joint. A model is bound to the
-robot it was found on: to its name and, by a digest, to geometry and transmission.
+The servo takes masses, centres, friction and torque scales from it, and compensates gravity on every joint. A model is
+bound to the robot it was found on: to its name and, by a digest, to geometry and transmission.
 """
 
 from __future__ import annotations
@@ -15,8 +15,16 @@ import numpy as np
 from pydantic import Field
 
 from qrobot.config.document import Table, check_document, config_path, read_document
-from qrobot.config.robot import Friction, Robot
-from qrobot.config.values import JointKinds, PerJoint, PerJointNotNegative, PerJointVectors
+from qrobot.config.robot import DAC_HALF_RANGE, Friction, Robot
+from qrobot.config.values import (
+    Floats,
+    JointKinds,
+    PerJoint,
+    PerJointNotNegative,
+    PerJointPositive,
+    PerJointVectors,
+    frozen,
+)
 from qrobot.errors import ConfigError
 
 PRESET: Final = "identified"
@@ -31,11 +39,23 @@ class IdentifiedLinks(Table):
 
 
 class IdentifiedFriction(Table):
-    """Viscous friction (N·m·s/rad) and Coulomb friction of each direction (N·m) of the motors, in joint units."""
+    """Viscous friction (N·m·s/rad) and Coulomb friction of each direction (N·m) of the motors, in joint units.
+
+    In torque as it is commanded with the robot file's `dac_per_Nm`.
+    """
 
     viscous: PerJointNotNegative
     coulomb_pos: PerJointNotNegative
     coulomb_neg: PerJointNotNegative
+
+
+class IdentifiedDrives(Table):
+    """What each motor has to be commanded, with the robot file's `dac_per_Nm`, for a torque of 1 N·m (N) of the links.
+
+    The links' own unit is one motor's commanded torque, or the true N·m where a known load was carried.
+    """
+
+    torque_scale: PerJointPositive
 
 
 class Quality(Table):
@@ -68,11 +88,13 @@ class IdentifiedModel(Table):
     links: IdentifiedLinks
     friction: IdentifiedFriction
     quality: Quality
+    drives: IdentifiedDrives | None = None
     value: tuple[IdentifiedValue, ...] = Field(default=(), strict=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON and TOML."""
-        plain: dict[str, Any] = json.loads(json.dumps(self.model_dump(), default=np.ndarray.tolist))
+        document = self.model_dump(exclude_none=True)
+        plain: dict[str, Any] = json.loads(json.dumps(document, default=np.ndarray.tolist))
         return plain
 
 
@@ -100,13 +122,28 @@ def load_model(name_or_path: str | Path, robot: Robot) -> IdentifiedModel:
 
 
 def with_model(robot: Robot, model: IdentifiedModel) -> Robot:
-    """The robot as it was identified: masses, centres, friction; gravity is compensated on every joint."""
+    """The robot as it was identified: masses, centres, friction, torque; gravity is compensated on every joint."""
+    scale = np.ones(robot.n) if model.drives is None else model.drives.torque_scale
     links = robot.links.model_copy(update={"mass": model.links.mass, "com": model.links.com})
     believed = robot.friction[robot.control.friction_preset]
-    friction: Friction = believed.model_copy(update=dict(model.friction))
+    rubs = {name: frozen(commanded / scale) for name, commanded in model.friction}
+    friction: Friction = believed.model_copy(update=rubs)
     control = robot.control.model_copy(
         update={"friction_preset": PRESET, "gravity_joints": np.ones(robot.n, dtype=np.bool_)}
     )
-    return robot.model_copy(
+    found = robot.model_copy(
         update={"links": links, "friction": {**robot.friction, PRESET: friction}, "control": control}
     )
+    return with_torque_scale(found, scale)
+
+
+def with_torque_scale(robot: Robot, scale: Floats) -> Robot:
+    """The robot whose motors have to be commanded `scale` times what its file says for the same torque. Shape (n,).
+
+    The guard allows no more torque than before, and no more than the converter can ask for.
+    """
+    dac_per_Nm = robot.transmission.dac_per_Nm * scale
+    tau_max = np.minimum(robot.guard.tau_max, DAC_HALF_RANGE / np.abs(dac_per_Nm))
+    transmission = robot.transmission.model_copy(update={"dac_per_Nm": frozen(dac_per_Nm)})
+    guard = robot.guard.model_copy(update={"tau_max": frozen(tau_max)})
+    return robot.model_copy(update={"transmission": transmission, "guard": guard})

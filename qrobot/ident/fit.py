@@ -1,6 +1,7 @@
 """Weighted and robust linear least squares, with what is known about the result.
 
-Rows come in classes (motors), each with a scatter of its own that the fit finds. Outliers count less and less the
+Rows come in classes (motors), each with a scatter of its own that the fit finds; rows of the class `KNOWN` say what is
+known beforehand of a value, and how well. Outliers count less and less the
 farther they are off (Huber 1964, by iteratively reweighted least squares). The covariance is that of the weighted
 normal equations at the scatter found; it assumes errors of different rows to be independent.
 """
@@ -19,6 +20,7 @@ from qrobot.errors import IdentificationError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+KNOWN: Final = -1  # class of rows whose deviation is all in `doubt`
 NORMAL_95: Final = 1.959964  # half width of a 95 % interval, standard deviations
 HUBER: Final = 1.345  # deviations beyond which a row counts less: 95 % efficient on normal errors (Huber 1981)
 OUTLIER: Final = 4.0  # deviations beyond which a row is named
@@ -65,7 +67,7 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doub
     Args:
         A: shape (rows, p).
         b: shape (rows,).
-        row_class: class of each row, from 0. Shape (rows,).
+        row_class: class of each row, from 0, or `KNOWN`. Shape (rows,).
         names: of the columns, for complaints.
         doubt: standard deviation of each row that is known beforehand and adds to its class's. Shape (rows,).
 
@@ -74,23 +76,25 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doub
     """
     condition = _need_full_rank(A, names)
     known = np.zeros(len(b)) if doubt is None else doubt
-    weight, scatter = np.ones(len(b)), np.full(int(row_class.max()) + 1, max(float(np.abs(b).max()), 1e-9))
+    weight, scatter = np.ones(len(b)), np.full(int(row_class.max()) + 2, max(float(np.abs(b).max()), 1e-9))
+    scatter[KNOWN] = 0.0
     x, residual = np.zeros(len(names)), b
     for _ in range(_PASSES):
         step = _step(A, residual, weight / _variance(scatter, known, row_class))
         x, residual = x + step, residual - A @ step
         scatter = _spread(residual, scatter, known, row_class)
-        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual) / _deviation(scatter, known, row_class), 1e-12))
+        off = np.abs(residual) / _deviation(scatter, known, row_class)
+        weight = np.where(row_class == KNOWN, 1.0, np.minimum(1.0, HUBER / np.maximum(off, 1e-12)))
         if np.linalg.norm(step) <= _SETTLED * np.linalg.norm(x):
             break
     scatter = _judged(A, residual, weight, row_class, scatter, known)
     information = np.sqrt(weight / _variance(scatter, known, row_class))[:, None] * A
     covariance: Floats = np.linalg.inv(information.T @ information).astype(np.float64)
-    return Fit(x, covariance, scatter, residual, weight, condition)
+    return Fit(x, covariance, scatter[:KNOWN], residual, weight, condition)
 
 
 def _variance(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
-    """Of each row: its class's, and what is known of it."""
+    """Of each row: its class's, and what is known of it; the last class is `KNOWN` and has none of its own."""
     return np.asarray(scatter[row_class] ** 2 + known**2)
 
 
@@ -111,7 +115,7 @@ def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints) -
     floor = 1e-9 * max(float(np.abs(residual).max()), 1e-9)
     in_deviations = np.abs(residual) / _deviation(scatter, known, row_class)
     found = scatter.copy()
-    for c in np.unique(row_class):
+    for c in np.unique(row_class[row_class != KNOWN]):
         found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[_telling(row_class == c, known)])), floor)
     return found
 
@@ -127,7 +131,7 @@ def _judged(A: Floats, residual: Floats, weight: Floats, row_class: Ints, scatte
     whitened = np.sqrt(weight / variance)[:, None] * A
     leverage = (whitened @ np.linalg.inv(whitened.T @ whitened) * whitened).sum(axis=1)
     judged = scatter.copy()
-    for c in np.unique(row_class):
+    for c in np.unique(row_class[row_class != KNOWN]):
         mine = _telling(row_class == c, known)
         freedom = float(weight[mine].sum() - leverage[mine].sum())
         if freedom > 1.0:

@@ -1,9 +1,8 @@
-"""Gravity and friction of an arm, estimated from observations and judged on some that were held back."""
+"""Gravity, friction and torque scales of an arm, estimated from observations and judged on some that were held back."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -11,13 +10,16 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
-from qrobot.ident.base import BaseParameters
-from qrobot.ident.fit import Fit, fit_linear
-from qrobot.ident.friction import FRICTION_NAMES, friction_columns
+from qrobot.ident.base import BaseParameters, base_parameters
+from qrobot.ident.fit import Fit
+from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.observe import Observations
-from qrobot.ident.regressor import Regressor, known_parameters
+from qrobot.ident.regressor import Regressor
+from qrobot.ident.scale import fit_scaled, heaviest_motor
+from qrobot.ident.unknowns import OF_LOAD, Unknowns
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
 
@@ -43,21 +45,33 @@ class Identified:
     """What was found out about an arm.
 
     Attributes:
-        robot: the robot file before.
-        base: what of gravity can be told.
-        fit: of the base parameters, then viscous and the two Coulomb frictions of each motor.
+        unknowns: what was sought, in the order of the fit.
+        fit: of the unknowns.
         observations: what was fitted.
-        held_back_rms: error of the prediction of passes held back, motor side, N m (N). Shape (n,).
+        held_back_rms: error of the prediction of passes held back, unloaded ones, motor side, N m (N). Shape (n,).
         before_rms: error of the robot file's prediction of the same passes. Shape (n,).
     """
 
-    robot: Robot
-    base: BaseParameters
-    regressor: Regressor
+    unknowns: Unknowns
     fit: Fit
     observations: Observations
     held_back_rms: Floats
     before_rms: Floats
+
+    @property
+    def robot(self) -> Robot:
+        """The robot file before."""
+        return self.unknowns.robot
+
+    @property
+    def base(self) -> BaseParameters:
+        """What of gravity can be told."""
+        return self.unknowns.base
+
+    @property
+    def regressor(self) -> Regressor:
+        """Of the robot's gravity."""
+        return self.unknowns.regressor
 
     @property
     def beta(self) -> Floats:
@@ -66,78 +80,92 @@ class Identified:
 
     @property
     def friction(self) -> Floats:
-        """Viscous, Coulomb of positive and of negative motion, by motor. Shape (n, 3)."""
-        return self.fit.values[len(self.base.leading) :].reshape(self.robot.n, len(FRICTION_NAMES))
+        """Viscous, Coulomb of positive and of negative motion, by motor, as commanded torque. Shape (n, 3)."""
+        first = self.unknowns.n_weights
+        return self.fit.values[first : first + self.unknowns.n_friction].reshape(self.robot.n, len(FRICTION_NAMES))
+
+    @property
+    def scale(self) -> Floats:
+        """Torque scales of the motors; 1 where none was sought. Shape (n,)."""
+        return self.unknowns.scale(self.fit.values)
 
     def gravity(self, q: Floats) -> Floats:
-        """Torques that hold the arm at positions of shape (m, n), N m (N). Shape (m, n)."""
-        return np.asarray(self.base.columns(self.regressor(q)) @ self.beta)
+        """Torques to command that hold the arm, without a load, at positions of shape (m, n). N m (N), shape (m, n)."""
+        coupling = self.robot.transmission.coupling
+        given = self.base.columns(self.regressor(q)) @ self.beta
+        return np.asarray(given @ np.linalg.inv(coupling) * self.scale @ coupling)
 
     @property
     def values(self) -> list[Value]:
         """Everything, with its uncertainty and what the robot file says."""
-        before = _known(self.robot, self.base, self.regressor)
-        found = zip(self.fit.values.tolist(), self.fit.half_width.tolist(), before.tolist(), strict=True)
+        numbers = zip(self.fit.values.tolist(), self.fit.half_width.tolist(), strict=True)
         return [
-            Value(name, meaning, unit, *numbers)
-            for (name, meaning, unit), numbers in zip(_descriptions(self.robot, self.base), found, strict=True)
+            Value(d.name, d.meaning, d.unit, value, half_width, d.before)
+            for d, (value, half_width) in zip(self.unknowns.descriptions(), numbers, strict=True)
         ]
 
 
-def identify(robot: Robot, base: BaseParameters, regressor: Regressor, observations: Observations) -> Identified:
-    """Estimate gravity and friction.
+def identify(
+    robot: Robot,
+    base: BaseParameters,
+    regressor: Regressor,
+    observations: Observations,
+    known_torque: bool = False,
+    load_kg: float | None = None,
+) -> Identified:
+    """Estimate gravity, friction, torque scales, and the load of passes that carried one.
+
+    Args:
+        robot: the robot file.
+        base: parameters of `regressor`.
+        regressor: of its gravity.
+        observations: passes.
+        known_torque: the robot file's `dac_per_Nm` was measured, no torque scales are sought.
+        load_kg: mass of the load that was carried, if it was weighed: then scales are of true torque.
 
     Raises:
         IdentificationError: the observations do not determine them; says what is missing.
     """
     if not len(observations):
         raise IdentificationError("nothing recorded moves steadily: record the passes of `qrobot identify plan`")
-    names = [name for name, _, _ in _descriptions(robot, base)]
-    A = _columns(robot, observations)
+    unknowns = Unknowns(robot, regressor, base, _load_told(observations, load_kg))
+    if not known_torque:
+        unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
     held = observations.passed % HELD_BACK == HELD_BACK - 1
-    trial = fit_linear(
-        A[~held], observations.torque[~held], observations.motor[~held], names, observations.doubt[~held]
-    )
-    before = _known(robot, base, regressor)
-    motor, torque = observations.motor[held], observations.torque[held]
+    trial = fit_scaled(unknowns, observations.only(~held), load_kg)
+    kept = observations.only(held & ~observations.loaded)  # the robot file knows nothing of a load
     return Identified(
-        robot,
-        base,
-        regressor,
-        fit_linear(A, observations.torque, observations.motor, names, observations.doubt),
+        unknowns,
+        fit_scaled(unknowns, observations, load_kg),
         observations,
-        _rms_by_motor(torque - A[held] @ trial.values, motor, robot.n),
-        _rms_by_motor(torque - A[held] @ before, motor, robot.n),
+        rms_by_motor(kept.torque - unknowns.predict(trial.values, kept), kept.motor, robot.n),
+        rms_by_motor(kept.torque - unknowns.predict(unknowns.before(), kept), kept.motor, robot.n),
     )
 
 
-def _columns(robot: Robot, observations: Observations) -> Floats:
-    """What multiplies the base parameters, then the friction of each motor."""
-    m, own = len(observations), len(FRICTION_NAMES)
-    rate = np.zeros((m, robot.n))
-    rate[np.arange(m), observations.motor] = observations.rate
-    friction = friction_columns(rate, robot.control.friction_velocity)
-    return np.column_stack([observations.gravity, friction.reshape(m, robot.n * own)])
+def _free(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> tuple[int, ...]:
+    """Motors whose scales are sought: all when a load was weighed, or else all but the one that is the unit."""
+    motors = range(unknowns.robot.n)
+    if load_kg is not None:
+        return tuple(motors)
+    unit = heaviest_motor(unknowns, observations)
+    return tuple(motor for motor in motors if motor != unit)
 
 
-def _rms_by_motor(error: Floats, motor: NDArray[np.int64], n: int) -> Floats:
+def _load_told(observations: Observations, load_kg: float | None) -> BaseParameters | None:
+    """What of the load can be told from the passes that carried it; none when none did.
+
+    Raises:
+        IdentificationError: a load was weighed, but its mass cannot be told from its first moments.
+    """
+    carried = observations.load[observations.loaded]
+    told = base_parameters(carried, OF_LOAD) if len(carried) else None
+    if load_kg is not None and (told is None or told.combination(0) != OF_LOAD[0]):
+        raise IdentificationError(f"a load of {load_kg:g} kg is told of, but no pass that carried it shows its mass")
+    return told
+
+
+def rms_by_motor(error: Floats, motor: Ints, n: int) -> Floats:
     """Root mean square, NaN where there is nothing to judge by. Shape (n,)."""
     squares, counts = np.bincount(motor, error**2, n), np.bincount(motor, minlength=n)
     return np.sqrt(np.where(counts > 0, squares, np.nan) / np.maximum(counts, 1))
-
-
-def _known(robot: Robot, base: BaseParameters, regressor: Regressor) -> Floats:
-    preset = robot.friction[robot.control.friction_preset]
-    friction = np.column_stack([getattr(preset, name) for name in FRICTION_NAMES])
-    return np.concatenate([base.K @ known_parameters(robot, regressor), friction.ravel()])
-
-
-def _descriptions(robot: Robot, base: BaseParameters) -> Iterator[tuple[str, str, str]]:
-    """Name, meaning and unit of each column."""
-    for index, name in enumerate(base.leaders):
-        yield name, base.combination(index), "kg" if name.startswith("m") else "kg m"
-    for joint, slides in zip(robot.joint_names, robot.prismatic, strict=True):
-        force, speed = ("N", "m/s") if slides else ("N m", "rad/s")
-        for symbol in FRICTION_NAMES:
-            unit = f"{force}/({speed})" if symbol == "viscous" else force
-            yield f"{joint}.{symbol}", f"{symbol} friction of motor {joint}", unit

@@ -9,7 +9,7 @@ need not say.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
-from qrobot.ident.regressor import Regressor
+from qrobot.ident.recording import limited
+from qrobot.ident.regressor import OF_GRAVITY, Regressor
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows
@@ -36,7 +37,6 @@ SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceler
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
 LOOKS: Final = 9  # at the inertial torque along a pass
-DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,10 @@ class Observations:
     Attributes:
         motor: which, from 0. Shape (m,).
         passed: number of the pass. Shape (m,).
+        time_s: middle of the pass, from the first row of the log. Shape (m,).
         gravity: what multiplies the base parameters. Shape (m, b).
+        load: what multiplies mass and first moment of a load on the last link. Shape (m, 4).
+        loaded: whether it was carried. Shape (m,).
         rate: mean speed, rad/s (m/s). Shape (m,).
         torque: mean torque, less that of inertia, N m (N). Shape (m,).
         doubt: standard deviation of what inertia was thought to take, N m (N). Shape (m,).
@@ -62,7 +65,10 @@ class Observations:
 
     motor: Ints
     passed: Ints
+    time_s: Floats
     gravity: Floats
+    load: Floats
+    loaded: Bools
     rate: Floats
     torque: Floats
     doubt: Floats
@@ -74,16 +80,21 @@ class Observations:
         """The rows that are chosen, shape (m,)."""
         return Observations(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
+    def followed_by(self, others: Observations) -> Observations:
+        """These passes, then others of the same arm."""
+        later = replace(others, passed=others.passed + 1 + self.passed.max(initial=-1))
+        parts = ((getattr(self, field.name), getattr(later, field.name)) for field in fields(self))
+        return Observations(*map(np.concatenate, parts))
+
 
 def steady_passes(rows: Rows, period_s: float) -> list[Pass]:
     """Passes of a log, shape (rows,), in which the arm tracks setpoints that do not accelerate it.
 
     A pass ends where a torque is at its limit, where a frame was missed, and where rows are lost.
     """
-    limited = ((rows["dac"] <= DAC_MARGIN) | (rows["dac"] >= 2 * DAC_ZERO - 1 - DAC_MARGIN)).any(axis=1)
     moves = (rows["v_ref"] != 0.0).any(axis=1)
     calm = (np.abs(rows["a_ref"]) < CRUISE).all(axis=1)
-    good = (rows["mode"] == Mode.TRACKING) & calm & moves & ~limited & (rows["flags"] >> 8 == 0)
+    good = (rows["mode"] == Mode.TRACKING) & calm & moves & ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0)
     good[1:] &= np.diff(rows["tick"]) == 1
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
     skip, shortest = round(SETTLING_S / period_s), round(SHORTEST_S / period_s)
@@ -99,33 +110,48 @@ class Observer:
         regressor: of its gravity.
         base: parameters of the regressor.
         believed: the same robot with better links, for the inertial torque.
+        scale: torque scales of its motors, for the same; default 1. Shape (n,).
     """
 
-    def __init__(self, robot: Robot, regressor: Regressor, base: BaseParameters, believed: Robot | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        regressor: Regressor,
+        base: BaseParameters,
+        believed: Robot | None = None,
+        scale: Floats | None = None,
+    ) -> None:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
+        self._scale = np.ones(robot.n) if scale is None else scale
         self._params = dynamics_params(believed or robot)._replace(gravity=np.zeros(3))
         self._slowest = np.maximum(TRANSITIONS * robot.control.friction_velocity, SLOWEST * robot.limits.v_max)
 
-    def observe(self, rows: Rows, period_s: float) -> Observations:
-        """The observations of a log, rows of shape (r,)."""
-        passes = steady_passes(rows, period_s)
-        parts = [self._reduce(rows[p.start : p.stop], i, period_s) for i, p in enumerate(passes)]
-        return _stacked(parts, len(self._base.leading))
+    def observe(self, rows: Rows, period_s: float, loaded: bool = False) -> Observations:
+        """The observations of a log, rows of shape (r,), of an arm that is `loaded` or not."""
+        passes = enumerate(steady_passes(rows, period_s))
+        parts = [self._reduce(rows, p, number, period_s, loaded) for number, p in passes]
+        return _stacked([none_of(len(self._base.leading)), *parts])
 
-    def _reduce(self, rows: Rows, number: int, period_s: float) -> Observations:
-        transmission = self._robot.transmission
+    def _reduce(self, log: Rows, steady: Pass, number: int, period_s: float, loaded: bool) -> Observations:
+        rows, transmission = log[steady.start : steady.stop], self._robot.transmission
         turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
         q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
-        columns = self._to_motor @ self._base.columns(self._regressor(_spaced(q, 1 + len(q) // EVERY))).mean(axis=0)
+        Y = self._to_motor @ self._regressor(_spaced(q, 1 + len(q) // EVERY)).mean(axis=0)
         given = ((rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm).mean(axis=0)
         v, a = _mean_motion(q, period_s)
-        inertial = self._to_motor @ self._inertial(q, v, a)
+        inertial = self._scale * (self._to_motor @ self._inertial(q, v, a))
         doubt = np.hypot(DOUBT * inertial, RESOLUTION / transmission.dac_per_Nm)
-        rate = transmission.coupling @ v
-        numbers = np.full(turning.size, number)
         return Observations(
-            turning, numbers, columns[turning], rate[turning], (given - inertial)[turning], doubt[turning]
+            motor=turning,
+            passed=np.full(turning.size, number),
+            time_s=np.full(turning.size, 0.5 * period_s * (steady.start + steady.stop)),
+            gravity=self._base.columns(Y)[turning],
+            load=Y[turning, -OF_GRAVITY:],
+            loaded=np.full(turning.size, loaded),
+            rate=(transmission.coupling @ v)[turning],
+            torque=(given - inertial)[turning],
+            doubt=doubt[turning],
         )
 
     def _inertial(self, q: Floats, v: Floats, a: Floats) -> Floats:
@@ -149,7 +175,12 @@ def _mean_motion(q: Floats, period_s: float) -> tuple[Floats, Floats]:
     return slope, 2.0 * curve
 
 
-def _stacked(parts: list[Observations], n_base: int) -> Observations:
-    none = np.zeros(0, np.int64)
-    empty = Observations(none, none, np.zeros((0, n_base)), np.zeros(0), np.zeros(0), np.zeros(0))
-    return Observations(*(np.concatenate([getattr(p, f.name) for p in (empty, *parts)]) for f in fields(empty)))
+def none_of(n_base: int) -> Observations:
+    """No observations, of an arm with so many base parameters."""
+    none, nothing = np.zeros(0, np.int64), np.zeros(0)
+    columns = np.zeros((0, n_base)), np.zeros((0, OF_GRAVITY))
+    return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, nothing, nothing)
+
+
+def _stacked(parts: list[Observations]) -> Observations:
+    return Observations(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Observations)))

@@ -19,6 +19,7 @@ from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.model import Identified
 from qrobot.servo.telemetry import Rows
 
+SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
 _DIGITS: Final = 8
 
@@ -39,15 +40,15 @@ def model_of(found: Identified, rows: Rows, date: str) -> IdentifiedModel:
 def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
     robot = found.robot
     mass, com = nearest_links(robot, found.base, found.beta)
+    friction = zip(FRICTION_NAMES, found.friction.T, strict=True)
     return {
         "robot": robot.name,
         "robot_digest": robot_digest(robot),
         "date": date,
         "data": data,
         "links": {"mass": mass.round(_DIGITS).tolist(), "com": com.round(_DIGITS).tolist()},
-        "friction": {
-            name: column.round(_DIGITS).tolist() for name, column in zip(FRICTION_NAMES, found.friction.T, strict=True)
-        },
+        "friction": {name: column.round(_DIGITS).tolist() for name, column in friction},
+        "drives": {"torque_scale": found.scale.round(_DIGITS).tolist()},
         "quality": {
             "held_back_rms": found.held_back_rms.round(_DIGITS).tolist(),
             "before_rms": found.before_rms.round(_DIGITS).tolist(),
@@ -75,7 +76,7 @@ def _named(robot: Robot, which: Any) -> str:
 def write_model(path: Path, model: IdentifiedModel) -> None:
     """Write a model as TOML. Raises IdentificationError when the file cannot be written."""
     plain = model.to_dict()
-    tables = [f"[{name}]\n{_lines(plain.pop(name))}" for name in ("links", "friction", "quality")]
+    tables = [f"[{name}]\n{_lines(plain.pop(name))}" for name in SECTIONS if name in plain]
     values = [f"[[value]]\n{_lines(value)}" for value in plain.pop("value")]
     head = f"# Identified model of {model.robot}; written by `qrobot identify fit`, used as [arm.servo] model.\n\n"
     try:

@@ -3,26 +3,65 @@
 from __future__ import annotations
 
 from qrobot.config import Robot
+from qrobot.errors import IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.consistent import nearest_links
+from qrobot.ident.load import load_change
 from qrobot.ident.model import Identified, identify
 from qrobot.ident.observe import Observer
+from qrobot.ident.recording import check_recording
 from qrobot.ident.regressor import gravity_regressor
 from qrobot.servo.telemetry import Rows
 
 
-def identify_log(robot: Robot, rows: Rows, period_s: float) -> Identified:
-    """Gravity and friction from rows of shape (r,), one every `period_s`; rows of several logs may follow each other.
+def identify_log(
+    robot: Robot,
+    rows: Rows,
+    period_s: float,
+    loaded: Rows | None = None,
+    known_torque: bool = False,
+    load_kg: float | None = None,
+) -> Identified:
+    """Gravity, friction and torque scales from a log; rows of several logs may follow each other.
 
     Twice: the inertial torque is taken off first with the links of the robot file, then with those found.
 
+    Args:
+        robot: the robot file.
+        rows: of the arm with an empty hand, or with what it always carries. Shape (r,).
+        period_s: from row to row.
+        loaded: rows of the same arm with a load besides, which is sought too.
+        known_torque: no torque scales are sought, see `identify`.
+        load_kg: mass of that load, if it was weighed: then torque scales are of true torque.
+
     Raises:
-        IdentificationError: the rows do not tell them, or no bodies have that gravity.
+        IdentificationError: the rows do not tell them, no bodies have that gravity, or the recording is bad: an encoder
+            that stands still, a joint at its torque limit, a load that changed half way.
     """
+    for log in (rows,) if loaded is None else (rows, loaded):
+        check_recording(robot, log, period_s)
     regressor = gravity_regressor(robot)
     base = base_of_robot(robot, regressor)
-    first = identify(robot, base, regressor, Observer(robot, regressor, base).observe(rows, period_s))
+
+    def found(observer: Observer) -> Identified:
+        observations = observer.observe(rows, period_s)
+        if loaded is not None:
+            observations = observations.followed_by(observer.observe(loaded, period_s, loaded=True))
+        return identify(robot, base, regressor, observations, known_torque, load_kg)
+
+    first = found(Observer(robot, regressor, base))
     mass, com = nearest_links(robot, base, first.beta)
     links = robot.links.model_copy(update={"mass": mass, "com": com})
     better = robot.model_copy(update={"links": links})
-    return identify(robot, base, regressor, Observer(robot, regressor, base, better).observe(rows, period_s))
+    return _steady_load(found(Observer(robot, regressor, base, better, first.scale)))
+
+
+def _steady_load(found: Identified) -> Identified:
+    """The same, if the hand carried the same from beginning to end."""
+    change = load_change(found)
+    if change is not None:
+        raise IdentificationError(
+            f"from {change.time_s:.0f} s on the hand carries {change.kg:+.1f} kg: something was dropped or taken up. "
+            "Record again, or fit what was recorded before and after it by themselves"
+        )
+    return found

@@ -1,21 +1,25 @@
 """Arms nobody has been told of: what identification and adaptation are tried on.
 
-Mass, centre and friction of every link are drawn within a share of the robot file, and something is in the hand. A body
-keeps its shape: its inertia grows with its mass.
+Mass, centre and friction of every link are drawn within a share of the robot file, something is in the hand, and the
+motors may give more or less torque than they are asked for. A body keeps its shape: its inertia grows with its mass.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
+from qrobot.config.identified import with_torque_scale
 from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.model import Identified
 from qrobot.ident.regressor import Regressor, known_parameters
+from qrobot.ident.unknowns import Unknowns
 from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.mismatch import TORQUE_ERROR, PlantMismatch
 
 Floats = NDArray[np.float64]
 
@@ -25,14 +29,21 @@ LARGEST_LOAD_KG: Final = 2.5
 
 @dataclass(frozen=True, eq=False)
 class UnknownArm:
-    """An arm as it is: `robot` with `payload_kg` at the flange."""
+    """An arm as it is.
+
+    Attributes:
+        robot: its true file, but for the torque of its motors.
+        payload_kg: point mass at the flange.
+        torque_gain: torque given over torque asked for, by motor. Shape (n,).
+    """
 
     robot: Robot
     payload_kg: float
+    torque_gain: Floats
 
     @classmethod
-    def drawn(cls, robot: Robot, seed: int) -> UnknownArm:
-        """An arm of the kind of `robot`; the same seed gives the same."""
+    def drawn(cls, robot: Robot, seed: int, wrong_torque: bool = False) -> UnknownArm:
+        """An arm of the kind of `robot`; the same seed gives the same, `wrong_torque` or not."""
         random, links = np.random.default_rng(seed), robot.links
         low, high = 1.0 - SPREAD, 1.0 + SPREAD
         mass = random.uniform(low, high, robot.n)
@@ -46,11 +57,17 @@ class UnknownArm:
         rubs = {kind: getattr(preset, kind) * random.uniform(low, high, robot.n) for kind in FRICTION_NAMES}
         friction = {**robot.friction, name: preset.model_copy(update=rubs)}
         other = robot.model_copy(update={"links": links.model_copy(update=changed), "friction": friction})
-        return cls(other, float(random.uniform(0.0, LARGEST_LOAD_KG)))
+        payload_kg = float(random.uniform(0.0, LARGEST_LOAD_KG))
+        gain = random.uniform(1.0 - TORQUE_ERROR, 1.0 + TORQUE_ERROR, robot.n)
+        return cls(other, payload_kg, gain if wrong_torque else np.ones(robot.n))
 
     def emulator(self) -> Emulator:
         """The arm behind an emulated board."""
-        return Emulator(self.robot, payload_kg=self.payload_kg)
+        return Emulator(self.robot, mismatch=self._mismatch, payload_kg=self.payload_kg)
+
+    def holding(self, payload_kg: float) -> UnknownArm:
+        """The same arm with another load."""
+        return replace(self, payload_kg=payload_kg)
 
     def parameters(self, regressor: Regressor) -> Floats:
         """True link parameters of a gravity regressor, load included. Shape (p,)."""
@@ -64,6 +81,28 @@ class UnknownArm:
         preset = self.robot.friction[self.robot.control.friction_preset]
         return np.column_stack([getattr(preset, kind) for kind in FRICTION_NAMES])
 
+    def scale(self, robot: Robot) -> Floats:
+        """What each motor has to be commanded, with the robot file `robot`, for a torque of 1. Shape (n,)."""
+        true = self.robot.transmission.dac_per_Nm / self.torque_gain
+        return np.asarray(true / robot.transmission.dac_per_Nm)
+
+    def gravity(self, found: Identified, q: Floats) -> Floats:
+        """What really has to be commanded to hold the arm; see `Identified.gravity`. Shape (m, n)."""
+        held = found.regressor(q) @ self.parameters(found.regressor)
+        coupling = found.robot.transmission.coupling
+        return np.asarray(held @ np.linalg.inv(coupling) * self.scale(found.robot) @ coupling)
+
+    def truth(self, unknowns: Unknowns) -> Floats:
+        """The true values, in the unit and the order in which they are found, of an arm without a load besides its own.
+
+        Shape (p,).
+        """
+        scale, free = self.scale(unknowns.robot), list(unknowns.free)
+        units = [scale[motor] for motor in range(unknowns.robot.n) if motor not in free]
+        unit = float(units[0]) if len(units) == 1 else 1.0
+        beta = unknowns.base.K @ self.parameters(unknowns.regressor)
+        return np.concatenate([unit * beta, (scale[:, None] * self.friction).ravel(), scale[free] / unit])
+
     @property
     def told(self) -> Robot:
         """The robot file of somebody who knows everything: the load is part of the last link."""
@@ -75,4 +114,12 @@ class UnknownArm:
         everywhere = {"gravity_joints": np.ones(self.robot.n, dtype=np.bool_)}
         control = self.robot.control.model_copy(update=everywhere)
         known = links.model_copy(update={"mass": mass, "com": com})
-        return self.robot.model_copy(update={"links": known, "control": control})
+        return self._mismatch.told(self.robot.model_copy(update={"links": known, "control": control}))
+
+    def with_known_torque(self, robot: Robot) -> Robot:
+        """The robot file `robot` with the torque of this arm's motors, as somebody measured it."""
+        return with_torque_scale(robot, 1.0 / self.torque_gain)
+
+    @property
+    def _mismatch(self) -> PlantMismatch:
+        return replace(PlantMismatch.nominal(self.robot.n), torque_gain=self.torque_gain)

@@ -20,6 +20,7 @@ def emulator_of_arm(
     calibrated: bool | None = None,
     scene: SceneKind | None = None,
     faults: FaultPlan | None = None,
+    payload_kg: float = 0.0,
 ) -> Emulator:
     """The emulator of `arm`, with what overrides the file. Raises what `Emulator` raises."""
     choice = arm.board
@@ -32,6 +33,7 @@ def emulator_of_arm(
         calibrated=choice.calibrated if calibrated is None else calibrated,
         options=BoardOptions(revision_f=(choice.revision or robot.board.revision) == "F"),
         seed=choice.seed,
+        payload_kg=payload_kg,
         faults=faults,
         pots=choice.pots,
         scene=around,

@@ -12,6 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.config import Robot
+from qrobot.config.identified import with_torque_scale
+
 FRICTION_ERROR: Final = 0.30
 GRAVITY_ERROR: Final = 0.05
 TORQUE_ERROR: Final = 0.20
@@ -52,3 +55,17 @@ class PlantMismatch:
         viscous, positive, negative = 1.0 + FRICTION_ERROR * signs[:3]
         torque = 1.0 + TORQUE_ERROR * signs[3]
         return cls(viscous, positive, negative, torque, 1.0 + GRAVITY_ERROR, STICTION_FACTOR)
+
+    def told(self, robot: Robot) -> Robot:
+        """The robot file of somebody who knows the plant, but for stiction: a robot file has none."""
+        name = robot.control.friction_preset
+        preset, geometry = robot.friction[name], robot.geometry
+        rubs = {kind: getattr(preset, kind) * getattr(self, kind) for kind in ("viscous", "coulomb_pos", "coulomb_neg")}
+        weight = {"gravity_m_s2": geometry.gravity_m_s2 * self.gravity}
+        known = robot.model_copy(
+            update={
+                "friction": {**robot.friction, name: preset.model_copy(update=rubs)},
+                "geometry": geometry.model_copy(update=weight),
+            }
+        )
+        return with_torque_scale(known, 1.0 / self.torque_gain)

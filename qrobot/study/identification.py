@@ -91,17 +91,18 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
         deviations: error of each value by name, in its own standard deviations.
     """
     regressor, base, robot = found.regressor, found.base, found.robot
-    truth = base.K @ arm.parameters(regressor)
-    before = base.K @ known_parameters(robot, regressor)
+    truth, first = arm.truth(found.unknowns), found.unknowns.n_weights
+    friction = truth[first : first + found.unknowns.n_friction].reshape(found.friction.shape)
     q = np.random.default_rng(seed).uniform(robot.limits.q_min, robot.limits.q_max, (TRIED, robot.n))
-    columns = base.columns(regressor(q))
-    error = found.fit.values - np.concatenate([truth, arm.friction.ravel()])
+    before = base.columns(regressor(q)) @ base.K @ known_parameters(robot, regressor)
+    held = arm.gravity(found, q)
+    error = found.fit.values - truth
     names = [value.name for value in found.values]
     deviations = error / np.sqrt(np.diag(found.fit.covariance))
     return {
-        "gravity_before": kept(_rms(columns @ (before - truth))),
-        "gravity_rms": kept(_rms(columns @ (found.beta - truth))),
-        "friction_error": kept(found.friction / arm.friction - 1.0),
+        "gravity_before": kept(_rms(before - held)),
+        "gravity_rms": kept(_rms(found.gravity(q) - held)),
+        "friction_error": kept(found.friction / friction - 1.0),
         "deviations": dict(zip(names, kept(deviations), strict=True)),
     }
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import IdentificationError
-from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.fit import Fit, fit_linear
 from qrobot.ident.friction import friction_columns
 from qrobot.ident.model import identify
-from qrobot.ident.observe import Observations, Observer, steady_passes
-from qrobot.ident.regressor import Regressor, gravity_regressor, known_parameters
+from qrobot.ident.observe import Observer, steady_passes
 from qrobot.model.dynamics import FrictionParams, friction_torque
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import TelemetryLayout
+from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")
 N = PUMA.n
@@ -96,37 +93,6 @@ def test_the_columns_of_friction_are_the_servos_friction() -> None:
         np.testing.assert_allclose((row * np.column_stack([viscous, positive, negative])).sum(axis=1), tau, atol=1e-14)
 
 
-@cache
-def puma_base() -> tuple[Regressor, BaseParameters]:
-    regressor = gravity_regressor(PUMA)
-    return regressor, base_of_robot(PUMA, regressor)
-
-
-def generated(beta: np.ndarray, friction: np.ndarray, noise: float, seed: int, poses: int = 30) -> Observations:
-    """Passes through random poses, up and down at two speeds, of an arm without a coupled wrist's effect on rates."""
-    random, (regressor, base) = np.random.default_rng(seed), puma_base()
-    q = np.repeat(random.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (poses, N)), 4, axis=0)
-    rate = np.tile([0.2, -0.2, 0.6, -0.6], poses)[:, None] * np.ones(N)
-    to_motor = np.linalg.inv(PUMA.transmission.coupling.T)
-    gravity = to_motor @ base.columns(regressor(q))
-    columns = friction_columns(rate, PUMA.control.friction_velocity)
-    torque = gravity @ beta + (columns * friction).sum(axis=-1)
-    torque += noise * random.normal(size=torque.shape)
-    motor, passed = np.tile(np.arange(N), len(q)), np.repeat(np.arange(len(q)), N)
-    doubt = np.full(motor.size, 1e-3)
-    return Observations(motor, passed, gravity.reshape(-1, len(beta)), rate.ravel(), torque.ravel(), doubt)
-
-
-def drawn(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Base parameters and friction of an arm 30 % off the file, with something in its hand."""
-    random, (regressor, base) = np.random.default_rng(seed), puma_base()
-    theta = known_parameters(PUMA, regressor) * random.uniform(0.7, 1.3, len(regressor.names))
-    theta[-4:] += 1.5 * np.array([1.0, 0.01, -0.02, 0.06])
-    preset = PUMA.friction["corke"]
-    friction = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
-    return base.K @ theta, friction * random.uniform(0.7, 1.3, friction.shape)
-
-
 def test_without_noise_everything_comes_back() -> None:
     regressor, base = puma_base()
     beta, friction = drawn(0)
@@ -142,7 +108,7 @@ def test_intervals_of_an_arm_hold_the_truth_9_times_in_10() -> None:
     for seed in range(6):
         beta, friction = drawn(seed)
         found = identify(PUMA, base, regressor, generated(beta, friction, 0.05, seed))
-        truth = [*beta, *friction.ravel()]
+        truth = [*beta, *friction.ravel(), *np.ones(N - 1)]
         hits += [abs(value.value - true) < value.half_width for value, true in zip(found.values, truth, strict=True)]
     assert np.mean(hits) > 0.9
 

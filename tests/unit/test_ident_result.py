@@ -15,15 +15,16 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.config.deployment import Arm, BridgeChoice, ServoChoice
-from qrobot.config.identified import PRESET, IdentifiedModel, load_model, with_model
+from qrobot.config.identified import PRESET, IdentifiedDrives, IdentifiedModel, load_model, with_model
 from qrobot.errors import ConfigError, IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.consistent import nearest_links
 from qrobot.ident.fit import Fit
 from qrobot.ident.model import Identified
-from qrobot.ident.observe import Observations
+from qrobot.ident.observe import none_of
 from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.ident.result import model_of, write_model
+from qrobot.ident.unknowns import Unknowns
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.model.dynamics import dynamics_params, with_payload
@@ -46,9 +47,8 @@ def found() -> Identified:
     friction = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
     values = np.concatenate([base.K @ theta, friction.ravel()])
     fit = Fit(values, 1e-4 * np.eye(values.size), np.ones(N), np.zeros(1), np.ones(1), 3.0)
-    none = np.zeros(0, np.int64)
-    nothing = Observations(none, none, np.zeros((0, 10)), np.zeros(0), np.zeros(0), np.zeros(0))
-    return Identified(PUMA, base, regressor, fit, nothing, np.full(N, 0.1), np.full(N, 2.0))
+    unknowns = Unknowns(PUMA, regressor, base)
+    return Identified(unknowns, fit, none_of(len(base.leading)), np.full(N, 0.1), np.full(N, 2.0))
 
 
 @cache
@@ -82,6 +82,26 @@ def test_friction_and_compensation_are_the_models(file: Path) -> None:
     np.testing.assert_allclose(robot.friction[PRESET].coulomb_pos, PUMA.friction["akb"].coulomb_pos)
     assert robot.control.gravity_joints.all()
     assert set(robot.friction) == {*PUMA.friction, PRESET}
+
+
+def test_torque_scales_turn_torques_into_commands_and_friction_stays_as_commanded() -> None:
+    scale = np.array([1.0, 0.8, 1.25, 1.0, 1.0, 1.5])
+    drives = IdentifiedDrives.model_construct(torque_scale=scale)
+    robot = with_model(PUMA, model().model_copy(update={"drives": drives}))
+    commands = robot.transmission.dac_per_Nm
+    np.testing.assert_allclose(commands, PUMA.transmission.dac_per_Nm * scale)
+    as_commanded = robot.friction[PRESET].coulomb_pos * commands
+    np.testing.assert_allclose(as_commanded, model().friction.coulomb_pos * PUMA.transmission.dac_per_Nm)
+    assert (robot.guard.tau_max * np.abs(commands) <= 2048.0 + 1e-9).all()
+    assert (robot.guard.tau_max <= PUMA.guard.tau_max).all()
+
+
+def test_a_model_from_before_there_were_torque_scales_is_read(file: Path) -> None:
+    lines = file.read_text().splitlines(keepends=True)
+    at = lines.index("[drives]\n")
+    file.write_text("".join(lines[:at] + lines[at + 2 :]))
+    robot = with_model(PUMA, load_model(file, PUMA))
+    np.testing.assert_array_equal(robot.transmission.dac_per_Nm, PUMA.transmission.dac_per_Nm)
 
 
 def test_a_file_keeps_values_intervals_date_and_quality(file: Path) -> None:

@@ -1,0 +1,53 @@
+"""What `qrobot identify fit` and `report` have in common: from logs and options to what was identified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from qrobot.cli.identify_record import read_rows
+from qrobot.config import Robot, load_robot
+from qrobot.config.identified import IdentifiedModel
+from qrobot.errors import ConfigError
+from qrobot.ident.model import Identified
+from qrobot.ident.result import model_of
+from qrobot.ident.session import identify_log
+from qrobot.log.header import LogHeader
+
+
+@dataclass(frozen=True)
+class Request:
+    """What somebody asked for; see the options of `qrobot identify fit`."""
+
+    logs: tuple[Path, ...]
+    robot: str | None
+    loaded: tuple[Path, ...]
+    load_kg: float | None
+    known_torque: bool
+    date: str | None
+
+    def identified(self) -> tuple[Identified, IdentifiedModel]:
+        """What the logs tell, and the model of it.
+
+        Raises:
+            ConfigError: options contradict each other or the logs.
+            LogError: a log cannot be read, or they do not belong together.
+            IdentificationError: the logs do not tell everything, or the model would make the servo worse.
+        """
+        if self.load_kg is not None and (self.load_kg <= 0.0 or not self.loaded):
+            raise ConfigError(f"--load-kg {self.load_kg:g} needs a mass above zero, and --loaded with its logs")
+        rows, header = read_rows(self.logs)
+        carried = read_rows(self.loaded, like=header)[0] if self.loaded else None
+        robot, period_s = self._robot(header), header.period_ns * 1e-9
+        found = identify_log(robot, rows, period_s, carried, self.known_torque, self.load_kg)
+        everything = rows if carried is None else np.concatenate([rows, carried])
+        return found, model_of(found, everything, self.date or datetime.now(UTC).date().isoformat())
+
+    def _robot(self, header: LogHeader) -> Robot:
+        robot = load_robot(self.robot or header.robot)
+        if robot.name != header.robot:
+            raise ConfigError(f"the logs are of robot {header.robot!r}, {self.robot} is {robot.name!r}")
+        return robot

@@ -1,0 +1,139 @@
+"""What an identification seeks, and in which order its fit has it.
+
+Motor i has to be commanded u_i = s_i (Y_i beta) + friction_i, in torque as the robot file's `dac_per_Nm` commands it:
+
+    beta        base parameters of gravity, then those of a load that some of the passes carried
+    friction    viscous and the two Coulomb frictions of each motor
+    s           torque scales: what motor i is commanded for a torque of 1. Some are sought, the others are 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.ident.base import BaseParameters
+from qrobot.ident.friction import FRICTION_NAMES, friction_columns
+from qrobot.ident.observe import Observations
+from qrobot.ident.regressor import Regressor, known_parameters
+
+Floats = NDArray[np.float64]
+
+OF_LOAD: Final = ("load.m", "load.hx", "load.hy", "load.hz")
+
+
+class Description(NamedTuple):
+    """Name, meaning and unit of one unknown, and what the robot file says of it."""
+
+    name: str
+    meaning: str
+    unit: str
+    before: float
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What is sought of an arm.
+
+    Attributes:
+        robot: the robot file before.
+        regressor: of its gravity.
+        base: parameters of the regressor that can be told.
+        load: those of a load, none when nothing was carried.
+        free: motors whose torque scales are sought.
+    """
+
+    robot: Robot
+    regressor: Regressor
+    base: BaseParameters
+    load: BaseParameters | None = None
+    free: tuple[int, ...] = ()
+
+    @property
+    def n_weights(self) -> int:
+        """How many base parameters there are, those of a load included."""
+        return len(self.base.leading) + (len(self.load.leading) if self.load else 0)
+
+    @property
+    def n_friction(self) -> int:
+        """How many parameters friction has."""
+        return self.robot.n * len(FRICTION_NAMES)
+
+    @property
+    def names(self) -> list[str]:
+        """Of everything, for complaints."""
+        return [description.name for description in self.descriptions()]
+
+    def scale(self, values: Floats) -> Floats:
+        """Torque scale of each motor. Shape (n,)."""
+        scale = np.ones(self.robot.n)
+        scale[list(self.free)] = values[self.n_weights + self.n_friction :]
+        return scale
+
+    def weights(self, observations: Observations) -> Floats:
+        """What multiplies the base parameters of arm and load. Shape (m, n_weights)."""
+        if self.load is None:
+            return observations.gravity
+        carried = observations.load[:, list(self.load.leading)] * observations.loaded[:, None]
+        return np.column_stack([observations.gravity, carried])
+
+    def rubs(self, observations: Observations) -> Floats:
+        """What multiplies the friction of the motors. Shape (m, n_friction)."""
+        m, n = len(observations), self.robot.n
+        rate = np.zeros((m, n))
+        rate[np.arange(m), observations.motor] = observations.rate
+        return friction_columns(rate, self.robot.control.friction_velocity).reshape(m, self.n_friction)
+
+    def start(self) -> Floats:
+        """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
+        return np.concatenate([np.zeros(self.n_weights + self.n_friction), np.ones(len(self.free))])
+
+    def predict(self, values: Floats, observations: Observations) -> Floats:
+        """Commanded torque of each observation, motor side. Shape (m,)."""
+        rest = self.n_weights + self.n_friction
+        weight = self.weights(observations) @ values[: self.n_weights]
+        friction = self.rubs(observations) @ values[self.n_weights : rest]
+        return np.asarray(self.scale(values)[observations.motor] * weight + friction)
+
+    def jacobian(self, values: Floats, observations: Observations) -> Floats:
+        """Derivative of the prediction by the values. Shape (m, p)."""
+        weights = self.weights(observations)
+        scaled = self.scale(values)[observations.motor, None] * weights
+        borne = (weights @ values[: self.n_weights])[:, None]
+        by_scale = (observations.motor[:, None] == np.array(self.free, np.int64)) * borne
+        return np.column_stack([scaled, self.rubs(observations), by_scale])
+
+    def before(self) -> Floats:
+        """What the robot file says of each, and nothing of a load. Shape (p,)."""
+        return np.array([description.before for description in self.descriptions()])
+
+    def descriptions(self) -> Iterator[Description]:
+        """Of each unknown in turn."""
+        yield from _of_base(self.base, self.base.K @ known_parameters(self.robot, self.regressor))
+        if self.load is not None:
+            yield from _of_base(self.load, np.zeros(len(self.load.leading)))
+        yield from _of_friction(self.robot)
+        for motor in self.free:
+            name = self.robot.joint_names[motor]
+            yield Description(f"{name}.torque_scale", f"torque commanded of {name} for a torque of 1", "", 1.0)
+
+
+def _of_base(base: BaseParameters, before: Floats) -> Iterator[Description]:
+    for index, (name, value) in enumerate(zip(base.leaders, before.tolist(), strict=True)):
+        is_mass = name.rpartition(".")[2].startswith("m")
+        yield Description(name, base.combination(index), "kg" if is_mass else "kg m", value)
+
+
+def _of_friction(robot: Robot) -> Iterator[Description]:
+    preset = robot.friction[robot.control.friction_preset]
+    for motor, (joint, slides) in enumerate(zip(robot.joint_names, robot.prismatic, strict=True)):
+        force, speed = ("N", "m/s") if slides else ("N m", "rad/s")
+        for symbol in FRICTION_NAMES:
+            unit = f"{force}/({speed})" if symbol == "viscous" else force
+            before = float(getattr(preset, symbol)[motor])
+            yield Description(f"{joint}.{symbol}", f"{symbol} friction of motor {joint}", unit, before)
