@@ -18,6 +18,7 @@ import command_line  # noqa: E402 (found through the line above)
 import fault_facts  # noqa: E402
 import file_keys  # noqa: E402
 import modbus_tables  # noqa: E402
+import notebook  # noqa: E402
 import tables  # noqa: E402
 import wire_header  # noqa: E402
 
@@ -60,6 +61,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "reference/telemetry.md": rewrite,
     "reference/can-objects.md": rewrite,
     "../config/can/qrobot_board.eds": lambda _page: objects.eds_text(),
+    "../examples/14_identify.ipynb": lambda _page: notebook.notebook("14_identify.py"),
     "../qrobot/wire/c/qrobot_wire.h": wire_header.refresh,
     "explanation/safety.md": rewrite,
     "how-to/inject-faults.md": rewrite,

@@ -30,9 +30,9 @@ def named(page: Path) -> list[str]:
     return list(dict.fromkeys(re.findall(r"examples/(\w+\.py)", page.read_text())))
 
 
-def test_six_numbered_pages_lead_from_one_to_the_next() -> None:
+def test_seven_numbered_pages_lead_from_one_to_the_next() -> None:
     titles = [page.read_text().splitlines()[0] for page in PAGES]
-    assert [title[:4] for title in titles] == [f"# {k}." for k in range(1, 7)]
+    assert [title[:4] for title in titles] == [f"# {k}." for k in range(1, 8)]
     assert re.findall(r"^\| \[(.*?)\]", INDEX, re.MULTILINE) == [title[2:] for title in titles]
     for page, after in pairwise(PAGES):
         assert f"({after.name})" in page.read_text()
@@ -40,7 +40,9 @@ def test_six_numbered_pages_lead_from_one_to_the_next() -> None:
 
 def test_every_example_has_its_page_and_a_test_that_runs_it() -> None:
     taught = [name for page in PAGES for name in named(page)]
-    assert sorted(set(taught)) == sorted(name for name, text in EXAMPLES.items() if "rccl.control" in text)
+    assert sorted(set(taught)) == sorted(
+        name for name, text in EXAMPLES.items() if "rccl.control" in text or "qrobot.ident" in text
+    )
     tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert [name for name in taught if name not in tests] == []
 
