@@ -70,7 +70,7 @@ class Generator:
         self._path = self._at.path
         self._stop: Stop | None = None
         self._corner = Corner(self._planner)
-        self._interrupted: tuple[Segment, int] | None = None
+        self._interrupted: tuple[Segment | None, int] | None = None  # what was under way then, and the code
         self._arrived: MoveRequest | None = None
         self._news = News()
 
@@ -110,11 +110,10 @@ class Generator:
     def interrupt(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 
-        Does nothing at rest, nor during a stop.
+        A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop.
         """
-        segment = self._path.segment
-        if segment is not None and self._stop is None:
-            self._interrupted = segment, code
+        if self.busy and self._stop is None:
+            self._interrupted = self._path.segment, code
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all waiting requests and come to an absolute rest, in at least `seconds`.
@@ -306,11 +305,19 @@ class Generator:
             return
         segment, code = self._interrupted
         errand = self._queue.peek()
-        if errand is not None and not errand.settled:
+        if segment is not None and errand is not None and not errand.settled:
             return
         self._interrupted = None
+        if segment is None:
+            self._drop_oldest(code)
+            return
         if errand is None or not self._leave_for(errand, code):
             self._begin_stop(segment.request, code)
+
+    def _drop_oldest(self, code: int) -> None:
+        """The request that was to begin in this sample ends with `code`."""
+        if self.waiting:
+            self._news.ended(self._queue.pop().request, code)
 
     def _leave_for(self, errand: Errand, code: int) -> bool:
         """From where the arm is now, at the speed it has, into `errand`; False when no such way is safe."""

@@ -333,6 +333,8 @@ class Channel:
     def nextmove(self, code: int = YES) -> None:
         """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.
 
+        While the arm stands and motions wait, which begin at the next sample, the oldest of them is the present one.
+
         RCCL's global flag. Raises MotionError: `code` is not positive, so it could not be told from our own.
         """
         if not isinstance(code, int) or code <= 0:

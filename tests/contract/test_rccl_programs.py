@@ -172,6 +172,16 @@ def test_nextmove_goes_on_to_the_next_motion(robot) -> None:
     wait_until_at(rccl.park)
 
 
+def test_a_motion_that_has_not_begun_yet_is_interrupted_as_well(robot) -> None:
+    rccl.control()
+    p = near_park("p", 20.0)
+    rccl.move(p)
+    rccl.nextmove(17)  # before the next sample, or in it
+    rccl.waitfor(rccl.completed)
+    assert (p.code, p.end.count) == (17, 1)
+    assert abs(robot.path[-1][0] - PARK[0]) < 0.01
+
+
 def test_stop_forgets_what_waits(robot) -> None:
     rccl.control()
     a, b = near_park("a", 20.0), near_park("b", -20.0)

@@ -132,6 +132,16 @@ def test_an_interruption_ends_the_request_with_the_programs_code_and_goes_on_to_
     assert max(output.q[0] for output in outputs) < 1.0
 
 
+def test_an_interruption_ends_a_request_that_is_about_to_begin_and_the_next_one_takes_its_place() -> None:
+    gen = generator()
+    gen.push(move("a", 2.0, 0.0))
+    gen.push(move("b", 0.0, 0.3))
+    gen.interrupt(42)
+    outputs = list(run(gen))
+    assert ended(outputs) == [("a", 42), ("b", DONE)]
+    assert max(output.q[0] for output in outputs) == 0.0
+
+
 def test_an_interruption_with_nothing_to_follow_stops_on_the_path() -> None:
     gen = generator()
     gen.push(move("a", 2.0, 0.4))
