@@ -38,6 +38,7 @@ COMMANDS: Final = (
     Command("demo", "qrobot.cli.demo:demo", EVERYDAY, "Move an emulated PUMA 560 through the experiment of the paper."),
     Command("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
     Command("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
+    Command("cc", "qrobot.cli.cc:cc", EVERYDAY, "Compile a C program that moves an arm, old ones included."),
     Command("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
     Command("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
     Command("ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import runpy
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -32,10 +33,10 @@ def run(
     output: Path | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     scene: SceneKind | None = None,
-) -> None:
-    """Run a Python program that moves an arm through `qrobot.rccl`.
+) -> int:
+    """Run a program that moves an arm through `qrobot.rccl`: a script in Python, or what `qrobot cc` made of one in C.
 
-    The program is an ordinary script; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
+    The program is an ordinary one; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
     one runs inside this process on virtual time, the same way every time, and as fast as the machine allows. With
     --offline there is no servo and no board either: an ideal arm follows every setpoint, and what the program asked for
     and sent is written down: a trace of its requests, a setpoint file for `qrobot replay`, figures of joints and path.
@@ -45,11 +46,12 @@ def run(
       qrobot run --lockstep examples/01_park_and_return.py
       qrobot run --offline examples/02_four_corners.py
       qrobot run --output out/box examples/12_box.py
+      qrobot run --offline ./four_corners
 
     Parameters
     ----------
     program
-        Path of the script.
+        Path of the script, or of the executable.
     arguments
         Its own command-line arguments.
     deployment
@@ -72,8 +74,7 @@ def run(
     if offline and (lockstep or plant is not None or scene is not None):
         raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
     chosen = choose_arm(deployment, arm)
-    sys.argv = [str(program), *arguments]
-    sys.path.insert(0, str(program.resolve().parent))
+    start = partial(_start, program, arguments)
     if offline:
         factory, output = _offline_links(chosen), output or Path("out") / "offline" / program.stem
     else:
@@ -81,12 +82,23 @@ def run(
     if output is not None:
         from qrobot.cli.traced import run_traced
 
-        run_traced(program, factory, output, ideal=offline)
-        return
+        return run_traced(start, factory, output, ideal=offline)
     from qrobot import rccl
 
     with rccl.use(factory):
-        runpy.run_path(str(program), run_name="__main__")
+        return start()
+
+
+def _start(program: Path, arguments: Sequence[str]) -> int:
+    """Run the program; its exit status."""
+    from qrobot.rccl.c.program import is_executable, run_executable
+
+    if is_executable(program):
+        return run_executable(program, arguments)
+    sys.argv = [str(program), *arguments]
+    sys.path.insert(0, str(program.resolve().parent))
+    runpy.run_path(str(program), run_name="__main__")
+    return 0
 
 
 def _bridge_links(arm: Arm) -> LinkFactory:

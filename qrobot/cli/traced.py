@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
+from collections.abc import Callable
 from pathlib import Path
 
 from qrobot import rccl
@@ -15,11 +15,11 @@ from qrobot.rccl.trace import Trace
 from qrobot.rci import LinkFactory
 
 
-def run_traced(program: Path, factory: LinkFactory, folder: Path, ideal: bool) -> None:
-    """Run a program and write its traces, also those of a program that fails.
+def run_traced(program: Callable[[], int], factory: LinkFactory, folder: Path, ideal: bool) -> int:
+    """Run a program and write its traces, also those of a program that fails; its exit status.
 
     Args:
-        program: the script.
+        program: runs it.
         factory: makes its link to the arm.
         folder: for the files.
         ideal: the arm only exists on paper, so nothing of it is measured.
@@ -28,7 +28,7 @@ def run_traced(program: Path, factory: LinkFactory, folder: Path, ideal: bool) -
     try:
         with rccl.use(factory, traces):
             try:
-                runpy.run_path(str(program), run_name="__main__")
+                return program()
             finally:
                 rccl.release()
     finally:

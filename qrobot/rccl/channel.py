@@ -366,14 +366,18 @@ class Channel:
         require_function("waitas", predicate)
         self._hold.wait(lambda: bool(predicate()))
 
+    def expect(self, event: str) -> None:
+        """Raise MotionError in lock-step, where nobody else could, when no motion is left to signal that event."""
+        if self._alone and not self._task.busy:
+            raise MotionError(f"waitfor({event}): no motion is left that could signal it")
+
     def _say(self, **once: Any) -> None:
         self._said.once = replace(self._said.once, **once)
 
     def _happened(self, event: Event) -> bool:
         if event.take():
             return True
-        if self._alone and not self._task.busy:
-            raise MotionError(f"waitfor({event.name}): no motion is left that could signal it")
+        self.expect(event.name)
         return False
 
     # ------------------------------------------------------------------------------------------------------- hand

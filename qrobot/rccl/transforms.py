@@ -124,13 +124,13 @@ def newtrans(name: str, kind: str | Function = varb) -> Transform:
         MotionError: no such kind.
     """
     if callable(kind):
-        return Transform(name, Kind.FUNCTION, function=_timed(kind))
+        return Transform(name, Kind.FUNCTION, function=timed(kind))
     if kind not in (const, varb, hold):
         raise MotionError(f"transform {name}: kind {kind!r} is none of {const!r}, {varb!r}, {hold!r}, nor a function")
     return Transform(name, Kind(kind))
 
 
-def _timed(function: Function) -> Function:
+def timed(function: Function) -> Function:
     """The same, its time measured: a program has to know which of its functions is too slow for the sample period."""
 
     def call(t: Transform) -> None:

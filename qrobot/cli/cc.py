@@ -1,0 +1,60 @@
+"""`qrobot cc`: compile a C program for RCCL."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from qrobot.cli.console import out
+
+
+def cc(
+    *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    show: bool = False,
+    cflags: bool = False,
+    libs: bool = False,
+    pkg_config: bool = False,
+) -> int:
+    """Compile a program in C that moves an arm through RCCL, legacy programs of the eighties included.
+
+    It is the C compiler (that of CC, else cc) with what such programs need: the header rccl.h, C as it was then without
+    complaints about it, and the library. A program finds its arm by itself, as one in Python does; `qrobot run` takes
+    it as well.
+
+      qrobot cc prog.c -o prog
+      ./prog                                   moves the arm of `qrobot up`
+      qrobot run --offline ./prog              moves none: what the program asks for is written down
+      cc $(qrobot cc --cflags) prog.c -o prog $(qrobot cc --libs)
+
+    Parameters
+    ----------
+    arguments
+        Of the compiler. What begins with -W brings the warnings back; -fsanitize=address is passed on to the library.
+    show
+        Only print the command.
+    cflags
+        Only print the options for compiling.
+    libs
+        Only print the options for linking.
+    pkg_config
+        Only print a file for pkg-config, to be put into a folder of PKG_CONFIG_PATH as qrobot-rccl.pc.
+    """
+    from qrobot.rccl.c import toolchain
+
+    if pkg_config:
+        return _print(toolchain.package_file().rstrip())
+    if cflags or libs:
+        wanted = [*(toolchain.compile_flags() if cflags else []), *(toolchain.link_flags() if libs else [])]
+        return _print(shlex.join(wanted))
+    command = toolchain.command_line(arguments)
+    if show:
+        return _print(shlex.join(command))
+    return subprocess.run(command, check=False).returncode
+
+
+def _print(text: str) -> int:
+    out.print(text, soft_wrap=True, markup=False)
+    return 0

@@ -1,0 +1,186 @@
+"""The motion engine of one C program: answers its calls until it ends, and lets go of its arm then.
+
+Two channels, so that a call of the program that waits does not keep its functions from being called: the foreground
+asks on the first; on the second we have functions called at the samples, within which the program may ask again.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import sys
+import threading
+from typing import Final
+
+from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
+from qrobot.rccl import program
+from qrobot.rccl.c.desk import Desk, Talk
+from qrobot.rccl.c.message import SIZE, VERSION, Message, Op, decode
+from qrobot.rccl.c.shared import SharedMemory
+
+GLOBALS: Final = 13  # places that the greeting names
+CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
+
+
+class ProgramGone(LinkLost):
+    """The program has ended, or is about to."""
+
+    def __init__(self) -> None:
+        super().__init__("the program has gone")
+
+
+class Foreground:
+    """The channel on which the program asks.
+
+    Args:
+        channel: SOCK_SEQPACKET.
+    """
+
+    def __init__(self, channel: socket.socket) -> None:
+        self._channel = channel
+        self._look = select.poll()
+        self._look.register(channel, select.POLLRDHUP)
+
+    def greet(self) -> tuple[Message, SharedMemory]:
+        """Wait for the greeting and the memory that comes with it. Raises ProgramGone, ConfigError."""
+        data, files, _, _ = socket.recv_fds(self._channel, SIZE, 1)
+        if len(data) != SIZE or len(files) != 1:
+            raise ProgramGone
+        hello = decode(data)
+        if hello.op != Op.HELLO or hello.n != VERSION:
+            raise ConfigError("this program was compiled by another version of qrobot: compile it anew")
+        return hello, SharedMemory(files[0])
+
+    def send(self, message: Message) -> None:
+        """Raises ProgramGone when nobody is there."""
+        _send(self._channel, message.encode())
+
+    def receive(self) -> Message:
+        """Raises ProgramGone at the end."""
+        return decode(_receive(self._channel))
+
+    def listen(self) -> None:
+        """Raise ProgramGone when the program has gone or is about to."""
+        if self._look.poll(0):
+            raise ProgramGone
+
+    def ask(self, question: str) -> str:
+        """Put a question to the person at the program's terminal. Raises EOFError when nobody answers."""
+        self.send(Message(Op.ASK, text=question))
+        answer = self.receive()
+        if not answer.n:
+            raise EOFError
+        return answer.text.rstrip("\n")
+
+    def say(self, text: str) -> None:
+        """Print lines at the program's terminal."""
+        for line in text.splitlines():
+            self.send(Message(Op.SAY, text=line))
+
+    def close(self) -> None:
+        """The program goes on, or ends, without us."""
+        self._channel.close()
+
+
+class Background:
+    """The channel on which functions of the program are called.
+
+    Args:
+        channel: SOCK_SEQPACKET.
+    """
+
+    def __init__(self, channel: socket.socket) -> None:
+        channel.settimeout(CALLBACK_S)
+        self._channel = channel
+        self._calling = threading.RLock()  # a function may move the arm, which asks for another function
+        self.desk: Desk | None = None
+
+    def call(self, op: Op, place: int) -> None:
+        """Have a function called; it may ask meanwhile.
+
+        Raises:
+            ProgramGone: the program has gone.
+            LinkTimeout: the function does not come back.
+        """
+        with self._calling:
+            _send(self._channel, Message(op, refs=(place,)).encode())
+            while (message := self._receive()).op != Op.REPLY:
+                _send(self._channel, self._answer(message).encode())
+
+    def _receive(self) -> Message:
+        try:
+            return decode(_receive(self._channel))
+        except TimeoutError:
+            what = f"has not come back within {CALLBACK_S:g} s"
+            raise LinkTimeout(f"a function of the program, called at a sample, {what}") from None
+
+    def _answer(self, message: Message) -> Message:
+        if self.desk is None:
+            raise ProgramGone
+        return _answer(self.desk, message, background=True)
+
+    def close(self) -> None:
+        """No function will be called any more."""
+        self._channel.close()
+
+
+def serve(foreground: socket.socket, background: socket.socket) -> None:
+    """Answer a program until it ends, and let go of its arm.
+
+    Raises:
+        ConfigError: it was compiled by another version.
+        QRobotError: the arm was lost, and the program could not be told.
+    """
+    front, back = Foreground(foreground), Background(background)
+    try:
+        _converse(front, back)
+    except ProgramGone:  # it had nothing to ask
+        pass
+    finally:
+        front.close()
+        back.close()
+
+
+def _converse(front: Foreground, back: Background) -> None:
+    try:
+        hello, memory = front.greet()
+    except ConfigError as error:
+        front.send(Message(Op.ERROR, text=str(error)))
+        raise
+    sys.argv[0] = hello.text  # how links greet
+    talk = Talk(back.call, front.ask, front.say, front.listen)
+    back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk)
+    front.send(Message(Op.REPLY))
+    try:
+        while True:
+            front.send(_answer(desk, front.receive()))
+    except ProgramGone:
+        pass
+    finally:
+        program.release()
+
+
+def _answer(desk: Desk, message: Message, background: bool = False) -> Message:
+    try:
+        return desk.answer(message, background)
+    except QRobotError as error:
+        return Message(Op.ERROR, text=str(error))
+
+
+def _send(channel: socket.socket, data: bytes) -> None:
+    try:
+        channel.send(data)
+    except OSError as error:
+        raise ProgramGone from error
+
+
+def _receive(channel: socket.socket) -> bytes:
+    try:
+        data = channel.recv(SIZE)
+    except TimeoutError:
+        raise
+    except OSError as error:
+        raise ProgramGone from error
+    if len(data) != SIZE:
+        raise ProgramGone
+    return data

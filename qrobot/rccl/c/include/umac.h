@@ -1,0 +1,2 @@
+/* umac.h - waitfor, waitas, OPEN, CLOSE: all in rccl.h; legacy programs include this file too. */
+#include "rccl.h"

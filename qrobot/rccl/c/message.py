@@ -1,0 +1,94 @@
+"""What a C program and its engine say to each other: `struct message` and `enum op` of shim.h."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+VERSION: Final = 1
+REFS: Final = 24
+NUMBERS: Final = 32
+TEXT: Final = 256
+_LAYOUT: Final = struct.Struct(f"=ii{REFS}q{NUMBERS}d{TEXT}s")
+SIZE: Final = _LAYOUT.size
+
+
+class Op(IntEnum):
+    """What is asked, and how it is answered."""
+
+    HELLO = 1
+    CONTROL = 2
+    RELEASE = 3
+    NEWTRANS = 4
+    FREETRANS = 5
+    MAKEPOSITION = 6
+    JPOSITION = 7
+    FREEPOS = 8
+    MAKE = 9
+    TRMULT = 10
+    INVERT = 11
+    MOVE = 12
+    STOP = 13
+    SETVEL = 14
+    SETMODE = 15
+    SETCONF = 16
+    SAMPLE_PERIOD = 17
+    SETIME = 18
+    EVALFN = 19
+    DISTANCE = 20
+    LIMIT = 21
+    COMPLY = 22
+    LOCK = 23
+    UPDATE = 24
+    HAND = 25
+    NEXT_SAMPLE = 26
+    TEACH = 27
+    STEPMODE = 28
+    MAKEDB = 29
+    GETR = 30
+    SAVER = 31
+    DUMPDB = 32
+    ADCOPEN = 33
+    ENCTOANG = 34
+    ANGTOENC = 35
+    REPLY = 100
+    ERROR = 101
+    SAY = 102
+    ASK = 103
+    CALL_TRANSFORM = 104
+    CALL_FUNCTION = 105
+    SIGNAL = 106
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message; each `op` knows which fields it uses.
+
+    Attributes:
+        op: an `Op`; plain int, as it was sent.
+        n: a count or a small answer.
+        refs: places in the shared memory, or functions of the program. At most 24.
+        numbers: at most 32.
+        text: at most 255 bytes; what is longer is cut.
+    """
+
+    op: int
+    n: int = 0
+    refs: Sequence[int] = ()
+    numbers: Sequence[float] = ()
+    text: str = ""
+
+    def encode(self) -> bytes:
+        """The bytes of `struct message`."""
+        refs = (*self.refs, *(0,) * (REFS - len(self.refs)))
+        numbers = (*self.numbers, *(0.0,) * (NUMBERS - len(self.numbers)))
+        return _LAYOUT.pack(self.op, self.n, *refs, *numbers, self.text.encode()[: TEXT - 1])
+
+
+def decode(data: bytes) -> Message:
+    """The message of `SIZE` bytes."""
+    op, n, *rest, text = _LAYOUT.unpack(data)
+    return Message(op, n, rest[:REFS], rest[REFS:], text.partition(b"\0")[0].decode(errors="replace"))

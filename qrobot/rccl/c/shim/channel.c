@@ -1,0 +1,129 @@
+/* channel.c - messages to the motion engine and from it. */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#include "shim.h"
+
+#define GONE "the motion engine has gone; the bridge brings the arm to rest"
+
+static int foreground = -1;
+static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
+static __thread int served = -1; /* in functions that the engine calls: its channel */
+
+void shim_open(int channel)
+{
+    foreground = channel;
+}
+
+struct message shim_message(enum op op, const char *text)
+{
+    struct message m;
+    memset(&m, 0, sizeof m);
+    m.op = op;
+    if (text)
+        strncpy(m.text, text, SHIM_TEXT - 1);
+    return m;
+}
+
+/* False when nobody listens any more. */
+static int say(int channel, const struct message *m)
+{
+    while (send(channel, m, sizeof *m, MSG_NOSIGNAL) < 0)
+        if (errno != EINTR)
+            return 0;
+    return 1;
+}
+
+/* False at the end of the conversation. */
+static int hear(int channel, struct message *m)
+{
+    ssize_t got;
+    do
+        got = recv(channel, m, sizeof *m, 0);
+    while (got < 0 && errno == EINTR);
+    return got == sizeof *m;
+}
+
+/* The engine asks the person at the terminal; the end of the input is an answer with n = 0. */
+static void ask_person(struct message *m)
+{
+    printf("%s", m->text);
+    fflush(stdout);
+    m->n = fgets(m->text, SHIM_TEXT, stdin) != NULL;
+}
+
+/* Until the engine has answered; meanwhile it may talk to the person at the terminal. */
+static void converse(int channel, struct message *m)
+{
+    int heard = say(channel, m) && hear(channel, m);
+    while (heard && (m->op == OP_SAY || m->op == OP_ASK)) {
+        if (m->op == OP_SAY) {
+            printf("%s\n", m->text);
+        } else {
+            ask_person(m);
+            heard = say(channel, m);
+        }
+        heard = heard && hear(channel, m);
+    }
+    if (!heard)
+        shim_die(GONE);
+}
+
+struct message *shim_call(struct message *m)
+{
+    shim_start();
+    if (served >= 0) {
+        converse(served, m);
+    } else {
+        pthread_mutex_lock(&calling);
+        converse(foreground, m);
+        pthread_mutex_unlock(&calling);
+    }
+    if (m->op == OP_ERROR)
+        shim_die(m->text);
+    return m;
+}
+
+static void obey(struct message *m)
+{
+    TRSF_PTR t = shim_at(m->refs[0]);
+    if (m->op == OP_CALL_TRANSFORM && t->fn)
+        t->fn(t);
+    else if (m->op == OP_CALL_FUNCTION)
+        ((int (*)()) (intptr_t) m->refs[0])();
+    else if (m->op == OP_SIGNAL)
+        __atomic_fetch_add((event *) t, 1, __ATOMIC_ACQ_REL);
+    m->op = OP_REPLY;
+}
+
+void shim_serve(int channel)
+{
+    struct message m;
+    served = channel;
+    while (hear(channel, &m)) {
+        obey(&m);
+        if (!say(channel, &m))
+            return;
+    }
+}
+
+/* Async-signal-safe. In a function that the engine waits for, it has to be told that nothing will come of it. */
+void shim_close(void)
+{
+    if (served >= 0)
+        shutdown(served, SHUT_RDWR);
+    shutdown(foreground, SHUT_WR);
+}
+
+/* Async-signal-safe. The engine closes its end when it has let go of the arm. */
+void shim_wait_closed(int timeout_ms)
+{
+    struct message m;
+    struct pollfd wanted = {foreground, POLLIN, 0};
+    while (poll(&wanted, 1, timeout_ms) > 0 && recv(foreground, &m, sizeof m, 0) > 0)
+        ;
+}

@@ -1,0 +1,118 @@
+/* shared.c - the memory that program and engine share: the global variables of rccl.h, then transforms and positions.
+ *
+ * Every word has one writer at a time: the engine writes what it reports, the program what it asks. Event counts, which
+ * both change, are changed in this process alone, by atomic instructions.
+ */
+#define _GNU_SOURCE
+#include <pthread.h>
+#include <stddef.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "shim.h"
+
+#define ARENA_BYTES (16 << 20) /* takes memory only as far as it is used */
+
+static VECT x_axis = {1, 0, 0}, y_axis = {0, 1, 0}, z_axis = {0, 0, 1};
+VECT_PTR xunit = &x_axis, yunit = &y_axis, zunit = &z_axis;
+char *mess = NULL;
+
+SHARED volatile int nextmove = 0;
+SHARED volatile event completed = 1;
+SHARED volatile int nbrequest = 0;
+SHARED volatile int terminate = 0;
+SHARED volatile struct rccl_how how = {0};
+SHARED volatile struct rccl_chg chg = {0};
+static SHARED TRSF last_link = {"T6", NULL, 0, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}};
+static SHARED POS park_pose = {"park", 0, 0, 0};
+static SHARED POS present = {"there", 0, 0, 0};
+TRSF_PTR t6 = &last_link;
+POS_PTR park = &park_pose, there = &present;
+
+extern char __start_rccl_shared[], __stop_rccl_shared[]; /* the linker's names for the section's ends */
+
+union slot {
+    TRSF transform;
+    POS position;
+    union slot *next;
+};
+
+static char *first_page, *arena;
+static ptrdiff_t pages;
+static union slot *unused, *fresh;
+static pthread_mutex_t allocating = PTHREAD_MUTEX_INITIALIZER;
+
+/* The pages of the variables become pages of a file with the same content; neighbours on them come along unharmed, but
+ * what is written to them between the copy and the mapping would be lost: hence the locals. */
+int shim_share(void)
+{
+    uintptr_t page = (uintptr_t) sysconf(_SC_PAGESIZE);
+    char *first = (char *) ((uintptr_t) __start_rccl_shared / page * page);
+    size_t size = ((uintptr_t) __stop_rccl_shared + page - 1) / page * page - (uintptr_t) first;
+    int file = memfd_create("rccl", MFD_CLOEXEC);
+    if (file < 0 || ftruncate(file, (off_t) size + ARENA_BYTES) || pwrite(file, first, size, 0) != (ssize_t) size)
+        shim_die("no memory to share with the motion engine");
+    void *mapped = mmap(first, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, file, 0);
+    void *rest = mmap(NULL, ARENA_BYTES, PROT_READ | PROT_WRITE, MAP_SHARED, file, (off_t) size);
+    if (mapped == MAP_FAILED || rest == MAP_FAILED)
+        shim_die("cannot share memory with the motion engine");
+    first_page = first;
+    pages = (ptrdiff_t) size;
+    arena = rest;
+    fresh = rest;
+    return file;
+}
+
+int64_t shim_ref(const volatile void *p)
+{
+    const volatile char *at = p;
+    if (at >= first_page && at < first_page + pages)
+        return at - first_page;
+    if (at >= arena && at < arena + ARENA_BYTES)
+        return pages + (at - arena);
+    return -1;
+}
+
+void *shim_at(int64_t ref)
+{
+    return ref < pages ? first_page + ref : arena + (ref - pages);
+}
+
+void *shim_alloc(void)
+{
+    pthread_mutex_lock(&allocating);
+    union slot *slot = unused;
+    if (slot)
+        unused = slot->next;
+    else if ((char *) (fresh + 1) <= arena + ARENA_BYTES)
+        slot = fresh++;
+    pthread_mutex_unlock(&allocating);
+    if (!slot)
+        shim_die("too many transforms and positions: free those of no more use with freetrans and freepos");
+    memset(slot, 0, sizeof *slot);
+    return slot;
+}
+
+void shim_free(void *p)
+{
+    union slot *slot = p;
+    pthread_mutex_lock(&allocating);
+    slot->next = unused;
+    unused = slot;
+    pthread_mutex_unlock(&allocating);
+}
+
+/* The order is that of message.py. */
+void shim_globals(int64_t *refs)
+{
+    const volatile void *places[] = {&nextmove, &completed, &nbrequest, &terminate, &how, &chg,
+                                     &last_link, &park_pose, &present};
+    size_t count = sizeof places / sizeof *places;
+    for (size_t i = 0; i < count; i++)
+        refs[i] = shim_ref(places[i]);
+    refs[count++] = offsetof(TRSF, n);
+    refs[count++] = offsetof(POS, code);
+    refs[count++] = offsetof(POS, scal);
+    refs[count++] = offsetof(POS, end);
+}

@@ -1,0 +1,202 @@
+/* start.c - how a program comes to its motion engine, and how both end. */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include "shim.h"
+
+#define ENGINE "QROBOT_ENGINE" /* two channels, when somebody has started an engine for this program: "3,4" */
+#define PYTHON "QROBOT_PYTHON" /* another Python than that of `qrobot cc` */
+#define PATIENCE_MS 10000      /* for an arm that comes to rest */
+
+static pid_t owner = 0; /* a child of the program has no arm */
+static volatile sig_atomic_t over = 0;
+static volatile sig_atomic_t interrupts = 0;
+
+static void say_now(const char *text)
+{
+    if (text && write(STDERR_FILENO, text, strlen(text)) < 0)
+        return; /* nobody reads it: the terminal is gone */
+}
+
+/* Once: a program may release its arm and end a good while later. */
+void shim_say_mess(void)
+{
+    static volatile sig_atomic_t said = 0;
+    if (!mess || said)
+        return;
+    said = 1;
+    say_now(mess);
+    say_now("\n");
+}
+
+static void farewell(void)
+{
+    over = 1;
+    shim_close();
+    shim_wait_closed(PATIENCE_MS);
+}
+
+void shim_die(const char *text)
+{
+    fflush(stdout);
+    fprintf(stderr, "%s: %s\n", program_invocation_short_name, text);
+    shim_say_mess();
+    if (over)
+        _exit(1);
+    over = 1; /* there is nobody to let go of the arm in an orderly way */
+    exit(1);
+}
+
+/* At exit: whoever has an arm lets go of it first. */
+static void leave(void)
+{
+    if (owner != getpid())
+        return;
+    if (!over) {
+        struct message m = shim_message(OP_RELEASE, "");
+        over = 1;
+        shim_call(&m);
+        fflush(stdout);
+        shim_say_mess();
+    }
+    farewell();
+}
+
+/* SIGINT, SIGHUP, SIGTERM: the engine brings the arm to rest while we wait; a second signal ends at once. */
+static void on_signal(int number)
+{
+    if (owner == getpid() && ++interrupts == 1) {
+        say_now(number == SIGINT ? "\n" : "");
+        say_now(program_invocation_short_name);
+        say_now(": interrupted; the arm is brought to rest\n");
+        shim_say_mess();
+        farewell();
+    }
+    _exit(128 + number);
+}
+
+static void catch_signals(void)
+{
+    const int numbers[] = {SIGINT, SIGHUP, SIGTERM};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+        struct sigaction action;
+        sigaction(numbers[i], NULL, &action);
+        if (action.sa_handler != SIG_DFL)
+            continue; /* the program has its own mind */
+        action.sa_handler = on_signal;
+        action.sa_flags = SA_NODEFER;
+        sigaction(numbers[i], &action, NULL);
+    }
+}
+
+static void *serve(void *channel)
+{
+    shim_serve((int) (intptr_t) channel);
+    return NULL;
+}
+
+/* Functions of the program run on a thread of their own, which gets no signals: those interrupt the foreground. */
+static void start_serving(int channel)
+{
+    pthread_t thread;
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    if (pthread_create(&thread, NULL, serve, (void *) (intptr_t) channel))
+        shim_die("cannot start a thread for background functions");
+    pthread_detach(thread);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+static void become_engine(const int *theirs)
+{
+    char foreground[12], background[12];
+    const char *python = getenv(PYTHON) ? getenv(PYTHON) : QROBOT_PYTHON;
+    int nothing = open("/dev/null", O_RDONLY);
+    setsid(); /* what interrupts the program must not interrupt whoever brings the arm to rest */
+    signal(SIGPIPE, SIG_DFL);
+    fcntl(theirs[0], F_SETFD, 0);
+    fcntl(theirs[1], F_SETFD, 0);
+    dup2(nothing, STDIN_FILENO);
+    snprintf(foreground, sizeof foreground, "%d", theirs[0]);
+    snprintf(background, sizeof background, "%d", theirs[1]);
+    execlp(python, python, "-m", "qrobot.rccl.c", foreground, background, (char *) NULL);
+    fprintf(stderr, "cannot start %s: %s; name the Python that has qrobot in " PYTHON "\n", python, strerror(errno));
+    _exit(127);
+}
+
+static void start_engine(int *ours)
+{
+    int first[2], second[2];
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, first)
+        || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, second))
+        shim_die("no channel to the motion engine");
+    pid_t engine = fork();
+    if (engine < 0)
+        shim_die("cannot start the motion engine");
+    if (engine == 0)
+        become_engine((int[2]) {first[1], second[1]});
+    close(first[1]);
+    close(second[1]);
+    ours[0] = first[0];
+    ours[1] = second[0];
+}
+
+/* The engine that waits for us, or else one of our own. */
+static void find_engine(int *ours)
+{
+    const char *waiting = getenv(ENGINE);
+    if (waiting && sscanf(waiting, "%d,%d", &ours[0], &ours[1]) == 2) {
+        fcntl(ours[0], F_SETFD, FD_CLOEXEC);
+        fcntl(ours[1], F_SETFD, FD_CLOEXEC);
+        unsetenv(ENGINE);
+    } else {
+        start_engine(ours);
+    }
+}
+
+/* The first message carries the file of the shared memory. */
+static void greet(int channel, int file)
+{
+    union {
+        struct cmsghdr header;
+        char room[CMSG_SPACE(sizeof(int))];
+    } control = {0};
+    struct message m = shim_message(OP_HELLO, program_invocation_short_name);
+    struct iovec part = {&m, sizeof m};
+    struct msghdr packet = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+    m.n = SHIM_VERSION;
+    shim_globals(m.refs);
+    control.header.cmsg_level = SOL_SOCKET;
+    control.header.cmsg_type = SCM_RIGHTS;
+    control.header.cmsg_len = CMSG_LEN(sizeof(int));
+    memcpy(CMSG_DATA(&control.header), &file, sizeof file);
+    if (sendmsg(channel, &packet, MSG_NOSIGNAL) < 0 || recv(channel, &m, sizeof m, 0) != sizeof m)
+        shim_die("the motion engine did not start");
+    if (m.op == OP_ERROR)
+        shim_die(m.text);
+    close(file);
+}
+
+void shim_start(void)
+{
+    int channels[2];
+    if (owner)
+        return;
+    owner = getpid();
+    int file = shim_share();
+    find_engine(channels);
+    greet(channels[0], file);
+    shim_open(channels[0]);
+    start_serving(channels[1]);
+    catch_signals();
+    atexit(leave);
+}

@@ -1,0 +1,120 @@
+"""The C compiler, and the library that C programs are linked with.
+
+The library is compiled on the machine of whoever compiles C, once for each compiler and choice of instrumentation, into
+the user's cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from qrobot.errors import ConfigError
+
+HERE: Final = Path(__file__).parent
+INCLUDE: Final = HERE / "include"
+SOURCES: Final = HERE / "shim"
+LEGACY: Final = ("-std=gnu89", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
+"""C as it was: implicit int, K&R definitions, variables defined in several files, arithmetic that wraps."""
+QUIET: Final = "-w"
+STRICT: Final = ("-std=gnu11", "-O2", "-g", "-Wall", "-Wextra", "-fPIC", "-pthread")
+LIBRARY: Final = "qrobot_rccl"
+_INSTRUMENTATION: Final = ("-fsanitize", "-m")
+_NO_LINKING: Final = frozenset(("-c", "-S", "-E", "-M", "-MM", "-fsyntax-only", "--version", "-dumpversion"))
+
+
+def compiler() -> list[str]:
+    """The C compiler's command: that of the variable CC, or cc. Raises ConfigError: there is none."""
+    command = shlex.split(os.environ.get("CC", "cc"))
+    if not command or shutil.which(command[0]) is None:
+        name = command[0] if command else "''"
+        raise ConfigError(
+            f"no C compiler {name}: install one (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc), "
+            "or name yours in the variable CC"
+        )
+    return command
+
+
+def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
+    """How legacy sources are compiled; in silence, unless `arguments` ask for warnings."""
+    quiet = [] if any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments) else [QUIET]
+    return [*LEGACY, *quiet, f"-I{INCLUDE}"]
+
+
+def link_flags(arguments: Sequence[str] = ()) -> list[str]:
+    """What they are linked with; the library is compiled if need be. Raises ConfigError when that fails."""
+    return [f"-L{library(compiler(), arguments).parent}", f"-l{LIBRARY}", "-pthread", "-lm"]
+
+
+def command_line(arguments: Sequence[str]) -> list[str]:
+    """The whole command for these arguments of a compiler. Raises ConfigError: no compiler, or no library."""
+    linked = [] if _NO_LINKING & set(arguments) else link_flags(arguments)
+    return [*compiler(), *compile_flags(arguments), *arguments, *linked]
+
+
+def package_file() -> str:
+    """A file for pkg-config. Raises ConfigError: no compiler, or no library."""
+    from importlib.metadata import version
+
+    return "\n".join(
+        (
+            "Name: qrobot-rccl",
+            "Description: RCCL for programs in C, before the motion engine of qrobot",
+            f"Version: {version('qrobot')}",
+            f"Cflags: {shlex.join(compile_flags())}",
+            f"Libs: {shlex.join(link_flags())}",
+            "",
+        )
+    )
+
+
+def library(cc: Sequence[str], arguments: Sequence[str] = ()) -> Path:
+    """The library for a compiler, instrumented as in `arguments`. Raises ConfigError: it cannot be compiled."""
+    flags = [*STRICT, *(word for word in arguments if word.startswith(_INSTRUMENTATION))]
+    flags += [f"-I{INCLUDE}", f'-DQROBOT_PYTHON="{sys.executable}"']
+    made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags])
+    path = made / f"lib{LIBRARY}.a"
+    if not path.exists():
+        _build(cc, flags, path)
+    return path
+
+
+def _build(cc: Sequence[str], flags: Sequence[str], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        objects = [f"{folder}/{source.stem}.o" for source in _sources()]
+        for source, target in zip(_sources(), objects, strict=True):
+            _answer_of([*cc, *flags, "-c", str(source), "-o", target])
+        _answer_of(["ar", "rcs", f"{folder}/library.a", *objects])
+        os.replace(f"{folder}/library.a", path)  # whole or not at all, whoever else compiles it now
+
+
+def _sources() -> list[Path]:
+    return sorted(SOURCES.glob("*.c"))
+
+
+def _cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "qrobot" / "cc"
+
+
+def _digest(words: Sequence[str]) -> str:
+    texts = [path.read_bytes() for path in (*_sources(), SOURCES / "shim.h", *sorted(INCLUDE.glob("*.h")))]
+    return hashlib.sha256("\0".join(words).encode() + b"\0".join(texts)).hexdigest()[:16]
+
+
+def _answer_of(command: Sequence[str]) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except FileNotFoundError as error:
+        raise ConfigError(f"{command[0]} is missing: install it (Debian, Ubuntu: apt install gcc libc6-dev)") from error
+    except subprocess.CalledProcessError as error:
+        raise ConfigError(f"{shlex.join(command)}: {error.stderr}") from error
+    return done.stdout.strip()

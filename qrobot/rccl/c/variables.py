@@ -1,0 +1,85 @@
+"""The global variables of RCCL in a C program: what the engine shows there, and what it finds."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.model.arm import Arm
+from qrobot.motion import Kind
+from qrobot.rccl.c.shared import CHG, HOW, SharedMemory, SharedTransform
+from qrobot.rccl.channel import Channel
+
+MILLI: Final = 1e3
+
+
+class Variables:
+    """The variables of one program.
+
+    Args:
+        memory: where they are.
+        nextmove, completed, nbrequest, terminate, how, chg: their places; t6: of the fields of T6.
+
+    Attributes:
+        t6: where the last link was measured.
+        adc_channel: which component of the wrist sensor `how.adcr` shows.
+    """
+
+    def __init__(
+        self, memory: SharedMemory, nextmove: int, completed: int, nbrequest: int, terminate: int, how: int, chg: int,
+        t6: int,
+    ) -> None:  # fmt: skip
+        self._nextmove, self._completed = memory.ints(nextmove), memory.ints(completed)
+        self._nbrequest, self._terminate = memory.ints(nbrequest), memory.ints(terminate)
+        self._how, self._chg = memory.record(how, HOW)[0], memory.record(chg, CHG)[0]
+        self.t6 = SharedTransform("T6", Kind.UNKNOWN, memory.reals(t6, 12))
+        self.adc_channel = 0
+        self._shown_ns = -1
+        self._arm: Arm | None = None
+
+    def show(self, channel: Channel) -> None:
+        """The state of the arm, once for each sample."""
+        how = channel.how
+        if how.t_ns == self._shown_ns:
+            return
+        self._shown_ns = how.t_ns
+        n = channel.robot.n
+        shown = self._how
+        shown["n"], shown["mode"], shown["flags"] = n, how.mode, how.flags
+        shown["inputs"], shown["hand"], shown["time"] = how.inputs, how.hand, channel.time
+        for name in ("q", "v", "tau", "q_setpoint"):
+            shown[name][:n] = getattr(how, name)
+        shown["force"], shown["adcr"] = how.force, round(MILLI * how.force[self.adc_channel])
+        if self._arm is None or self._arm.robot is not channel.robot:
+            self._arm = Arm(channel.robot)
+        self.t6.set(self._arm.forward(np.array(how.q)))
+
+    def show_queue(self, channel: Channel | None) -> None:
+        """What waits; nothing when no arm is under control."""
+        self._completed[0] = 1 if channel is None else int(channel.completed.count > 0)
+        self._nbrequest[0] = 0 if channel is None else channel.nbrequest
+
+    def show_command(self, channel: Channel) -> None:
+        """What the next command says, for functions that change it."""
+        chg, shown, n = channel.chg, self._chg, channel.robot.n
+        shown["hand"], shown["outputs"] = chg.hand, chg.outputs
+        shown["modes"][:n], shown["setpoints"][:n] = chg.modes, chg.setpoints
+
+    def take_command(self, channel: Channel) -> None:
+        """What they have made of it."""
+        chg, shown, n = channel.chg, self._chg, channel.robot.n
+        chg.hand, chg.outputs = int(shown["hand"]), int(shown["outputs"])
+        chg.modes, chg.setpoints = tuple(shown["modes"][:n].tolist()), tuple(shown["setpoints"][:n].tolist())
+
+    def take_nextmove(self) -> int:
+        """What the program has put into `nextmove`, which is 0 then."""
+        code = int(self._nextmove[0])
+        if code:
+            self._nextmove[0] = 0
+        return code
+
+    @property
+    def terminate(self) -> bool:
+        """The program wants to end."""
+        return bool(self._terminate[0])

@@ -1,0 +1,78 @@
+"""Programs in C, compiled for the tests and served in this process."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from qrobot import rccl
+from qrobot.motion.limits import Floats
+from qrobot.rccl.c import toolchain
+from qrobot.rccl.c.program import run_executable
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rccl.trace import Trace
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+needs_compiler = pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: apt install gcc libc6-dev")
+
+
+def compiled(source: Path, folder: Path, *flags: str) -> Path:
+    """The program made of a source."""
+    target = folder / source.stem
+    command = toolchain.command_line([*flags, str(source), "-o", str(target)])
+    subprocess.run(command, check=True)
+    return target
+
+
+def compiled_text(text: str, folder: Path, *flags: str, name: str = "program") -> Path:
+    """The program made of a text, after the line that includes rccl.h."""
+    source = folder / f"{name}.c"
+    source.write_text(f'#include "rccl.h"\n{text}')
+    return compiled(source, folder, *flags)
+
+
+def offline(start: Callable[[], object]) -> tuple[object, list[Trace]]:
+    """What a program gives that is run off line, and what it has done with each arm it took."""
+    traces: list[Trace] = []
+    with rccl.use(OfflineLink, traces):
+        try:
+            return start(), traces
+        finally:
+            rccl.release()
+
+
+@contextmanager
+def keyboard(typed: str) -> Iterator[None]:
+    """What somebody types at the terminal of this process and of its children."""
+    before = os.dup(0)
+    reading, writing = os.pipe()
+    os.write(writing, typed.encode())
+    os.close(writing)
+    os.dup2(reading, 0)
+    os.close(reading)
+    try:
+        yield
+    finally:
+        os.dup2(before, 0)
+        os.close(before)
+
+
+def way_of_c(program: Path, *arguments: str) -> Floats:
+    """Setpoints of a program in C that ends well, rad. Shape (samples, n)."""
+    status, traces = offline(lambda: run_executable(program, arguments))
+    assert status == 0
+    (trace,) = traces
+    return trace.setpoints.q
+
+
+def way_of_python(name: str) -> Floats:
+    """Setpoints of an example in Python, rad. Shape (samples, n)."""
+    _, (trace,) = offline(lambda: runpy.run_path(str(EXAMPLES / name), run_name="__main__"))
+    return trace.setpoints.q

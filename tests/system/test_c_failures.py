@@ -1,0 +1,230 @@
+"""C programs that go wrong: what they say, how they end, and that their arm comes to rest."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from qrobot import rccl
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.errors import ConfigError, LinkLost
+from qrobot.rccl.c import engine, toolchain
+from qrobot.rccl.c.program import run_executable
+from qrobot.rci import VirtualLink
+from qrobot.wire import RobotMode
+from tests.support.c_programs import compiled_text, needs_compiler
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK
+
+MOVING = """
+    POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
+    setime(100, 4000);
+    move(p);
+    waitas(p->scal > .3)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def robot() -> Iterator[FakeRobot]:
+    fake = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        yield fake
+
+
+Run = Callable[[str], int]
+
+
+@pytest.fixture
+def run(robot: FakeRobot, tmp_path: Path) -> Run:
+    """The exit status of a program with this text."""
+    return lambda text: run_executable(compiled_text(text, tmp_path))
+
+
+def at_rest(robot: FakeRobot) -> bool:
+    return robot.said_goodbye and robot.mode is RobotMode.HOLDING and robot.path[-1] == robot.path[-2]
+
+
+def part_of_the_way(robot: FakeRobot) -> bool:
+    return 0.1 < robot.path[-1][0] - PARK[0] < 0.6
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("last", "status"),
+    [
+        ("*(volatile int *) 8 = 1;", 139),  # SIGSEGV
+        ("abort();", 134),
+        ("exit(3);", 3),
+        ("return 5;", 5),
+    ],
+)
+def test_however_a_program_ends_its_arm_comes_to_rest_on_its_way(last: str, status: int, run: Run, robot) -> None:
+    assert run(f"main() {{ {MOVING} {last} }}") == status
+    assert at_rest(robot)
+    assert part_of_the_way(robot)
+
+
+@needs_compiler
+@pytest.mark.parametrize(("signal", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_a_program_in_an_endless_loop_is_ended_by_a_signal_and_says_its_mess(
+    signal: str, status: int, run: Run, robot, capfd
+) -> None:
+    loop = f'mess = "taken apart"; {MOVING} kill(getpid(), {signal}); for (;;);'
+    assert run(f"#include <signal.h>\nmain() {{ {loop} }}") == status
+    assert at_rest(robot)
+    assert part_of_the_way(robot)
+    said = capfd.readouterr().err
+    assert "program: interrupted; the arm is brought to rest\ntaken apart\n" in said
+
+
+@needs_compiler
+def test_a_program_keeps_its_own_handler_of_a_signal(run: Run, robot, capfd) -> None:
+    text = """
+    #include <signal.h>
+    int caught;
+    handler() { caught = 1; nextmove = YES; }
+    main() { signal(SIGINT, handler); %s kill(getpid(), SIGINT); waitfor(completed)
+             printf("caught %%d, code %%d\\n", caught, p->code); return 0; }
+    """
+    assert run(text % MOVING) == 0
+    assert "caught 1, code 1" in capfd.readouterr().out
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        ('move(makeposition("FAR", t6, EQ, gentr_trsl("T", 5000, 0, 0), TL, t6));', "FAR"),
+        ('makeposition("P", t6, EQ, newtrans("T", const));', 'makeposition: write ("P", terms with t6, EQ'),
+        ('distance("dz", 1., 2.);', "one value each"),
+        ('distance("up", 1.);', "dx dy dz"),
+        ("setmode('x');", "mode 'x' is neither"),
+        ("move((POS_PTR) &how);", "this is no position"),
+        ("sample(7.);", "the period is 28 ms"),
+        ("nextmove = -4; stop(0.);", "the code must be positive"),
+        ('saver(newtrans("T", varb));', "name its file with makedb"),
+        ("terminate = YES; stop(0.);", "has set `terminate`"),
+    ],
+)
+def test_a_call_that_is_refused_ends_the_program_with_the_reason(
+    call: str, complaint: str, run: Run, robot, capfd
+) -> None:
+    assert run(f"main() {{ move(park); {call} return 0; }}") == 1
+    said = capfd.readouterr().err
+    assert said.startswith("program: ")
+    assert complaint in said
+    assert at_rest(robot)
+
+
+@needs_compiler
+def test_waiting_for_what_cannot_happen_any_more_is_refused_in_lockstep(run: Run, robot, capfd) -> None:
+    assert run('main() { POS_PTR p = jposition("P", 1., 2., 3., 4., 5., 6.); waitfor(p->end) }') == 1
+    assert "no motion is left that could signal it" in capfd.readouterr().err
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("body", "complaint"),
+    [
+        ("for (;;);", "has not come back within 0.3 s"),
+        ("waitfor(completed)", "must not wait"),
+        ("t->n.x = 2.;", "left no rigid transform"),
+    ],
+)
+def test_a_function_that_goes_wrong_at_a_sample_ends_the_program(
+    body: str, complaint: str, run: Run, robot, capfd, monkeypatch
+) -> None:
+    monkeypatch.setattr(engine, "CALLBACK_S", 0.3)
+    text = f"""
+    slow(t) TRSF_PTR t; {{ if (nbrequest >= 0 && how.time > 200.) {{ {body} }} }}
+    main() {{
+        TRSF_PTR e = gentr_rot("E", 500., 0., -300., yunit, 180.), s = newtrans("S", slow);
+        setmode('c');
+        move(makeposition("P", t6, EQ, e, s, TL, e));
+        waitfor(completed)
+        return 0;
+    }}
+    """
+    assert run(text) == 1
+    assert complaint in capfd.readouterr().err
+
+
+@needs_compiler
+def test_a_crash_in_a_function_at_a_sample_ends_the_program_and_the_stream(run: Run, robot) -> None:
+    text = """
+    crash(t) TRSF_PTR t; { if (how.time > 200.) *(int *) 8 = 1; }
+    main() {
+        TRSF_PTR e = gentr_rot("E", 500., 0., -300., yunit, 180.), s = newtrans("S", crash);
+        move(makeposition("P", t6, EQ, e, s, TL, e));
+        waitfor(completed)
+    }
+    """
+    assert run(text) == 139
+
+
+@needs_compiler
+def test_a_robot_that_goes_away_ends_the_program_at_its_next_call(run: Run, robot: FakeRobot, capfd) -> None:
+    def gone(seq: int) -> None:
+        if seq > 60:
+            raise LinkLost("the bridge has gone")
+
+    robot.before_period = gone
+    assert run(f"main() {{ {MOVING} waitfor(p->end) return 0; }}") == 1
+    assert "program: the bridge has gone" in capfd.readouterr().err
+
+
+@needs_compiler
+def test_a_program_that_moves_no_arm_is_an_ordinary_program(run: Run, capfd) -> None:
+    assert run('main() { printf("hello\\n"); return 4; }') == 4
+    assert capfd.readouterr().out == "hello\n"
+
+
+@needs_compiler
+def test_without_its_engine_a_program_says_what_to_name(tmp_path: Path) -> None:
+    program = compiled_text("main() { move(park); }", tmp_path)
+    environment = {"QROBOT_PYTHON": "/nowhere/python"}
+    done = subprocess.run([program], check=False, env=environment, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "name the Python that has qrobot in QROBOT_PYTHON" in done.stderr
+    assert "program: the motion engine did not start" in done.stderr
+
+
+@needs_compiler
+def test_a_program_of_another_version_is_told_to_be_compiled_anew(run: Run, monkeypatch, capfd) -> None:
+    monkeypatch.setattr(engine, "VERSION", engine.VERSION + 1)
+    with pytest.raises(ConfigError, match="compile it anew"):
+        run("main() { move(park); }")
+    assert "program: this program was compiled by another version" in capfd.readouterr().err
+
+
+def test_without_a_compiler_it_is_said_what_to_install(monkeypatch, capfd) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert run_app(make_app("cc"), ["cc", "prog.c", "-o", "prog"]) == 1
+    said = capfd.readouterr().err
+    assert "no C compiler no-such-compiler: install one (Debian, Ubuntu: apt install gcc libc6-dev" in said
+
+
+@needs_compiler
+def test_warnings_are_kept_back_until_they_are_asked_for(tmp_path: Path, capfd) -> None:
+    compiled_text("main() { foo(1); } foo(a) { a; }", tmp_path)
+    assert capfd.readouterr().err == ""
+    compiled_text("main() { foo(1); } foo(a) { a; }", tmp_path, "-Wall")
+    assert "warning" in capfd.readouterr().err
+
+
+@needs_compiler
+def test_its_own_sources_give_the_strictest_compiler_nothing_to_say(tmp_path: Path) -> None:
+    for source in toolchain.SOURCES.glob("*.c"):
+        strict = [*toolchain.STRICT, "-Werror", f"-I{toolchain.INCLUDE}", '-DQROBOT_PYTHON="python"']
+        subprocess.run([*toolchain.compiler(), *strict, "-c", source, "-o", tmp_path / "it.o"], check=True)
