@@ -46,12 +46,14 @@ class Talk:
 
     Attributes:
         call: have a function of the program called: the `Op`, and which.
+        signal: have the program count an event.
         ask: put a question to the person at its terminal; EOFError when nobody answers.
         say: print lines there.
         listen: raises LinkLost when the program has gone.
     """
 
     call: Callable[[Op, int], None]
+    signal: Callable[[int], None]
     ask: Callable[[str], str]
     say: Callable[[str], None]
     listen: Callable[[], None]
@@ -67,16 +69,16 @@ class Desk:
     """
 
     def __init__(self, memory: SharedMemory, places: list[int], talk: Talk) -> None:
-        *variables, park, present, self._axes, self._code, self._scal, self._end = places
+        *variables, last_link, park, present, self._axes, self._code, self._scal, self._end = places
         self._memory, self._talk = memory, talk
-        last_link = variables.pop()
-        self._variables = Variables(memory, *variables, last_link + self._axes)
+        self._variables = Variables(memory, variables, last_link + self._axes)
         self._transforms: dict[int, SharedTransform] = {last_link: self._variables.t6}
         self._positions: dict[int, SharedPosition] = {present: self._position(present, "there", there().target)}
         self._park = park
         self._database: DataBase | None = None
         self._functions: tuple[int, ...] = ()
         self._arm: Channel | None = None
+        self._leaving = False
 
     @property
     def arm(self) -> Channel:
@@ -110,6 +112,8 @@ class Desk:
 
     def _each_sample(self) -> None:
         """Functions given to `control` see the newest state, and their changes go out."""
+        if self._leaving:
+            return
         arm = self.arm
         self._variables.show(arm)
         self._variables.show_queue(arm)
@@ -128,7 +132,7 @@ class Desk:
         if self._arm is None:
             return
         if self._variables.terminate:
-            self._release()
+            self.let_go()
             raise MotionError("the program has set `terminate`")
         if code := self._nextmove():
             self._arm.nextmove(code)
@@ -156,12 +160,16 @@ class Desk:
 
     def release(self, _: Message) -> Answer:
         """Let go of it."""
-        self._release()
+        self.let_go()
         return None
 
-    def _release(self) -> None:
-        self._arm = None
-        program.release()
+    def let_go(self) -> None:
+        """Bring the arm to rest and release it, if there is one. Raises what ended control of it before."""
+        self._leaving = True
+        try:
+            program.release()
+        finally:
+            self._arm, self._leaving = None, False
 
     # ------------------------------------------------------------------------------------------------- transforms
 
@@ -237,7 +245,7 @@ class Desk:
         code = self._memory.ints(place + self._code)
         scal = self._memory.reals(place + self._scal, 1)
         at = place + self._end
-        end = SharedEvent(f"{name}.end", self._memory.ints(at), lambda: self._talk.call(Op.SIGNAL, at))
+        end = SharedEvent(f"{name}.end", self._memory.ints(at), lambda: self._talk.signal(at))
         return SharedPosition(name, target, code, scal, end)
 
     def _named(self, place: int) -> SharedPosition:

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import select
 import socket
+import struct
 import sys
 import threading
+from contextlib import suppress
 from typing import Final
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
-from qrobot.rccl import program
 from qrobot.rccl.c.desk import Desk, Talk
-from qrobot.rccl.c.message import SIZE, VERSION, Message, Op, decode
+from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, Message, Op, decode, encode_call
 from qrobot.rccl.c.shared import SharedMemory
 
 GLOBALS: Final = 13  # places that the greeting names
 CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
+_LOOKS: Final = 40  # some 50 us
 
 
 class ProgramGone(LinkLost):
@@ -90,7 +92,7 @@ class Background:
     """
 
     def __init__(self, channel: socket.socket) -> None:
-        channel.settimeout(CALLBACK_S)
+        channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(CALLBACK_S))  # settimeout would poll first
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
         self.desk: Desk | None = None
@@ -103,16 +105,28 @@ class Background:
             LinkTimeout: the function does not come back.
         """
         with self._calling:
-            _send(self._channel, Message(op, refs=(place,)).encode())
-            while (message := self._receive()).op != Op.REPLY:
-                _send(self._channel, self._answer(message).encode())
+            _send(self._channel, encode_call(op, place))
+            while len(data := self._receive()) != BRIEF:
+                _send(self._channel, self._answer(decode(data)).encode())
 
-    def _receive(self) -> Message:
+    def signal(self, place: int) -> None:
+        """Have an event counted; nobody waits for it in a program that has gone."""
+        with suppress(ProgramGone):
+            self.call(Op.SIGNAL, place)
+
+    def _receive(self) -> bytes:
         try:
-            return decode(_receive(self._channel))
-        except TimeoutError:
+            return self._receive_soon() or _receive(self._channel)
+        except BlockingIOError:
             what = f"has not come back within {CALLBACK_S:g} s"
             raise LinkTimeout(f"a function of the program, called at a sample, {what}") from None
+
+    def _receive_soon(self) -> bytes:
+        """A message that comes while we stay awake for it, which is cheaper than to be woken up; else nothing."""
+        for _ in range(_LOOKS):
+            with suppress(BlockingIOError):
+                return _receive(self._channel, socket.MSG_DONTWAIT)
+        return b""
 
     def _answer(self, message: Message) -> Message:
         if self.desk is None:
@@ -148,7 +162,7 @@ def _converse(front: Foreground, back: Background) -> None:
         front.send(Message(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
-    talk = Talk(back.call, front.ask, front.say, front.listen)
+    talk = Talk(back.call, back.signal, front.ask, front.say, front.listen)
     back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk)
     front.send(Message(Op.REPLY))
     try:
@@ -157,7 +171,7 @@ def _converse(front: Foreground, back: Background) -> None:
     except ProgramGone:
         pass
     finally:
-        program.release()
+        desk.let_go()
 
 
 def _answer(desk: Desk, message: Message, background: bool = False) -> Message:
@@ -174,13 +188,19 @@ def _send(channel: socket.socket, data: bytes) -> None:
         raise ProgramGone from error
 
 
-def _receive(channel: socket.socket) -> bytes:
+def _receive(channel: socket.socket, flags: int = 0) -> bytes:
+    """A message; BlockingIOError when there is none in the time that was set."""
     try:
-        data = channel.recv(SIZE)
-    except TimeoutError:
+        data = channel.recv(SIZE, flags)
+    except BlockingIOError:
         raise
     except OSError as error:
         raise ProgramGone from error
-    if len(data) != SIZE:
+    if not data:
         raise ProgramGone
     return data
+
+
+def _timeval(seconds: float) -> bytes:
+    """`struct timeval`."""
+    return struct.pack("ll", int(seconds), round(seconds % 1.0 * 1e6))

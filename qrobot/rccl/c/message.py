@@ -14,6 +14,8 @@ NUMBERS: Final = 32
 TEXT: Final = 256
 _LAYOUT: Final = struct.Struct(f"=ii{REFS}q{NUMBERS}d{TEXT}s")
 SIZE: Final = _LAYOUT.size
+_BRIEF: Final = struct.Struct("=iiq")  # calls of functions, and their answers
+BRIEF: Final = _BRIEF.size
 
 
 class Op(IntEnum):
@@ -86,6 +88,11 @@ class Message:
         refs = (*self.refs, *(0,) * (REFS - len(self.refs)))
         numbers = (*self.numbers, *(0.0,) * (NUMBERS - len(self.numbers)))
         return _LAYOUT.pack(self.op, self.n, *refs, *numbers, self.text.encode()[: TEXT - 1])
+
+
+def encode_call(op: Op, place: int) -> bytes:
+    """The `BRIEF` bytes that have a function called."""
+    return _BRIEF.pack(op, 0, place)
 
 
 def decode(data: bytes) -> Message:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -19,19 +20,17 @@ class Variables:
 
     Args:
         memory: where they are.
-        nextmove, completed, nbrequest, terminate, how, chg: their places; t6: of the fields of T6.
+        places: of nextmove, completed, nbrequest, terminate, how, chg.
+        t6: place of the fields of T6.
 
     Attributes:
         t6: where the last link was measured.
         adc_channel: which component of the wrist sensor `how.adcr` shows.
     """
 
-    def __init__(
-        self, memory: SharedMemory, nextmove: int, completed: int, nbrequest: int, terminate: int, how: int, chg: int,
-        t6: int,
-    ) -> None:  # fmt: skip
-        self._nextmove, self._completed = memory.ints(nextmove), memory.ints(completed)
-        self._nbrequest, self._terminate = memory.ints(nbrequest), memory.ints(terminate)
+    def __init__(self, memory: SharedMemory, places: Sequence[int], t6: int) -> None:
+        *flags, how, chg = places
+        self._nextmove, self._completed, self._nbrequest, self._terminate = map(memory.ints, flags)
         self._how, self._chg = memory.record(how, HOW)[0], memory.record(chg, CHG)[0]
         self.t6 = SharedTransform("T6", Kind.UNKNOWN, memory.reals(t6, 12))
         self.adc_channel = 0

@@ -5,10 +5,13 @@
 #include <pthread.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <time.h>
 
 #include "shim.h"
 
 #define GONE "the motion engine has gone; the bridge brings the arm to rest"
+
+#define AWAKE_NS 100000
 
 static int foreground = -1;
 static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
@@ -30,22 +33,22 @@ struct message shim_message(enum op op, const char *text)
 }
 
 /* False when nobody listens any more. */
-static int say(int channel, const struct message *m)
+static int say(int channel, const struct message *m, size_t size)
 {
-    while (send(channel, m, sizeof *m, MSG_NOSIGNAL) < 0)
+    while (send(channel, m, size, MSG_NOSIGNAL) < 0)
         if (errno != EINTR)
             return 0;
     return 1;
 }
 
 /* False at the end of the conversation. */
-static int hear(int channel, struct message *m)
+static int hear(int channel, struct message *m, int flags)
 {
     ssize_t got;
     do
-        got = recv(channel, m, sizeof *m, 0);
+        got = recv(channel, m, sizeof *m, flags);
     while (got < 0 && errno == EINTR);
-    return got == sizeof *m;
+    return got >= (ssize_t) SHIM_BRIEF;
 }
 
 /* The engine asks the person at the terminal; the end of the input is an answer with n = 0. */
@@ -59,15 +62,15 @@ static void ask_person(struct message *m)
 /* Until the engine has answered; meanwhile it may talk to the person at the terminal. */
 static void converse(int channel, struct message *m)
 {
-    int heard = say(channel, m) && hear(channel, m);
+    int heard = say(channel, m, sizeof *m) && hear(channel, m, 0);
     while (heard && (m->op == OP_SAY || m->op == OP_ASK)) {
         if (m->op == OP_SAY) {
             printf("%s\n", m->text);
         } else {
             ask_person(m);
-            heard = say(channel, m);
+            heard = say(channel, m, sizeof *m);
         }
-        heard = heard && hear(channel, m);
+        heard = heard && hear(channel, m, 0);
     }
     if (!heard)
         shim_die(GONE);
@@ -100,14 +103,32 @@ static void obey(struct message *m)
     m->op = OP_REPLY;
 }
 
+static long now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * 1000000000L + now.tv_nsec;
+}
+
+/* Functions of one sample are called one after the other: to stay awake a moment spares all but the first a wake-up. */
+static int hear_next(int channel, struct message *m)
+{
+    long until = now_ns() + AWAKE_NS;
+    do
+        if (hear(channel, m, MSG_DONTWAIT))
+            return 1;
+    while (errno == EAGAIN && now_ns() < until);
+    return hear(channel, m, 0);
+}
+
 void shim_serve(int channel)
 {
     struct message m;
     served = channel;
-    while (hear(channel, &m)) {
+    int on = hear(channel, &m, 0);
+    while (on) {
         obey(&m);
-        if (!say(channel, &m))
-            return;
+        on = say(channel, &m, SHIM_BRIEF) && hear_next(channel, &m);
     }
 }
 
