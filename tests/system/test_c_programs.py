@@ -9,7 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.c_programs import EXAMPLES, compiled, keyboard, needs_compiler, way_of_c, way_of_python
+from qrobot.rccl.c.program import run_executable
+from tests.support.c_programs import (
+    EXAMPLES,
+    compiled,
+    compiled_text,
+    keyboard,
+    needs_compiler,
+    offline,
+    way_of_c,
+    way_of_python,
+)
 
 pytestmark = needs_compiler
 
@@ -42,3 +52,36 @@ def test_a_program_of_the_papers_sends_the_setpoints_of_its_twin(name: str, tmp_
     in_python = way_of_python(twin)
     assert in_c.shape == in_python.shape
     assert np.abs(in_c - in_python).max() < ROUNDING
+
+
+def test_a_program_that_uses_every_call_finds_all_as_it_should_be(tmp_path: Path, capfd) -> None:
+    program = compiled(EXAMPLES / "c" / "s08_all_calls.c", tmp_path, "-O2")
+    with keyboard("q\nworld dz -20\nrecord\nq\ny\n"):
+        way_of_c(program, str(tmp_path / "cell.db"))
+    said = capfd.readouterr().out
+    assert said.count("as it should be") == 14
+    assert "WRONG" not in said
+    assert "teach mode V1.0, transform CORNER, position CORNER" in said
+    assert said.endswith("all calls made\n")
+    assert {"PLACE", "CORNER"} <= set((tmp_path / "cell.db").read_text().split())
+
+
+def test_a_task_without_a_main_is_called_with_the_arm_under_control(tmp_path: Path, capfd) -> None:
+    program = compiled_text('pumatask() { printf("%d joints\\n", how.n); move(park); waitfor(completed) }', tmp_path)
+    assert len(way_of_c(program)) > 3
+    assert capfd.readouterr().out == "6 joints\n"
+
+
+def test_another_robot_is_named_by_a_variable(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("QROBOT_ROBOT", "stanford")
+    program = compiled_text("main() { move(park); waitfor(completed) return how.mode == 5; }", tmp_path)
+    status, (trace,) = offline(lambda: run_executable(program))
+    assert (status, trace.robot.name) == (1, "stanford")
+
+
+def test_two_sources_with_common_variables_and_old_definitions_are_one_program(tmp_path: Path, capfd) -> None:
+    (tmp_path / "other.c").write_text('#include "rccl.h"\nint shared;\ncount(n) float n; { shared += n; }\n')
+    text = 'int shared;\nregister_all() { count(2.5); count(3.); }\nmain() { register_all(); printf("%d\\n", shared); }'
+    program = compiled_text(text, tmp_path, str(tmp_path / "other.c"))
+    assert run_executable(program) in (0, 2)  # of old, a main without a return returned anything
+    assert capfd.readouterr().out == "5\n"
