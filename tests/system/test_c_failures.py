@@ -112,7 +112,7 @@ def test_a_program_keeps_its_own_handler_of_a_signal(run: Run, robot, capfd) -> 
         ('distance("up", 1.);', "dx dy dz"),
         ("setmode('x');", "mode 'x' is neither"),
         ("move((POS_PTR) &how);", "this is no position"),
-        ("sample(7.);", "the period is 28 ms"),
+        ("sample(700.);", "1 to 100"),
         ("nextmove = -4; stop(0.);", "the code must be positive"),
         ('saver(newtrans("T", varb));', "name its file with makedb"),
         ("terminate = YES; stop(0.);", "has set `terminate`"),

@@ -396,7 +396,7 @@ def _with_directions(call: Callable[[Channel], Callable[..., None]]) -> Callable
     return answer
 
 
-_WAITING: Final = {Op.CONTROL, Op.RELEASE, Op.NEXT_SAMPLE, Op.TEACH, Op.STEPMODE}
+_WAITING: Final = {Op.CONTROL, Op.RELEASE, Op.SAMPLE_PERIOD, Op.NEXT_SAMPLE, Op.TEACH, Op.STEPMODE}
 _CALLS: Final[dict[Op, Callable[[Desk, Message], Answer]]] = {
     Op.CONTROL: Desk.control,
     Op.RELEASE: Desk.release,
