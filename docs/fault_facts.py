@@ -123,6 +123,11 @@ FACTS: Final = {
     F.CAL_STOPPED: Fact(GENTLE, f"{CALIBRATE}::test_a_stop_ends_it_and_the_arm_stays_held"),
     F.CAL_MOVED: Fact(GENTLE, f"{CALIBRATE}::test_an_arm_that_is_shaken_is_not_loaded"),
     F.CAL_NO_TABLE: Fact("calibration is refused", f"{CALIBRATE}::test_without_a_table_it_says_so_and_holds_as_ever"),
+    F.IO_LOST: Fact(
+        "the cycle after its time-out; told while the arm is held or moves, and nothing stops",
+        f"{WATCHES}::test_a_lost_module_is_told_of_once_and_stops_nothing",
+        False,
+    ),
     F.RESET_DENIED: Fact("0.1 s after the clear", BREAKS),
 }
 CLEARED: Final = {

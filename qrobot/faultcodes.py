@@ -54,6 +54,8 @@ class FaultCode(IntEnum):
     CAL_STOPPED = 72
     CAL_MOVED = 73
     CAL_NO_TABLE = 74
+    # beside the board
+    IO_LOST = 75
     # operator
     ESTOP = 47
     RESET_DENIED = 49
@@ -185,6 +187,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.CAL_NO_TABLE: (
         "the servo has no calibration table",
         "name one with `calibration_table` in the deployment file",
+    ),
+    FaultCode.IO_LOST: (
+        "a remote module beside the board does not answer; its inputs read as safe",
+        "check the module and its cable; it is used again as soon as it answers",
     ),
     FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
     FaultCode.RESET_DENIED: ("the cause of the fault persists", "remove the cause first"),

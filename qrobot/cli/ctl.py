@@ -13,7 +13,7 @@ from qrobot.cli.console import SUCCESS, note, out, write_json
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.servo.client import ServoClient
-from qrobot.servo.control_messages import ServoStatus
+from qrobot.servo.control_messages import BoardStatus, ServoStatus
 from qrobot.servo.journal import settings_text
 
 HELP: Final = """
@@ -72,7 +72,7 @@ def _line(status: ServoStatus) -> str:
 
 @app.command
 def status(*, where: Where | None = None) -> int:
-    """Tell how the servo is: mode, fault, law, gains, positions. Needs no authority."""
+    """Tell how the servo is: mode, fault, law, gains, positions, and how the board is reached. Needs no authority."""
     where = where or Where()
     chosen = choose_arm(where.deployment, where.arm)
     with ServoClient(chosen.name) as servo:
@@ -82,7 +82,14 @@ def status(*, where: Where | None = None) -> int:
         return SUCCESS
     out.print(_line(now), soft_wrap=True)
     out.print(_joints(robot_of_arm(chosen), now))
+    out.print(_board_line(now.board), soft_wrap=True)
     return SUCCESS
+
+
+def _board_line(board: BoardStatus) -> str:
+    age = "no image" if board.age_ms is None else f"image {board.age_ms:.1f} ms old"
+    counters = f"lost {board.losses} times, {board.dropped} operations dropped, {board.illegal} without meaning"
+    return f"board: {age}, {counters}, modules lost {board.module_losses} times"
 
 
 def _joints(robot: Robot, now: ServoStatus) -> Table:

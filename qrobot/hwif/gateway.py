@@ -21,6 +21,7 @@ from qrobot.hwif.memory import (
     BOARD_ILLEGAL_OPS,
     BOARD_JOINTS,
     BOARD_LOSSES,
+    BOARD_MODULE_LOSSES,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
     IMAGE_INPUTS,
@@ -48,10 +49,19 @@ class Gateway:
         memory: board memory to serve.
         period_ns: time from one exchange to the next, as the servo is told.
         report: takes a line when the board is found or lost.
+        module_losses: how often remote modules beside the board have been lost; told to the servo.
     """
 
-    def __init__(self, bus: Bus, memory: Words, period_ns: int, report: Report = lambda _line: None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        memory: Words,
+        period_ns: int,
+        report: Report = lambda _line: None,
+        module_losses: Callable[[], int] = lambda: 0,
+    ) -> None:
         self._bus, self._memory, self._period_ns, self._report = bus, memory, period_ns, report
+        self._module_losses = module_losses
         self._operations = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
         self._image = make_image()
         self._retry_ns = 0
@@ -80,6 +90,7 @@ class Gateway:
             self._memory[BOARD_DROPPED] += taken
             self._lose(error, now_ns)
             return False
+        self._memory[BOARD_MODULE_LOSSES] = self._module_losses()
         publish_image(self._memory, self._image)
         return True
 
@@ -142,11 +153,11 @@ def run_gateway(gateway: Gateway, period_ns: int, stop: threading.Event) -> None
         gateway.release()
 
 
-def serve(arm: str, bus: Bus, period_ns: int, report: Report) -> None:
+def serve(arm: str, bus: Bus, period_ns: int, report: Report, module_losses: Callable[[], int] = lambda: 0) -> None:
     """Be the board process of `arm` until SIGTERM or SIGINT, then leave the board safe. From the main thread.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
     with set_on_signals() as stop, create_board_memory(arm) as memory:
-        run_gateway(Gateway(bus, memory.words, period_ns, report), period_ns, stop)
+        run_gateway(Gateway(bus, memory.words, period_ns, report, module_losses), period_ns, stop)

@@ -51,7 +51,7 @@ BOARD_REVISION: Final = HEADER_WORDS + 2  # ord("E") or ord("F")
 BOARD_ILLEGAL_OPS: Final = HEADER_WORDS + 3  # operations on offsets of the wrong direction: ignored and counted [A]
 BOARD_SKIPPED: Final = HEADER_WORDS + 4  # periods an emulated board gave up because it was too late to catch up
 BOARD_NOW_NS: Final = HEADER_WORDS + 5  # time of an emulated board's newest sample, shown or not
-BOARD_DROPPED: Final = HEADER_WORDS + 6  # operations that a gateway could not be sure to have handed over
+BOARD_DROPPED: Final = HEADER_WORDS + 6  # operations that may never have acted: gateway without board, damaged lane
 BOARD_LOSSES: Final = HEADER_WORDS + 7  # times a gateway lost the board behind it
 
 # The image: sequence, then time stamp, count and the input words as one seqlocked block.
@@ -61,6 +61,9 @@ IMAGE_T_NS: Final = 0
 IMAGE_COUNT: Final = 1
 IMAGE_INPUTS: Final = 2
 IMAGE_WORDS: Final = IMAGE_INPUTS + N_INPUT_WORDS
+
+# Another fact, behind the image: there was no room with the others.
+BOARD_MODULE_LOSSES: Final = IMAGE_START + IMAGE_WORDS  # times a remote module beside the board was lost
 
 # Lanes: the producer's words (head, where to forget to) and the board's (tail) a cache line apart, then the ring.
 LANE_CAPACITY: Final = 512
@@ -136,10 +139,16 @@ def put_read(operations: Any, n: int, offset: int) -> int:
 
 @lean_kernel
 def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
-    """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full."""
+    """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full.
+
+    A head that somebody has damaged to a negative number begins again where the board is.
+    """
     base = LANES_START + lane * LANE_WORDS
     head = memory[base + _LANE_HEAD]
     tail = load_acquire(memory, base + _LANE_TAIL)
+    if head < 0:
+        head = max(0, tail)
+        memory[BOARD_DROPPED] += 1
     if head + n - tail > LANE_CAPACITY:
         return False
     for i in range(n):
@@ -151,13 +160,27 @@ def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
 
 
 @lean_kernel
+def _done_with(memory: Any, base: Any, head: Any) -> Any:
+    """How far a lane whose head is at `head` is done with: taken by the board, or forgotten by whoever posts."""
+    tail, forget = memory[base + _LANE_TAIL], load_acquire(memory, base + _LANE_FORGET)
+    return forget if tail < forget <= head else tail
+
+
+@lean_kernel
 def _next_operation(memory: Any, base: Any) -> Any:
-    """Position of the oldest operation the board may take, or -1."""
+    """Position of the oldest operation the board may take, or -1.
+
+    A lane that is out of step is taken up again where its head is: somebody damaged it, or a new board owner zeroed the
+    memory under a producer that was just posting. What lay in it counts as one operation that was dropped.
+    """
     head = load_acquire(memory, base + _LANE_HEAD)
-    tail = max(memory[base + _LANE_TAIL], load_acquire(memory, base + _LANE_FORGET))
+    if head < 0:
+        return -1  # whoever posts next puts it right
+    tail = _done_with(memory, base, head)
     if 0 < head - tail <= LANE_CAPACITY:
         return tail
-    # Empty; or, beyond the capacity, a new board owner zeroed the memory under a producer that was just posting.
+    if head != tail:
+        memory[BOARD_DROPPED] += 1
     store_release(memory, base + _LANE_TAIL, head)
     return -1
 
@@ -198,8 +221,8 @@ def _take_lanes(memory: Any, operations: Any) -> int:
 def pending_operations(memory: Any, lane: int) -> int:
     """Operations posted to a lane that the board has not applied yet."""
     base = LANES_START + lane * LANE_WORDS
-    done = max(load_acquire(memory, base + _LANE_TAIL), load_acquire(memory, base + _LANE_FORGET))
-    return max(0, load_acquire(memory, base + _LANE_HEAD) - done)
+    head = load_acquire(memory, base + _LANE_HEAD)
+    return int(max(0, head - _done_with(memory, base, head)))
 
 
 @lean_kernel

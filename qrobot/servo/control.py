@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkTimeout, QRobotError
 from qrobot.faultcodes import FaultCode, explain
+from qrobot.realtime.segment import Segment
 from qrobot.servo.authority import Authority
+from qrobot.servo.board_status import board_status
 from qrobot.servo.control_messages import (
     ANYBODY,
     Calibrate,
@@ -64,6 +66,7 @@ class Controlled(Protocol):
     robot: Robot
     law: Law
     law_name: str
+    board: Segment
 
     @property
     def mailbox(self) -> ServoMailbox:
@@ -141,6 +144,7 @@ class Controls:
             kp=_floats(gains[KP]),
             kv=_floats(gains[KV]),
             inertia=_floats(gains[M0]),
+            board=board_status(servo.board.words, time.monotonic_ns()),
         )
 
     def _text(self, code: int) -> str:

@@ -94,11 +94,30 @@ ANYBODY: Final = (Status, Stop, PowerOff)  # what needs no authority
 _REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Request)
 
 
+class BoardStatus(Message):
+    """The board memory as the servo finds it; all counters since the board's side started.
+
+    Attributes:
+        age_ms: of the newest image; None while there is none.
+        losses: times a gateway lost the board behind it.
+        dropped: operations that may never have acted: posted while the board was away, or in a damaged lane.
+        illegal: operations without meaning, which the board ignored.
+        module_losses: times a remote module beside the board was lost.
+    """
+
+    age_ms: float | None
+    losses: int
+    dropped: int
+    illegal: int
+    module_losses: int
+
+
 class ServoStatus(Message):
     """How a servo is. Vectors have one number a joint, SI units.
 
     Attributes:
         event: newest code worth knowing, 0 for none; `text` explains it, or the fault, to people.
+        board: what became of the way to the board.
         commander: who commands, "" for nobody.
     """
 
@@ -127,6 +146,7 @@ class ServoStatus(Message):
     kp: Annotated[tuple[float, ...], Field(strict=False)]
     kv: Annotated[tuple[float, ...], Field(strict=False)]
     inertia: Annotated[tuple[float, ...], Field(strict=False)]
+    board: BoardStatus
 
 
 class Reply(Message):

@@ -47,7 +47,7 @@ from qrobot.servo.supervisor import (
     watch_surroundings,
 )
 from qrobot.servo.tell import tell
-from qrobot.servo.watch import watch_brakes, watch_motors, watch_timing
+from qrobot.servo.watch import watch_brakes, watch_modules, watch_motors, watch_timing
 
 CALIBRATING: Final = int(Mode.CALIBRATING)
 TRACKING: Final = int(Mode.TRACKING)
@@ -73,6 +73,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     watch_arm(params, state)
     watch_motors(params, state)
     watch_brakes(params, state, now_ns)
+    watch_modules(state)
     obey_requests(params, state, mail, now_ns)
     refer(params, state, mail, now_ns)
     react(params, state, mail, now_ns)

@@ -49,6 +49,7 @@ _CATEGORY: Final[dict[FaultCode, Stop]] = {
     FaultCode.POWER_NO_ACK: Stop.CATEGORY_2,
     FaultCode.RESET_DENIED: Stop.CATEGORY_2,
     FaultCode.SATURATED: Stop.CATEGORY_2,
+    FaultCode.IO_LOST: Stop.CATEGORY_2,
     FaultCode.COLLISION: Stop.CATEGORY_2,
 }
 

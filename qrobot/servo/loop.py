@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.memory import BOARD_REVISION, Lane, fetch_image, post_operations
+from qrobot.hwif.memory import BOARD_MODULE_LOSSES, BOARD_REVISION, Lane, fetch_image, post_operations
 from qrobot.hwif.port.card import CARD_KIND, NO_CARD, serve_card, show_card
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
@@ -18,7 +18,7 @@ from qrobot.servo.cycle import cycle
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, REVISION, ServoState
+from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, MODULE_LOSSES, REVISION, ServoState
 from qrobot.servo.telemetry import append_row
 
 SERVO_LANE: Final = int(Lane.SERVO)
@@ -62,7 +62,7 @@ def wait_until(deadline_ns: int, margin_ns: int) -> int:
 def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
-    state.i[REVISION] = board[BOARD_REVISION]
+    state.i[REVISION], state.i[MODULE_LOSSES] = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     if not post_operations(board, SERVO_LANE, state.ops, n_ops):
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again

@@ -67,9 +67,10 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     READ_NS,  # when encoder words were last taken from an image
     ADOPT,  # what to take over from the next good image
     REVISION,  # of the board, as it says itself
+    MODULE_LOSSES,  # times a remote module beside the board was lost, as its side says
     CALIBRATES_SEEN,
     N_INTEGERS,
-) = range(43)
+) = range(44)
 
 # indexes into `f`
 (

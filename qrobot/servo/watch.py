@@ -1,4 +1,4 @@
-"""Watches over timing, motors and brakes: each cycle gathers what `guard_timing` and `guard_motion` judge."""
+"""Watches over timing, motors, brakes, modules: each cycle gathers what `guard_timing` and `guard_motion` judge."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from qrobot.servo.state import (
     JOINT,
     LAW_FAILED,
     MODE,
+    MODULE_LOSSES,
     NEXT_SEQ,
     STARTED,
     TICK,
@@ -35,6 +36,7 @@ from qrobot.servo.supervisor import raise_code
 from qrobot.servo.watch_state import (
     HEAVY_ROW,
     LATE_ROW,
+    LOSSES_TOLD,
     MISSES_SEEN,
     POINTS,
     SAMPLE_S,
@@ -47,6 +49,7 @@ HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
 ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+IO_LOST: Final = int(FaultCode.IO_LOST)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
 MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
@@ -97,6 +100,15 @@ def _watch_length(params: ServoParameters, state: ServoState) -> None:
     if code != 0:
         warn(state, code, 0)
         watch.i[HEAVY_ROW] = 0
+
+
+@lean_kernel
+def watch_modules(state: ServoState) -> None:
+    """A remote module that is lost while the arm is held or moves is told of: what hangs on its inputs may matter."""
+    watch, losses = state.watch, state.i[MODULE_LOSSES]
+    if losses > watch.i[LOSSES_TOLD] and state.i[MODE] in (HOLDING, TRACKING, STOPPING):
+        warn(state, IO_LOST, 0)
+    watch.i[LOSSES_TOLD] = losses
 
 
 @lean_kernel

@@ -22,9 +22,10 @@ IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint 
     SLOW_ROW,  # cycles in a row that took longer than their period
     HEAVY_ROW,  # cycles in a row that took longer than half of it
     WARNINGS,  # warnings since the servo started
+    LOSSES_TOLD,  # of remote modules, up to the last cycle
     YIELDS,  # 1: the stop going on ends where the arm is, not where its reference is
     N_INTEGERS,
-) = range(8)
+) = range(9)
 
 # indexes into `WatchState.f`
 (

@@ -11,6 +11,7 @@ from qrobot.faultcodes import explain
 from qrobot.hwif.bus import sane_operations
 from qrobot.hwif.gateway import Gateway
 from qrobot.hwif.memory import (
+    BOARD_DROPPED,
     BOARD_ILLEGAL_OPS,
     IMAGE_INPUTS,
     IMAGE_START,
@@ -22,6 +23,7 @@ from qrobot.hwif.memory import (
     OP_WRITE,
     Lane,
     local_board_memory,
+    pending_operations,
     post_operations,
 )
 from qrobot.hwif.registers import DAC, DAC_ZERO, ENC_COUNT, STATUS_POWER, WINDOW_BYTES
@@ -47,6 +49,23 @@ def test_a_board_whose_lanes_are_noise_applies_nothing_and_goes_on_showing_image
     assert bench.board.dac.tolist() == [DAC_ZERO] * len(bench.board.dac)
     assert bench.read(ENC_COUNT + 4) == 77
     assert not bench.status & STATUS_POWER
+
+
+@given(st.sampled_from(Lane), st.integers(-(2**62), -1) | st.integers(LANE_CAPACITY + 2, 2**62))
+@settings(max_examples=30)
+def test_a_lane_whose_head_is_damaged_is_told_and_works_again_from_the_next_tick_on(lane: Lane, head: int) -> None:
+    bench, write = Bench(), rows_of([(OP_WRITE, DAC, 0x123)])
+    assert post_operations(bench.memory, int(lane), rows_of([(OP_WRITE, DAC, DAC_ZERO)]), 1)
+    bench.tick()
+    bench.memory[LANES_START + int(lane) * LANE_WORDS] = head
+    bench.tick(2)
+    assert bench.board.dac[0] == DAC_ZERO
+    assert post_operations(bench.memory, int(lane), write, 1)
+    assert pending_operations(bench.memory, int(lane)) == 1
+    bench.tick()
+    assert bench.board.dac[0] == 0x123
+    assert pending_operations(bench.memory, int(lane)) == 0
+    assert bench.memory[BOARD_DROPPED] == 1
 
 
 @given(st.lists(st.tuples(WILD, WILD, WILD), max_size=20))

@@ -292,3 +292,55 @@ def test_frames_of_a_wrong_length_move_nothing_and_are_told_once(desk: Desk) -> 
     assert told == [WITHOUT_MEANING]
     assert len(desk.sync()) >= len(TPDO)
     assert desk.end.applied == []
+
+
+def lose(frames: list[bytes], at: int) -> list[bytes]:
+    return frames[:at] + frames[at + 1 :]
+
+
+def repeat(frames: list[bytes], at: int) -> list[bytes]:
+    return frames[: at + 1] + frames[at:]
+
+
+def swap(frames: list[bytes], at: int) -> list[bytes]:
+    other = (at + 1) % len(frames)
+    swapped = list(frames)
+    swapped[at], swapped[other] = frames[other], frames[at]
+    return swapped
+
+
+def mix_in(frames: list[bytes], at: int) -> list[bytes]:
+    return frames[:at] + encode_operations(rows_of([(OP_WRITE, DISCRETE, DISCRETE_POWER)])) + frames[at:]
+
+
+@pytest.mark.parametrize("damage", [lose, repeat, swap, mix_in])
+def test_an_operating_node_does_nothing_of_a_list_that_a_wire_has_damaged_and_counts_it(desk: Desk, damage) -> None:
+    random = np.random.default_rng(8)
+    offsets = range(ENC_LOAD, DAC + 2 * N_DACS, 4)  # every write in a frame of its own
+    for k in range(1, 201):
+        size = int(random.integers(2, 12))
+        rows = [(OP_WRITE, int(random.choice(offsets)), int(random.integers(0x10000))) for _ in range(size)]
+        for frame in damage(
+            encode_operations(rows_of(rows)), int(random.integers(len(encode_operations(rows_of(rows)))))
+        ):
+            desk.put(RPDO[0] + NODE, frame)
+        assert len([frame for frame in desk.sync(k) if frame[0] != EMCY + NODE]) == len(TPDO)
+        assert desk.node.torn == k
+    assert desk.end.applied == []
+    assert desk.read(COUNTERS_OBJECT, 2) == 200
+    desk.post((OP_WRITE, DAC, 0x123))
+    desk.sync()
+    assert desk.end.applied == [(OP_WRITE, DAC, 0x123)]
+
+
+def test_an_operating_node_takes_no_noise_for_a_command_and_goes_on(desk: Desk) -> None:
+    random = np.random.default_rng(9)
+    lengths = {0: (0, 1, 3, 8), SYNC: (2, 8), SDO_ASK + NODE: (0, 4, 7)} | {base + NODE: (0, 1, 5, 7) for base in RPDO}
+    for k in range(2_000):
+        can_id = int(random.choice(list(lengths)))
+        desk.put(can_id, random.bytes(int(random.choice(lengths[can_id]))))
+        assert desk.node.meaningless == k + 1
+    assert desk.end.applied == []
+    assert desk.node.state == "OPERATIONAL"
+    assert len([frame for frame in desk.sync() if frame[0] != EMCY + NODE]) == len(TPDO)
+    assert desk.read(COUNTERS_OBJECT, 3) == 2_000

@@ -17,8 +17,20 @@ import pytest
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.memory import (
+    BOARD_DROPPED,
+    BOARD_ILLEGAL_OPS,
+    BOARD_LOSSES,
+    BOARD_MODULE_LOSSES,
+    IMAGE_COUNT,
+    IMAGE_T_NS,
+    local_board_memory,
+    publish_image,
+)
 from qrobot.servo import client as client_module
 from qrobot.servo import control
+from qrobot.servo.board_status import board_status
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
@@ -67,6 +79,10 @@ class Bench:
     def incident(self) -> Incident | None:
         return read_incident(self.bench.state.watch.incident)
 
+    @property
+    def board(self) -> SimpleNamespace:
+        return SimpleNamespace(words=self.bench.board)
+
     def say(self, message: str) -> None:
         self.said.append(message)
 
@@ -101,6 +117,24 @@ def client(servo: Bench) -> Iterator[ServoClient]:
     with ServoClient(servo.arm) as connection:
         yield connection
         connection.power_off()
+
+
+def test_the_status_tells_how_the_board_is_reached(servo: Bench, client: ServoClient) -> None:
+    words = (BOARD_LOSSES, BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_MODULE_LOSSES)
+    for count, word in enumerate(words, 1):
+        servo.bench.board[word] = count
+    board = client.status().board
+    assert (board.losses, board.dropped, board.illegal, board.module_losses) == (1, 2, 3, 4)
+    for word in words:
+        servo.bench.board[word] = 0
+
+
+def test_the_age_of_the_image_is_told_and_that_there_is_none() -> None:
+    memory, image = local_board_memory(), make_image()
+    assert board_status(memory, 5_000_000).age_ms is None
+    image[IMAGE_T_NS], image[IMAGE_COUNT] = 2_000_000, 1
+    publish_image(memory, image)
+    assert board_status(memory, 5_000_000).age_ms == 3.0
 
 
 def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:

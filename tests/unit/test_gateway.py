@@ -8,6 +8,7 @@ from qrobot.hwif.bus import make_image
 from qrobot.hwif.gateway import RETRY_NS, Gateway
 from qrobot.hwif.memory import (
     BOARD_JOINTS,
+    BOARD_MODULE_LOSSES,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
     IMAGE_COUNT,
@@ -83,6 +84,15 @@ def test_a_board_that_is_found_is_made_safe_before_anything_else_and_says_what_i
     assert desk.memory[BOARD_PERIOD_NS] == PERIOD_NS
     assert desk.gateway.dropped == 1
     assert desk.lines == ["board found at the bench: revision F, 6 joints"]
+
+
+def test_losses_of_modules_beside_the_board_stand_in_its_memory_with_the_next_image() -> None:
+    memory, losses = local_board_memory(), [0]
+    gateway = Gateway(DirectBus(BenchEndpoint(Bench())), memory, PERIOD_NS, module_losses=lambda: losses[0])
+    assert gateway.step(1)
+    losses[0] = 2
+    assert gateway.step(2)
+    assert memory[BOARD_MODULE_LOSSES] == 2
 
 
 def test_operations_reach_the_board_lane_by_lane_in_the_order_they_were_posted(desk: Desk) -> None:

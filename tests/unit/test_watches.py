@@ -12,6 +12,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import BOARD_MODULE_LOSSES
 from qrobot.servo.incident import INCIDENT_WORDS, Incident, read_incident
 from qrobot.servo.law import law
 from qrobot.servo.modes import Mode
@@ -130,6 +131,23 @@ def test_a_law_longer_than_half_the_cycle_is_told_of_and_goes_on() -> None:
     bench.tick(30)
     assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.LAW_SLOW)
     assert bench.state.watch.i[WARNINGS] == 10
+
+
+def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
+    bench = tracking()
+    bench.board[BOARD_MODULE_LOSSES] += 1
+    bench.tick()
+    assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.IO_LOST)
+    bench.tick(20)
+    assert bench.state.watch.i[WARNINGS] == 1
+
+
+def test_a_module_lost_before_the_arm_has_power_is_no_answer_to_the_request_for_it() -> None:
+    bench = ServoBench()
+    bench.board[BOARD_MODULE_LOSSES] = 3
+    bench.hold()
+    bench.tick(10)
+    assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.NONE)
 
 
 def test_one_long_cycle_is_the_machines_fault() -> None:

@@ -1,0 +1,33 @@
+"""What the control interface tells of the board: how old its image is, and what went wrong on the way to it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from qrobot.errors import LinkError
+from qrobot.hwif.bus import MemoryEndpoint, make_image
+from qrobot.hwif.memory import BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_LOSSES, BOARD_MODULE_LOSSES, IMAGE_T_NS
+from qrobot.realtime.segment import Words
+from qrobot.servo.control_messages import BoardStatus
+
+NS_PER_MS: Final = 1e6
+
+
+def board_status(memory: Words, now_ns: int) -> BoardStatus:
+    """Read a board memory at `now_ns` of the monotonic clock."""
+    return BoardStatus(
+        age_ms=_maybe_age_ms(memory, now_ns),
+        losses=int(memory[BOARD_LOSSES]),
+        dropped=int(memory[BOARD_DROPPED]),
+        illegal=int(memory[BOARD_ILLEGAL_OPS]),
+        module_losses=int(memory[BOARD_MODULE_LOSSES]),
+    )
+
+
+def _maybe_age_ms(memory: Words, now_ns: int) -> float | None:
+    image = make_image()
+    try:
+        MemoryEndpoint(memory).read_image(image)
+    except LinkError:
+        return None
+    return (now_ns - int(image[IMAGE_T_NS])) / NS_PER_MS if image[IMAGE_T_NS] else None
