@@ -23,6 +23,7 @@ from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import VirtualLink
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import block_of
+from qrobot.realtime.segment import Words
 from qrobot.servo.law_trial import prove_finite
 from qrobot.servo.laws import law_label
 from qrobot.servo.loop import one_cycle
@@ -80,6 +81,7 @@ class LockstepRig:
         settings: rate and law of the servo. Its period must be a multiple of the plant's.
         emulator: board and plant; default the robot's nominal one at its start pose.
         keep_telemetry: collect every row in `rows()`.
+        board: board memory; default one of this process.
 
     Attributes:
         now_ns: virtual time.
@@ -91,7 +93,12 @@ class LockstepRig:
     """
 
     def __init__(
-        self, robot: Robot, settings: ServoSettings, emulator: Emulator | None = None, keep_telemetry: bool = True
+        self,
+        robot: Robot,
+        settings: ServoSettings,
+        emulator: Emulator | None = None,
+        keep_telemetry: bool = True,
+        board: Words | None = None,
     ) -> None:
         self.robot = robot
         self.settings = settings
@@ -106,7 +113,7 @@ class LockstepRig:
         prove_finite(self.law, settings.law, robot)
         self.state = make_state(self.params, self.law)
         self.mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
-        self.board = local_board_memory()
+        self.board = local_board_memory() if board is None else board
         self.mailbox = ServoMailbox(self.mail)
         self.now_ns = START_NS
         self.realtime_factor = 0.0
@@ -128,9 +135,13 @@ class LockstepRig:
         while n > 0:
             chunk = min(n, RING_ROWS // 2)
             self.now_ns = run_blocks(*self._blocks, self.now_ns, chunk, self.substeps)
-            if self._kept is not None:
-                self._kept.append(self._reader.read())
+            self.keep()
             n -= chunk
+
+    def keep(self) -> None:
+        """Take the newest telemetry out of the ring, which is short."""
+        if self._kept is not None:
+            self._kept.append(self._reader.read())
 
     def run_for(self, seconds: float) -> None:
         """Advance by `seconds` of virtual time, rounded to whole cycles."""

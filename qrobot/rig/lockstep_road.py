@@ -55,5 +55,4 @@ class RoadRig(LockstepRig):
             run_blocks(*self._blocks, self.now_ns, 1, 0)
             self.gateway.step(self.now_ns)
             self.now_ns += self.period_ns
-            if self._kept is not None:
-                self._kept.append(self._reader.read())
+            self.keep()

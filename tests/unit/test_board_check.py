@@ -12,6 +12,7 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkLost
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE, PANEL_ESTOP, PANEL_PUSH
+from qrobot.hwif.port.fake import FakeCard, FakeCardBus
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -30,7 +31,6 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from qrobot.sim_board.stepping import SteppingEndpoint
 from tests.support.bus import DirectBus
-from tests.support.fake_card import FakeCard, FakeCardBus
 
 ROBOT = load_robot("puma560")
 EVERYTHING = Leave(power=True)

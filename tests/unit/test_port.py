@@ -44,6 +44,7 @@ from qrobot.hwif.port.card import (
     serve_card,
     show_card,
 )
+from qrobot.hwif.port.fake import Access, FakeCard, FakeCardBus
 from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import LAST_SINGLE_PORT, allow_ports, require_ports
 from qrobot.hwif.registers import (
@@ -78,7 +79,6 @@ from qrobot.servo.state import make_state
 from qrobot.servo.telemetry import SMALLEST_RING
 from tests.support.bench import Bench, post, read_word
 from tests.support.bus import BenchEndpoint
-from tests.support.fake_card import Access, FakeCard, FakeCardBus
 
 CHANNEL = 6
 IMAGE_READS = [*range(ENC_INDEX, ENC_INDEX + 12, 2), STATUS, *range(ENC_COUNT, ENC_COUNT + 12, 2), ADC_VALUE]

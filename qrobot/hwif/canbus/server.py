@@ -11,7 +11,7 @@ import can
 from qrobot.errors import ConfigError
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.interface import open_interface
-from qrobot.hwif.canbus.node import BoardNode, run_node
+from qrobot.hwif.canbus.node import WATCHDOG_MS, BoardNode, run_node
 
 
 def split_address(address: str) -> tuple[str, str, int]:
@@ -24,7 +24,9 @@ def split_address(address: str) -> tuple[str, str, int]:
 
 
 @contextmanager
-def can_server(address: str, endpoint: Endpoint, report: Callable[[str], None]) -> Iterator[BoardNode]:
+def can_server(
+    address: str, endpoint: Endpoint, report: Callable[[str], None], watchdog_ms: float = WATCHDOG_MS
+) -> Iterator[BoardNode]:
     """Serve `endpoint` as a node while the block runs.
 
     Raises:
@@ -35,7 +37,7 @@ def can_server(address: str, endpoint: Endpoint, report: Callable[[str], None]) 
     bus = open_interface(interface, channel)
     stop = threading.Event()
     try:
-        node = BoardNode(bus, endpoint, node_id, report=report)
+        node = BoardNode(bus, endpoint, node_id, watchdog_ms, report)
         thread = threading.Thread(target=_serve, args=(node, stop, report), name=f"can-node-{node_id}", daemon=True)
         thread.start()
         try:

@@ -1,10 +1,12 @@
-"""A card that is not there: the port layer's own fake, answered by a board on the bench in lock-step."""
+"""A card that is not there: the port layer's own fake (card.py), answered by any endpoint in lock-step."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import Endpoint, make_image
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_READ, OP_WRITE
+from qrobot.hwif.memory import IMAGE_INPUTS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.port.bus import PortBus
 from qrobot.hwif.port.card import (
     CARD_READ_ONLY,
@@ -17,13 +19,16 @@ from qrobot.hwif.port.card import (
     make_card,
 )
 from qrobot.hwif.registers import ADC_START, N_INPUT_WORDS
-from tests.support.bus import rows_of
 
 Access = tuple[int, int, int, int]  # OP_READ or OP_WRITE, offset, bits, value
 
 
 class FakeCard:
     """A window and a record in front of an endpoint.
+
+    Args:
+        end: the board; it moves on at each `settle`.
+        read_only: nothing is written.
 
     Attributes:
         words: the card, for compiled code.
@@ -39,9 +44,9 @@ class FakeCard:
         self._show()
 
     def taken(self) -> list[Access]:
-        """Every access since the last call."""
+        """Every access since the last call, of those the newest RECORD_CAPACITY."""
         head = int(self.words[FAKE_HEAD])
-        assert head - self._seen <= RECORD_CAPACITY
+        self._seen = max(self._seen, head - RECORD_CAPACITY)
         slots = [FAKE_RECORD + i % RECORD_CAPACITY * RECORD_FIELDS for i in range(self._seen, head)]
         self._seen = head
         return [tuple(int(word) for word in self.words[slot : slot + RECORD_FIELDS]) for slot in slots]  # type: ignore[misc]
@@ -51,9 +56,8 @@ class FakeCard:
         accesses = self.taken()
         acting = [a for a in accesses if a[0] == OP_WRITE or a[1] == ADC_START]
         if not self.pulled:
-            self.end.apply(
-                rows_of((kind, offset, 0 if kind == OP_READ else value) for kind, offset, _, value in acting)
-            )
+            rows = [(kind, offset, 0 if kind == OP_READ else value) for kind, offset, _, value in acting]
+            self.end.apply(np.array(rows, np.int64).reshape(-1, OP_FIELDS))
         self._show()
         return accesses
 
@@ -75,6 +79,7 @@ class FakeCardBus(PortBus):
         self.fake = fake
 
     def settle(self) -> None:
+        """What was written reaches the board, and what it says stands in the window."""
         try:
             self.fake.settle()
         except LinkError:  # the board is gone: an empty bus
