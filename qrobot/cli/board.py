@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -14,6 +16,9 @@ from qrobot.cli.console import note
 from qrobot.config.deployment import Arm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.realtime.segment import Words
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -71,7 +76,7 @@ def board(
     if record is not None:
         raise ConfigError(f"--record: the emulated board of {chosen.name} is behind no road; its log has every cycle")
     from qrobot.hwif.bus import MemoryEndpoint
-    from qrobot.hwif.roads import servers
+    from qrobot.hwif.roads import modules_beside, servers
     from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
     from qrobot.sim_board.server import serve as serve_emulator
@@ -80,11 +85,17 @@ def board(
     plan = FaultPlan.load(faults) if faults else FaultPlan()
     plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)
     emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
+
+    @contextmanager
+    def beside(memory: Words) -> Iterator[None]:
+        with modules_beside(chosen.board, memory, note), servers(serve, MemoryEndpoint(memory), note):
+            yield
+
     serve_emulator(
         chosen.name,
         emulator,
         lambda: note(f"board of {chosen.name} ({robot.name}) runs"),
-        lambda memory: servers(serve, MemoryEndpoint(memory), note),
+        beside,
     )
 
 
@@ -106,11 +117,11 @@ def run_gateway(arm: Arm, record: Path | None = None) -> None:
         note(f"{arm.name}: {line}")
 
     await_turn()
-    bus, period_ns = open_road(arm.board, report)
+    bus, period_ns, module_losses = open_road(arm.board, report)
     if record is None:
-        serve(arm.name, bus, period_ns, report)
+        serve(arm.name, bus, period_ns, report, module_losses)
         return
     with Recorder(bus, record) as recorder:
-        serve(arm.name, recorder, period_ns, report)
+        serve(arm.name, recorder, period_ns, report, module_losses)
     if recorder.problem:
         report(f"{record} is not complete: {recorder.problem}")

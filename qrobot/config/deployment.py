@@ -82,12 +82,16 @@ class BoardChoice(Table):
         return self
 
     @model_validator(mode="after")
-    def _has_a_gateway_for_its_modules(self) -> BoardChoice:
+    def _has_a_place_for_its_modules(self) -> BoardChoice:
         inputs = [each.input for module in self.io for each in module.inputs]
         if twice := [each for each in inputs if inputs.count(each) > 1]:
             raise ValueError(f"two remote inputs stand for the same input {twice[0]}")
-        if self.io and not self.period_ms:
-            raise ValueError(f"modules need a board behind a gateway, and kind = {self.kind!r} has none")
+        channels = [each.channel for module in self.io for each in module.analog]
+        channels += [each.channel for each in self.can_sensor.signals] if self.can_sensor else []
+        if twice := [each for each in channels if channels.count(each) > 1]:
+            raise ValueError(f"two remote analogue inputs stand for the same channel {twice[0]}")
+        if self.io and self.kind == "port":
+            raise ValueError("modules need an emulated board or one behind a gateway, and kind = 'port' has none")
         return self
 
     @property

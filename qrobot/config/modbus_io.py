@@ -1,4 +1,4 @@
-"""Modbus modules beside a board: remote inputs and a gripper."""
+"""Modbus modules beside a board: remote inputs, discrete and analogue, and a gripper."""
 
 from __future__ import annotations
 
@@ -22,6 +22,18 @@ class RemoteInput(Table):
     safe: bool = False
 
 
+class RemoteAnalog(Table):
+    """An analogue input of the module that stands for a channel of the board's converter: a signed input register.
+
+    The servo sees its number x `volt_per_count` - `zero_v`, within 10 V. While the module is silent it has no value.
+    """
+
+    address: int = Field(ge=0, le=65535)
+    channel: int = Field(ge=0, le=7)
+    volt_per_count: float = Field(allow_inf_nan=False)
+    zero_v: float = Field(default=0.0, allow_inf_nan=False)
+
+
 class RemoteGripper(Table):
     """A gripper that follows the hand of the arm: registers from `address` on get the words of what the hand does."""
 
@@ -32,9 +44,9 @@ class RemoteGripper(Table):
 
 
 class ModbusIo(Table):
-    """A Modbus TCP module beside a board that is behind a gateway, asked every `period_ms` at its own pace.
+    """A Modbus TCP module beside an emulated board or one behind a gateway, asked every `period_ms` at its own pace.
 
-    What is older than `timeout_ms` is not believed: inputs then read as `safe`.
+    What is older than `timeout_ms` is not believed: inputs then read as `safe`, and analogue ones have no value.
     """
 
     host: str
@@ -43,10 +55,11 @@ class ModbusIo(Table):
     period_ms: float = Field(default=20.0, ge=1, le=1000, allow_inf_nan=False)
     timeout_ms: float = Field(default=100.0, ge=1, le=10_000, allow_inf_nan=False)
     inputs: tuple[RemoteInput, ...] = Field(default=(), strict=False)
+    analog: tuple[RemoteAnalog, ...] = Field(default=(), strict=False)
     gripper: RemoteGripper | None = None
 
     @model_validator(mode="after")
     def _does_something(self) -> ModbusIo:
-        if not self.inputs and self.gripper is None:
+        if not self.inputs and not self.analog and self.gripper is None:
             raise ValueError("a module without inputs and without a gripper does nothing")
         return self

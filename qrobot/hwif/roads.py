@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from typing import Final
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from qrobot.config.deployment import BoardChoice
 from qrobot.errors import ConfigError
 from qrobot.hwif.bus import Bus, Endpoint
 from qrobot.hwif.modbus.library import require_pymodbus
+from qrobot.realtime.segment import Words
+
+if TYPE_CHECKING:
+    from qrobot.hwif.modbus.io import RemoteModule
 
 Report = Callable[[str], None]
 NS_PER_MS: Final = 1_000_000
 
 
-def open_road(board: BoardChoice, report: Report = lambda _line: None) -> tuple[Bus, int]:
-    """The near end of the road to `board`, not connected yet, and the time between two exchanges, ns.
+class Road(NamedTuple):
+    """The near end of a road, not connected yet; the time between two exchanges; and how often modules were lost."""
+
+    bus: Bus
+    period_ns: int
+    module_losses: Callable[[], int]
+
+
+def open_road(board: BoardChoice, report: Report = lambda _line: None) -> Road:
+    """The road to `board`, with whatever stands beside it.
 
     `report` takes a line when a module beside the board is found or lost.
 
@@ -24,16 +36,36 @@ def open_road(board: BoardChoice, report: Report = lambda _line: None) -> tuple[
         ConfigError: this board is not reached by a gateway, or what the road is made of is not installed.
     """
     bus = _bus_of(board)
+    modules = _modules(board, report)
     if board.can_sensor is not None:
         from qrobot.hwif.canbus.sensor import with_sensor
 
         bus = with_sensor(bus, board.can_sensor)
-    if board.io:
-        require_pymodbus()
-        from qrobot.hwif.modbus.io import IoBus, RemoteModule
+    if modules:
+        from qrobot.hwif.modbus.io import IoBus
 
-        bus = IoBus(bus, [RemoteModule(module, report) for module in board.io])
-    return bus, round(board.period_ms * NS_PER_MS)
+        bus = IoBus(bus, modules)
+    return Road(bus, round(board.period_ms * NS_PER_MS), lambda: sum(module.losses for module in modules))
+
+
+def _modules(board: BoardChoice, report: Report) -> list[RemoteModule]:
+    """The remote modules beside a board. Raises ConfigError when pymodbus is not installed and there are some."""
+    if not board.io:
+        return []
+    require_pymodbus()
+    from qrobot.hwif.modbus.io import RemoteModule
+
+    return [RemoteModule(module, report) for module in board.io]
+
+
+def modules_beside(board: BoardChoice, memory: Words, report: Report) -> AbstractContextManager[object]:
+    """The remote modules of an emulated board work its panel while the block runs. Raises ConfigError as above."""
+    modules = _modules(board, report)
+    if not modules:
+        return nullcontext()
+    from qrobot.hwif.modbus.panel import panel_modules
+
+    return panel_modules(memory, modules)
 
 
 def _bus_of(board: BoardChoice) -> Bus:

@@ -12,13 +12,35 @@ import pytest
 
 from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.bus import make_image
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
+from qrobot.hwif.converter import adc_word
+from qrobot.hwif.memory import (
+    BOARD_MODULE_LOSSES,
+    IMAGE_INPUTS,
+    OP_WRITE,
+    PANEL_ANALOG,
+    PANEL_INPUTS,
+    local_board_memory,
+    trace_write,
+)
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.io import NS_PER_MS, IoBus, RemoteModule
+from qrobot.hwif.modbus.panel import PanelModules
 from qrobot.hwif.modbus.server import ModbusServer
-from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS, STATUS_POWER
+from qrobot.hwif.registers import (
+    ADC_F_CHANNEL_SHIFT,
+    ADC_MUX,
+    ADC_VALUE,
+    DAC,
+    DISCRETE,
+    DISCRETE_HAND_CLOSE,
+    DISCRETE_HAND_OPEN,
+    ENC_COUNT,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_POWER,
+)
 from qrobot.hwif.roads import open_road
 from tests.support.bus import DirectBus
 from tests.support.paper_board import PaperBoard
@@ -59,6 +81,7 @@ def table() -> Iterator[Table]:
             {
                 "host": "127.0.0.1", "port": server.address[1], "period_ms": 1.0, "timeout_ms": 500.0,
                 "inputs": [{"address": 15, "input": 2}, {"address": 0, "input": 4, "safe": True}],
+                "analog": [{"address": ENC_COUNT // 2, "channel": 6, "volt_per_count": 0.001, "zero_v": 0.5}],
                 "gripper": {"address": GRIPPER, "open": [1, 2], "close": [3, 4]},
             }
         )  # fmt: skip
@@ -82,6 +105,68 @@ def test_what_is_old_or_was_never_seen_reads_as_safe(table: Table) -> None:
     table.board.status = 1 << 15
     table.module.poll()
     assert table.module.bits(time.monotonic_ns() + 501 * NS_PER_MS) == 0b10000
+
+
+def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_it_is_old(table: Table) -> None:
+    assert table.module.maybe_volt(6, time.monotonic_ns()) is None
+    table.board.inputs[ENC_COUNT // 2] = 0x10000 - 1500
+    table.module.poll()
+    now_ns = time.monotonic_ns()
+    assert table.module.maybe_volt(6, now_ns) == pytest.approx(-2.0)
+    assert table.module.maybe_volt(6, now_ns + 501 * NS_PER_MS) is None
+    assert table.module.maybe_volt(5, now_ns) is None
+
+
+def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) -> None:
+    main = PaperBoard()
+    bus, image = IoBus(DirectBus(main), [table.module]), make_image()
+    table.board.inputs[ENC_COUNT // 2] = 3000
+    table.module.poll()
+    ours, boards = ((OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT) for channel in (6, 5))
+    bus.exchange(np.array([ours], np.int64), image)
+    assert main.applied == []
+    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == adc_word(2.5)
+    assert not image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+    bus.exchange(np.array([boards], np.int64), image)
+    assert main.applied == [boards]
+    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == 0
+
+
+def test_a_remote_channel_without_a_value_is_never_converted(table: Table) -> None:
+    bus, image = IoBus(DirectBus(PaperBoard()), [table.module]), make_image()
+    bus.exchange(np.array([(OP_WRITE, ADC_MUX, 6 << ADC_F_CHANNEL_SHIFT)], np.int64), image)
+    assert image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+
+
+def test_a_board_of_revision_e_takes_no_remote_channels(table: Table) -> None:
+    with pytest.raises(LinkError, match="board of revision F"):
+        IoBus(DirectBus(PaperBoard("E")), [table.module]).connect()
+
+
+@pytest.mark.parametrize(("volt", "word"), [(0.0, 0), (10.0, 0x7FF0), (-10.0, 0x8000), (99.0, 0x7FF0), (5.0, 0x4000)])
+def test_volts_become_twelve_bits_within_ten_volts(volt: float, word: int) -> None:
+    assert adc_word(volt) == word
+
+
+def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follows_the_hand(table: Table) -> None:
+    memory = local_board_memory()
+    memory[PANEL_INPUTS] = 0b00010  # somebody else's
+    panel = PanelModules(memory, [table.module])
+    table.board.status, table.board.inputs[ENC_COUNT // 2] = 1 << 15, 3000
+    for t_ns, (offset, value) in enumerate([(DISCRETE, OPEN), (DISCRETE, CLOSE), (DAC, 7)]):
+        trace_write(memory, t_ns, 0, offset, value)
+    table.module.poll()
+    panel.step(time.monotonic_ns())
+    assert memory[PANEL_INPUTS] == 0b00110
+    assert memory[PANEL_ANALOG + 6] == 2_500_000
+    table.module.poll()
+    assert table.words() == [3, 4]
+    table.board.gone = True
+    table.module.poll()
+    panel.step(time.monotonic_ns() + 501 * NS_PER_MS)
+    assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
+    assert memory[PANEL_ANALOG + 6] == 0
+    assert memory[BOARD_MODULE_LOSSES] == 1
 
 
 def test_a_gripper_gets_each_command_once_and_again_after_it_was_away(table: Table) -> None:
@@ -122,7 +207,8 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
 @pytest.mark.parametrize(
     ("board", "says"),
     [
-        (IO, r"modules need a board behind a gateway, and kind = 'emulator' has none"),
+        ('kind = "port"\nport = {}\n' + IO, r"an emulated board or one behind a gateway, and kind = 'port' has none"),
+        (TWICE.replace("inputs", "analog").replace("input =", "volt_per_count = 1, channel ="), "the same channel 1"),
         ('kind = "modbus"\nmodbus = {}\n' + TWICE, "two remote inputs stand for the same input 1"),
         ('kind = "modbus"\nmodbus = {}\n[[arm.board.io]]\nhost = "x"\n', "does nothing"),
     ],
@@ -140,5 +226,5 @@ def test_a_module_in_a_deployment_file_stands_before_the_road_to_its_board(tmp_p
         FILE + 'kind = "modbus"\nmodbus = {}\n' + IO.replace("address = 9, input = 1", "address = 9, input = 2")
     )
     [arm] = load_deployment(path).arm
-    bus, _ = open_road(arm.board)
+    bus = open_road(arm.board).bus
     assert isinstance(bus, IoBus)

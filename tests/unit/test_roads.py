@@ -39,7 +39,7 @@ def load(tmp_path: Path, text: str) -> Deployment:
 
 def test_a_board_on_can_is_reached_by_a_bus_at_its_own_pace(tmp_path: Path) -> None:
     [arm] = load(tmp_path, CAN).arm
-    bus, period_ns = open_road(arm.board)
+    bus, period_ns, _ = open_road(arm.board)
     assert isinstance(bus, CanBus)
     assert (bus.name, period_ns) == ("CAN virtual:x, node 7", 4_000_000)
 
@@ -70,7 +70,7 @@ signals = [{ channel = 6, id = 0x1B0, volt_per_count = 0.001 }]
 
 def test_a_sensor_on_can_stands_before_the_road_to_a_board(tmp_path: Path) -> None:
     [arm] = load(tmp_path, CAN + SENSOR).arm
-    bus, _ = open_road(arm.board)
+    bus = open_road(arm.board).bus
     assert isinstance(bus, SensorBus)
     assert bus.name == "CAN virtual:x, node 7 with a sensor on CAN virtual:y"
 
@@ -83,7 +83,7 @@ def test_a_sensor_on_can_needs_a_gateway(tmp_path: Path) -> None:
 
 def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:
     [arm] = load(tmp_path, DRIVES).arm
-    bus, period_ns = open_road(arm.board)
+    bus, period_ns, _ = open_road(arm.board)
     assert isinstance(bus, DrivesBus)
     assert (bus.name, period_ns) == ("CAN virtual:x, 6 drives", 2_000_000)
 

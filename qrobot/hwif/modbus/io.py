@@ -1,19 +1,22 @@
-"""Modbus modules beside a board: remote inputs in its STATUS word, a gripper that follows its hand.
+"""Modbus modules beside a board: inputs in its STATUS word, channels of its converter, a gripper that follows its hand.
 
 `IoBus` stands before the bus to the board, so servo and programs see inputs and a hand as ever. Each module is asked by
-a thread of its own at its own pace; an exchange with the board never waits for one.
+a thread of its own at its own pace; an exchange with the board never waits for one. Beside an emulated board the panel
+takes the place of the bus (panel.py).
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations
+from qrobot.hwif.converter import RemoteChannels, adc_word
 from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.modbus.client import ModbusLine
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
@@ -21,7 +24,17 @@ from qrobot.realtime.segment import Words
 
 NS_PER_MS: Final = 1_000_000
 MS_PER_S: Final = 1000.0
+SIGN: Final = 0x8000  # of a register
 Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a module said last: bits in their places of STATUS, voltage by converter channel, and when."""
+
+    bits: int
+    volts: Mapping[int, float]
+    t_ns: int
 
 
 class RemoteModule:
@@ -32,7 +45,7 @@ class RemoteModule:
         report: takes a line when it is found or lost.
 
     Attributes:
-        mask: bits of STATUS that are its own.
+        mask: bits of STATUS that are its own. channels: of the converter, likewise.
         losses: times it has been lost.
     """
 
@@ -40,9 +53,10 @@ class RemoteModule:
         self._choice, self._report = choice, report
         self._line = ModbusLine(choice.host, choice.port, choice.device_id, choice.timeout_ms / MS_PER_S)
         self.mask = sum(1 << each.input for each in choice.inputs)
+        self.channels = frozenset(each.channel for each in choice.analog)
         self.losses = 0
         self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
-        self._seen = (self._safe, 0)  # bits, time: one object, so that readers never mix two of them
+        self._seen = Seen(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
         self._wanted: Sequence[int] | None = None
         self._written: Sequence[int] | None = None
         self._here = False
@@ -60,8 +74,16 @@ class RemoteModule:
 
     def bits(self, now_ns: int) -> int:
         """Its inputs in their places of STATUS; the safe ones when what was seen is too old."""
-        bits, t_ns = self._seen
-        return bits if now_ns - t_ns <= self._choice.timeout_ms * NS_PER_MS else self._safe
+        seen = self._seen
+        return seen.bits if self._may_be_believed(seen, now_ns) else self._safe
+
+    def maybe_volt(self, channel: int, now_ns: int) -> float | None:
+        """Voltage at a converter channel of its own; None when what was seen is too old, or nothing was."""
+        seen = self._seen
+        return seen.volts.get(channel) if self._may_be_believed(seen, now_ns) else None
+
+    def _may_be_believed(self, seen: Seen, now_ns: int) -> bool:
+        return now_ns - seen.t_ns <= self._choice.timeout_ms * NS_PER_MS
 
     def poll(self) -> None:
         """Ask it once, and pass on what the hand does; a module that is away is told once and tried again."""
@@ -69,7 +91,7 @@ class RemoteModule:
             if not self._here:
                 self._line.connect()
                 self._written = None
-            self._seen = self._read(), time.monotonic_ns()
+            self._seen = Seen(self._read(), self._measure(), time.monotonic_ns())
             self._write()
         except (LinkError, ProtocolError) as error:
             self._lose(error)
@@ -97,6 +119,14 @@ class RemoteModule:
             bits |= bool(answer.bits[0]) << each.input
         return bits
 
+    def _measure(self) -> dict[int, float]:
+        volts = {}
+        for each in self._choice.analog:
+            answer = self._line.ask(self._line.client.read_input_registers, address=each.address, count=1)
+            number = (answer.registers[0] ^ SIGN) - SIGN
+            volts[each.channel] = number * each.volt_per_count - each.zero_v
+        return volts
+
     def _write(self) -> None:
         gripper, wanted = self._choice.gripper, self._wanted
         if gripper is None or wanted is None or wanted == self._written:
@@ -122,13 +152,22 @@ class IoBus:
     def __init__(self, bus: Bus, modules: Sequence[RemoteModule]) -> None:
         self.name = bus.name
         self._bus, self._modules = bus, modules
+        self._channels = RemoteChannels(set().union(*(each.channels for each in modules)), self._maybe_word)
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
 
     def connect(self) -> BoardFacts:
-        """As that of the board's bus; the modules come when they come."""
+        """As that of the board's bus; the modules come when they come.
+
+        Raises LinkError also for a board of revision E with analogue inputs beside it: its converter has no sign.
+        """
         self._end_threads()
         facts = self._bus.connect()
+        if facts.revision != "F" and any(each.channels for each in self._modules):
+            raise LinkError(
+                "remote analogue inputs need a board of revision F: that of E converts 0 to 5 V with 8 bits"
+            )
+        self._channels.forget()
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=each.run, args=(self._stop,), daemon=True) for each in self._modules]
         for thread in self._threads:
@@ -137,7 +176,7 @@ class IoBus:
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`."""
-        self._bus.exchange(operations, image)
+        self._bus.exchange(self._channels.for_board(operations), image)
         for kind, offset, value in operations.tolist():
             if (kind, offset) == (OP_WRITE, DISCRETE):
                 for module in self._modules:
@@ -145,6 +184,13 @@ class IoBus:
         status, now_ns = IMAGE_INPUTS + STATUS // 2, time.monotonic_ns()
         for module in self._modules:
             image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)
+        self._channels.answer(image, now_ns)
+
+    def _maybe_word(self, channel: int, now_ns: int) -> int | None:
+        """ADC_VALUE word of a channel of the one module that has it."""
+        volts = (each.maybe_volt(channel, now_ns) for each in self._modules if channel in each.channels)
+        volt = next(volts, None)
+        return None if volt is None else adc_word(volt)
 
     def close(self) -> None:
         """Let go of all."""

@@ -1,0 +1,84 @@
+"""Modbus modules beside an emulated board: they work its operator's panel as the wires of a real one would."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from time import monotonic_ns
+from typing import Final
+
+import numpy as np
+
+from qrobot.hwif.memory import (
+    BOARD_MODULE_LOSSES,
+    PANEL_ANALOG,
+    PANEL_INPUTS,
+    PANEL_MICRO,
+    TRACE_CAPACITY,
+    TRACE_FIELDS,
+    TRACE_START,
+    load_head,
+)
+from qrobot.hwif.modbus.io import RemoteModule
+from qrobot.hwif.registers import DISCRETE
+from qrobot.realtime.segment import Words
+
+STEP_S: Final = 0.005
+_OFFSET, _VALUE = 2, 3  # of a row of the trace
+
+
+class PanelModules:
+    """Carries what modules see to the panel of a board memory, and what its hand does to the modules.
+
+    An analogue input without a value reads 0 V: the emulated converter always converts.
+
+    Args:
+        memory: of an emulated board.
+        modules: each with inputs of its own.
+    """
+
+    def __init__(self, memory: Words, modules: Sequence[RemoteModule]) -> None:
+        self._memory, self._modules = memory, modules
+        self._followed = 0
+
+    def step(self, now_ns: int) -> None:
+        """Pass on what is new at `now_ns`."""
+        memory = self._memory
+        for module in self._modules:
+            memory[PANEL_INPUTS] = int(memory[PANEL_INPUTS]) & ~module.mask | module.bits(now_ns)
+            for channel in module.channels:
+                memory[PANEL_ANALOG + channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)
+        memory[BOARD_MODULE_LOSSES] = sum(module.losses for module in self._modules)
+        self._follow_hand()
+
+    def _follow_hand(self) -> None:
+        """Tell the modules of the newest write to DISCRETE, if there is a new one."""
+        head, memory = int(load_head(self._memory)), self._memory
+        ring = memory[TRACE_START : TRACE_START + TRACE_CAPACITY * TRACE_FIELDS].reshape(-1, TRACE_FIELDS)
+        rows = ring[np.arange(max(self._followed, head - TRACE_CAPACITY), head) % TRACE_CAPACITY]
+        self._followed = head
+        for value in rows[rows[:, _OFFSET] == DISCRETE][-1:, _VALUE]:
+            for module in self._modules:
+                module.command(int(value))
+
+    def run(self, stop: threading.Event) -> None:
+        """Step until `stop` is set."""
+        while not stop.wait(STEP_S):
+            self.step(monotonic_ns())
+
+
+@contextmanager
+def panel_modules(memory: Words, modules: Sequence[RemoteModule]) -> Iterator[None]:
+    """Let the modules work the panel while the block runs."""
+    stop = threading.Event()
+    work = [PanelModules(memory, modules).run, *(module.run for module in modules)]
+    threads = [threading.Thread(target=each, args=(stop,), daemon=True) for each in work]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
