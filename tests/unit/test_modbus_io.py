@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ from qrobot.hwif.registers import (
     STATUS_ADC_BUSY,
     STATUS_POWER,
 )
-from qrobot.hwif.roads import open_road
+from qrobot.hwif.roads import modules_beside, open_road
 from tests.support.bus import DirectBus
 from tests.support.paper_board import PaperBoard
 
@@ -167,6 +168,31 @@ def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follo
     assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
     assert memory[PANEL_ANALOG + 6] == 0
     assert memory[BOARD_MODULE_LOSSES] == 1
+
+
+def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until_it_ends(tmp_path: Path) -> None:
+    board, lines, memory = PaperBoard(), list[str](), local_board_memory()
+    board.status = 1
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
+        path = tmp_path / "here.toml"
+        module = f'[[arm.board.io]]\nhost = "127.0.0.1"\nport = {server.address[1]}\n'
+        path.write_text(FILE + module + "inputs = [{ address = 0, input = 3 }]\n")
+        [arm] = load_deployment(path).arm
+        with modules_beside(arm.board, memory, lines.append):
+            deadline = time.monotonic() + PATIENCE_S
+            while memory[PANEL_INPUTS] != 0b01000:
+                assert time.monotonic() < deadline, lines
+                time.sleep(0.002)
+    assert [line.split()[-1] for line in lines] == ["found"]
+
+
+def test_without_modules_nothing_is_beside_a_board(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(FILE)
+    [arm] = load_deployment(path).arm
+    before = threading.active_count()
+    with modules_beside(arm.board, local_board_memory(), print):
+        assert threading.active_count() == before
 
 
 def test_a_gripper_gets_each_command_once_and_again_after_it_was_away(table: Table) -> None:
