@@ -48,7 +48,7 @@ def replay(
         Move to the first setpoint before, if the arm stands elsewhere.
     """
     from qrobot.motion import motion_limits
-    from qrobot.rccl.channel import open_channel
+    from qrobot.rccl.opening import open_channel
     from qrobot.rccl.position import Position
     from qrobot.rccl.setpoints import read_setpoints
 

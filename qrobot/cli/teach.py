@@ -42,9 +42,9 @@ def teach(
     arm
         Which arm of the file; may be left out when there is only one.
     """
-    from qrobot.rccl.channel import open_channel
     from qrobot.rccl.database import DataBase
     from qrobot.rccl.offline import OfflineLink
+    from qrobot.rccl.opening import open_channel
     from qrobot.rccl.teach import Teacher
     from qrobot.rci import LinkFactory, TcpLink
 

@@ -1,7 +1,7 @@
 """A program's hold of one arm: the calls of RCCL 1.0 as methods.
 
 Units are those of the papers: degrees (mm on a sliding joint) and milliseconds. Nothing here waits except `control`,
-`release`, `waitfor` and `waitas`.
+`release`, `sample`, `waitfor` and `waitas`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.config import Robot, load_robot
+from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
-from qrobot.model.arm import Arm
-from qrobot.motion import Blend, Exerted, Trsf, motion_limits, reach_of, warm_up, warm_up_cartesian, warm_up_force
+from qrobot.motion import Exerted, Trsf
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
 from qrobot.rccl.hold import Hold
@@ -33,10 +32,10 @@ from qrobot.rccl.parameters import (
 from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
-from qrobot.rccl.trace import Trace
-from qrobot.rci import Chg, Link, LinkFactory, hello_for
+from qrobot.rccl.trace import Trace, add_trace
+from qrobot.rci import Chg, Link
 from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
-from qrobot.wire import RobotState, Welcome
+from qrobot.wire import RobotState
 from qrobot.wire.vocabulary import Hand
 
 YES: Final = 1
@@ -201,7 +200,7 @@ class Channel:
         period_us = sample_period_us("sample", ms)
         if period_us != round(self._task.period_s * 1e6):
             self.waitfor(self.completed)
-            self._hold.change_period(period_us, _new_trace(self.robot, period_us, self._traces))
+            self._hold.change_period(period_us, add_trace(self._traces, self.robot, period_us))
 
     def setime(self, ta: float, ts: float) -> None:
         """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
@@ -393,49 +392,3 @@ class Channel:
     def _set_hand(self, hand: Hand) -> None:
         with self._hold.task():
             self._task.chg.hand = hand
-
-
-def open_channel(
-    factory: LinkFactory,
-    robot: str,
-    period_ms: float | None = None,
-    clear_fault: bool = False,
-    blend: Blend = Blend.QUARTIC,
-    traces: list[Trace] | None = None,
-) -> Channel:
-    """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
-    period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
-    arm = load_robot(robot)
-    _warm_up(arm, blend)
-    link = factory(hello_for(arm.name, period_us))
-    try:
-        welcome = link.open()
-        _check_robot(arm, welcome)
-        trace = _new_trace(arm, welcome.period_us, traces)
-        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace)
-        return Channel(arm, link, task, traces).start()
-    except BaseException as error:
-        link.close(str(error))
-        raise
-
-
-def _warm_up(robot: Robot, blend: Blend) -> None:
-    """No sample may wait for the compiler."""
-    warm_up(robot.n, blend)
-    warm_up_force(robot)
-    if (reach := reach_of(Arm(robot))) is not None:
-        warm_up_cartesian(motion_limits(robot), reach, robot.poses["park"], blend)
-
-
-def _new_trace(robot: Robot, period_us: int, traces: list[Trace] | None) -> Trace | None:
-    """A trace among `traces`, if traces are wanted."""
-    if traces is None:
-        return None
-    traces.append(Trace(robot, period_us * 1e-6))
-    return traces[-1]
-
-
-def _check_robot(robot: Robot, welcome: Welcome) -> None:
-    if (welcome.robot, welcome.n) != (robot.name, robot.n):
-        here = f"{welcome.robot!r} with {welcome.n} joints"
-        raise LinkError(f"the bridge drives {here}, the program wants {robot.name!r} with {robot.n}")

@@ -9,10 +9,11 @@ from typing import Any, Final
 
 from qrobot.errors import LinkError
 from qrobot.motion import Blend, Trsf
-from qrobot.rccl.channel import YES, Channel, open_channel
+from qrobot.rccl.channel import YES, Channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
 from qrobot.rccl.lesson import teach as teach_arm
+from qrobot.rccl.opening import open_channel
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import Trace
 from qrobot.rccl.transforms import Transform
@@ -73,7 +74,7 @@ def control(
         LinkBusy: somebody else commands it.
         LinkError: no bridge, another robot, or no answer (`LinkTimeout`, `LinkLost`).
         ServoFault: the servo is in a fault, or power does not come.
-        MotionError: the arm is not calibrated.
+        MotionError: the arm is not calibrated, or no such period.
     """
     global _arm  # noqa: PLW0603 (the papers' calls name no arm)
     _arm = open_channel(_factory.get(), robot, period_ms, clear_fault, blend, _traces.get())
@@ -121,7 +122,7 @@ def setconf(letters: str) -> None:
 
 
 def sample(ms: float) -> None:
-    """Sample period, ms; see `Channel.sample`."""
+    """Sample period of the following motions, ms; see `Channel.sample`."""
     arm().sample(ms)
 
 

@@ -127,3 +127,11 @@ class Trace:
     def _now_s(self) -> float:
         """Time of the setpoint that goes out next."""
         return len(self._q) * self._period_s
+
+
+def add_trace(traces: list[Trace] | None, robot: Robot, period_us: int) -> Trace | None:
+    """Another trace among `traces`; none where no traces are wanted."""
+    if traces is None:
+        return None
+    traces.append(Trace(robot, period_us * 1e-6))
+    return traces[-1]

@@ -85,6 +85,7 @@ class LockstepRig:
 
     Attributes:
         now_ns: virtual time.
+        lease: who commands; as in real time, one program at a time.
         realtime_factor: virtual time over wall-clock time of the newest program, from its first packet on: generator,
             packets, bridge, servo, board and plant together.
 
@@ -116,6 +117,7 @@ class LockstepRig:
         self.board = local_board_memory() if board is None else board
         self.mailbox = ServoMailbox(self.mail)
         self.now_ns = START_NS
+        self.lease = Lease()
         self.realtime_factor = 0.0
         info = self.mailbox.info
         self._reader = TelemetryReader(self.mail, info.telemetry_base, info.telemetry_capacity, robot.n)
@@ -174,7 +176,7 @@ class LockstepBridge:
 
     def _new_session(self) -> Session:
         rig = self._rig
-        return Session(rig.robot.name, rig.robot.n, Lease(), self._settings, Peer("127.0.0.1", 0), rig.now_ns)
+        return Session(rig.robot.name, rig.robot.n, rig.lease, self._settings, Peer("127.0.0.1", 0), rig.now_ns)
 
     def transfer(self, data: bytes) -> bytes:
         """Hand over the program's bytes; when nothing answers them at once, let time run until the bridge speaks."""

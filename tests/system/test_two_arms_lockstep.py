@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from qrobot import rccl
-from qrobot.errors import ServoFault
+from qrobot.errors import LinkBusy, ServoFault
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
@@ -61,6 +62,11 @@ def test_the_second_arm_begins_when_the_first_is_half_way_and_both_move_at_once(
     moving = [set(rows["t_ns"][np.abs(rows["v_ref"][:, 0]) > 0.05]) for rows in map(LockstepRig.rows, cell.rigs)]
     clocks = cell.rigs[0].now_ns - cell.rigs[1].now_ns
     assert len({t_ns - clocks for t_ns in moving[0]} & moving[1]) > 200  # cycles of a millisecond
+
+
+def test_an_arm_that_is_commanded_is_refused_to_anybody_else(cell: Cell) -> None:
+    with rccl.use(partial(link_factory, cell.rigs[0], SAMPLE_US)), pytest.raises(LinkBusy, match="is commanded by"):
+        rccl.control()
 
 
 def test_an_arm_nobody_waits_for_stays_in_step(cell: Cell) -> None:

@@ -1,0 +1,52 @@
+"""How a program comes to a channel: everything compiled, connected, the right robot, under control."""
+
+from __future__ import annotations
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import LinkError
+from qrobot.model.arm import Arm
+from qrobot.motion import Blend, motion_limits, reach_of, warm_up, warm_up_cartesian, warm_up_force
+from qrobot.rccl.channel import Channel
+from qrobot.rccl.parameters import sample_period_us
+from qrobot.rccl.task import TrajectoryTask
+from qrobot.rccl.trace import Trace, add_trace
+from qrobot.rci import LinkFactory, hello_for
+from qrobot.wire import Welcome
+
+
+def open_channel(
+    factory: LinkFactory,
+    robot: str,
+    period_ms: float | None = None,
+    clear_fault: bool = False,
+    blend: Blend = Blend.QUARTIC,
+    traces: list[Trace] | None = None,
+) -> Channel:
+    """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
+    period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
+    arm = load_robot(robot)
+    _warm_up(arm, blend)
+    link = factory(hello_for(arm.name, period_us))
+    try:
+        welcome = link.open()
+        _check_robot(arm, welcome)
+        trace = add_trace(traces, arm, welcome.period_us)
+        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace)
+        return Channel(arm, link, task, traces).start()
+    except BaseException as error:
+        link.close(str(error))
+        raise
+
+
+def _warm_up(robot: Robot, blend: Blend) -> None:
+    """No sample may wait for the compiler."""
+    warm_up(robot.n, blend)
+    warm_up_force(robot)
+    if (reach := reach_of(Arm(robot))) is not None:
+        warm_up_cartesian(motion_limits(robot), reach, robot.poses["park"], blend)
+
+
+def _check_robot(robot: Robot, welcome: Welcome) -> None:
+    if (welcome.robot, welcome.n) != (robot.name, robot.n):
+        here = f"{welcome.robot!r} with {welcome.n} joints"
+        raise LinkError(f"the bridge drives {here}, the program wants {robot.name!r} with {robot.n}")
