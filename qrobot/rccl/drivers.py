@@ -58,7 +58,7 @@ class Driver(Protocol):
 class LockstepDriver:
     """Time passes inside `wait`."""
 
-    _running: ClassVar[WeakSet[LockstepDriver]] = WeakSet()  # of this program
+    _running: ClassVar[WeakSet[LockstepDriver]] = WeakSet()
 
     def __init__(self, link: Link, task: TrajectoryTask) -> None:
         self.error: BaseException | None = None
@@ -67,10 +67,11 @@ class LockstepDriver:
         self._command: Command | None = None
         self._origin_ns = 0
         self._sampling = False
+        self._thread = threading.get_ident()  # of the program; another thread's time is its own
 
     def start(self) -> None:
         """Let time pass from now on, beside that of the program's other arms."""
-        now_ns = max((other._elapsed_ns for other in self._running), default=0)
+        now_ns = max((other._elapsed_ns for other in self._others()), default=0)
         self._origin_ns = self._link.now_ns() - now_ns
         self._running.add(self)
 
@@ -86,13 +87,17 @@ class LockstepDriver:
             if self.error is not None:
                 raise self.error
             self._sample()
-            for other in list(self._running - {self}):
+            for other in self._others():
                 other._catch_up(self._elapsed_ns)
 
     def end(self) -> None:
         """Close the link."""
         self._running.discard(self)
         self._link.close("program ended")
+
+    def _others(self) -> list[LockstepDriver]:
+        """Those of the program's other arms."""
+        return [other for other in self._running if other is not self and other._thread == self._thread]
 
     @property
     def _elapsed_ns(self) -> int:

@@ -127,7 +127,7 @@ def test_a_trace_has_one_period(robot: FakeRobot) -> None:
 
 
 def test_in_real_time_the_connection_is_made_anew() -> None:
-    robot = FakeRobot(tuple(PARK), patience=100)
+    robot = FakeRobot(tuple(PARK), patience=1000)  # what is tested is not this machine's speed
     with ExitStack() as servers:
         made: list[SocketRobot] = []
 
