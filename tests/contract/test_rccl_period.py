@@ -17,7 +17,7 @@ from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
 from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import RobotMode
-from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
 from tests.support.puma import PARK
 
 
@@ -132,6 +132,9 @@ def test_in_real_time_the_connection_is_made_anew() -> None:
         made: list[SocketRobot] = []
 
         def connect(_address: object) -> socket.socket:
+            if made:  # one robot speaks to one socket
+                wait_until(lambda: robot.said_goodbye)
+                servers.close()
             made.append(servers.enter_context(SocketRobot(robot)))
             return made[-1].socket
 
