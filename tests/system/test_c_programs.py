@@ -31,6 +31,7 @@ TWINS = {
     "s05_follow_a_surface": ("10_follow_a_surface.py", "over a surface that goes up and down by 10"),
     "s07_stack_blocks": ("11_stack_blocks.py", "two blocks stacked"),
 }
+CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
 
 
@@ -42,9 +43,11 @@ def cache(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.mark.parametrize("name", TWINS)
-def test_a_program_of_the_papers_sends_the_setpoints_of_its_twin(name: str, tmp_path: Path, capfd, monkeypatch) -> None:
+def test_a_program_of_the_papers_under_sanitizers_sends_the_setpoints_of_its_twin(
+    name: str, tmp_path: Path, capfd, monkeypatch
+) -> None:
     twin, said = TWINS[name]
-    program = compiled(EXAMPLES / "c" / f"{name}.c", tmp_path)
+    program = compiled(EXAMPLES / "c" / f"{name}.c", tmp_path, *CHECKED)
     with keyboard("\n"):
         in_c = way_of_c(program)
     assert said in capfd.readouterr().out

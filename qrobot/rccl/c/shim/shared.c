@@ -32,16 +32,27 @@ POS_PTR park = &park_pose, there = &present;
 
 extern char __start_rccl_shared[], __stop_rccl_shared[]; /* the linker's names for the section's ends */
 
-union slot {
-    TRSF transform;
-    POS position;
-    union slot *next;
+/* Names lie with what they name: who looks for leaks does not look into shared memory for pointers. */
+struct slot {
+    union {
+        TRSF transform;
+        POS position;
+        struct slot *next;
+    } of;
+    char name[SHIM_NAME];
 };
 
 static char *first_page, *arena;
 static ptrdiff_t pages;
-static union slot *unused, *fresh;
+static struct slot *unused, *fresh;
 static pthread_mutex_t allocating = PTHREAD_MUTEX_INITIALIZER;
+
+/* Byte by byte and unseen by sanitizers, who rightly wonder at a copy across neighbouring variables. */
+__attribute__((no_sanitize("address", "undefined"))) static void copy_pages(char *to, const char *from, size_t size)
+{
+    for (size_t i = 0; i < size; i++)
+        ((volatile char *) to)[i] = ((const volatile char *) from)[i];
+}
 
 /* The pages of the variables become pages of a file with the same content; neighbours on them come along unharmed, but
  * what is written to them between the copy and the mapping would be lost: hence the locals. */
@@ -51,16 +62,18 @@ int shim_share(void)
     char *first = (char *) ((uintptr_t) __start_rccl_shared / page * page);
     size_t size = ((uintptr_t) __stop_rccl_shared + page - 1) / page * page - (uintptr_t) first;
     int file = memfd_create("rccl", MFD_CLOEXEC);
-    if (file < 0 || ftruncate(file, (off_t) size + ARENA_BYTES) || pwrite(file, first, size, 0) != (ssize_t) size)
+    if (file < 0 || ftruncate(file, (off_t) size + ARENA_BYTES))
         shim_die("no memory to share with the motion engine");
-    void *mapped = mmap(first, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, file, 0);
-    void *rest = mmap(NULL, ARENA_BYTES, PROT_READ | PROT_WRITE, MAP_SHARED, file, (off_t) size);
-    if (mapped == MAP_FAILED || rest == MAP_FAILED)
+    char *whole = mmap(NULL, size + ARENA_BYTES, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (whole == MAP_FAILED)
         shim_die("cannot share memory with the motion engine");
+    copy_pages(whole, first, size);
+    if (mmap(first, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, file, 0) == MAP_FAILED)
+        shim_die("cannot share the variables with the motion engine");
     first_page = first;
     pages = (ptrdiff_t) size;
-    arena = rest;
-    fresh = rest;
+    arena = whole + size;
+    fresh = (struct slot *) arena;
     return file;
 }
 
@@ -79,26 +92,49 @@ void *shim_at(int64_t ref)
     return ref < pages ? first_page + ref : arena + (ref - pages);
 }
 
-void *shim_alloc(void)
+static struct slot *take_slot(void)
 {
+    struct slot *slot = NULL;
     pthread_mutex_lock(&allocating);
-    union slot *slot = unused;
-    if (slot)
-        unused = slot->next;
-    else if ((char *) (fresh + 1) <= arena + ARENA_BYTES)
+    if (unused) {
+        slot = unused;
+        unused = slot->of.next;
+    } else if ((char *) (fresh + 1) <= arena + ARENA_BYTES) {
         slot = fresh++;
+    }
     pthread_mutex_unlock(&allocating);
+    return slot;
+}
+
+static struct slot *named_slot(const char *name)
+{
+    struct slot *slot = take_slot();
     if (!slot)
         shim_die("too many transforms and positions: free those of no more use with freetrans and freepos");
     memset(slot, 0, sizeof *slot);
+    strncpy(slot->name, name ? name : "", SHIM_NAME - 1);
     return slot;
+}
+
+TRSF_PTR shim_new_transform(const char *name)
+{
+    struct slot *slot = named_slot(name);
+    slot->of.transform.name = slot->name;
+    return &slot->of.transform;
+}
+
+POS_PTR shim_new_position(const char *name)
+{
+    struct slot *slot = named_slot(name);
+    slot->of.position.name = slot->name;
+    return &slot->of.position;
 }
 
 void shim_free(void *p)
 {
-    union slot *slot = p;
+    struct slot *slot = p;
     pthread_mutex_lock(&allocating);
-    slot->next = unused;
+    slot->of.next = unused;
     unused = slot;
     pthread_mutex_unlock(&allocating);
 }

@@ -15,6 +15,7 @@
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 32
 #define SHIM_TEXT 256
+#define SHIM_NAME 64 /* of a transform or a position; what is longer is cut */
 
 /* Weak: a program may have a function of that name itself. */
 #define API __attribute__((weak))
@@ -84,7 +85,8 @@ struct message {
 int shim_share(void); /* Share the memory; its file. */
 int64_t shim_ref(const volatile void *p); /* Place of p in it, -1 when it lies elsewhere. */
 void *shim_at(int64_t ref);
-void *shim_alloc(void); /* Room for a transform or a position, zeroed. */
+TRSF_PTR shim_new_transform(const char *name); /* All zero but its name. */
+POS_PTR shim_new_position(const char *name);
 void shim_free(void *p);
 void shim_globals(int64_t *refs);
 

@@ -17,6 +17,7 @@
 #define PATIENCE_MS 10000      /* for an arm that comes to rest */
 
 static pid_t owner = 0; /* a child of the program has no arm */
+static pthread_t background;
 static volatile sig_atomic_t over = 0;
 static volatile sig_atomic_t interrupts = 0;
 
@@ -37,6 +38,7 @@ void shim_say_mess(void)
     say_now("\n");
 }
 
+/* Async-signal-safe. */
 static void farewell(void)
 {
     over = 1;
@@ -55,19 +57,22 @@ void shim_die(const char *text)
     exit(1);
 }
 
-/* At exit: whoever has an arm lets go of it first. */
+/* At exit: whoever has an arm lets go of it first. After an error a function may hang, so nobody waits for its thread. */
 static void leave(void)
 {
+    struct message m = shim_message(OP_RELEASE, "");
+    int orderly = !over && !pthread_equal(pthread_self(), background);
     if (owner != getpid())
         return;
-    if (!over) {
-        struct message m = shim_message(OP_RELEASE, "");
+    if (orderly) {
         over = 1;
         shim_call(&m);
         fflush(stdout);
         shim_say_mess();
     }
     farewell();
+    if (orderly)
+        pthread_join(background, NULL);
 }
 
 /* SIGINT, SIGHUP, SIGTERM: the engine brings the arm to rest while we wait; a second signal ends at once. */
@@ -106,13 +111,11 @@ static void *serve(void *channel)
 /* Functions of the program run on a thread of their own, which gets no signals: those interrupt the foreground. */
 static void start_serving(int channel)
 {
-    pthread_t thread;
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    if (pthread_create(&thread, NULL, serve, (void *) (intptr_t) channel))
+    if (pthread_create(&background, NULL, serve, (void *) (intptr_t) channel))
         shim_die("cannot start a thread for background functions");
-    pthread_detach(thread);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 

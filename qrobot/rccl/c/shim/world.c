@@ -1,27 +1,17 @@
 /* world.c - transforms and position equations. */
 #include <stdarg.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "shim.h"
 
 enum { FUNCTION = 0, MOST_KINDS = 3 };
 
-static char *copy_of(const char *name)
-{
-    char *copy = strdup(name ? name : "");
-    if (!copy)
-        shim_die("no memory");
-    return copy;
-}
-
 API TRSF_PTR rccl_newtrans(char *name, int (*kind)())
 {
     struct message m = shim_message(OP_NEWTRANS, name);
     int functional = (intptr_t) kind > MOST_KINDS;
     shim_start();
-    TRSF_PTR t = shim_alloc();
-    t->name = copy_of(name);
+    TRSF_PTR t = shim_new_transform(name);
     t->fn = functional ? kind : NULL;
     t->kind = functional ? FUNCTION : (int) (intptr_t) kind;
     m.n = t->kind;
@@ -35,7 +25,6 @@ API void freetrans(TRSF_PTR t)
     struct message m = shim_message(OP_FREETRANS, "");
     m.refs[0] = shim_ref(t);
     shim_call(&m);
-    free(t->name);
     shim_free(t);
 }
 
@@ -156,8 +145,7 @@ API void printr(TRSF_PTR t, FILE *file)
 
 static POS_PTR new_position(struct message *m, char *name)
 {
-    POS_PTR p = shim_alloc();
-    p->name = copy_of(name);
+    POS_PTR p = shim_new_position(name);
     m->refs[0] = shim_ref(p);
     shim_call(m);
     return p;
@@ -199,7 +187,6 @@ API void freepos(POS_PTR p)
     struct message m = shim_message(OP_FREEPOS, "");
     m.refs[0] = shim_ref(p);
     shim_call(&m);
-    free(p->name);
     shim_free(p);
 }
 
