@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -53,13 +53,14 @@ def identify(
     robot: Robot = "puma560",
     rate: Rate = 1000.0,
     poses: int = 24,
+    torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
     workers: Workers = None,
     scheduler: Scheduler = None,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Identify arms whose masses, centres and friction are 30 % off, with up to 2.5 kg in the hand.
+    """Identify arms that are up to 30 % off their file in masses, centres and friction, and hold up to 2.5 kg.
 
     Each makes the motions of a plan, is identified from them, and is judged by what only an emulator knows: the truth.
 
@@ -67,12 +68,15 @@ def identify(
     ----------
     poses
         Of the plan, besides the sweeps.
+    torque
+        Motors give up to a fifth more or less than they are asked for. Known: somebody measured it, and wrote it into
+        the robot file.
     tracking
         Also track the paper's experiment with the robot file, with the model found, and with the exact one.
     """
     from qrobot.study.identification import IdentificationStudy
 
-    _run(IdentificationStudy(robot, rate, poses, tracking), arms, output, workers, scheduler, plot, json)
+    _run(IdentificationStudy(robot, rate, poses, torque, tracking), arms, output, workers, scheduler, plot, json)
 
 
 @app.command

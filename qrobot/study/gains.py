@@ -22,7 +22,7 @@ DAMPINGS: Final = (0.5, 1.0)
 
 @dataclass(frozen=True)
 class GainStudy(Study):
-    """The paper's experiment on each arm with every pair of gains, the robot file's masses and friction believed.
+    """The paper's experiment on each arm with every pair of gains, the robot file believed.
 
     Attributes:
         law, velocity: of the servo.
@@ -50,7 +50,7 @@ class GainStudy(Study):
             tried: of each pair `rms` and `largest` error, as shares of what the guard allows, and `chatter`, all of the
                 worst joint; or `fault`, the reason why the servo stopped the arm.
         """
-        arm = UnknownArm.drawn(self.robot, seed)
+        arm = UnknownArm.drawn(self.robot, seed, wrong_torque=True)
         pairs = product(self.dampings, self.bandwidths)
         return {
             "payload_kg": kept(arm.payload_kg),

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import with_model
-from qrobot.ident.base import BaseParameters, base_of_robot
+from qrobot.ident.base import base_of_robot
 from qrobot.ident.model import Identified
 from qrobot.ident.plan import POSES, Plan, make_plan
-from qrobot.ident.regressor import Regressor, gravity_regressor, known_parameters
+from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log
 from qrobot.rig.identify import record_lockstep
@@ -26,6 +26,8 @@ from qrobot.study.study import Outcome, Study, kept
 Floats = NDArray[np.float64]
 
 TRIED: Final = 500  # poses that were not recorded, at which gravity is compared
+Torque = Literal["known", "unknown"]
+
 DATE: Final = "2026-01-01"  # of the models: a study's are thrown away
 
 
@@ -35,11 +37,13 @@ class IdentificationStudy(Study):
 
     Attributes:
         poses: of the plan.
+        torque: what the motors really give was measured, and stands in the robot file, or is to be found too.
         tracking: also let it make the paper's experiment, with the robot file, with what was found, and with the truth.
     """
 
     kind: ClassVar[str] = "identification"
     poses: int = POSES
+    torque: Torque = "unknown"
     tracking: bool = True
 
     def judge(self, seed: int) -> Outcome:
@@ -48,38 +52,32 @@ class IdentificationStudy(Study):
         Raises:
             QRobotError: the arm could not be moved, or its motion does not determine a model.
         """
-        robot, settings = self.robot, ServoSettings(rate_hz=self.rate_hz)
-        arm, plan = UnknownArm.drawn(robot, seed), _prepared(self.robot_file, self.poses).plan
-        rows = record_lockstep(robot, self.robot_file, settings, arm.emulator(), plan)
-        found = identify_log(robot, rows, settings.period_ns * 1e-9)
+        arm, plan = UnknownArm.drawn(self.robot, seed, wrong_torque=True), _plan(self.robot_file, self.poses)
+        measured = self.torque == "known"
+        believed = arm.with_known_torque(self.robot) if measured else self.robot
+        settings = ServoSettings(rate_hz=self.rate_hz)
+        rows = record_lockstep(believed, self.robot_file, settings, arm.emulator(), plan)
+        found = identify_log(believed, rows, settings.period_ns * 1e-9, known_torque=measured)
         outcome = {"payload_kg": kept(arm.payload_kg)} | compared(arm, found, seed)
         if self.tracking:
-            outcome["tracking"] = self._tracked(arm, with_model(robot, model_of(found, rows, DATE)))
+            identified = with_model(believed, model_of(found, rows, DATE))
+            outcome["tracking"] = self._tracked(arm, {"before": believed, "after": identified, "exact": arm.told})
         return outcome
 
-    def _tracked(self, arm: UnknownArm, identified: Robot) -> Outcome:
+    def _tracked(self, arm: UnknownArm, beliefs: dict[str, Robot]) -> Outcome:
         """Rms errors by joint, by what the servo believes."""
-        beliefs = {"before": self.robot, "after": identified, "exact": arm.told}
         settings = ServoSettings(rate_hz=self.rate_hz)
         return {
             name: kept(journey(robot, self.robot_file, settings, arm.emulator()).rms) for name, robot in beliefs.items()
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    regressor: Regressor
-    base: BaseParameters
-    plan: Plan
-
-
 @cache
-def _prepared(robot_file: str, poses: int) -> _Prepared:
-    """What all arms of a study have in common; each process makes it once."""
+def _plan(robot_file: str, poses: int) -> Plan:
+    """What all arms of a study do; each process makes it once."""
     robot = load_robot(robot_file)
     regressor = gravity_regressor(robot)
-    base = base_of_robot(robot, regressor)
-    return _Prepared(regressor, base, make_plan(robot, regressor, base, poses))
+    return make_plan(robot, regressor, base_of_robot(robot, regressor), poses)
 
 
 def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:

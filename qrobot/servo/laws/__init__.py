@@ -10,6 +10,7 @@ from typing import Final
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.servo.law import Law
+from qrobot.servo.laws.adaptive import adaptive
 from qrobot.servo.laws.computed_torque import computed_torque
 from qrobot.servo.laws.feedback import pd, qrobot, qrobot_acceleration
 from qrobot.servo.laws.file import is_file_law, load_law
@@ -21,6 +22,7 @@ LAWS: Final[dict[str, Callable[[Robot], Law]]] = {
     "qrobot": lambda _robot: qrobot,
     "qrobot+a": lambda _robot: qrobot_acceleration,
     "computed-torque": computed_torque.for_robot,
+    "adaptive": adaptive.for_robot,
     "force": force.for_robot,
     "unimation": lambda _robot: unimation,
 }
