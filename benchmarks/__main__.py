@@ -29,6 +29,7 @@ GROUPS: Final = (
     "lockstep",
     "roads",
     "logs",
+    "identification",
     "startup",
     "wakeup",
 )
@@ -44,7 +45,8 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     Parameters
     ----------
     groups
-        Only these: laws, models, kinematics, trajectory, servo, lockstep, roads, logs, startup, wakeup.
+        Only these: laws, models, kinematics, trajectory, servo, lockstep, roads, logs, identification, startup,
+        wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from qrobot.ident.base import BaseParameters
     from qrobot.ident.plan import Plan
 
+UNTOLD: Final = 2.0  # a factor within which a speed is known, at most
 HELP: Final = """
 Find what an arm weighs, how it rubs and how strong its motors are, and make a model of it that the servo uses.
 
@@ -26,12 +27,14 @@ Find what an arm weighs, how it rubs and how strong its motors are, and make a m
   qrobot identify record --lockstep --output run.mcap    do it on an emulated arm
   qrobot identify fit run.mcap --output model.toml       find the numbers, with their uncertainty
   qrobot identify report run.mcap --output model.html    look at them
+  qrobot identify friction run.mcap                      friction near standstill; record with --slow
   qrobot servo --model model.toml                        use them
 
 A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.
 """
 
 Poses = Annotated[int, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")]
+Slow = Annotated[bool, Parameter(help="Sweep slowly too, at 1, 2 and 4 %: for friction that falls with speed.")]
 Seed = Annotated[int, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")]
 RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
 Loaded = Annotated[
@@ -53,6 +56,7 @@ def plan(
     arm: str | None = None,
     poses: Poses = 24,
     seed: Seed = 0,
+    slow: Slow = False,
     json: bool = False,
 ) -> None:
     """Show what an arm would do to be identified, and what of it can be told. Nothing moves.
@@ -67,7 +71,7 @@ def plan(
         Print the plan as JSON, positions in rad.
     """
     robot = robot_of_arm(choose_arm(deployment, arm))
-    made, base = _planned(robot, poses, seed)
+    made, base = _planned(robot, poses, seed, slow)
     if json:
         write_json(made.to_dict() | {"parameters": _combinations(base), "untold": list(base.unseen)})
         return
@@ -92,6 +96,7 @@ def record(
     load_kg: float = 0.0,
     poses: Poses = 24,
     seed: Seed = 0,
+    slow: Slow = False,
 ) -> None:
     """Let an arm make the swings of its plan, and write the servo's log of it.
 
@@ -116,7 +121,7 @@ def record(
     """
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
-    made, _ = _planned(robot, poses, seed)
+    made, _ = _planned(robot, poses, seed, slow)
     if output.suffix != ".mcap":
         raise ConfigError(f"the log {output} must end in .mcap")
     if not 1 <= first <= len(made.swings):
@@ -207,6 +212,33 @@ def report(
 
 
 @app.command
+def friction(*logs: Path, robot: RobotFile = None, known_torque: KnownTorque = False, json: bool = False) -> None:
+    """Show how friction falls with speed: what is added to Coulomb friction at rest, and where it fades.
+
+    The servo compensates viscous and Coulomb friction alone. A recording made with --slow tells the rest.
+
+    Parameters
+    ----------
+    logs
+        First files of one or more logs of the arm.
+    json
+        Print it as JSON, in N m (N) and rad/s (m/s).
+    """
+    from qrobot.cli.identify_fit import Request, friction_table
+    from qrobot.ident.stribeck import friction_of
+
+    request = Request(logs, robot, (), None, known_torque, None)
+    (found, _), (rows, header) = request.identified(), request.recorded
+    fitted = friction_of(found, rows, header.period_ns * 1e-9)
+    if json:
+        write_json({"motors": found.robot.joint_names} | fitted.to_dict())
+        return
+    out.print(friction_table(found.robot, fitted))
+    if (fitted.speed_factor > UNTOLD).any():
+        note("where it fades is hardly told: record with --slow")
+
+
+@app.command
 def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, json: bool = False) -> None:
     """Show an identified model: values with their 95 % intervals, beside the robot file's, and how well it predicts.
 
@@ -227,14 +259,14 @@ def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None =
     _report(robot, load_model(model, robot), json)
 
 
-def _planned(robot: Robot, poses: int, seed: int) -> tuple[Plan, BaseParameters]:
+def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[Plan, BaseParameters]:
     from qrobot.ident.base import base_of_robot
     from qrobot.ident.plan import make_plan
     from qrobot.ident.regressor import gravity_regressor
 
     regressor = gravity_regressor(robot)
     base = base_of_robot(robot, regressor)
-    return make_plan(robot, regressor, base, poses, seed), base
+    return make_plan(robot, regressor, base, poses, seed, slow), base
 
 
 def _combinations(base: BaseParameters) -> dict[str, str]:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import IdentifiedModel
+from qrobot.config.values import Floats
 from qrobot.errors import ConfigError
 from qrobot.ident.model import Identified
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log
+from qrobot.ident.stribeck import StribeckFit
 from qrobot.log.header import LogHeader
+from qrobot.servo.telemetry import Rows
 
 
 @dataclass(frozen=True)
@@ -39,15 +44,39 @@ class Request:
         """
         if self.load_kg is not None and (self.load_kg <= 0.0 or not self.loaded):
             raise ConfigError(f"--load-kg {self.load_kg:g} needs a mass above zero, and --loaded with its logs")
-        rows, header = read_rows(self.logs)
+        rows, header = self.recorded
         carried = read_rows(self.loaded, like=header)[0] if self.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
         found = identify_log(robot, rows, period_s, carried, self.known_torque, self.load_kg)
         everything = rows if carried is None else np.concatenate([rows, carried])
         return found, model_of(found, everything, self.date or datetime.now(UTC).date().isoformat())
 
+    @cached_property
+    def recorded(self) -> tuple[Rows, LogHeader]:
+        """The rows of the logs, and the header of the first."""
+        return read_rows(self.logs)
+
     def _robot(self, header: LogHeader) -> Robot:
         robot = load_robot(self.robot or header.robot)
         if robot.name != header.robot:
             raise ConfigError(f"the logs are of robot {header.robot!r}, {self.robot} is {robot.name!r}")
         return robot
+
+
+def friction_table(robot: Robot, fitted: StribeckFit) -> Table:
+    """Friction of each motor with its 95 % intervals; that of a speed is a factor."""
+    table = Table(title="friction as commanded", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("parameter", "value", "95 %", "unit"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    for j, (name, slides) in enumerate(zip(robot.joint_names, robot.prismatic, strict=True)):
+        force, speed = ("N", "m/s") if slides else ("N m", "rad/s")
+        table.add_row(f"{name}.viscous", f"{fitted.viscous[j]:.4f}", "", f"{force}/({speed})")
+        for k, side in enumerate(("pos", "neg")):
+            table.add_row(f"{name}.coulomb_{side}", *_interval(fitted.coulomb, fitted.coulomb_half_width, j, k), force)
+            table.add_row(f"{name}.excess_{side}", *_interval(fitted.excess, fitted.excess_half_width, j, k), force)
+        table.add_row(f"{name}.halved_at", f"{fitted.speed[j]:.4f}", f"× {fitted.speed_factor[j]:.2f}", speed)
+    return table
+
+
+def _interval(values: Floats, half_widths: Floats, j: int, k: int) -> tuple[str, str]:
+    return f"{values[j, k]:.4f}", f"± {half_widths[j, k]:.4f}"

@@ -26,7 +26,7 @@ HUBER: Final = 1.345  # deviations beyond which a row counts less: 95 % efficien
 OUTLIER: Final = 4.0  # deviations beyond which a row is named
 _MAD: Final = 1.4826  # median absolute deviation to standard deviation, of normal errors
 _PASSES: Final = 50
-_SETTLED: Final = 1e-8
+_SETTLED: Final = 0.01  # of its standard deviation: smaller steps of a value are none
 _SINGULAR: Final = 1e-6  # smallest over largest singular value of the columns, each scaled to length 1
 
 
@@ -78,14 +78,16 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doub
     known = np.zeros(len(b)) if doubt is None else doubt
     weight, scatter = np.ones(len(b)), np.full(int(row_class.max()) + 2, max(float(np.abs(b).max()), 1e-9))
     scatter[KNOWN] = 0.0
-    x, residual = np.zeros(len(names)), b
+    x, residual, lengths = np.zeros(len(names)), b, np.linalg.norm(A, axis=0)
+    scaled = A / lengths
     for _ in range(_PASSES):
-        step = _step(A, residual, weight / _variance(scatter, known, row_class))
+        step, deviation = _step(scaled, residual, weight / _variance(scatter, known, row_class))
+        step, deviation = step / lengths, deviation / lengths
         x, residual = x + step, residual - A @ step
         scatter = _spread(residual, scatter, known, row_class)
         off = np.abs(residual) / _deviation(scatter, known, row_class)
         weight = np.where(row_class == KNOWN, 1.0, np.minimum(1.0, HUBER / np.maximum(off, 1e-12)))
-        if np.linalg.norm(step) <= _SETTLED * np.linalg.norm(x):
+        if (np.abs(step) <= _SETTLED * deviation).all():
             break
     scatter = _judged(A, residual, weight, row_class, scatter, known)
     information = np.sqrt(weight / _variance(scatter, known, row_class))[:, None] * A
@@ -102,12 +104,15 @@ def _deviation(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
     return np.sqrt(_variance(scatter, known, row_class))
 
 
-def _step(A: Floats, residual: Floats, weight: Floats) -> Floats:
-    """What the weighted normal equations add to the values; steps that follow take back what rounding did."""
-    lengths = np.linalg.norm(A, axis=0)
-    scaled = A / lengths
+def _step(scaled: Floats, residual: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """What the weighted normal equations add to the values, and their standard deviations.
+
+    Columns have length 1. Steps that follow take back what rounding did.
+    """
     weighted = scaled * weight[:, None]
-    return np.asarray(np.linalg.solve(scaled.T @ weighted, weighted.T @ residual) / lengths, np.float64)
+    gram = scaled.T @ weighted
+    step = np.linalg.solve(gram, weighted.T @ residual)
+    return np.asarray(step, np.float64), np.sqrt(np.diag(np.linalg.inv(gram)))
 
 
 def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints) -> Floats:

@@ -102,6 +102,11 @@ def steady_passes(rows: Rows, period_s: float) -> list[Pass]:
     return [Pass(start, stop) for start, stop in found if stop - start >= shortest]
 
 
+def slowest_rates(robot: Robot) -> Floats:
+    """Speeds of motors above which friction is what the servo compensates. Shape (n,)."""
+    return np.maximum(TRANSITIONS * robot.control.friction_velocity, SLOWEST * robot.limits.v_max)
+
+
 class Observer:
     """Reduces the passes of one robot.
 
@@ -111,6 +116,7 @@ class Observer:
         base: parameters of the regressor.
         believed: the same robot with better links, for the inertial torque.
         scale: torque scales of its motors, for the same; default 1. Shape (n,).
+        slowest: speeds above which a motor is observed; default where friction has lost Stribeck's share. Shape (n,).
     """
 
     def __init__(
@@ -120,12 +126,13 @@ class Observer:
         base: BaseParameters,
         believed: Robot | None = None,
         scale: Floats | None = None,
+        slowest: Floats | None = None,
     ) -> None:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
         self._scale = np.ones(robot.n) if scale is None else scale
         self._params = dynamics_params(believed or robot)._replace(gravity=np.zeros(3))
-        self._slowest = np.maximum(TRANSITIONS * robot.control.friction_velocity, SLOWEST * robot.limits.v_max)
+        self._slowest = slowest_rates(robot) if slowest is None else slowest
 
     def observe(self, rows: Rows, period_s: float, loaded: bool = False) -> Observations:
         """The observations of a log, rows of shape (r,), of an arm that is `loaded` or not."""

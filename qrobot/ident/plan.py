@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 POSES: Final = 24
 SWING_SPEED: Final = 0.1  # of each joint's greatest speed, through poses
 SWEEP_SPEEDS: Final = (0.2, 0.4, 0.7)
+SLOW_SPEEDS: Final = (0.01, 0.02, 0.04)  # where friction falls with speed
 TRAVEL_SPEED: Final = 0.4
 PASS_S: Final = 1.0  # at constant speed
 READY: Final = "ready"
@@ -92,8 +93,18 @@ class Plan:
         return {"robot": self.robot, "seconds": self.seconds, "condition": self.condition, "swings": swings}
 
 
-def make_plan(robot: Robot, regressor: Regressor, base: BaseParameters, poses: int = POSES, seed: int = 0) -> Plan:
+def make_plan(
+    robot: Robot, regressor: Regressor, base: BaseParameters, poses: int = POSES, seed: int = 0, slow: bool = False
+) -> Plan:
     """Choose poses and speeds for a robot; the same seed gives the same plan.
+
+    Args:
+        robot: its file.
+        regressor: of its gravity.
+        base: parameters of the regressor.
+        poses: to swing through.
+        seed: of the random poses to choose from.
+        slow: sweep each joint slowly too, for Stribeck's friction.
 
     Raises:
         IdentificationError: too few poses are clear of floor and column, or fewer are asked for than tell everything.
@@ -109,7 +120,8 @@ def make_plan(robot: Robot, regressor: Regressor, base: BaseParameters, poses: i
         )
     through = [_swing(robot, f"pose {i + 1}", q, half, SWING_SPEED) for i, q in enumerate(candidates[chosen])]
     centres = [robot.poses[READY], *candidates]
-    swings = tuple(_in_order(robot, clearance, through, list(_sweeps(robot, clearance, centres))))
+    sweeps = list(_sweeps(robot, clearance, centres, (*SLOW_SPEEDS, *SWEEP_SPEEDS) if slow else SWEEP_SPEEDS))
+    swings = tuple(_in_order(robot, clearance, through, sweeps))
     seconds = _estimate(robot, swings)
     stacked = columns[chosen].reshape(-1, columns.shape[-1])
     condition = np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0))
@@ -180,14 +192,14 @@ def _swing(robot: Robot, name: str, centre: Floats, half: Floats, share: float) 
     return Swing(name, centre, half, _seconds(robot, share), _turn(robot, share))
 
 
-def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats]) -> Iterator[Swing]:
+def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: tuple[float, ...]) -> Iterator[Swing]:
     """Each joint alone, at several speeds, around the first of the centres where that is clear.
 
     Raises:
         IdentificationError: there is none.
     """
     for joint, name in enumerate(robot.joint_names):
-        for share in SWEEP_SPEEDS:
+        for share in speeds:
             half, span = np.zeros(robot.n), robot.limits.q_max[joint] - robot.limits.q_min[joint]
             wanted = 0.5 * share * robot.limits.v_max[joint] * _seconds(robot, share)
             half[joint] = min(wanted, (0.5 - 2.0 * RANGE_MARGIN) * span)

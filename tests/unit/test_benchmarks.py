@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import kinematics, laws, logs, page, roads, sixlaw, trajectory, twolink, twolink_numpy, wakeup
+from benchmarks import (
+    identification,
+    kinematics,
+    laws,
+    logs,
+    page,
+    roads,
+    sixlaw,
+    trajectory,
+    twolink,
+    twolink_numpy,
+    wakeup,
+)
 from benchmarks.box import FRAME_NS, REACH, setpoints
 from benchmarks.ctwin import compiler
 from benchmarks.machine import described, machine
@@ -17,6 +29,7 @@ from benchmarks.rows import Goal, Row, against, load, row, save
 from benchmarks.timing import FULL, QUICK, interleaved
 from benchmarks.tour import MOTIONS, PERIOD_S, planned_tour, walk_again
 from qrobot.config import load_robot
+from qrobot.ident.stribeck import fit_stribeck
 from qrobot.model.paul import T_PAUL_VAL, to_paul
 from qrobot.realtime.jit import jit_disabled
 
@@ -257,6 +270,16 @@ def test_the_box_motion_starts_at_ready_and_goes_round_its_corners() -> None:
     assert np.ptp(swing, axis=0)[0] > 1.5 * REACH
     assert np.abs(swing).max() <= REACH * 1.01
     assert np.abs(np.diff(path, axis=0)).max() / (FRAME_NS * 1e-9) < 1.0
+
+
+def test_the_torques_that_are_fitted_have_the_friction_they_are_said_to_have() -> None:
+    robot = load_robot("puma560")
+    speed = identification.FADES * robot.limits.v_max
+    found = fit_stribeck(identification.motion(6000, identification.EXCESS), robot.n, speed)
+    preset = robot.friction[robot.control.friction_preset]
+    assert (np.abs(found.coulomb[:, 0] - preset.coulomb_pos) < 2.0 * found.coulomb_half_width[:, 0]).all()
+    assert found.coulomb[0, 0] == pytest.approx(preset.coulomb_pos[0], rel=0.02)
+    np.testing.assert_allclose(found.scatter, identification.NOISE_NM, rtol=0.1)
 
 
 def test_benchmark_telemetry_has_every_tick_once() -> None:

@@ -205,6 +205,22 @@ def test_a_plan_as_json_says_what_can_be_told(capsys: pytest.CaptureFixture[str]
     assert "m1" in told["untold"]
 
 
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["fit", "x.mcap", "--output", "m.toml", "--load-kg", "2"], "needs a mass above zero, and --loaded"),
+        (["report", "x.mcap", "--output", "m.pdf"], "must end in .html"),
+        (["record", "--output", "x.mcap", "--go", "--load-kg", "2"], "--load-kg is for an emulated arm"),
+        (["friction"], "name at least one log"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(
+    options: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_app(make_app(), ["identify", *options]) == 1
+    assert complaint in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_log_of_an_arm_at_rest_tells_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(tmp_path / "rest.mcap", TelemetryLayout(N).empty(500), header_for(PUMA, 1_000_000, "qrobot"))
     command = ["identify", "fit", str(tmp_path / "rest.mcap"), "--output", str(tmp_path / "model.toml")]
