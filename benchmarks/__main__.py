@@ -40,7 +40,7 @@ console = Console(width=None if sys.stdout.isatty() else 140)
 
 @app.default
 def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: Path = OUTPUT) -> int:
-    """Measure, print a table and write it as JSON. A full run takes some ten minutes of a quiet machine.
+    """Measure, print a table and write it as JSON. A full run takes half an hour of a quiet machine.
 
     Parameters
     ----------
