@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -20,6 +20,10 @@ Floats = NDArray[np.float64]
 FOUND, BEFORE, EXACT = COLOURS[0], COLOURS[1], COLOURS[2]
 SIDE: Final = 0.17  # of a group's points from its middle
 WIDTH: Final = 0.11  # over which points of a group are spread
+NOTHING: Final = 1e-5  # N m (N): a joint that bears nothing has errors of rounding alone
+ABOVE: Final[dict[str, Any]] = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "frameon": False, "handletextpad": 0.1, "columnspacing": 0.8,
+}  # fmt: skip
 WIDEST: Final = 4.0  # deviations that the histogram shows
 
 
@@ -41,18 +45,19 @@ def identification_figure(summary: IdentificationSummary) -> Figure:
 def _draw_gravity(axes: Axes, summary: IdentificationSummary) -> None:
     _points(axes, summary.gravity_before, -SIDE, BEFORE, "robot file")
     _points(axes, summary.gravity, SIDE, FOUND, "identified")
-    axes.set(yscale="log", ylabel="rms error (N·m or N)", title="Gravity torque at poses that were not recorded")
+    axes.set(yscale="log", ylabel="rms error (N·m or N)", title="Gravity at other poses")
+    axes.set_ylim(bottom=max(NOTHING, axes.get_ylim()[0]))
     _name_joints(axes, summary.joints)
-    axes.legend(frameon=False, loc="upper right")
+    axes.legend(ncols=2, **ABOVE)
 
 
 def _draw_friction(axes: Axes, summary: IdentificationSummary) -> None:
     for kind, name in enumerate(FRICTION_NAMES):
-        label = name.replace("_pos", ", forwards").replace("_neg", ", backwards")
+        label = name.replace("_pos", " +").replace("_neg", " −")
         _points(axes, 100.0 * summary.friction_error[:, :, kind], (kind - 1) * 1.5 * SIDE, COLOURS[kind], label)
     axes.set(ylabel="error (% of the truth)", title="Friction")
     _name_joints(axes, summary.joints)
-    axes.legend(frameon=False, ncols=len(FRICTION_NAMES), loc="upper right")
+    axes.legend(ncols=len(FRICTION_NAMES), **ABOVE)
 
 
 def _draw_intervals(axes: Axes, summary: IdentificationSummary) -> None:
@@ -75,7 +80,7 @@ def _draw_tracking(axes: Axes, summary: IdentificationSummary) -> None:
         axes.text(0.5, 0.5, "not tried", transform=axes.transAxes, ha="center", color="#666666")
         return
     for place, (name, colour) in enumerate((("before", BEFORE), ("after", FOUND), ("exact", EXACT))):
-        _points(axes, 1e3 * np.linalg.norm(summary.tracking[name], axis=1)[:, None], place - 0.0, colour, None)
+        _points(axes, 1e3 * np.linalg.norm(summary.tracking[name], axis=1)[:, None], place, colour, None)
     axes.set_xticks(range(3), ["robot file", "identified", "exact model"])
     axes.set(ylabel="rms error, norm over joints (mrad or mm)", ylim=(0.0, None))
 
