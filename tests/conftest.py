@@ -11,6 +11,9 @@ from hypothesis.internal.conjecture import providers
 # Generated kernels stay with the other caches of the tests, not in the home directory; subprocesses inherit it.
 os.environ.setdefault("QROBOT_CACHE", str(Path(__file__).parents[1] / ".pytest_cache" / "qrobot"))
 
+# Matrices of a robot are small: BLAS threads that wait for each other beside other workers only cost time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # A shell ignores Ctrl-C for what it runs in the background, and every process started from here would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
