@@ -112,9 +112,9 @@ class Desk:
 
     def _each_sample(self) -> None:
         """Functions given to `control` see the newest state, and their changes go out."""
-        if self._leaving:
+        arm = self._arm
+        if arm is None or self._leaving:  # samples pass while it is taken and while it is released
             return
-        arm = self.arm
         self._variables.show(arm)
         self._variables.show_queue(arm)
         if self._functions:
