@@ -28,7 +28,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
 def under_way(program: Path, running: RunningArm) -> subprocess.Popen[str]:
     """The program, when it has left the park pose."""
     environment = os.environ | {"QROBOT_BRIDGE": f"{running.arm.bridge.host}:{running.arm.bridge.port}"}
-    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     process = subprocess.Popen([program], env=environment, text=True, **pipes)
     for far in (False, True):
         wait_until(lambda far=far: process.poll() is not None or _away(running, far), "the arm leaves the park pose")
