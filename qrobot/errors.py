@@ -100,3 +100,7 @@ class ServoFault(QRobotError):
         super().__init__(message)
         self.code = code
         self.trace = trace
+
+
+class Stalled(QRobotError):
+    """A run on the wall clock was stopped by a process that came too late, and not by the arm."""

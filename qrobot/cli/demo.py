@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,6 +12,7 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT
 from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, write_json
 from qrobot.config.deployment import Interpolation, Velocity
+from qrobot.errors import Stalled
 
 if TYPE_CHECKING:
     from qrobot.rig.bounds import Verdict
@@ -113,8 +115,17 @@ def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, pr
         processes.start("board", "bridge")
         for number, run in enumerate(runs, 1):
             progress(f"run {number}: {_describe(run)} (a first start compiles)")
-            results.append(run_realtime(run, processes, directory))
+            results.append(_tried_twice(partial(run_realtime, run, processes, directory), progress))
     return results
+
+
+def _tried_twice(attempt: Callable[[], Result], progress: Callable[[str], None]) -> Result:
+    """What `attempt` returns, at the second try where the machine stalled at the first."""
+    try:
+        return attempt()
+    except Stalled as stall:
+        progress(f"once more, as a busy or shared machine stalls now and then: {stall}")
+        return attempt()
 
 
 def _describe(run: Run) -> str:

@@ -20,7 +20,7 @@ from typing import Any, Final, Literal
 
 from qrobot import rccl
 from qrobot.config import Robot, load_robot
-from qrobot.errors import QRobotError
+from qrobot.errors import QRobotError, Stalled
 from qrobot.faultcodes import FaultCode
 from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.read import Log, read_log
@@ -43,6 +43,17 @@ Plant = Literal["nominal", "mismatched"]
 PROGRAM: Final = "01_park_and_return.py"
 RATES_HZ: Final = (1000, 2000, 4000)
 PROGRAM_PATIENCE_S: Final = 120.0
+# What the servo says when it, or a process it depends on, came too late.
+STALLS: Final = frozenset(
+    code.name
+    for code in (
+        FaultCode.BOARD_GONE,
+        FaultCode.OVERRUN,
+        FaultCode.STREAM_LOST,
+        FaultCode.GUARD_TRIP,
+        FaultCode.GUARD_LOST,
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -151,7 +162,8 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
 
     Raises:
         LinkError: a process did not start.
-        QRobotError: the program failed; the message is the program's own.
+        Stalled: this machine left one of the processes without time.
+        QRobotError: the program failed for another reason; the message is the program's own.
     """
     path = directory / f"{run.name}.mcap"
     with _servo_running(run, processes, path):
@@ -163,7 +175,8 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
     log = read_log(path)
     result = _result(run, log, 1.0)
     if status != 0:
-        raise QRobotError(f"the program failed after {wall_s:.1f} s: {program.complaint()}")
+        reason = Stalled if result.fault in STALLS else QRobotError
+        raise reason(f"the program failed after {wall_s:.1f} s: {program.complaint()}")
     return result
 
 
