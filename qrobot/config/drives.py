@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -13,22 +13,24 @@ Nonzero = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class DrivesRoad(Table):
-    """Instead of a board, a drive of CiA 402 for each joint, in cyclic synchronous torque mode.
+    """Instead of a board, a drive of CiA 402 for each joint, in cyclic synchronous `mode`: torque or position.
 
     `nodes` are their numbers, joint by joint. `torque_permille` is the target torque at a converter's +10 V, in
-    thousandths of the rated torque, and `increments_per_count` the drive's position increments for a count of the
-    robot file; a negative number turns the direction around. `counts_at_zero` is the counter at the drive's position 0;
-    with `absolute` encoders it is right after power-up too, and the arm is calibrated by it.
+    thousandths of the rated torque; in position mode there is none. `increments_per_count` is the drive's position
+    increments for a count of the robot file; a negative number turns the direction around. `counts_at_zero` is the
+    counter at the drive's position 0; with `absolute` encoders it is right after power-up too, and the arm is
+    calibrated by it. Position mode needs that.
 
-    Each drive maps control word and target torque to RPDO 1, status word and actual position to TPDO 1, both
+    Each drive maps control word and target torque (position) to RPDO 1, status word and actual position to TPDO 1, both
     synchronous, and stops by itself when SYNC stays away.
     """
 
     interface: str = "socketcan"
     channel: str = "can0"
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
+    mode: Literal["torque", "position"] = "torque"
     nodes: tuple[Node, ...] = Field(min_length=1, max_length=6, strict=False)
-    torque_permille: tuple[Nonzero, ...] = Field(strict=False)
+    torque_permille: tuple[Nonzero, ...] = Field(default=(), strict=False)
     increments_per_count: tuple[Nonzero, ...] = Field(strict=False)
     counts_at_zero: tuple[int, ...] = Field(strict=False)
     absolute: bool = False
@@ -39,9 +41,18 @@ class DrivesRoad(Table):
     def _has_a_number_for_each(self) -> DrivesRoad:
         if len(set(self.nodes)) < len(self.nodes):
             raise ValueError("two drives have the same node number")
-        for key in ("torque_permille", "increments_per_count", "counts_at_zero"):
+        torque = ("torque_permille",) if self.mode == "torque" else ()
+        for key in (*torque, "increments_per_count", "counts_at_zero"):
             if len(getattr(self, key)) != len(self.nodes):
                 raise ValueError(f"{key} needs {len(self.nodes)} numbers, one for each node")
         if 0 in self.torque_permille or 0 in self.increments_per_count:
             raise ValueError("torque_permille and increments_per_count must not be 0")
+        return self
+
+    @model_validator(mode="after")
+    def _has_what_position_mode_needs(self) -> DrivesRoad:
+        if self.mode == "position" and self.torque_permille:
+            raise ValueError("torque_permille has no meaning in position mode: leave it out")
+        if self.mode == "position" and not self.absolute:
+            raise ValueError("position mode needs absolute = true: counters are not loaded under a position loop")
         return self

@@ -26,6 +26,7 @@ from qrobot.hwif.memory import (
     IMAGE_WORDS,
     OP_FIELDS,
     OP_READ,
+    OP_REFERENCE,
     OP_WRITE,
     Lane,
     fetch_image,
@@ -46,6 +47,7 @@ from qrobot.realtime.segment import Words
 
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
 REGISTER_MASK: Final = 0xFFFF
+REFERENCE_MASK: Final = 0xFFFFFFFF  # a counter and its fraction
 NO_OPERATIONS: Final = np.zeros((0, OP_FIELDS), np.int64)
 IMAGE_TRIES: Final = 100
 IMAGE_PAUSE_S: Final = 100e-6
@@ -60,11 +62,13 @@ class BoardFacts:
         revision: "E" or "F"; the converter is driven differently.
         joints: encoder channels in use.
         period_ns: how often it renews its image; 0 when it does not say.
+        references: it takes where the motors are to be as well (OP_REFERENCE): its drives close their own loop.
     """
 
     revision: str
     joints: int
     period_ns: int = 0
+    references: bool = False
 
 
 class Bus(Protocol):
@@ -152,12 +156,17 @@ def check_image(image: Words) -> None:
         raise RemoteProtocolError("the board's image is garbage: a word has more than 16 bits")
 
 
-def sane_operations(operations: Operations) -> Operations:
-    """Those that a road can carry: of a known kind, at an even offset of the window; values cut to their 16 bits."""
+def sane_operations(operations: Operations, references: bool = False) -> Operations:
+    """Those that a road can carry: register accesses at an even offset of the window; values cut to their 16 bits.
+
+    With `references` also those that say where a motor is to be, 32 bits each.
+    """
     kind, offset = operations[:, 0], operations[:, 1]
-    known = (kind == OP_READ) | (kind == OP_WRITE)
-    sane: Operations = operations[known & (offset >= 0) & (offset < WINDOW_BYTES) & (offset % 2 == 0)].copy()
-    sane[:, 2] &= REGISTER_MASK
+    inside = (offset >= 0) & (offset < WINDOW_BYTES)
+    access = ((kind == OP_READ) | (kind == OP_WRITE)) & (offset % 2 == 0)
+    reference = (kind == OP_REFERENCE) & references
+    sane: Operations = operations[inside & (access | reference)].copy()
+    sane[:, 2] &= np.where(sane[:, 0] == OP_REFERENCE, REFERENCE_MASK, REGISTER_MASK)
     return sane
 
 

@@ -66,6 +66,7 @@ class Gateway:
         self._image = make_image()
         self._retry_ns = 0
         self._told = ""
+        self._references = False
         self.connected = False
 
     @property
@@ -96,7 +97,7 @@ class Gateway:
 
     def _sane(self, taken: int) -> Operations:
         """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
-        operations = sane_operations(self._operations[:taken])
+        operations = sane_operations(self._operations[:taken], self._references)
         self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
         return operations
 
@@ -113,7 +114,7 @@ class Gateway:
             return False
         self._memory[BOARD_PERIOD_NS] = max(self._period_ns, facts.period_ns)
         self._memory[BOARD_JOINTS], self._memory[BOARD_REVISION] = facts.joints, ord(facts.revision)
-        self.connected = True
+        self._references, self.connected = facts.references, True
         publish_image(self._memory, self._image)
         self._tell(f"board found at {self._bus.name}: revision {facts.revision}, {facts.joints} joints")
         return True

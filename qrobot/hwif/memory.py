@@ -42,7 +42,9 @@ N_LANES: Final = len(Lane)
 
 OP_READ: Final = 0
 OP_WRITE: Final = 1
+OP_REFERENCE: Final = 2  # where a motor is to be, for drives that close their own loop; boards count it as illegal
 OP_FIELDS: Final = 3  # kind, offset, value
+REFERENCE_PER_COUNT: Final = 1 << 16  # the value of a reference is a counter with a fraction; its offset is the joint
 
 # Facts about the board, set by its side at start.
 BOARD_PERIOD_NS: Final = HEADER_WORDS
@@ -134,6 +136,13 @@ def put_write(operations: Any, n: int, offset: int, value: int) -> int:
 def put_read(operations: Any, n: int, offset: int) -> int:
     """Append a read whose side effect is wanted to a list of operations of length `n`; returns its new length."""
     operations[n, 0], operations[n, 1], operations[n, 2] = OP_READ, offset, 0
+    return n + 1
+
+
+@lean_kernel
+def put_reference(operations: Any, n: int, joint: int, value: int) -> int:
+    """Append where the motor of a joint is to be, in counts x REFERENCE_PER_COUNT; returns the list's new length."""
+    operations[n, 0], operations[n, 1], operations[n, 2] = OP_REFERENCE, joint, value
     return n + 1
 
 

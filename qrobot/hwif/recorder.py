@@ -4,13 +4,14 @@ A recording is text, a line to an exchange, each written whole at once: what is 
 complete up to the last line.
 
     qrobot-registers 1
-    board F 6 250000                                   revision, joints, ns between images; again when reconnected
+    board F 6 250000                                   revision, joints, ns between images; again when reconnected;
+                                                       `references` behind it when the board takes some
     4000000 17 w30=800 w2e=47 r1e : 0c=8041 10=fff0    ns and images since the line before; operations; changed words
     lost w30=7ff LinkLost: nobody answers              an exchange that failed
     close
 
-Offsets and values are hexadecimal. Operations are `w` (write) and `r` (a read for its side effect), input words those
-that differ from the image before. `replay.py` reads it.
+Offsets and values are hexadecimal. Operations are `w` (write), `r` (a read for its side effect) and `p` (where a
+joint's motor is to be), input words those that differ from the image before. `replay.py` reads it.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ from typing import Final, TextIO
 
 from qrobot.errors import LinkError, LogError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import N_INPUT_WORDS
 from qrobot.realtime.segment import Words
 
 MAGIC: Final = "qrobot-registers 1"
-LETTERS: Final = {OP_WRITE: "w", OP_READ: "r"}
+LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p"}
+REFERENCES: Final = "references"
 
 
 class Recorder:
@@ -63,7 +65,7 @@ class Recorder:
         """As the bus does. Raises what it raises."""
         facts = self._bus.connect()
         self._before[:] = 0
-        self._write(f"board {facts.revision} {facts.joints} {facts.period_ns}")
+        self._write(f"board {facts.revision} {facts.joints} {facts.period_ns}{f' {REFERENCES}' * facts.references}")
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
@@ -108,7 +110,8 @@ class Recorder:
 
 def operation_text(kind: int, offset: int, value: int) -> str:
     """One operation as it stands in a recording."""
-    return f"w{offset:02x}={value:x}" if kind == OP_WRITE else f"{LETTERS.get(kind, '?')}{offset:02x}"
+    written = f"={value:x}" if kind in (OP_WRITE, OP_REFERENCE) else ""
+    return f"{LETTERS.get(kind, '?')}{offset:02x}{written}"
 
 
 def changes(before: Words, image: Words) -> list[str]:

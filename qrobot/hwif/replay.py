@@ -12,12 +12,13 @@ import numpy as np
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
-from qrobot.hwif.recorder import MAGIC, changes, operation_text
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_REFERENCE, OP_WRITE
+from qrobot.hwif.recorder import MAGIC, REFERENCES, changes, operation_text
 from qrobot.hwif.registers import N_INPUT_WORDS, register_at
 from qrobot.realtime.segment import Words
 
-_OPERATION: Final = re.compile(r"(?:w([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
+_OPERATION: Final = re.compile(r"(?:([wp])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
+_KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE}
 _WORD: Final = re.compile(r"([0-9a-f]{2})=([0-9a-f]{1,4})\Z")
 _ERRORS: Final = {kind.__name__: kind for kind in (LinkError, LinkLost, LinkTimeout, RemoteProtocolError)}
 
@@ -71,8 +72,8 @@ class Recording:
         """How often each register was written, or read for its side effect, by name."""
         counted: dict[str, int] = {}
         for each in self.exchanges:
-            for _, offset, _ in each.operations:
-                name = register_name(int(offset))
+            for kind, offset, _ in each.operations.tolist():
+                name = f"reference {offset + 1}" if kind == OP_REFERENCE else register_name(offset)
                 counted[name] = counted.get(name, 0) + 1
         return counted
 
@@ -146,10 +147,12 @@ class _Reader:
 
 
 def _facts(words: list[str]) -> BoardFacts:
-    revision, joints, period_ns = words
+    revision, joints, period_ns, *more = words
+    if more not in ([], [REFERENCES]):
+        raise ValueError(f"{' '.join(more)!r} says nothing of a board")
     if revision not in ("E", "F"):
         raise ValueError(f"no board has revision {revision!r}")
-    return BoardFacts(revision, int(joints), int(period_ns))
+    return BoardFacts(revision, int(joints), int(period_ns), bool(more))
 
 
 def _operations(words: list[str]) -> Operations:
@@ -158,8 +161,8 @@ def _operations(words: list[str]) -> Operations:
         found = _OPERATION.match(word)
         if found is None:
             raise ValueError(f"{word!r} is no operation")
-        write = found[1] is not None
-        rows.append((OP_WRITE, int(found[1], 16), int(found[2], 16)) if write else (OP_READ, int(found[3], 16), 0))
+        written, offset, value, read = found.groups()
+        rows.append((_KINDS[written], int(offset, 16), int(value, 16)) if written else (OP_READ, int(read, 16), 0))
     return np.array(rows, np.int64).reshape(-1, OP_FIELDS)
 
 

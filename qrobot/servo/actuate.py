@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import put_write
+from qrobot.hwif.memory import REFERENCE_PER_COUNT, put_reference, put_write
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -20,6 +21,7 @@ from qrobot.hwif.registers import (
 from qrobot.model.dynamics import friction_torque, gravity_torque
 from qrobot.model.transmission import (
     TransmissionParams,
+    joint_to_motor,
     motor_to_torque,
     torque_to_dac,
 )
@@ -99,7 +101,10 @@ def drive(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def law_torque(params: ServoParameters, state: ServoState) -> None:
-    """What the law in force says, with the bias of the last swap."""
+    """What the law in force says, with the bias of the last swap; nothing where the drives close the loop."""
+    if params.position_drives != 0:
+        state.tau[:] = 0.0
+        return
     if state.i[LAW_FAILED] != 0 or lost(params, state):
         built_in_law(params, state)
         return
@@ -211,6 +216,8 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     for channel in range(N_DACS):
         code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
         n = put_write(state.ops, n, DAC + 2 * channel, code)
+    if params.position_drives != 0 and gives_torque(state.i[MODE]):
+        n = post_reference(params, state, n)
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
     n = post_latches(state, n)
@@ -220,6 +227,17 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
             state.adc, state.ops, n, state.i[DISCRETE_WORD], channels, state.i[IMAGE_SEEN], state.i[REVISION]
         )
     state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+    return n
+
+
+@lean_kernel
+def post_reference(params: ServoParameters, state: ServoState, n: int) -> int:
+    """Tell the drives where the motors are to be; returns the number of operations."""
+    transmission = params.transmission
+    joint_to_motor(state.q_ref, transmission, state.scratch)
+    for j in range(state.q_ref.size):
+        counts = state.scratch[j] / transmission.rad_per_count[j] + transmission.count_offset[j]
+        n = put_reference(state.ops, n, j, math.floor(counts * REFERENCE_PER_COUNT + 0.5))
     return n
 
 

@@ -39,6 +39,7 @@ SETTLE_PATIENCE_NS: Final = 5 * NS_PER_S
 LOAD_PATIENCE_NS: Final = 50_000_000
 JUMP_FACTOR: Final = 2.0  # counts in one tick beyond so many times what the fastest joint makes are a glitch
 JUMP_FLOOR_COUNTS: Final = 20.0
+NO_TORQUE: Final = -1.0
 SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the true derivative a little
 
 
@@ -64,6 +65,8 @@ class ServoParameters(NamedTuple):
     a_setpoint: Any
     a_stop: Any
     tau_max: Any
+    tau_setpoint: Any  # the most a torque setpoint may ask for; below zero where none may come
+    position_drives: int  # 1: drives close the loop, and get the reference instead of torque
     following_error: Any
     range_margin: Any
     velocity_factor: float
@@ -121,6 +124,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             a_setpoint=SAMPLING_SLACK * limits.a_max,
             a_stop=np.array(guard.a_stop),
             tau_max=np.array(guard.tau_max),
+            tau_setpoint=np.full(robot.n, NO_TORQUE) if settings.position_drives else np.array(guard.tau_max),
+            position_drives=int(settings.position_drives),
             following_error=np.array(guard.following_error),
             range_margin=np.array(guard.range_margin),
             velocity_factor=guard.velocity_factor,

@@ -166,9 +166,10 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
 def model_push(params: ServoParameters, state: ServoState) -> None:
     """Acceleration, into `scratch`, that the last cycle's torque gives each joint beyond its load by the model.
 
-    Off the diagonal of the mass matrix nothing is modelled: the observer finds it.
+    Off the diagonal of the mass matrix nothing is modelled, and nothing of drives that close their own loop: the
+    observer finds it.
     """
-    driven = gives_torque(state.i[MODE])
+    driven = gives_torque(state.i[MODE]) and params.position_drives == 0
     for j in range(state.q.size):
         excess = state.tau[j] - state.gravity[j] - state.friction[j]
         state.scratch[j] = excess / params.inertia[j] if driven else 0.0

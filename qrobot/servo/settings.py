@@ -59,6 +59,8 @@ class ServoSettings:
         priority: SCHED_FIFO priority of the loop thread.
         telemetry_capacity: rows of the telemetry ring, a power of two.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
+        position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
+            reference, the law gives no torque, and what is judged by torques is not watched.
         calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
 
@@ -76,6 +78,7 @@ class ServoSettings:
     priority: int = 80
     telemetry_capacity: int = 1 << 15
     sensor_channels: tuple[int, ...] = ()
+    position_drives: bool = False
     calibration: CalibrationTable | None = None
 
     def __post_init__(self) -> None:

@@ -89,7 +89,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
 
-MAX_OPS: Final = 32
+MAX_OPS: Final = 40
 
 
 class ServoState(NamedTuple):

@@ -178,7 +178,7 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
     return check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
-        params.v_setpoint, params.a_setpoint, params.tau_max, state.i[FRAME_NS] * 1e-9,
+        params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.i[FRAME_NS] * 1e-9,
         1.0 if state.i[MISSES] == 0 else 3.0,
     )  # fmt: skip
 

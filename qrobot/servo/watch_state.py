@@ -70,12 +70,16 @@ class WatchState(NamedTuple):
 
 
 def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
-    """Thresholds for `robot` at the servo's rate."""
+    """Thresholds for `robot` at the servo's rate.
+
+    Drives that close their own loop tell no torque: what could only be judged by one is then never found too large.
+    """
+    torque = np.inf if settings.position_drives else 1.0
     guard, period_s = robot.guard, settings.period_ns / NS_PER_S
     points = max(1, round(settings.overrun.window_s / period_s))
     return WatchParams(
-        unexplained=guard.unexplained_torque_or_default.copy(),
-        impossible=IMPOSSIBLE_TORQUE * guard.tau_max,
+        unexplained=torque * guard.unexplained_torque_or_default,
+        impossible=torque * IMPOSSIBLE_TORQUE * guard.tau_max,
         runaway_speed=robot.limits.v_max * guard.runaway_share,
         pace=min(PACE_PER_S, FASTEST_SHARE / period_s),
         braked=np.array(robot.transmission.brake, dtype=np.int64),

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from qrobot.hwif.bus import Endpoint, make_image
-from qrobot.hwif.canbus.drives import FROM_DRIVE, TO_DRIVE
+from qrobot.hwif.canbus.drives import FROM_DRIVE
 from qrobot.hwif.canbus.ds402 import (
+    CYCLIC_POSITION,
     CYCLIC_TORQUE,
     DEVICE_TYPE,
     DISABLE_VOLTAGE,
@@ -32,6 +33,7 @@ from qrobot.hwif.canbus.ds402 import (
 )
 from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, RPDO, SDO_ANSWER, SDO_ASK, SYNC, TPDO
 from qrobot.hwif.canbus.link import ABORTED, DOWNLOAD, DOWNLOADED, SDO, START, UPLOAD, UPLOADED
+from qrobot.hwif.canbus.setpoints import PositionSetpoints, TorqueSetpoints
 from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
@@ -41,6 +43,7 @@ from qrobot.hwif.registers import (
     DISCRETE_POWER,
     ENC_COUNT,
 )
+from qrobot.sim_board.drive_loop import PositionLoop
 
 NO_OBJECT: Final = 0x06020000  # abort codes of CiA 301, table 22
 WRONG_VALUE: Final = 0x06090030
@@ -65,14 +68,38 @@ _LIVE: Final = (DriveState.READY, DriveState.SWITCHED_ON, DriveState.ENABLED, Dr
 
 @dataclass
 class EmulatedDrive:
-    """One drive: its state machine, its target torque (thousandths of the rated one), its position in increments."""
+    """One drive: its state machine, its setpoint, its position in increments.
+
+    Attributes:
+        torque: target torque, thousandths of the rated one. target: position, increments.
+        loop: its own, for position mode; a drive without one has no such mode.
+    """
 
     state: DriveState = DriveState.SWITCH_ON_DISABLED
     torque: int = 0
+    target: int = 0
     position: int = 0
     mode: int = 0
     error: int = 0
     operational: bool = False
+    loop: PositionLoop | None = None
+
+    @property
+    def modes(self) -> tuple[int, ...]:
+        """Modes of operation it has."""
+        return (CYCLIC_TORQUE,) if self.loop is None else (CYCLIC_TORQUE, CYCLIC_POSITION)
+
+    def command(self, data: bytes) -> None:
+        """Act on RPDO 1, as it is mapped for the mode."""
+        layout = PositionSetpoints.frame if self.mode == CYCLIC_POSITION else TorqueSetpoints.frame
+        if len(data) < layout.size:
+            return
+        control, setpoint = layout.unpack_from(data)
+        self.control(control)
+        if self.mode == CYCLIC_POSITION:
+            self.target = setpoint
+        else:
+            self.torque = setpoint
 
     def control(self, word: int) -> None:
         """Act on a control word."""
@@ -95,9 +122,22 @@ class EmulatedDrive:
         return self.state.value[1] | VOLTAGE
 
     @property
-    def effective_torque(self) -> int:
-        """What reaches the motor."""
-        return self.torque if self.state is DriveState.ENABLED and self.mode == CYCLIC_TORQUE else 0
+    def driving(self) -> bool:
+        """The motor is in the drive's hands: in operation, or led to a stop, which only a position loop can do."""
+        stopping = self.state is DriveState.QUICK_STOPPED and self.mode == CYCLIC_POSITION
+        return self.state is DriveState.ENABLED or stopping
+
+    def next_torque(self) -> int:
+        """What reaches the motor in the next cycle."""
+        if self.loop is not None and not (self.driving and self.mode == CYCLIC_POSITION):
+            self.loop.rest(self.position)
+        if not self.driving:
+            return 0
+        if self.loop is None or self.mode == CYCLIC_TORQUE:
+            return self.torque
+        if self.state is DriveState.ENABLED:
+            return self.loop.follow(self.target, self.position)
+        return self.loop.slow_down(self.position)
 
 
 @dataclass
@@ -107,7 +147,8 @@ class EmulatedDrives:
     Attributes:
         end: the emulated board that is the arm.
         send: puts a frame on the wire.
-        nodes, torque_permille, increments_per_count: as in the deployment file.
+        nodes, torque_permille, increments_per_count: as in the deployment file; the rated torque of a drive follows.
+        loops: their position loops; without any they have torque mode alone.
     """
 
     end: Endpoint
@@ -115,10 +156,11 @@ class EmulatedDrives:
     nodes: Sequence[int]
     torque_permille: Sequence[float]
     increments_per_count: Sequence[float]
+    loops: Sequence[PositionLoop | None] = ()
     drives: list[EmulatedDrive] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.drives = [EmulatedDrive() for _ in self.nodes]
+        self.drives = [EmulatedDrive(loop=loop) for loop in self.loops or (None,) * len(self.nodes)]
         self._image = make_image()
         self.end.read_image(self._image)
         self._words = self._counts()
@@ -138,11 +180,10 @@ class EmulatedDrives:
             self._step()
         elif can_id - SDO_ASK in self.nodes and len(data) == SDO.size:
             self._serve(can_id - SDO_ASK, data)
-        elif can_id - RPDO[0] in self.nodes and len(data) >= TO_DRIVE.size:
+        elif can_id - RPDO[0] in self.nodes:
             drive = self._drive(can_id - RPDO[0])
             if drive.operational:
-                control, drive.torque = TO_DRIVE.unpack_from(data)
-                drive.control(control)
+                drive.command(data)
 
     def fail(self, node: int, error: int) -> None:
         """Let one drive fail, as it tells by an emergency message."""
@@ -152,7 +193,7 @@ class EmulatedDrives:
     def lose_sync(self) -> None:
         """SYNC has stayed away: every drive that gives torque stops by itself, and the arm has no power any more."""
         for node, drive in zip(self.nodes, self.drives, strict=True):
-            if drive.state is DriveState.ENABLED:
+            if drive.driving:
                 self.fail(node, LOST_SYNC)
         self._move()
 
@@ -175,10 +216,10 @@ class EmulatedDrives:
                 self.send(TPDO[0] + node, FROM_DRIVE.pack(drive.status, drive.position))
 
     def _move(self) -> None:
-        """The arm has power while every drive gives torque."""
-        power = all(drive.state is DriveState.ENABLED for drive in self.drives)
+        """The arm has power while every drive has its motor."""
+        power = all(drive.driving for drive in self.drives)
         rows = [
-            (OP_WRITE, DAC + 2 * channel, DAC_ZERO - round(drive.effective_torque * DAC_ZERO / full))
+            (OP_WRITE, DAC + 2 * channel, DAC_ZERO - round(drive.next_torque() * DAC_ZERO / full))
             for channel, (drive, full) in enumerate(zip(self.drives, self.torque_permille, strict=True))
         ]
         rows.append((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_POWER * power))
@@ -207,7 +248,7 @@ class EmulatedDrives:
         if command == UPLOAD and index in shown:
             return UPLOADED, shown[index]
         if command in DOWNLOAD.values() and index == MODE_WANTED:
-            if value != CYCLIC_TORQUE:
+            if value not in drive.modes:
                 return ABORTED, WRONG_VALUE
             drive.mode = value
             return DOWNLOADED, 0

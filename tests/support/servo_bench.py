@@ -22,6 +22,7 @@ from qrobot.hwif.memory import (
     IMAGE_T_NS,
     IMAGE_WORDS,
     OP_FIELDS,
+    OP_REFERENCE,
     Lane,
     local_board_memory,
     publish_image,
@@ -80,6 +81,7 @@ class ServoBench:
         beating: the guardian's heartbeat goes on.
         before: called before every tick with the time, for programs and mishaps.
         writes: every register write, oldest first.
+        references: where the motors are to be, by joint, as last posted.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class ServoBench:
         sensor_channels: tuple[int, ...] = (),
         overrun: Overrun = COUNTED_ONLY,
         obeys_model: bool = False,
+        position_drives: bool = False,
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
@@ -106,6 +109,7 @@ class ServoBench:
             guarded=guarded,
             sensor_channels=sensor_channels,
             overrun=overrun,
+            position_drives=position_drives,
         )
         self.params = servo_parameters(self.robot, self.settings)
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves
@@ -124,6 +128,7 @@ class ServoBench:
         self.slip: dict[int, int] = {}
         self.before: list[Callable[[int], object]] = []
         self.writes: list[Write] = []
+        self.references: dict[int, int] = {}
         self.dac = np.full(N_DACS, -1)
         self.discrete = -1
         self._image = np.zeros(IMAGE_WORDS, dtype=np.int64)
@@ -188,7 +193,10 @@ class ServoBench:
         operation = np.zeros(OP_FIELDS, dtype=np.int64)
         for lane in Lane:
             while not self.deaf and take_operation(self.board, int(lane), operation):
-                _, offset, value = operation.tolist()
+                kind, offset, value = operation.tolist()
+                if kind == OP_REFERENCE:
+                    self.references[offset] = value
+                    continue
                 self.writes.append(Write(self.now_ns, lane, offset, value))
                 if offset == DISCRETE:
                     self.discrete = value

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import threading
-import uuid
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 
-import can
 import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.config.drives import DrivesRoad
 from qrobot.errors import LinkTimeout, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.bus import Endpoint, make_image
+from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_TORQUE,
@@ -29,17 +25,14 @@ from qrobot.hwif.canbus.ds402 import (
     state_of,
     towards_operation,
 )
-from qrobot.hwif.gateway import NO_OPERATIONS
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
+from qrobot.hwif.memory import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_POWER,
-    ENC_COUNT,
     ENC_LOAD,
-    STATUS,
     STATUS_CALIBRATED,
     STATUS_ESTOP_OK,
     STATUS_POWER,
@@ -48,73 +41,16 @@ from qrobot.rig.lockstep_road import RoadRig
 from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.can_drives import EmulatedDrive, EmulatedDrives
+from qrobot.sim_board.can_drives import EmulatedDrive
 from qrobot.sim_board.emulator import Emulator
-from tests.support.bus import BenchEndpoint, Row, rows_of
+from tests.support.bus import BenchEndpoint, Row
+from tests.support.drives import Drives, served
 
-NODES = (1, 2, 3, 4, 5, 6)
-TORQUE = (2048.0, -2048.0, 2048.0, 1024.0, -1024.0, 2048.0)
-INCREMENTS = (4.0, -16.0, 4.0, 131.072, 4.0, -4.0)
 ROBOT = load_robot("puma560")
 ON: Row = (OP_WRITE, DISCRETE, DISCRETE_POWER)
 OFF: Row = (OP_WRITE, DISCRETE, 0)
 OVERCURRENT = 0x2310
 STEPS_UP = 4  # exchanges: three transitions, and one that shows the last
-
-
-class Drives:
-    """Emulated drives in a thread, and the bus to them."""
-
-    def __init__(self, end: Endpoint, absolute: bool) -> None:
-        channel = uuid.uuid4().hex
-        self.interface = can.Bus(interface="virtual", channel=channel)
-        self.far = EmulatedDrives(end, self._send, NODES, TORQUE, INCREMENTS)
-        road = DrivesRoad(
-            interface="virtual",
-            channel=channel,
-            nodes=NODES,
-            torque_permille=TORQUE,
-            increments_per_count=INCREMENTS,
-            counts_at_zero=(0,) * 6,
-            absolute=absolute,
-            timeout_ms=1000.0,
-        )
-        self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
-        self.silent: set[int] = set()
-        self.image = make_image()
-
-    def _send(self, can_id: int, data: bytes) -> None:
-        if can_id & 0x7F not in self.silent:
-            self.interface.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-
-    def serve(self, stop: threading.Event) -> None:
-        while not stop.is_set():
-            if message := self.interface.recv(0.01):
-                self.far.take(message.arbitration_id, bytes(message.data))
-
-    def exchange(self, *rows: Row, times: int = 1) -> int:
-        """Exchange; the STATUS word of the last image."""
-        for _ in range(times):
-            self.bus.exchange(rows_of(rows), self.image)
-        return int(self.image[IMAGE_INPUTS + STATUS // 2])
-
-    def counts(self) -> list[int]:
-        return [int(word) for word in self.image[IMAGE_INPUTS + ENC_COUNT // 2 :][:6]]
-
-
-@contextmanager
-def served(end: Endpoint, absolute: bool = True) -> Iterator[Drives]:
-    end.apply(NO_OPERATIONS)  # compile before somebody waits
-    drives, stop = Drives(end, absolute), threading.Event()
-    thread = threading.Thread(target=drives.serve, args=(stop,), daemon=True)
-    thread.start()
-    try:
-        yield drives
-    finally:
-        stop.set()
-        thread.join()
-        drives.bus.close()
-        drives.interface.shutdown()
 
 
 @pytest.fixture
@@ -168,7 +104,7 @@ def test_power_is_on_once_every_drive_is_and_torque_flows_only_then(drives: Driv
     assert drives.far.drives[0].torque == 100
     assert drives.far.drives[0].mode == CYCLIC_TORQUE
     assert not drives.exchange(OFF, times=2) & STATUS_POWER
-    assert {drive.effective_torque for drive in drives.far.drives} == {0}
+    assert {drive.next_torque() for drive in drives.far.drives} == {0}
 
 
 def test_a_converter_word_is_torque_in_thousandths_with_the_sign_of_its_joint(drives: Drives) -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
-from qrobot.hwif.bus import make_image
+from qrobot.hwif.bus import BoardFacts, make_image
 from qrobot.hwif.gateway import RETRY_NS, Gateway
 from qrobot.hwif.memory import (
+    BOARD_ILLEGAL_OPS,
     BOARD_JOINTS,
     BOARD_MODULE_LOSSES,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
     IMAGE_COUNT,
     IMAGE_INPUTS,
+    OP_REFERENCE,
     OP_WRITE,
     Lane,
     fetch_image,
@@ -142,3 +146,23 @@ def test_the_board_is_left_safe(desk: Desk) -> None:
     desk.gateway.release()
     assert desk.end.lists == [[*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]]
     assert desk.bus.closed == 1
+
+
+class ReferencesBus(DirectBus):
+    """A bus to drives that close their own loop."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), references=True)
+
+
+@pytest.mark.parametrize("references", [False, True])
+def test_references_reach_only_a_board_that_takes_them(references: bool) -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    gateway = Gateway((ReferencesBus if references else DirectBus)(end), memory, PERIOD_NS)
+    assert gateway.step(PERIOD_NS)
+    before = memory[BOARD_ILLEGAL_OPS]
+    post(memory, (OP_REFERENCE, 1, -3), (OP_WRITE, DAC, 0x12345))
+    assert gateway.step(2 * PERIOD_NS)
+    reference = [(OP_REFERENCE, 1, 0xFFFFFFFD)] if references else []
+    assert end.lists[-1] == [*reference, (OP_WRITE, DAC, 0x2345)]
+    assert memory[BOARD_ILLEGAL_OPS] - before == (not references)

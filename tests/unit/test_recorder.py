@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from qrobot.errors import LinkLost, LocalProtocolError, LogError, QRobotError
 from qrobot.hwif.bus import BoardFacts, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_FIELDS, OP_READ, OP_WRITE
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_FIELDS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.recorder import MAGIC, Recorder
 from qrobot.hwif.registers import ADC_MUX, ADC_START, DAC, DISCRETE, ENC_COUNT, ENC_LOAD
 from qrobot.hwif.replay import Exchange, Replay, load_recording, replay_onto
@@ -190,3 +191,23 @@ def test_values_no_register_takes_are_recorded_as_they_were_asked(tmp_path: Path
     assert exchange.image is not None
     assert exchange.image[IMAGE_INPUTS:].max() < 1 << 16
     assert issubclass(LogError, QRobotError)
+
+
+class ReferencesBus(DirectBus):
+    """A bus to drives that close their own loop."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), references=True)
+
+
+def test_references_are_recorded_as_such_and_with_them_that_the_board_takes_them(tmp_path: Path) -> None:
+    path, done = tmp_path / "here.txt", rows([(OP_REFERENCE, 5, 0xFFFF8000), (OP_WRITE, DAC, 1)])
+    with Recorder(ReferencesBus(BenchEndpoint()), path) as recorder:
+        facts = recorder.connect()
+        recorder.exchange(done, make_image())
+    recording = load_recording(path)
+    assert recording.accesses() == {"reference 6": 1, "DAC 1": 1}
+    replay = Replay(recording)
+    assert replay.connect() == facts
+    replay.exchange(done, make_image())
+    assert replay.finished

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.cli.arms import servo_settings
 from qrobot.cli.board import board
 from qrobot.config import Deployment, load_deployment
 from qrobot.errors import ConfigError, LinkError
@@ -88,12 +89,22 @@ def test_drives_are_reached_by_a_bus_too(tmp_path: Path) -> None:
     assert (bus.name, period_ns) == ("CAN virtual:x, 6 drives", 2_000_000)
 
 
+@pytest.mark.parametrize("mode", ["torque", "position"])
+def test_the_mode_of_the_drives_is_known_to_the_servo(tmp_path: Path, mode: str) -> None:
+    table = DRIVES.replace("torque_permille", "#") if mode == "position" else DRIVES
+    [arm] = load(tmp_path, f"{table}absolute = true\nmode = '{mode}'\n").arm
+    assert servo_settings(arm).position_drives == (mode == "position")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5, 5]", "same node number"),
         ("[1, 2, 3, 4, 5, 6]", "[1, 2, 3, 4, 5]", "torque_permille needs 5 numbers"),
         ("-900", "0", "must not be 0"),
+        ("nodes", "mode = 'position'\nnodes", "torque_permille has no meaning in position mode"),
+        ("torque_permille", "mode = 'position'\n#", "position mode needs absolute = true"),
+        ("nodes", "mode = 'velocity'\nnodes", "'torque' or 'position'"),
     ],
 )
 def test_drives_need_a_number_for_each_that_means_something(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -1,14 +1,18 @@
 """Separate drives (CiA 402) that look like a board: a robot with modern drives under the same servo.
 
-Each joint has a drive in cyclic synchronous torque mode; all work on one SYNC. To the drives go control word and target
-torque (RPDO 1), from them come status word and actual position (TPDO 1). Of a board's registers there are
+Each joint has a drive in cyclic synchronous torque or position mode; all work on one SYNC. To the drives go control
+word and setpoint (RPDO 1), from them come status word and actual position (TPDO 1). Of a board's registers there are
 
-* DAC: the target torque, `torque_permille` thousandths of the rated one at +10 V (the all-zero word);
+* DAC: the target torque, `torque_permille` thousandths of the rated one at +10 V (the all-zero word). In position mode
+  they mean nothing, and the servo's references are the target (setpoints.py);
 * ENC_COUNT: the actual position in counts, plus what ENC_LOAD has put there;
 * DISCRETE bit 0 and STATUS bit 15: arm power is on while every drive is in OPERATION ENABLED. A drive that leaves it
   takes the others along, and power has to be asked for anew;
 * STATUS bit 0: no drive has stopped by itself (QUICK STOP ACTIVE);
 * the scratch bits, kept here. With absolute encoders the arm is calibrated from the start.
+
+In position mode counters cannot be loaded while the drives are in operation, and drives to which nobody says any more
+where to be are told to QUICK STOP.
 
 There is no converter: a conversion is never done, and no index pulse is ever seen.
 """
@@ -24,30 +28,27 @@ from qrobot.config.drives import DrivesRoad
 from qrobot.errors import RemoteProtocolError
 from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
 from qrobot.hwif.canbus.ds402 import (
-    CYCLIC_TORQUE,
+    CYCLIC_POSITION,
     DEVICE_TYPE,
     DISABLE_VOLTAGE,
     MODE_SHOWN,
     MODE_WANTED,
     PROFILE,
+    QUICK_STOP,
     DriveState,
-    state_of,
     towards_operation,
 )
 from qrobot.hwif.canbus.frames import RPDO, SYNC, TPDO
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
+from qrobot.hwif.canbus.setpoints import Drive, setpoints_of
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.registers import (
-    DAC,
-    DAC_MASK,
-    DAC_ZERO,
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_POWER,
     ENC_COUNT,
     ENC_LOAD,
-    N_ENCODERS,
     STATUS,
     STATUS_ADC_BUSY,
     STATUS_ESTOP_OK,
@@ -56,10 +57,8 @@ from qrobot.hwif.registers import (
 )
 from qrobot.realtime.segment import Words
 
-TO_DRIVE: Final = struct.Struct("<Hh")  # control word, target torque
 FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
 MS_PER_S: Final = 1000
-_TORQUE_LIMIT: Final = 0x7FFF
 
 
 class DrivesBus:
@@ -74,9 +73,8 @@ class DrivesBus:
         self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
         self._road, self._clock = road, clock
         self._link = CanLink(road.interface, road.channel, road.bitrate, road.nodes)
-        n = len(road.nodes)
-        self._status, self._position = [0] * n, [0] * n
-        self._dac, self._loaded = [DAC_ZERO] * n, list(road.counts_at_zero)
+        self._setpoints = setpoints_of(road)
+        self._drives = [Drive(counts) for counts in road.counts_at_zero]
         self._discrete = DISCRETE_CALIBRATED if road.absolute else 0
         self._tripped = False
         self._was_on = False
@@ -92,16 +90,15 @@ class DrivesBus:
         for node in self._road.nodes:
             if self._link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
                 raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
-            self._link.download(node, MODE_WANTED, 0, CYCLIC_TORQUE, 1)
-            if self._link.upload(node, MODE_SHOWN, 0) & 0xFF != CYCLIC_TORQUE:
-                raise RemoteProtocolError(f"the drive of node {node} has no cyclic synchronous torque mode")
+            self._choose_mode(node)
             self._link.start(node)
         self._switch_off()
-        return BoardFacts("F", len(self._road.nodes))
+        return BoardFacts("F", len(self._drives), references=self._setpoints.mode == CYCLIC_POSITION)
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`. Of several writes to one converter in a list the last one reaches the drive."""
         for kind, offset, value in operations.tolist():
+            self._setpoints.take(kind, offset, value)
             if kind == OP_WRITE:
                 self._write(offset, value)
         asked_ns = time.monotonic_ns()
@@ -118,29 +115,34 @@ class DrivesBus:
     # ------------------------------------------------------------------------------------------------------ inside
 
     def _write(self, offset: int, value: int) -> None:
-        channel = (offset % 16) // 2
         if offset == DISCRETE:
             if not value & DISCRETE_POWER:
                 self._tripped = False  # and may be asked for anew
+                self._setpoints.forget()
             self._discrete = value
-        elif offset >= DAC and channel < len(self._dac):
-            self._dac[channel] = value & DAC_MASK
-        elif ENC_LOAD <= offset < ENC_LOAD + 2 * len(self._loaded):
-            self._loaded[channel] = value - self._turned(channel)
+        elif ENC_LOAD <= offset < ENC_LOAD + 2 * len(self._drives) and self._may_load:
+            channel = (offset - ENC_LOAD) // 2
+            self._drives[channel].loaded = value - self._turned(channel)
+
+    @property
+    def _may_load(self) -> bool:
+        """Under a position loop a counter that jumps would be a jump of the arm."""
+        in_operation = any(drive.state is DriveState.ENABLED for drive in self._drives)
+        return self._setpoints.mode != CYCLIC_POSITION or not in_operation
 
     def _transmit(self) -> None:
         wanted = bool(self._discrete & DISCRETE_POWER) and not self._tripped
-        for channel, node in enumerate(self._road.nodes):
-            control = towards_operation(self._status[channel]) if wanted else DISABLE_VOLTAGE
-            torque = self._torque(channel) if self._powered and wanted else 0
-            self._link.send(RPDO[0] + node, TO_DRIVE.pack(control, torque))
+        driven = wanted and self._powered
+        self._setpoints.begin(driven)
+        for channel, (node, drive) in enumerate(zip(self._road.nodes, self._drives, strict=True)):
+            setpoint = self._setpoints.value(channel, drive, driven)
+            self._link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(drive, wanted), setpoint))
         self._link.send(SYNC, b"")
 
-    def _torque(self, channel: int) -> int:
-        """Thousandths of the rated torque that a DAC word stands for."""
-        full = self._road.torque_permille[channel]
-        torque = round((DAC_ZERO - self._dac[channel]) * full / DAC_ZERO)
-        return min(max(torque, -_TORQUE_LIMIT), _TORQUE_LIMIT)
+    def _control(self, drive: Drive, wanted: bool) -> int:
+        if self._setpoints.silent:
+            return QUICK_STOP  # goes on until power is taken away: the drives need their time
+        return towards_operation(drive.status) if wanted else DISABLE_VOLTAGE
 
     def _collect(self) -> None:
         waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
@@ -152,11 +154,12 @@ class DrivesBus:
                 continue
             if len(message.data) < FROM_DRIVE.size:
                 raise RemoteProtocolError(f"TPDO 1 of node {self._road.nodes[channel]} is too short: check its mapping")
-            self._status[channel], self._position[channel] = FROM_DRIVE.unpack_from(bytes(message.data))
+            drive = self._drives[channel]
+            drive.status, drive.position = FROM_DRIVE.unpack_from(bytes(message.data))
 
     @property
     def _powered(self) -> bool:
-        return all(state_of(status) is DriveState.ENABLED for status in self._status)
+        return all(drive.state is DriveState.ENABLED for drive in self._drives)
 
     def _judge_power(self) -> None:
         """One drive that stops by itself stops them all."""
@@ -164,20 +167,27 @@ class DrivesBus:
             self._tripped = True
         self._was_on = self._powered
 
+    def _choose_mode(self, node: int) -> None:
+        mode = self._setpoints.mode
+        self._link.download(node, MODE_WANTED, 0, mode, 1)
+        if self._link.upload(node, MODE_SHOWN, 0) & 0xFF != mode:
+            raise RemoteProtocolError(f"the drive of node {node} has no {self._setpoints.mode_name} mode")
+
     def _switch_off(self) -> None:
         self._discrete &= SCRATCH_BITS
         self._was_on = self._tripped = False
-        self._dac = [DAC_ZERO] * len(self._dac)
-        self._status = [0] * len(self._status)
+        self._setpoints = setpoints_of(self._road)
+        for drive in self._drives:
+            drive.status = 0
         self._link.drain()
 
     def _turned(self, channel: int) -> int:
-        return round(self._position[channel] / self._road.increments_per_count[channel])
+        return round(self._drives[channel].position / self._road.increments_per_count[channel])
 
     def _fill(self, image: Words, t_ns: int) -> None:
         self._count += 1
         image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, self._count
-        stopped = any(state_of(status) is DriveState.QUICK_STOPPED for status in self._status)
+        stopped = any(drive.state is DriveState.QUICK_STOPPED for drive in self._drives)
         image[IMAGE_INPUTS:] = 0
         image[IMAGE_INPUTS + STATUS // 2] = (
             STATUS_INDEX
@@ -186,8 +196,8 @@ class DrivesBus:
             | STATUS_POWER * (self._powered and not self._tripped)
             | STATUS_ESTOP_OK * (not stopped)
         )
-        for channel in range(min(N_ENCODERS, len(self._position))):
-            word = self._turned(channel) + self._loaded[channel]
+        for channel, drive in enumerate(self._drives):
+            word = self._turned(channel) + drive.loaded
             image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = word & 0xFFFF
 
 

@@ -1,0 +1,88 @@
+"""Six emulated drives of CiA 402 on python-can's `virtual` interface, and the bus to them."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import can
+
+from qrobot.config.drives import DrivesRoad
+from qrobot.hwif.bus import NO_OPERATIONS, Endpoint, make_image
+from qrobot.hwif.canbus.drives import DrivesBus
+from qrobot.hwif.memory import IMAGE_INPUTS
+from qrobot.hwif.registers import ENC_COUNT, STATUS
+from qrobot.sim_board.can_drives import EmulatedDrives
+from qrobot.sim_board.drive_loop import PositionLoop
+from tests.support.bus import Row, rows_of
+
+NODES = (1, 2, 3, 4, 5, 6)
+TORQUE = (2048.0, -2048.0, 2048.0, 1024.0, -1024.0, 2048.0)
+INCREMENTS = (4.0, -16.0, 4.0, 131.072, 4.0, -4.0)
+
+
+class Drives:
+    """Emulated drives in a thread, and the bus to them: in position mode when they are given loops of their own.
+
+    Attributes:
+        far: the drives. bus: to them. silent: node numbers of which nothing is heard. image: the last one.
+    """
+
+    def __init__(self, end: Endpoint, absolute: bool, torque: Sequence[float], loops: Sequence[PositionLoop]) -> None:
+        channel = uuid.uuid4().hex
+        self.interface = can.Bus(interface="virtual", channel=channel)
+        self.far = EmulatedDrives(end, self._send, NODES, torque, INCREMENTS, loops)
+        road = DrivesRoad(
+            interface="virtual",
+            channel=channel,
+            mode="position" if loops else "torque",
+            nodes=NODES,
+            torque_permille=() if loops else tuple(torque),
+            increments_per_count=INCREMENTS,
+            counts_at_zero=(0,) * 6,
+            absolute=absolute,
+            timeout_ms=1000.0,
+        )
+        self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
+        self.silent: set[int] = set()
+        self.image = make_image()
+
+    def _send(self, can_id: int, data: bytes) -> None:
+        if can_id & 0x7F not in self.silent:
+            self.interface.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+
+    def serve(self, stop: threading.Event) -> None:
+        """Be the drives until `stop` is set."""
+        while not stop.is_set():
+            if message := self.interface.recv(0.01):
+                self.far.take(message.arbitration_id, bytes(message.data))
+
+    def exchange(self, *rows: Row, times: int = 1) -> int:
+        """Exchange; the STATUS word of the last image."""
+        for _ in range(times):
+            self.bus.exchange(rows_of(rows), self.image)
+        return int(self.image[IMAGE_INPUTS + STATUS // 2])
+
+    def counts(self) -> list[int]:
+        """What the counters show."""
+        return [int(word) for word in self.image[IMAGE_INPUTS + ENC_COUNT // 2 :][:6]]
+
+
+@contextmanager
+def served(
+    end: Endpoint, absolute: bool = True, torque: Sequence[float] = TORQUE, loops: Sequence[PositionLoop] = ()
+) -> Iterator[Drives]:
+    """Drives whose thread runs while the block does."""
+    end.apply(NO_OPERATIONS)  # compile before somebody waits
+    drives, stop = Drives(end, absolute, torque, loops), threading.Event()
+    thread = threading.Thread(target=drives.serve, args=(stop,), daemon=True)
+    thread.start()
+    try:
+        yield drives
+    finally:
+        stop.set()
+        thread.join()
+        drives.bus.close()
+        drives.interface.shutdown()
