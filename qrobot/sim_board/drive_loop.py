@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 FULL_TORQUE: Final = 1000.0  # thousandths of the rated torque
-INTEGRAL_SHARE: Final = 0.01  # of the gain, a cycle: takes a load up in a tenth of a second [A]
+INTEGRAL_SHARE: Final = 0.03  # of the gain, a cycle: takes a load up in some hundredths of a second [A]
 RATE_SHARE: Final = 0.35  # of a new rate: a low pass of 40 Hz at 500 cycles a second, for positions are whole counts
 SLOWING: Final = 0.85  # of the speed is left after a cycle of a quick stop: two hundredths of a second at 500 Hz [A]
 

@@ -40,9 +40,9 @@ TORQUE = tuple((-FULL * np.sign(_SCALES)).tolist())
 
 
 def loops() -> list[PositionLoop]:
-    """Loops of the drives, as stiff as the robot file's gains."""
+    """Loops of the drives, twice as stiff as the robot file's gains."""
     per_increment = np.abs(ROBOT.transmission.dac_per_Nm * ROBOT.transmission.rad_per_count / np.array(INCREMENTS))
-    gain, damping = ROBOT.control.kp * per_increment, ROBOT.control.kv * per_increment / PERIOD_S
+    gain, damping = 2.0 * ROBOT.control.kp * per_increment, 2.0**0.5 * ROBOT.control.kv * per_increment / PERIOD_S
     return [PositionLoop(*each, limit=DAC_SHARE * FULL) for each in zip(gain, damping, strict=True)]
 
 
@@ -103,9 +103,10 @@ def arm() -> Iterator[Arm]:
 
 def test_the_arm_follows_a_motion_by_the_loops_of_its_drives_and_no_watch_mistakes_them(arm: Arm) -> None:
     arm.send(RISE)
+    arm.rig.mailbox.request_stop()
     arm.rig.run_for(0.1)
     assert (arm.event, arm.mode) == (FaultCode.NONE, Mode.HOLDING)
-    np.testing.assert_allclose(arm.rig.emulator.q, ROBOT.poses["park"] + RISE.sum() * STEP, atol=1e-3)
+    np.testing.assert_allclose(arm.rig.emulator.q, ROBOT.poses["park"] + RISE.sum() * STEP, atol=2e-3)
     rows = arm.rig.rows()
     moving = rows[rows["mode"] == Mode.TRACKING]
     assert np.abs(moving["q_ref"] - moving["q"]).max() < 0.01
@@ -122,7 +123,7 @@ def test_a_stop_ends_on_the_path_with_the_drives_in_operation(arm: Arm) -> None:
     assert arm.states == {DriveState.ENABLED}
     way = (arm.rig.emulator.q - ROBOT.poses["park"]) / STEP
     np.testing.assert_allclose(way, way.mean(), atol=0.25)  # joints at rest in proportion: on the straight line
-    assert np.abs(arm.rig.emulator.v).max() < 0.01
+    assert np.abs(arm.rig.emulator.v).max() < 0.02
 
 
 @pytest.mark.parametrize(
@@ -141,13 +142,13 @@ def test_a_drive_that_fails_in_a_move_or_misses_the_sync_takes_the_power_from_al
 
 def test_a_servo_that_falls_silent_leaves_the_drives_to_a_quick_stop(arm: Arm) -> None:
     arm.get_going()
-    before = arm.rig.emulator.q
+    before = arm.rig.emulator.q.copy()
     for _ in range(60):
         arm.rig.gateway.step(arm.rig.now_ns)
     assert arm.states == {DriveState.QUICK_STOPPED}
     assert arm.rig.emulator.powered  # and the brakes open: the drives have slowed the arm down
-    assert np.abs(arm.rig.emulator.v).max() < 0.01
-    assert np.abs(arm.rig.emulator.q - before).max() < 0.02
+    assert np.abs(arm.rig.emulator.v).max() < 0.02
+    assert np.abs(arm.rig.emulator.q - before).max() < 0.01
     arm.rig.now_ns = arm.rig.end.now_ns
     arm.rig.run_for(0.1)
     assert arm.mode == Mode.FAULT
@@ -158,7 +159,7 @@ def test_a_drive_that_does_not_follow_is_a_following_error(arm: Arm) -> None:
     loop = arm.drives.far.drives[0].loop
     assert loop is not None
     loop.gain = loop.damping = 0.0
-    arm.send(RISE)
+    arm.send(np.concatenate([RISE[:4], np.ones(12)]))
     assert arm.event == FaultCode.FOLLOWING
 
 
