@@ -12,7 +12,6 @@ MODE_WANTED: Final = 0x6060
 MODE_SHOWN: Final = 0x6061
 ACTUAL_POSITION: Final = 0x6064
 TARGET_TORQUE: Final = 0x6071
-TARGET_POSITION: Final = 0x607A
 DEVICE_TYPE: Final = 0x1000
 PROFILE: Final = 402  # low word of the device type
 
