@@ -26,7 +26,8 @@ from qrobot.servo.control_messages import (
 )
 from qrobot.servo.control_socket import control_address
 
-TIMEOUT_S: Final = 30.0  # a law may have to be compiled
+TIMEOUT_S: Final = 30.0
+COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a busy machine
 POWER_PATIENCE_S: Final = 6.0
 STOP_PATIENCE_S: Final = 6.0
 POLL_S: Final = 0.02
@@ -106,7 +107,12 @@ class ServoClient:
 
         Of a law in a file, give the whole path: the servo may run in another folder.
         """
-        return self._ask(ChangeLaw(name=name, settings=dict(settings or {})))
+        patience_s = self._socket.gettimeout()
+        self._socket.settimeout(COMPILE_PATIENCE_S)
+        try:
+            return self._ask(ChangeLaw(name=name, settings=dict(settings or {})))
+        finally:
+            self._socket.settimeout(patience_s)
 
     def change_gains(
         self,

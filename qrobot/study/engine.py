@@ -91,7 +91,8 @@ def _local(workers: int) -> Iterator[Client]:
             n_workers=workers,
             threads_per_worker=1,  # a lock-step rig keeps its interpreter busy
             host=LOOPBACK,
-            dashboard_address=None,
+            dashboard_address=f"{LOOPBACK}:0",  # left out, it would listen everywhere
+            worker_dashboard_address=f"{LOOPBACK}:0",
             memory_limit=0,  # an arm's rows are a few hundred MB for a moment
             silence_logs=logging.ERROR,
             local_directory=scratch,

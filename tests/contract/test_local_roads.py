@@ -9,13 +9,16 @@ from contextlib import contextmanager
 from itertools import count
 
 import numpy as np
+import pytest
 
+from qrobot.hwif.bus import make_image
 from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.memory import IMAGE_START, IMAGE_WORDS, attach_board_memory, create_board_memory
+from qrobot.hwif.memory import IMAGE_START, IMAGE_WORDS, OP_WRITE, attach_board_memory, create_board_memory
 from qrobot.hwif.memory_bus import MemoryBus
+from qrobot.hwif.registers import DISCRETE
 from qrobot.realtime.segment import Words
 from tests.contract.bus_contract import BusContract, Road
-from tests.support.bus import BenchEndpoint, DirectBus
+from tests.support.bus import BenchEndpoint, DirectBus, rows_of
 
 STEP_S = 0.0005
 ARMS = (f"contract{number}" for number in count())
@@ -52,12 +55,12 @@ class TestDirectBus(BusContract):
 class MemoryRoad:
     """A board process in a thread: a gateway to the bench behind a shared segment."""
 
-    def __init__(self, end: BenchEndpoint) -> None:
+    def __init__(self, end: BenchEndpoint, timeout_s: float = 0.25) -> None:
         self.arm = next(ARMS)
         self.segment = create_board_memory(self.arm)
         self.far = DirectBus(end)
         self.gateway = Gateway(self.far, self.segment.words, 250_000)
-        self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=0.25)
+        self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=timeout_s)
         self._held, self._stop = threading.Event(), threading.Event()
         assert self.gateway.step(0)
         self._thread = threading.Thread(target=self._run)
@@ -89,6 +92,17 @@ class MemoryRoad:
         self.segment.close(unlink=True)
 
 
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """What an exchange calls: to compile it takes longer than any patience."""
+    road = MemoryRoad(BenchEndpoint(), timeout_s=300.0)
+    road.bus.connect()
+    road.bus.exchange(rows_of([(OP_WRITE, DISCRETE, 0)]), make_image())
+    road.bus.close()
+    road.close()
+
+
+@pytest.mark.usefixtures("compiled")
 class TestMemoryBus(BusContract):
     """Shared memory."""
 

@@ -15,6 +15,7 @@ from qrobot.cli.board import board
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.hwif.registers import N_DACS
+from qrobot.hwif.roads import Road
 from tests.support.bus import BenchEndpoint, DirectBus
 
 RUN_S = 0.05
@@ -30,10 +31,15 @@ def soon() -> Iterator[threading.Event]:
     timer.join()
 
 
+def road_to_the_bench() -> Road:
+    """To the bench, with nothing beside it."""
+    return Road(DirectBus(BenchEndpoint()), 1_000_000, lambda: 0)
+
+
 @pytest.fixture
 def deployment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """An arm whose board is on a road that leads to the bench."""
-    monkeypatch.setattr("qrobot.hwif.roads.open_road", lambda _board, _report: (DirectBus(BenchEndpoint()), 1_000_000))
+    monkeypatch.setattr("qrobot.hwif.roads.open_road", lambda _board, _report: road_to_the_bench())
     monkeypatch.setattr("qrobot.hwif.gateway.set_on_signals", soon)
     path = tmp_path / "here.toml"
     arm = f'[[arm]]\nname = "record{os.getpid()}"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\n'
