@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.bus import Endpoint
+from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.memory import attach_board_memory, create_board_memory
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.crossing import CardRig, MemoryRig
@@ -20,8 +23,10 @@ from qrobot.rig.lockstep_road import RoadRig
 from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.drive_loop import PositionLoop
 from qrobot.sim_board.emulator import Emulator
 from tests.support.can_road import RoadStack
+from tests.support.drives import Drives, loops_for, served, torque_for
 from tests.support.modbus_road import Far
 
 ROBOT = load_robot("puma560")
@@ -79,6 +84,35 @@ def can() -> Iterator[Road]:
         )
 
 
+@contextmanager
+def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[Road]:
+    with ExitStack() as stack:
+        opened: list[Drives] = []
+
+        def open_bus(end: Endpoint) -> DrivesBus:
+            opened.append(stack.enter_context(served(end, torque=torque_for(ROBOT), loops=loops)))
+            return opened[0].bus
+
+        rig = RoadRig(ROBOT, settings, open_bus, new_emulator())
+        far = opened[0]
+        yield Road(
+            rig,
+            lambda: setattr(far, "cut", True),
+            lambda: setattr(far, "cut", False),
+            far.far.lose_sync,  # their own time-out, which virtual time cannot bring about
+            "does not answer",
+        )
+
+
+def torque_drives() -> AbstractContextManager[Road]:
+    return drives(SETTINGS, ())
+
+
+def position_drives() -> AbstractContextManager[Road]:
+    settings = dataclasses.replace(SETTINGS, position_drives=True)
+    return drives(settings, loops_for(ROBOT, settings.period_ns * 1e-9))
+
+
 def power_on(rig: LockstepRig) -> None:
     rig.ticks(3)
     rig.mailbox.request_power(True)
@@ -95,7 +129,7 @@ def get_going(rig: LockstepRig) -> None:
     assert np.abs(rig.emulator.v).max() > FAST_RAD_S
 
 
-@pytest.mark.parametrize("open_road", [memory, card, modbus, can])
+@pytest.mark.parametrize("open_road", [memory, card, modbus, can, torque_drives, position_drives])
 def test_a_road_cut_in_a_fast_move_stops_the_arm_in_time_and_a_mended_one_needs_no_restart(
     open_road: Callable[[], AbstractContextManager[Road]],
 ) -> None:

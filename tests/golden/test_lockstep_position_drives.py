@@ -19,9 +19,8 @@ from qrobot.rig.lockstep_road import RoadRig
 from qrobot.servo.mailbox import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.drive_loop import PositionLoop
 from qrobot.sim_board.emulator import Emulator
-from tests.support.drives import INCREMENTS, Drives, served
+from tests.support.drives import Drives, loops_for, served, torque_for
 
 ROBOT = load_robot("puma560")
 SETTINGS = ServoSettings(rate_hz=500.0, position_drives=True)
@@ -31,19 +30,6 @@ STEP = np.array([0.006, 0.006, -0.006, 0.004, 0.004, 0.006])  # rad a frame once
 RISE = np.array([0.1, 0.3, 0.6, 0.9, 1.0, 1.0, 1.0, 1.0, 0.9, 0.6, 0.3, 0.1, 0.0])
 FAST_RAD_S = 0.15
 OVERCURRENT = 0x2310
-FULL = 2048.0
-DAC_SHARE = 0.97  # of the converter: what the arm's amplifiers are good for
-
-# A drive turns its own motor the right way round; in the emulated arm that is a matter of signs.
-_SCALES = ROBOT.transmission.dac_per_Nm * ROBOT.transmission.rad_per_count * np.array(INCREMENTS)
-TORQUE = tuple((-FULL * np.sign(_SCALES)).tolist())
-
-
-def loops() -> list[PositionLoop]:
-    """Loops of the drives, twice as stiff as the robot file's gains."""
-    per_increment = np.abs(ROBOT.transmission.dac_per_Nm * ROBOT.transmission.rad_per_count / np.array(INCREMENTS))
-    gain, damping = 2.0 * ROBOT.control.kp * per_increment, 2.0**0.5 * ROBOT.control.kv * per_increment / PERIOD_S
-    return [PositionLoop(*each, limit=DAC_SHARE * FULL) for each in zip(gain, damping, strict=True)]
 
 
 class Arm:
@@ -88,7 +74,7 @@ def powered() -> Iterator[Arm]:
         opened: list[Drives] = []
 
         def open_bus(end: Endpoint) -> DrivesBus:
-            opened.append(stack.enter_context(served(end, torque=TORQUE, loops=loops())))
+            opened.append(stack.enter_context(served(end, torque=torque_for(ROBOT), loops=loops_for(ROBOT, PERIOD_S))))
             return opened[0].bus
 
         rig = RoadRig(ROBOT, SETTINGS, open_bus, Emulator(ROBOT, physics="rigid"))

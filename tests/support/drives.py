@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import can
+import numpy as np
 
+from qrobot.config import Robot
 from qrobot.config.drives import DrivesRoad
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint, make_image
 from qrobot.hwif.canbus.drives import DrivesBus
@@ -21,13 +23,32 @@ from tests.support.bus import Row, rows_of
 NODES = (1, 2, 3, 4, 5, 6)
 TORQUE = (2048.0, -2048.0, 2048.0, 1024.0, -1024.0, 2048.0)
 INCREMENTS = (4.0, -16.0, 4.0, 131.072, 4.0, -4.0)
+FULL = 2048.0  # thousandths of the rated torque that stand for one count of a converter each
+PATIENCE_MS = 500.0
+DAC_SHARE = 0.97  # of the converter: what the arm's amplifiers are good for
+
+
+def torque_for(robot: Robot) -> tuple[float, ...]:
+    """`torque_permille` with which drives turn their own motors the right way round, in the emulated arm."""
+    transmission = robot.transmission
+    signs = np.sign(transmission.dac_per_Nm * transmission.rad_per_count * np.array(INCREMENTS))
+    return tuple((-FULL * signs).tolist())
+
+
+def loops_for(robot: Robot, period_s: float) -> list[PositionLoop]:
+    """Position loops of the drives for SYNC every `period_s`, twice as stiff as the robot file's gains."""
+    transmission = robot.transmission
+    per_increment = np.abs(transmission.dac_per_Nm * transmission.rad_per_count / np.array(INCREMENTS))
+    gain, damping = 2.0 * robot.control.kp * per_increment, 2.0**0.5 * robot.control.kv * per_increment / period_s
+    return [PositionLoop(*each, limit=DAC_SHARE * FULL) for each in zip(gain, damping, strict=True)]
 
 
 class Drives:
     """Emulated drives in a thread, and the bus to them: in position mode when they are given loops of their own.
 
     Attributes:
-        far: the drives. bus: to them. silent: node numbers of which nothing is heard. image: the last one.
+        far: the drives. bus: to them. silent: node numbers of which nothing is heard. cut: nothing goes
+            through the wire. image: the last one.
     """
 
     def __init__(self, end: Endpoint, absolute: bool, torque: Sequence[float], loops: Sequence[PositionLoop]) -> None:
@@ -43,10 +64,11 @@ class Drives:
             increments_per_count=INCREMENTS,
             counts_at_zero=(0,) * 6,
             absolute=absolute,
-            timeout_ms=1000.0,
+            timeout_ms=PATIENCE_MS,
         )
         self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
         self.silent: set[int] = set()
+        self.cut = False
         self.image = make_image()
 
     def _send(self, can_id: int, data: bytes) -> None:
@@ -56,7 +78,7 @@ class Drives:
     def serve(self, stop: threading.Event) -> None:
         """Be the drives until `stop` is set."""
         while not stop.is_set():
-            if message := self.interface.recv(0.01):
+            if (message := self.interface.recv(0.01)) and not self.cut:
                 self.far.take(message.arbitration_id, bytes(message.data))
 
     def exchange(self, *rows: Row, times: int = 1) -> int:
