@@ -98,7 +98,7 @@ def servo_settings(
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
-        position_drives=arm.board.drives is not None and arm.board.drives.mode == "position",
+        position_drives=arm.board.position_drives,
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
     )

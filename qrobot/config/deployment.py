@@ -100,6 +100,11 @@ class BoardChoice(Table):
         road = getattr(self, self.kind, None)
         return float(getattr(road, "period_ms", 0.0))
 
+    @property
+    def position_drives(self) -> bool:
+        """The arm's drives close the position loop, and the control law has no say."""
+        return self.drives is not None and self.drives.mode == "position"
+
 
 class OverrunChoice(Table):
     """Late cycles that stop an arm: so many in a row (0: no number), or more than a share of a window (1: never)."""
@@ -171,6 +176,13 @@ class Arm(Table):
                 f"servo.board_timeout_ms {self.servo.board_timeout_ms:g} is too short for a board that is asked every "
                 f"{self.board.period_ms:g} ms: at least {least:g}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_law_that_is_obeyed(self) -> Arm:
+        given = {"law", "law_settings"} & self.servo.model_fields_set
+        if given and self.board.position_drives:
+            raise ValueError(f"servo.{min(given)} means nothing to drives in position mode: leave it out")
         return self
 
 

@@ -96,6 +96,12 @@ def test_the_mode_of_the_drives_is_known_to_the_servo(tmp_path: Path, mode: str)
     assert servo_settings(arm).position_drives == (mode == "position")
 
 
+def test_a_law_is_refused_where_nobody_obeys_it(tmp_path: Path) -> None:
+    table = DRIVES.replace("torque_permille", "#").replace("servo = {", "servo = { law = 'pid',")
+    with pytest.raises(ConfigError, match=r"servo\.law means nothing to drives in position mode"):
+        load(tmp_path, f"{table}absolute = true\nmode = 'position'\n")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
