@@ -1,4 +1,4 @@
-"""`qrobot identify`: from a plan of motion over a recording to a model of gravity and friction."""
+"""`qrobot identify`: from a plan of motion over a recording to a model of gravity, friction and inertia."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ from qrobot.cli.console import note, out, write_json
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from qrobot.config import Robot
     from qrobot.config.identified import IdentifiedModel
+    from qrobot.config.values import Floats
     from qrobot.ident.base import BaseParameters
-    from qrobot.ident.plan import Plan
+    from qrobot.ident.excitation import Excitation, Run
+    from qrobot.ident.plan import Plan, Swing
 
 UNTOLD: Final = 2.0  # a factor within which a speed is known, at most
 HELP: Final = """
@@ -30,6 +34,7 @@ Find what an arm weighs, how it rubs and how strong its motors are, and make a m
   qrobot identify friction run.mcap                      friction near standstill; record with --slow
   qrobot servo --model model.toml                        use them
 
+Inertia takes fast motion besides: `record --dynamic --output fast.mcap`, then `fit run.mcap --dynamic fast.mcap`.
 A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.
 """
 
@@ -45,6 +50,12 @@ LoadKg = Annotated[
     float | None, Parameter(help="Mass of that load where it was weighed: torque scales are then of true torque.")
 ]
 KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
+Dynamic = Annotated[
+    bool, Parameter(help="Fast runs for inertia instead of swings and sweeps; --poses and --slow do not count.")
+]
+DynamicLogs = Annotated[
+    tuple[Path, ...], Parameter(help="Logs of `record --dynamic` of the same arm: its inertia is found too.")
+]
 Date = Annotated[str | None, Parameter(help="Of the measurement, YYYY-MM-DD; default today.")]
 app = App(name="identify", help=HELP, help_format="plaintext", group_commands="Commands")
 
@@ -57,6 +68,7 @@ def plan(
     poses: Poses = 24,
     seed: Seed = 0,
     slow: Slow = False,
+    dynamic: Dynamic = False,
     json: bool = False,
 ) -> None:
     """Show what an arm would do to be identified, and what of it can be told. Nothing moves.
@@ -71,12 +83,12 @@ def plan(
         Print the plan as JSON, positions in rad.
     """
     robot = robot_of_arm(choose_arm(deployment, arm))
-    made, base = _planned(robot, poses, seed, slow)
+    made, base = _excited(robot, seed) if dynamic else _planned(robot, poses, seed, slow)
     if json:
         write_json(made.to_dict() | {"parameters": _combinations(base), "untold": list(base.unseen)})
         return
     _show_plan(robot, made)
-    table = Table(title="what of gravity can be told", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title=f"what of {_told_of(made)} can be told", title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, combination in _combinations(base).items():
         table.add_row(name, combination)
     out.print(table)
@@ -97,8 +109,9 @@ def record(
     poses: Poses = 24,
     seed: Seed = 0,
     slow: Slow = False,
+    dynamic: Dynamic = False,
 ) -> None:
-    """Let an arm make the swings of its plan, and write the servo's log of it.
+    """Let an arm make the moves of its plan, and write the servo's log of it.
 
     Parameters
     ----------
@@ -113,7 +126,7 @@ def record(
     go
         On the running arm of the deployment, which moves through most of its range.
     first
-        Swing to begin with, to go on where a recording broke off; give `fit` both logs.
+        Swing or run to begin with, to go on where a recording broke off; give `fit` both logs.
     plant
         With --lockstep: overrides the deployment file.
     load_kg
@@ -121,11 +134,11 @@ def record(
     """
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
-    made, _ = _planned(robot, poses, seed, slow)
+    made, _ = _excited(robot, seed) if dynamic else _planned(robot, poses, seed, slow)
     if output.suffix != ".mcap":
         raise ConfigError(f"the log {output} must end in .mcap")
-    if not 1 <= first <= len(made.swings):
-        raise ConfigError(f"--first {first}: the plan has swings 1 to {len(made.swings)}")
+    if not 1 <= first <= len(made.moves):
+        raise ConfigError(f"--first {first}: the plan has {'runs' if dynamic else 'swings'} 1 to {len(made.moves)}")
     if load_kg and not lockstep:
         raise ConfigError("--load-kg is for an emulated arm: put the load into the running one's hand")
     if lockstep == go:
@@ -148,10 +161,11 @@ def fit(
     loaded: Loaded = (),
     load_kg: LoadKg = None,
     known_torque: KnownTorque = False,
+    dynamic: DynamicLogs = (),
     date: Date = None,
     json: bool = False,
 ) -> None:
-    """Find gravity, friction and torque scales in the logs of one arm, and write its model.
+    """Find gravity, friction, torque scales and inertia in the logs of one arm, and write its model.
 
     Steady passes are looked for in the logs; it does not matter who moved the arm. What the logs do not tell is an
     error that names it, and so are a bad recording and a model that predicts worse than the robot file.
@@ -168,7 +182,7 @@ def fit(
     from qrobot.cli.identify_fit import Request
     from qrobot.ident.result import write_model
 
-    found, model = Request(logs, robot, loaded, load_kg, known_torque, date).identified()
+    found, model = Request(logs, robot, loaded, load_kg, known_torque, date, dynamic).identified()
     write_model(output, model)
     _report(found.robot, model, json)
     outliers = found.fit.outliers
@@ -186,6 +200,7 @@ def report(
     loaded: Loaded = (),
     load_kg: LoadKg = None,
     known_torque: KnownTorque = False,
+    dynamic: DynamicLogs = (),
     date: Date = None,
 ) -> None:
     """Fit the same, and write a page for people: measured against predicted torque, what is left, all parameters.
@@ -205,7 +220,7 @@ def report(
 
     if output.suffix != ".html":
         raise ConfigError(f"the report {output} must end in .html")
-    found, model = Request(logs, robot, loaded, load_kg, known_torque, date).identified()
+    found, model = Request(logs, robot, loaded, load_kg, known_torque, date, dynamic).identified()
     old = None if previous is None else load_model(previous, found.robot)
     for file in write_report(output, found, model, old):
         note(f"written: {file}")
@@ -269,23 +284,40 @@ def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[Plan, Bas
     return make_plan(robot, regressor, base, poses, seed, slow), base
 
 
+def _excited(robot: Robot, seed: int) -> tuple[Excitation, BaseParameters]:
+    from qrobot.ident.base import base_of_robot
+    from qrobot.ident.excitation import make_excitation
+    from qrobot.ident.regressor import inertial_regressor
+
+    regressor = inertial_regressor(robot)
+    base = base_of_robot(robot, regressor)
+    return make_excitation(robot, regressor, base, seed=seed), base
+
+
+def _told_of(made: Plan | Excitation) -> str:
+    from qrobot.ident.plan import Plan
+
+    return "gravity" if isinstance(made, Plan) else "inertia and gravity"
+
+
 def _combinations(base: BaseParameters) -> dict[str, str]:
     return {name: base.combination(index) for index, name in enumerate(base.leaders)}
 
 
-def _show_plan(robot: Robot, made: Plan) -> None:
+def _show_plan(robot: Robot, made: Plan | Excitation) -> None:
     scale = _people_scale(robot)
     table = Table(title=f"plan for {robot.name}, deg (mm)", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("", "swing", *robot.joint_names):
-        table.add_column(heading, justify="left" if heading == "swing" else "right", no_wrap=heading == "swing")
-    for number, swing in enumerate(made.swings, 1):
+    for heading in ("", "move", *robot.joint_names):
+        table.add_column(heading, justify="left" if heading == "move" else "right", no_wrap=heading == "move")
+    moves: Sequence[Swing | Run] = made.moves
+    for number, move in enumerate(moves, 1):
         cells = [
             f"{centre:.0f} ± {half:.0f}" if half else f"{centre:.0f}"
-            for centre, half in zip(swing.centre * scale, swing.half * scale, strict=True)
+            for centre, half in zip(move.centre * scale, move.half * scale, strict=True)
         ]
-        table.add_row(str(number), swing.name, *cells)
+        table.add_row(str(number), move.name, *cells)
     out.print(table)
-    out.print(f"{made.seconds:.0f} s; condition of the parameters of gravity {made.condition:.1f}")
+    out.print(f"{made.seconds:.0f} s; condition of the parameters of {_told_of(made)} {made.condition:.1f}")
 
 
 def _people_scale(robot: Robot) -> list[float]:
@@ -306,9 +338,18 @@ def _report(robot: Robot, model: IdentifiedModel, as_json: bool) -> None:
         table.add_row(value.name, *numbers, value.unit)
     out.print(table)
     errors = Table(title="error of predicted torque, N m (N)", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("joint", "model", "robot file"):
+    columns = _errors(model)
+    for heading in ("joint", *columns):
         errors.add_column(heading, justify="left" if heading == "joint" else "right")
-    quality = model.quality
-    for name, now, before in zip(robot.joint_names, quality.held_back_rms, quality.before_rms, strict=True):
-        errors.add_row(name, f"{now:.3f}", f"{before:.3f}")
+    for name, *each in zip(robot.joint_names, *columns.values(), strict=True):
+        errors.add_row(name, *(f"{error:.3f}" for error in each))
     out.print(errors)
+
+
+def _errors(model: IdentifiedModel) -> dict[str, Floats]:
+    """Of each joint, by what predicts it; in fast motion the robot file has gravity and friction of the model."""
+    quality = model.quality
+    columns = {"model": quality.held_back_rms, "robot file": quality.before_rms}
+    if quality.motion_rms is not None and quality.motion_before_rms is not None:
+        columns |= {"fast, model": quality.motion_rms, "fast, file's inertia": quality.motion_before_rms}
+    return columns

@@ -17,7 +17,7 @@ from qrobot.config.values import Floats
 from qrobot.errors import ConfigError
 from qrobot.ident.model import Identified
 from qrobot.ident.result import model_of
-from qrobot.ident.session import identify_log
+from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.ident.stribeck import StribeckFit
 from qrobot.log.header import LogHeader
 from qrobot.servo.telemetry import Rows
@@ -33,6 +33,7 @@ class Request:
     load_kg: float | None
     known_torque: bool
     date: str | None
+    dynamic: tuple[Path, ...] = ()
 
     def identified(self) -> tuple[Identified, IdentifiedModel]:
         """What the logs tell, and the model of it.
@@ -48,8 +49,10 @@ class Request:
         carried = read_rows(self.loaded, like=header)[0] if self.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
         found = identify_log(robot, rows, period_s, carried, self.known_torque, self.load_kg)
-        everything = rows if carried is None else np.concatenate([rows, carried])
-        return found, model_of(found, everything, self.date or datetime.now(UTC).date().isoformat())
+        runs = read_rows(self.dynamic, like=header)[0] if self.dynamic else None
+        inertial = None if runs is None else inertia_of_log(found, runs, period_s)
+        everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
+        return found, model_of(found, everything, self.date or datetime.now(UTC).date().isoformat(), inertial)
 
     @cached_property
     def recorded(self) -> tuple[Rows, LogHeader]:

@@ -17,6 +17,7 @@ from qrobot.cli.console import err, note
 from qrobot.config import Robot
 from qrobot.config.deployment import Arm
 from qrobot.errors import ConfigError, LogError
+from qrobot.ident.excitation import Excitation, Run
 from qrobot.ident.perform import Progress as Told
 from qrobot.ident.perform import perform
 from qrobot.ident.plan import Plan, Swing
@@ -31,9 +32,15 @@ US_PER_MS = 1000
 
 
 def record_emulated(
-    arm: Arm, robot: Robot, plan: Plan, output: Path, plant: Plant | None, first: int, load_kg: float
+    arm: Arm,
+    robot: Robot,
+    plan: Plan | Excitation,
+    output: Path,
+    plant: Plant | None,
+    first: int,
+    load_kg: float,
 ) -> None:
-    """The swings of `plan` from number `first` on, in lock-step; their log goes to `output`."""
+    """The moves of `plan` from number `first` on, in lock-step; their log goes to `output`."""
     from qrobot.rig.identify import record_lockstep
     from qrobot.sim_board.deployed import emulator_of_arm
 
@@ -54,10 +61,11 @@ def record_emulated(
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     path = write_log(output, rows, header)[0]
-    note(f"{rows.size} cycles in {path}: now `qrobot identify fit {path} --output model.toml`")
+    option = "run.mcap --dynamic " if isinstance(plan, Excitation) else ""
+    note(f"{rows.size} cycles in {path}: now `qrobot identify fit {option}{path} --output model.toml`")
 
 
-def record_running(arm: Arm, robot: Robot, plan: Plan, output: Path, first: int) -> None:
+def record_running(arm: Arm, robot: Robot, plan: Plan | Excitation, output: Path, first: int) -> None:
     """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory."""
     address = arm.bridge.host, arm.bridge.port
     with (
@@ -93,14 +101,14 @@ def _recording(arm: Arm, robot: Robot, output: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _bar(plan: Plan) -> Iterator[Told]:
-    """A bar of the swings, on the terminal only."""
+def _bar(plan: Plan | Excitation) -> Iterator[Told]:
+    """A bar of the moves, on the terminal only."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
-        task = progress.add_task("", total=len(plan.swings))
+        task = progress.add_task("", total=len(plan.moves))
 
-        def told(number: int, swing: Swing) -> None:
-            progress.update(task, completed=number, description=swing.name)
+        def told(number: int, move: Swing | Run) -> None:
+            progress.update(task, completed=number, description=move.name)
 
         yield told
 

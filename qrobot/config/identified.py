@@ -1,7 +1,8 @@
 """A model found by identification: what of a robot file it replaces, and what the numbers are worth.
 
-The servo takes masses, centres, friction and torque scales from it, and compensates gravity on every joint. A model is
-bound to the robot it was found on: to its name and, by a digest, to geometry and transmission.
+The servo takes masses, centres, friction and torque scales from it, and inertia where fast motion told it, and
+compensates gravity on every joint. A model is bound to the robot it was found on: to its name and, by a digest, to
+geometry and transmission.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from qrobot.config.values import (
     Floats,
     JointKinds,
     PerJoint,
+    PerJointInertia,
     PerJointNotNegative,
     PerJointPositive,
     PerJointVectors,
@@ -32,10 +34,14 @@ FOLDER: Final = "ident"
 
 
 class IdentifiedLinks(Table):
-    """Masses in kg and centres in m, axes of the link frames; inertia about the centres stays the robot file's."""
+    """Masses in kg, centres in m and principal inertias about them in kg·m², axes of the link frames.
+
+    Without motion that accelerates there are no inertias: the robot file's stay.
+    """
 
     mass: PerJointNotNegative
     com: PerJointVectors
+    inertia: PerJointInertia | None = None
 
 
 class IdentifiedFriction(Table):
@@ -59,12 +65,17 @@ class IdentifiedDrives(Table):
 
 
 class Quality(Table):
-    """Error of torques predicted for passes held back, N·m, and of the robot file's; `condition` is that of the fit."""
+    """Error of torques predicted for passes held back, N·m, and of the robot file's; `condition` is that of the fit.
+
+    `motion_rms` is the error for motion that accelerates, `motion_before_rms` that with the robot file's inertia.
+    """
 
     held_back_rms: PerJoint
     before_rms: PerJoint
     observations: int
     condition: float
+    motion_rms: PerJoint | None = None
+    motion_before_rms: PerJoint | None = None
 
 
 class IdentifiedValue(Table):
@@ -122,9 +133,9 @@ def load_model(name_or_path: str | Path, robot: Robot) -> IdentifiedModel:
 
 
 def with_model(robot: Robot, model: IdentifiedModel) -> Robot:
-    """The robot as it was identified: masses, centres, friction, torque; gravity is compensated on every joint."""
+    """The robot as it was identified: links, friction, torque; gravity is compensated on every joint."""
     scale = np.ones(robot.n) if model.drives is None else model.drives.torque_scale
-    links = robot.links.model_copy(update={"mass": model.links.mass, "com": model.links.com})
+    links = robot.links.model_copy(update={name: found for name, found in model.links if found is not None})
     believed = robot.friction[robot.control.friction_preset]
     rubs = {name: frozen(commanded / scale) for name, commanded in model.friction}
     friction: Friction = believed.model_copy(update=rubs)

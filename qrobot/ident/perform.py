@@ -1,47 +1,55 @@
-"""Make the swings of a plan, through the library every program uses: on a running arm, or in lock-step."""
+"""Make the swings or the runs of a plan, through the library every program uses: on a running arm, or in lock-step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
+from qrobot.ident.excitation import Excitation, Run
 from qrobot.ident.plan import READY, TRAVEL_SPEED, Plan, Swing
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.position import Position
+from qrobot.rccl.setpoints import Setpoints
 from qrobot.units import M_PER_MM, RAD_PER_DEG
+from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
 Floats = NDArray[np.float64]
-Progress = Callable[[int, Swing], None]
+Progress = Callable[[int, Swing | Run], None]
 
 MS_PER_S: Final = 1000.0
+US_PER_S: Final = 1e6
 
 
 def perform(
     arm: Channel,
     robot: Robot,
-    plan: Plan,
-    progress: Progress = lambda _number, _swing: None,
+    plan: Plan | Excitation,
+    progress: Progress = lambda _number, _move: None,
     first: int = 0,
 ) -> None:
-    """Make the swings with an arm under control, from wherever it stands, and go to `ready` at the end.
+    """Make the moves of a plan with an arm under control, from wherever it stands, and go to `ready` at the end.
 
     Args:
         arm: under control.
         robot: its file.
         plan: made for it.
-        progress: called before each swing with its number, from 0.
-        first: number of the swing to begin with, to go on where a recording broke off.
+        progress: called before each swing or run with its number, from 0.
+        first: number of that to begin with, to go on where a recording broke off.
     """
     arm.setmode("joint")
     arm.setjvel(share=TRAVEL_SPEED)
     arm.move(arm.pose(READY))
-    for number, swing in enumerate(plan.swings[first:], first):
-        progress(number, swing)
-        _swing(arm, robot, swing)
+    moves: Sequence[Swing | Run] = plan.moves
+    for number, move in enumerate(moves[first:], first):
+        progress(number, move)
+        if isinstance(move, Swing):
+            _swing(arm, robot, move)
+        else:
+            _run(arm, robot, move)
     arm.move(arm.pose(READY))
     arm.waitfor(arm.completed)
 
@@ -56,6 +64,23 @@ def _swing(arm: Channel, robot: Robot, swing: Swing) -> None:
         arm.setime(swing.turn_s * MS_PER_S, swing.seconds * MS_PER_S)
         arm.move(goal)
     arm.waitfor(arm.completed)
+
+
+def _run(arm: Channel, robot: Robot, run: Run) -> None:
+    arm.sample(DEFAULT_PERIOD_US / US_PER_S * MS_PER_S)
+    if run.by_ready:
+        arm.move(arm.pose(READY))
+    arm.move(_position(arm, robot, run.name, run.motion.start))
+    arm.waitfor(arm.completed)
+    arm.play(setpoints_of(robot, run), run.name)
+    arm.waitfor(arm.completed)
+
+
+def setpoints_of(robot: Robot, run: Run) -> Setpoints:
+    """A run, sample by sample."""
+    period_s = DEFAULT_PERIOD_US / US_PER_S
+    t = period_s * np.arange(1 + int(np.ceil(run.motion.seconds / period_s)))
+    return Setpoints(robot.name, DEFAULT_PERIOD_US, run.motion.at(np.minimum(t, run.motion.seconds)).q)
 
 
 def _position(arm: Channel, robot: Robot, name: str, q: Floats) -> Position:

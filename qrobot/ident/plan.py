@@ -84,6 +84,11 @@ class Plan:
     condition: float
     seconds: float
 
+    @property
+    def moves(self) -> tuple[Swing, ...]:
+        """What is made one after the other."""
+        return self.swings
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; positions in rad (m)."""
         swings = [
@@ -112,7 +117,7 @@ def make_plan(
     clearance = Clearance(robot)
     half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
     candidates = _candidates(robot, regressor, clearance, half, seed)
-    columns = _scaled_columns(robot, regressor, base, candidates)
+    columns = motor_columns(robot, base.columns(regressor(candidates)))
     chosen = choose_informative(columns, poses)
     if poses * robot.n < columns.shape[-1] or len(candidates) < poses:
         raise IdentificationError(
@@ -151,12 +156,12 @@ def _best(totals: Floats) -> int:
     return int(np.argmax(np.linalg.slogdet(totals)[1]))
 
 
-def _scaled_columns(robot: Robot, regressor: Regressor, base: BaseParameters, q: Floats) -> Floats:
-    """Motor side columns of the base parameters over each motor's Coulomb friction. Shape (m, n, b)."""
+def motor_columns(robot: Robot, columns: Floats) -> Floats:
+    """Columns of the motors' torques from those of the joints' (..., n, b), over each motor's Coulomb friction."""
     friction = robot.friction[robot.control.friction_preset]
     scatter = np.maximum(friction.coulomb_pos + friction.coulomb_neg, 1e-3)
     to_motor = np.linalg.inv(robot.transmission.coupling.T)
-    return np.asarray((to_motor / scatter[:, None]) @ base.columns(regressor(q)))
+    return np.asarray((to_motor / scatter[:, None]) @ columns)
 
 
 def _candidates(robot: Robot, regressor: Regressor, clearance: Clearance, half: Floats, seed: int) -> Floats:

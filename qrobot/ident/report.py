@@ -80,7 +80,8 @@ def predicted_by(model: IdentifiedModel, found: Identified) -> Floats:
     beta = found.base.K @ known_parameters(robot.model_copy(update={"links": links}), found.regressor)
     friction = np.column_stack([getattr(model.friction, name) for name in FRICTION_NAMES])
     scale = np.ones(robot.n) if model.drives is None else model.drives.torque_scale
-    return np.asarray(scale[seen.motor] * (seen.gravity @ beta) + unknowns.rubs(seen) @ friction.ravel())
+    rubs = unknowns.rubs(seen.motor, seen.rate) @ friction.ravel()
+    return np.asarray(scale[seen.motor] * (seen.gravity @ beta) + rubs)
 
 
 def _facts(found: Identified, model: IdentifiedModel) -> str:

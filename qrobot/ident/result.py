@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.config.document import check_document
@@ -16,38 +17,44 @@ from qrobot.config.values import JointKinds
 from qrobot.errors import IdentificationError
 from qrobot.ident.consistent import nearest_links
 from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import Identified
 from qrobot.servo.telemetry import Rows
+
+Floats = NDArray[np.float64]
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
 _DIGITS: Final = 8
 
 
-def model_of(found: Identified, rows: Rows, date: str) -> IdentifiedModel:
-    """The model of what was found in `rows`, measured on `date` (YYYY-MM-DD).
+def model_of(found: Identified, rows: Rows, date: str, inertial: InertialModel | None = None) -> IdentifiedModel:
+    """The model of what was found in `rows`, measured on `date` (YYYY-MM-DD), with inertia or without.
 
     Raises:
         IdentificationError: it would make the servo worse: it predicts held-back passes worse than the robot file
-            does, a friction is negative, or no bodies have that gravity.
+            does, held-back motion worse than the robot file's inertia does, a friction is negative, or no bodies have
+            that gravity.
     """
     _need_better(found)
     robot = found.robot
     document = _document(found, date, f"sha256:{hashlib.sha256(rows.tobytes()).hexdigest()[:16]}")
+    if inertial is not None:
+        _need_better_inertia(inertial)
+        _add_inertia(document, inertial)
     return check_document(IdentifiedModel, document, "the identified model", JointKinds(robot.prismatic))
 
 
 def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
     robot = found.robot
     mass, com = nearest_links(robot, found.base, found.beta)
-    friction = zip(FRICTION_NAMES, found.friction.T, strict=True)
     return {
         "robot": robot.name,
         "robot_digest": robot_digest(robot),
         "date": date,
         "data": data,
         "links": {"mass": mass.round(_DIGITS).tolist(), "com": com.round(_DIGITS).tolist()},
-        "friction": {name: column.round(_DIGITS).tolist() for name, column in friction},
+        "friction": _friction(found.friction),
         "drives": {"torque_scale": found.scale.round(_DIGITS).tolist()},
         "quality": {
             "held_back_rms": found.held_back_rms.round(_DIGITS).tolist(),
@@ -59,6 +66,20 @@ def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
     }
 
 
+def _friction(friction: Floats) -> dict[str, list[float]]:
+    return {name: column.round(_DIGITS).tolist() for name, column in zip(FRICTION_NAMES, friction.T, strict=True)}
+
+
+def _add_inertia(document: dict[str, Any], inertial: InertialModel) -> None:
+    """Put what motion told in the place of what steady passes did."""
+    links = inertial.links
+    document["links"] = {name: getattr(links, name).round(_DIGITS).tolist() for name in ("mass", "com", "inertia")}
+    document["friction"] = _friction(inertial.friction)
+    document["quality"]["motion_rms"] = inertial.held_back_rms.round(_DIGITS).tolist()
+    document["quality"]["motion_before_rms"] = inertial.before_rms.round(_DIGITS).tolist()
+    document["value"] = [value.to_dict() for value in inertial.values]
+
+
 def _need_better(found: Identified) -> None:
     robot = found.robot
     if unjudged := _named(robot, np.isnan(found.held_back_rms)):
@@ -67,6 +88,16 @@ def _need_better(found: Identified) -> None:
         raise IdentificationError(f"the fit predicts {worse} worse than the robot file does: no model is written")
     if negative := _named(robot, (found.friction < 0.0).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
+
+
+def _need_better_inertia(inertial: InertialModel) -> None:
+    robot = inertial.steady.robot
+    if unjudged := _named(robot, np.isnan(inertial.held_back_rms)):
+        raise IdentificationError(f"no held-back motion turns {unjudged}: record the whole plan")
+    if worse := _named(robot, inertial.held_back_rms > WORSE * inertial.before_rms):
+        raise IdentificationError(f"inertia as found predicts {worse} worse than the robot file's: no model is written")
+    if negative := _named(robot, (inertial.friction < 0.0).any(axis=1)):
+        raise IdentificationError(f"friction of {negative} comes out negative in fast motion: is it the same arm?")
 
 
 def _named(robot: Robot, which: Any) -> str:

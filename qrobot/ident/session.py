@@ -6,11 +6,13 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.consistent import nearest_links
+from qrobot.ident.inertia import InertialModel, identify_inertia
 from qrobot.ident.load import load_change
 from qrobot.ident.model import Identified, identify
+from qrobot.ident.motion import observe_motion
 from qrobot.ident.observe import Observer
 from qrobot.ident.recording import check_recording
-from qrobot.ident.regressor import gravity_regressor
+from qrobot.ident.regressor import gravity_regressor, inertial_regressor
 from qrobot.servo.telemetry import Rows
 
 
@@ -54,6 +56,23 @@ def identify_log(
     links = robot.links.model_copy(update={"mass": mass, "com": com})
     better = robot.model_copy(update={"links": links})
     return _steady_load(found(Observer(robot, regressor, base, better, first.scale)))
+
+
+def inertia_of_log(found: Identified, rows: Rows, period_s: float) -> InertialModel:
+    """Inertia beside what was found, from a log of fast motion of the same arm with the same in its hand.
+
+    Args:
+        found: gravity, friction and torque scales of the arm.
+        rows: of the runs of `ident.excitation`. Shape (r,).
+        period_s: from row to row.
+
+    Raises:
+        IdentificationError: the recording is bad, its motions do not tell everything, or no bodies have what they tell.
+    """
+    check_recording(found.robot, rows, period_s)
+    regressor = inertial_regressor(found.robot)
+    base = base_of_robot(found.robot, regressor)
+    return identify_inertia(found, regressor, base, observe_motion(found.robot, regressor, base, rows, period_s))
 
 
 def _steady_load(found: Identified) -> Identified:

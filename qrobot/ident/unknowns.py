@@ -23,8 +23,10 @@ from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor, known_parameters
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 OF_LOAD: Final = ("load.m", "load.hx", "load.hy", "load.hz")
+_UNITS: Final = {"m": "kg", "h": "kg m", "I": "kg m2"}
 
 
 class Description(NamedTuple):
@@ -82,12 +84,11 @@ class Unknowns:
         carried = observations.load[:, list(self.load.leading)] * observations.loaded[:, None]
         return np.column_stack([observations.gravity, carried])
 
-    def rubs(self, observations: Observations) -> Floats:
-        """What multiplies the friction of the motors. Shape (m, n_friction)."""
-        m, n = len(observations), self.robot.n
-        rate = np.zeros((m, n))
-        rate[np.arange(m), observations.motor] = observations.rate
-        return friction_columns(rate, self.robot.control.friction_velocity).reshape(m, self.n_friction)
+    def rubs(self, motor: Ints, rate: Floats) -> Floats:
+        """What multiplies the friction of motors (m,) at speeds (m,). Shape (m, n_friction)."""
+        own = np.zeros((len(motor), self.robot.n))
+        own[np.arange(len(motor)), motor] = rate
+        return friction_columns(own, self.robot.control.friction_velocity).reshape(len(motor), self.n_friction)
 
     def start(self) -> Floats:
         """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
@@ -97,7 +98,7 @@ class Unknowns:
         """Commanded torque of each observation, motor side. Shape (m,)."""
         rest = self.n_weights + self.n_friction
         weight = self.weights(observations) @ values[: self.n_weights]
-        friction = self.rubs(observations) @ values[self.n_weights : rest]
+        friction = self.rubs(observations.motor, observations.rate) @ values[self.n_weights : rest]
         return np.asarray(self.scale(values)[observations.motor] * weight + friction)
 
     def jacobian(self, values: Floats, observations: Observations) -> Floats:
@@ -106,7 +107,7 @@ class Unknowns:
         scaled = self.scale(values)[observations.motor, None] * weights
         borne = (weights @ values[: self.n_weights])[:, None]
         by_scale = (observations.motor[:, None] == np.array(self.free, np.int64)) * borne
-        return np.column_stack([scaled, self.rubs(observations), by_scale])
+        return np.column_stack([scaled, self.rubs(observations.motor, observations.rate), by_scale])
 
     def before(self) -> Floats:
         """What the robot file says of each, and nothing of a load. Shape (p,)."""
@@ -114,22 +115,24 @@ class Unknowns:
 
     def descriptions(self) -> Iterator[Description]:
         """Of each unknown in turn."""
-        yield from _of_base(self.base, self.base.K @ known_parameters(self.robot, self.regressor))
+        yield from of_base(self.base, self.base.K @ known_parameters(self.robot, self.regressor))
         if self.load is not None:
-            yield from _of_base(self.load, np.zeros(len(self.load.leading)))
-        yield from _of_friction(self.robot)
+            yield from of_base(self.load, np.zeros(len(self.load.leading)))
+        yield from of_friction(self.robot)
         for motor in self.free:
             name = self.robot.joint_names[motor]
             yield Description(f"{name}.torque_scale", f"torque commanded of {name} for a torque of 1", "", 1.0)
 
 
-def _of_base(base: BaseParameters, before: Floats) -> Iterator[Description]:
+def of_base(base: BaseParameters, before: Floats) -> Iterator[Description]:
+    """Of base parameters, of which the robot file says `before` (b,)."""
     for index, (name, value) in enumerate(zip(base.leaders, before.tolist(), strict=True)):
-        is_mass = name.rpartition(".")[2].startswith("m")
-        yield Description(name, base.combination(index), "kg" if is_mass else "kg m", value)
+        symbol = name.rpartition(".")[2][0]
+        yield Description(name, base.combination(index), _UNITS[symbol], value)
 
 
-def _of_friction(robot: Robot) -> Iterator[Description]:
+def of_friction(robot: Robot) -> Iterator[Description]:
+    """Of the friction of all motors."""
     preset = robot.friction[robot.control.friction_preset]
     for motor, (joint, slides) in enumerate(zip(robot.joint_names, robot.prismatic, strict=True)):
         force, speed = ("N", "m/s") if slides else ("N m", "rad/s")

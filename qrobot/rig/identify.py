@@ -1,4 +1,4 @@
-"""Record a plan in lock-step: an emulated arm makes its swings, by the library every program uses."""
+"""Record a plan in lock-step: an emulated arm makes its moves, by the library every program uses."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from functools import partial
 
 from qrobot import rccl
 from qrobot.config import Robot
+from qrobot.ident.excitation import Excitation
 from qrobot.ident.perform import Progress, perform
 from qrobot.ident.plan import Plan
 from qrobot.rig.lockstep import LockstepRig, link_factory
@@ -20,12 +21,12 @@ def record_lockstep(
     robot_file: str,
     settings: ServoSettings,
     emulator: Emulator,
-    plan: Plan,
-    progress: Progress = lambda _number, _swing: None,
+    plan: Plan | Excitation,
+    progress: Progress = lambda _number, _move: None,
     period_us: int = DEFAULT_PERIOD_US,
     first: int = 0,
 ) -> Rows:
-    """Telemetry of an emulated arm that makes the swings of a plan, shape (rows,).
+    """Telemetry of an emulated arm that makes the moves of a plan, shape (rows,).
 
     Args:
         robot: as the servo believes it to be.

@@ -1,0 +1,145 @@
+"""From a log of fast motion to equations: means over short windows, without differentiating measured positions.
+
+Each equation is multiplied by a smooth window and integrated; integration by parts moves the derivatives from the
+positions to the window (modulating functions, Shinbrot 1954). So torque, velocity and acceleration are means of the
+same kind over the same time: what the window takes away from one it takes away from all, and what is constant in it
+obeys exactly. Measured positions are used, not the servo's references: an arm with unknown friction does not quite
+follow.
+
+A motor is left out of a window in which it is ever so slow that its friction is another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import IdentificationError
+from qrobot.hwif.registers import DAC_ZERO
+from qrobot.ident.base import BaseParameters
+from qrobot.ident.excitation import RUN_S
+from qrobot.ident.fourier import States
+from qrobot.ident.observe import RESOLUTION, slowest_rates
+from qrobot.ident.recording import limited
+from qrobot.ident.regressor import Regressor
+from qrobot.servo.modes import Mode
+from qrobot.servo.telemetry import Rows
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+WINDOW_S: Final = 0.1  # a sixteenth of the fastest swing of a plan; encoder steps leave 0.01 rad/s2
+SHORTEST_S: Final = 0.9 * RUN_S  # from rest to rest: shorter motions are ways between
+RESTS: Final = 0.005  # of each joint's greatest speed: an arm whose joints are all slower rests between motions
+
+
+class Weights(NamedTuple):
+    """Of the samples of a window, for means of value, slope and curvature. Each of shape (samples,)."""
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRows:
+    """One row for each motor and window; motor side, joint units.
+
+    Attributes:
+        motor: which, from 0. Shape (m,).
+        motion: number of the motion from rest to rest. Shape (m,).
+        columns: what multiplies the base parameters. Shape (m, b).
+        rate: of the motor, rad/s (m/s). Shape (m,).
+        rotors: torque the rotors take, N m (N). Shape (m,).
+        torque: commanded, N m (N). Shape (m,).
+        doubt: its resolution, N m (N). Shape (m,).
+    """
+
+    motor: Ints
+    motion: Ints
+    columns: Floats
+    rate: Floats
+    rotors: Floats
+    torque: Floats
+    doubt: Floats
+
+    def __len__(self) -> int:
+        return len(self.motor)
+
+    def only(self, chosen: Bools) -> MotionRows:
+        """The rows that are chosen, shape (m,)."""
+        return MotionRows(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def window_weights(samples: int, period_s: float) -> Weights:
+    """Of a window (1 - x^2)^2 and its derivatives; exact for parabolas."""
+    t = period_s * (np.arange(samples) - 0.5 * (samples - 1))
+    x = 2.0 * t / (period_s * samples)
+    value, slope, curvature = (1.0 - x**2) ** 2, x * (1.0 - x**2), 3.0 * x**2 - 1.0
+    curvature -= curvature.mean()
+    return Weights(value / value.sum(), slope / (slope @ t), 2.0 * curvature / (curvature @ t**2))
+
+
+def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, rows: Rows, period_s: float) -> MotionRows:
+    """The equations of every motion of a log, rows of shape (r,), that goes on for some seconds.
+
+    Args:
+        robot: whose log it is.
+        regressor: of its inertia and gravity.
+        base: parameters of the regressor.
+        rows: telemetry. Rows of several logs may follow each other.
+        period_s: from row to row.
+
+    Raises:
+        IdentificationError: there is no such motion.
+    """
+    samples = round(WINDOW_S / period_s)
+    moves = (np.abs(rows["v_ref"]) > RESTS * robot.limits.v_max).any(axis=1)
+    starts, motion = _windows(rows, moves, samples, round(SHORTEST_S / period_s))
+    if not len(starts):
+        raise IdentificationError("nothing recorded moves for long: record what `qrobot identify plan --dynamic` shows")
+    weights, coupling = window_weights(samples, period_s), robot.transmission.coupling
+    q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
+    at = States(*(_means(q, starts, weight) for weight in weights))
+    dac_per_Nm = robot.transmission.dac_per_Nm
+    torque = _means((rows["dac"][:-1] - DAC_ZERO) / dac_per_Nm, starts, weights.value)
+    rate, rate_change = at.v @ coupling.T, at.a @ coupling.T
+    rotor = robot.transmission.gear**2 * robot.transmission.rotor_inertia
+    window, motor = np.nonzero(np.abs(rate) - 0.5 * WINDOW_S * np.abs(rate_change) > slowest_rates(robot))
+    columns = np.linalg.inv(coupling.T) @ base.columns(regressor(*at))
+    return MotionRows(
+        motor=motor,
+        motion=motion[window],
+        columns=columns[window, motor],
+        rate=rate[window, motor],
+        rotors=(rotor * rate_change)[window, motor],
+        torque=torque[window, motor],
+        doubt=np.abs(RESOLUTION / dac_per_Nm)[motor],
+    )
+
+
+def _windows(rows: Rows, moves: Bools, samples: int, shortest: int) -> tuple[Ints, Ints]:
+    """First rows of windows that follow each other, none of them spoilt, and the number of the motion of each."""
+    follows = np.append(np.diff(rows["tick"]) == 1, [False])
+    under_way = moves & follows & (rows["mode"] == Mode.TRACKING)
+    sound = ~limited(rows).any(axis=1) & (rows["flags"] >> 8 == 0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], under_way, [False]]).astype(np.int8))).reshape(-1, 2)
+    found = [
+        (start, number)
+        for number, (begin, end) in enumerate(edges[np.ptp(edges, axis=1) >= shortest].tolist())
+        for start in range(begin, end - samples, samples)
+        if sound[start : start + samples].all()
+    ]
+    starts, motion = np.array(found, np.int64).reshape(-1, 2).T
+    return starts, motion
+
+
+def _means(values: Floats, starts: Ints, weight: Floats) -> Floats:
+    """Weighted sums of values (r, n) over windows. Shape (m, n)."""
+    return np.asarray(sliding_window_view(values, len(weight), axis=0)[starts] @ weight)
