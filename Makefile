@@ -24,11 +24,11 @@ demo: $(VENV)/dev.stamp ## move the emulated PUMA 560 through the paper's experi
 test: lint unit ## all checks: lint, then the test suite
 
 # The order-only prerequisite makes pytest's summary the last thing `make test` prints, also under `make -j`.
-# Tests on virtual time share out the processors. Those on the wall clock spend most of it on starting processes: two at
-# a time, and no more, leave their arms the time they need.
+# Tests on virtual time share out the processors. Those on the wall clock run alone: the processes of one arm, which start
+# together, keep two processors busy, and two arms at a time took longer.
 unit: $(VENV)/dev.stamp | lint
 	$(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile
-	$(BIN)/python -m pytest -m realtime --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest -m realtime
 
 lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
 	$(BIN)/ruff check .
