@@ -19,4 +19,6 @@ MM_PER_M: Final = 1e3
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
 NS_PER_US: Final = 1_000
+US_PER_MS: Final = 1_000
+S_PER_MS: Final = 1e-3
 S_PER_NS: Final = 1e-9

@@ -6,12 +6,13 @@ import difflib
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from cyclopts import App, CycloptsError, UnknownCommandError
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from qrobot.errors import QRobotError
@@ -33,6 +34,14 @@ def complain(message: str) -> None:
 def note(message: str) -> None:
     """One line on stderr, for progress that is no result."""
     err.print(Text(message), soft_wrap=True)
+
+
+def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Table:
+    """A table without lines: the first column and those headed by `words` to the left, numbers to the right."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if number == 0 or heading in words else "right")
+    return table
 
 
 def write_json(value: Any, path: Path | None = None) -> None:

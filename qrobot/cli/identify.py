@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from cyclopts import App, Parameter
+from cyclopts import App
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note, out, write_json
+from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -38,25 +39,6 @@ Inertia takes fast motion besides: `record --dynamic --output fast.mcap`, then `
 A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.
 """
 
-Poses = Annotated[int, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")]
-Slow = Annotated[bool, Parameter(help="Sweep slowly too, at 1, 2 and 4 %: for friction that falls with speed.")]
-Seed = Annotated[int, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")]
-RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
-Loaded = Annotated[
-    tuple[Path, ...],
-    Parameter(help="Logs of the arm with a load in its hand besides: its mass and centre are found too."),
-]
-LoadKg = Annotated[
-    float | None, Parameter(help="Mass of that load where it was weighed: torque scales are then of true torque.")
-]
-KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
-Dynamic = Annotated[
-    bool, Parameter(help="Fast runs for inertia instead of swings and sweeps; --poses and --slow do not count.")
-]
-DynamicLogs = Annotated[
-    tuple[Path, ...], Parameter(help="Logs of `record --dynamic` of the same arm: its inertia is found too.")
-]
-Date = Annotated[str | None, Parameter(help="Of the measurement, YYYY-MM-DD; default today.")]
 app = App(name="identify", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
@@ -65,10 +47,7 @@ def plan(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,
     arm: str | None = None,
-    poses: Poses = 24,
-    seed: Seed = 0,
-    slow: Slow = False,
-    dynamic: Dynamic = False,
+    options: PlanOptions | None = None,
     json: bool = False,
 ) -> None:
     """Show what an arm would do to be identified, and what of it can be told. Nothing moves.
@@ -83,7 +62,7 @@ def plan(
         Print the plan as JSON, positions in rad.
     """
     robot = robot_of_arm(choose_arm(deployment, arm))
-    made, base = _excited(robot, seed) if dynamic else _planned(robot, poses, seed, slow)
+    made, base = _made(robot, options or PlanOptions())
     if json:
         write_json(made.to_dict() | {"parameters": _combinations(base), "untold": list(base.unseen)})
         return
@@ -106,10 +85,7 @@ def record(
     first: int = 1,
     plant: Literal["nominal", "mismatched"] | None = None,
     load_kg: float = 0.0,
-    poses: Poses = 24,
-    seed: Seed = 0,
-    slow: Slow = False,
-    dynamic: Dynamic = False,
+    options: PlanOptions | None = None,
 ) -> None:
     """Let an arm make the moves of its plan, and write the servo's log of it.
 
@@ -132,15 +108,19 @@ def record(
     load_kg
         With --lockstep: what the emulated arm holds at its flange, 0 to 2.5 kg.
     """
+    from qrobot.ident.consistent import LOAD_KG
+
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
-    made, _ = _excited(robot, seed) if dynamic else _planned(robot, poses, seed, slow)
+    made, _ = _made(robot, options or PlanOptions())
     if output.suffix != ".mcap":
         raise ConfigError(f"the log {output} must end in .mcap")
     if not 1 <= first <= len(made.moves):
-        raise ConfigError(f"--first {first}: the plan has {'runs' if dynamic else 'swings'} 1 to {len(made.moves)}")
+        raise ConfigError(f"--first {first}: the plan has moves 1 to {len(made.moves)}")
     if load_kg and not lockstep:
         raise ConfigError("--load-kg is for an emulated arm: put the load into the running one's hand")
+    if not 0.0 <= load_kg <= LOAD_KG:
+        raise ConfigError(f"--load-kg {load_kg:g}: an emulated arm holds 0 to {LOAD_KG:g} kg")
     if lockstep == go:
         _show_plan(robot, made)
         raise ConfigError("nothing has moved: choose --lockstep for an emulated arm, or --go for the running one")
@@ -157,12 +137,7 @@ def record(
 def fit(
     *logs: Path,
     output: Path,
-    robot: RobotFile = None,
-    loaded: Loaded = (),
-    load_kg: LoadKg = None,
-    known_torque: KnownTorque = False,
-    dynamic: DynamicLogs = (),
-    date: Date = None,
+    options: FitOptions | None = None,
     json: bool = False,
 ) -> None:
     """Find gravity, friction, torque scales and inertia in the logs of one arm, and write its model.
@@ -182,7 +157,7 @@ def fit(
     from qrobot.cli.identify_fit import Request
     from qrobot.ident.result import write_model
 
-    found, model = Request(logs, robot, loaded, load_kg, known_torque, date, dynamic).identified()
+    found, model = Request(logs, options or FitOptions()).identified()
     write_model(output, model)
     _report(found.robot, model, json)
     outliers = found.fit.outliers
@@ -196,12 +171,7 @@ def report(
     *logs: Path,
     output: Path,
     previous: Path | None = None,
-    robot: RobotFile = None,
-    loaded: Loaded = (),
-    load_kg: LoadKg = None,
-    known_torque: KnownTorque = False,
-    dynamic: DynamicLogs = (),
-    date: Date = None,
+    options: FitOptions | None = None,
 ) -> None:
     """Fit the same, and write a page for people: measured against predicted torque, what is left, all parameters.
 
@@ -220,7 +190,7 @@ def report(
 
     if output.suffix != ".html":
         raise ConfigError(f"the report {output} must end in .html")
-    found, model = Request(logs, robot, loaded, load_kg, known_torque, date, dynamic).identified()
+    found, model = Request(logs, options or FitOptions()).identified()
     old = None if previous is None else load_model(previous, found.robot)
     for file in write_report(output, found, model, old):
         note(f"written: {file}")
@@ -242,7 +212,7 @@ def friction(*logs: Path, robot: RobotFile = None, known_torque: KnownTorque = F
     from qrobot.cli.identify_fit import Request, friction_table
     from qrobot.ident.stribeck import friction_of
 
-    request = Request(logs, robot, (), None, known_torque, None)
+    request = Request(logs, FitOptions(robot=robot, known_torque=known_torque))
     (found, _), (rows, header) = request.identified(), request.recorded
     fitted = friction_of(found, rows, header.period_ns * 1e-9)
     if json:
@@ -272,6 +242,12 @@ def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None =
 
     robot = robot_of_arm(choose_arm(deployment, arm))
     _report(robot, load_model(model, robot), json)
+
+
+def _made(robot: Robot, options: PlanOptions) -> tuple[Plan | Excitation, BaseParameters]:
+    if options.dynamic:
+        return _excited(robot, options.seed)
+    return _planned(robot, options.poses, options.seed, options.slow)
 
 
 def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[Plan, BaseParameters]:

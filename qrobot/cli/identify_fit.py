@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from qrobot.cli.identify_options import FitOptions
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import IdentifiedModel
@@ -25,15 +26,10 @@ from qrobot.servo.telemetry import Rows
 
 @dataclass(frozen=True)
 class Request:
-    """What somebody asked for; see the options of `qrobot identify fit`."""
+    """What somebody asked for."""
 
     logs: tuple[Path, ...]
-    robot: str | None
-    loaded: tuple[Path, ...]
-    load_kg: float | None
-    known_torque: bool
-    date: str | None
-    dynamic: tuple[Path, ...] = ()
+    options: FitOptions
 
     def identified(self) -> tuple[Identified, IdentifiedModel]:
         """What the logs tell, and the model of it.
@@ -43,16 +39,17 @@ class Request:
             LogError: a log cannot be read, or they do not belong together.
             IdentificationError: the logs do not tell everything, or the model would make the servo worse.
         """
-        if self.load_kg is not None and (self.load_kg <= 0.0 or not self.loaded):
-            raise ConfigError(f"--load-kg {self.load_kg:g} needs a mass above zero, and --loaded with its logs")
+        asked = self.options
+        if asked.load_kg is not None and (asked.load_kg <= 0.0 or not asked.loaded):
+            raise ConfigError(f"--load-kg {asked.load_kg:g} needs a mass above zero, and --loaded with its logs")
         rows, header = self.recorded
-        carried = read_rows(self.loaded, like=header)[0] if self.loaded else None
+        carried = read_rows(asked.loaded, like=header)[0] if asked.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
-        found = identify_log(robot, rows, period_s, carried, self.known_torque, self.load_kg)
-        runs = read_rows(self.dynamic, like=header)[0] if self.dynamic else None
+        found = identify_log(robot, rows, period_s, carried, asked.known_torque, asked.load_kg)
+        runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None
         inertial = None if runs is None else inertia_of_log(found, runs, period_s)
         everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
-        return found, model_of(found, everything, self.date or datetime.now(UTC).date().isoformat(), inertial)
+        return found, model_of(found, everything, asked.date or datetime.now(UTC).date().isoformat(), inertial)
 
     @cached_property
     def recorded(self) -> tuple[Rows, LogHeader]:
@@ -60,9 +57,10 @@ class Request:
         return read_rows(self.logs)
 
     def _robot(self, header: LogHeader) -> Robot:
-        robot = load_robot(self.robot or header.robot)
+        name = self.options.robot or header.robot
+        robot = load_robot(name)
         if robot.name != header.robot:
-            raise ConfigError(f"the logs are of robot {header.robot!r}, {self.robot} is {robot.name!r}")
+            raise ConfigError(f"the logs are of robot {header.robot!r}, {name} is {robot.name!r}")
         return robot
 
 

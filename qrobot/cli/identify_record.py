@@ -26,9 +26,9 @@ from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.rci import TcpLink
 from qrobot.servo.telemetry import Rows
+from qrobot.units import US_PER_MS
 
 Plant = Literal["nominal", "mismatched"]
-US_PER_MS = 1000
 
 
 def record_emulated(

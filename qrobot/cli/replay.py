@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
 from qrobot.cli.console import out
-from qrobot.units import DEG_PER_RAD, MM_PER_M
+from qrobot.units import DEG_PER_RAD, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import Arm
     from qrobot.rccl.channel import Channel
     from qrobot.rci import LinkFactory
-
-US_PER_MS = 1000
 
 
 def replay(

@@ -15,12 +15,11 @@ from cyclopts import Parameter
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
+from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import Arm
     from qrobot.rci import LinkFactory
-
-US_PER_MS = 1000
 
 
 def run(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -31,34 +32,39 @@ the same command goes on, and one with more --arms adds to what is there.
 """
 
 Arms = Annotated[int, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
-Output = Annotated[Path, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
-Robot = Annotated[str, Parameter(help="Robot whose kind the arms are: a packaged one, or a file that every host has.")]
-Rate = Annotated[float, Parameter(help="Of the servo, Hz.")]
-Workers = Annotated[
-    int | None, Parameter(help="Processes on this machine; default one for each processor, 1 is this one itself.")
-]
-Scheduler = Annotated[
-    str | None, Parameter(help="Dask scheduler whose workers do it in place of those, as tcp://host:8786.")
-]
 Plot = Annotated[Path | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
 Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
 app = App(name="study", help=HELP, help_format="plaintext", group_commands="Commands")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Campaign:
+    """What every study is told."""
+
+    output: Annotated[Path, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
+    robot: Annotated[
+        str, Parameter(help="Robot whose kind the arms are: a packaged one, or a file that every host has.")
+    ] = "puma560"
+    rate: Annotated[float, Parameter(help="Of the servo, Hz.")] = 1000.0
+    workers: Annotated[
+        int | None, Parameter(help="Processes on this machine; default one for each processor, 1 is this one itself.")
+    ] = None
+    scheduler: Annotated[
+        str | None, Parameter(help="Dask scheduler whose workers do it in place of those, as tcp://host:8786.")
+    ] = None
+    plot: Plot = None
+    json: Json = False
 
 
 @app.command
 def identify(
     *,
     arms: Arms = 50,
-    output: Output,
-    robot: Robot = "puma560",
-    rate: Rate = 1000.0,
+    campaign: Campaign,
     poses: int = 24,
     torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    plot: Plot = None,
-    json: Json = False,
 ) -> None:
     """Identify arms that are up to 30 % off their file in masses, centres and friction, and hold up to 2.5 kg.
 
@@ -76,24 +82,18 @@ def identify(
     """
     from qrobot.study.identification import IdentificationStudy
 
-    _run(IdentificationStudy(robot, rate, poses, torque, tracking), arms, output, workers, scheduler, plot, json)
+    _run(IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking), arms, campaign)
 
 
 @app.command
 def gains(
     *,
     arms: Arms = 20,
-    output: Output,
-    robot: Robot = "puma560",
-    rate: Rate = 1000.0,
+    campaign: Campaign,
     law: str = "qrobot",
     velocity: str = "difference",
     bandwidth: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0),
     damping: tuple[float, ...] = (0.5, 1.0),
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    plot: Plot = None,
-    json: Json = False,
 ) -> None:
     """Track the paper's experiment with a grid of gains on each of many arms, none as the robot file has it.
 
@@ -110,8 +110,7 @@ def gains(
     """
     from qrobot.study.gains import GainStudy
 
-    study = GainStudy(robot, rate, law, velocity, bandwidth, damping)
-    _run(study, arms, output, workers, scheduler, plot, json)
+    _run(GainStudy(campaign.robot, campaign.rate, law, velocity, bandwidth, damping), arms, campaign)
 
 
 @app.command
@@ -128,22 +127,20 @@ def show(results: Path, *, plot: Plot = None, json: Json = False) -> None:
     _report(read_results(results), plot, json)
 
 
-def _run(
-    study: Study, arms: int, output: Path, workers: int | None, scheduler: str | None, plot: Path | None, as_json: bool
-) -> None:
+def _run(study: Study, arms: int, campaign: Campaign) -> None:
     from qrobot.study.campaign import carry_out
     from qrobot.study.engine import engine
 
     if arms < 1:
         raise ConfigError(f"--arms {arms}: at least 1")
-    count = workers if workers is not None else len(os.sched_getaffinity(0))
+    count = campaign.workers if campaign.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with engine(min(count, arms), scheduler) as made, _bar(study.kind, made.workers) as told:
-            results = carry_out(study, arms, made, output, told)
+        with engine(min(count, arms), campaign.scheduler) as made, _bar(study.kind, made.workers) as told:
+            results = carry_out(study, arms, made, campaign.output, told)
     except KeyboardInterrupt:
-        note(f"interrupted; what had come in is in {output}, and the same command goes on from there")
+        note(f"interrupted; what had come in is in {campaign.output}, and the same command goes on from there")
         raise
-    _report(results, plot, as_json)
+    _report(results, campaign.plot, campaign.json)
 
 
 @contextmanager

@@ -29,7 +29,7 @@ def up(deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir
     deployment
         Deployment file, or the name of a packaged one (emulator, pressing, two_arms).
     calibrate
-        Calibrate each arm whose board has lost its counters, before programs reach it. THE ARM MOVES. The key
+        Calibrate each arm whose board has lost its counters, before programs may move it. THE ARM MOVES. The key
         `calibrate_at_start` of an arm's board asks for the same.
     out_dir
         Where the processes' messages go, one file each.

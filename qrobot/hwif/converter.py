@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.hwif.bus import Operations
+from qrobot.errors import LinkError
+from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
@@ -32,6 +33,12 @@ def adc_word(volt: float) -> int:
     """A voltage as an ADC_VALUE word of revision F: 12 bits of +-10 V, left-justified, two's complement."""
     word = round(volt / ADC_F_VOLT_PER_COUNT)
     return min(max(word, -_HALF_SCALE), _HALF_SCALE - 1) & ADC_F_MASK
+
+
+def require_signed_converter(facts: BoardFacts) -> None:
+    """Raises LinkError for a board of revision E: words of its converter have no sign, and 8 bits."""
+    if facts.revision != "F":
+        raise LinkError("remote analogue values need a board of revision F: that of E converts 0 to 5 V with 8 bits")
 
 
 class RemoteChannels:

@@ -259,14 +259,16 @@ def trace_write(memory: Any, t_ns: int, lane: int, offset: int, value: int) -> N
     store_release(memory, TRACE_HEAD, head + 1)
 
 
-def read_trace(memory: Words) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """The recorded DAC and DISCRETE writes, oldest first. Shape (k, 4): t_ns, lane, offset, value.
+def read_trace(memory: Words, first: int = 0) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    """The recorded DAC and DISCRETE writes from number `first` on, oldest first.
+
+    Shape (k, 4): t_ns, lane, offset, value.
 
     Takes a copy; a board that runs meanwhile may overwrite the oldest rows while they are copied, so rows that the
     writer reached during the copy are dropped.
     """
     head = int(load_head(memory))
-    first = max(0, head - TRACE_CAPACITY)
+    first = max(first, head - TRACE_CAPACITY)
     ring = memory[TRACE_START : TRACE_START + TRACE_CAPACITY * TRACE_FIELDS].reshape(TRACE_CAPACITY, TRACE_FIELDS)
     rows = ring[np.arange(first, head) % TRACE_CAPACITY].copy()
     overwritten = max(0, int(load_head(memory)) + 1 - TRACE_CAPACITY - first)  # + 1: the row just being written

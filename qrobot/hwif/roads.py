@@ -11,12 +11,12 @@ from qrobot.errors import ConfigError
 from qrobot.hwif.bus import Bus, Endpoint
 from qrobot.hwif.modbus.library import require_pymodbus
 from qrobot.realtime.segment import Words
+from qrobot.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.hwif.modbus.io import RemoteModule
 
 Report = Callable[[str], None]
-NS_PER_MS: Final = 1_000_000
 
 
 class Road(NamedTuple):

@@ -34,13 +34,12 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import Chg, Link
-from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG
+from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG, S_PER_MS
 from qrobot.wire import RobotState
 from qrobot.wire.vocabulary import Hand
 
 YES: Final = 1
 NO: Final = 0
-_S_PER_MS: Final = 1e-3
 
 
 class Channel:
@@ -327,7 +326,7 @@ class Channel:
         if ms < 0.0:
             raise MotionError(f"stop({ms:g}): a stop takes no negative time")
         with self._hold.task():
-            self._task.stop(ms * _S_PER_MS)
+            self._task.stop(ms * S_PER_MS)
 
     def nextmove(self, code: int = YES) -> None:
         """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.

@@ -34,12 +34,10 @@ from qrobot.motion import (
 from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
 from qrobot.rccl.position import Position
-from qrobot.units import M_PER_MM, RAD_PER_DEG
+from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS, US_PER_MS
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 DEFAULT_PACE: Final = SpeedShare(0.3)
-_S_PER_MS: Final = 1e-3
-_US_PER_MS: Final = 1e3
 _MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
 _TURNS: Final = {turn.value: turn for turn in Turn}
 _DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -175,15 +173,15 @@ def milliseconds(ta: float, ts: float) -> tuple[float, float]:
     ta, ts = numbers("setime", ta, ts)
     if ta < 0.0 or ts <= 0.0:
         raise MotionError(f"setime({ta:g}, {ts:g}): the transition may take 0 ms, the motion more than that")
-    return ta * _S_PER_MS, ts * _S_PER_MS
+    return ta * S_PER_MS, ts * S_PER_MS
 
 
 def sample_period_us(call: str, ms: float) -> int:
     """A sample period, microseconds. Raises MotionError when the bridge has no such period."""
     (period_ms,) = numbers(call, ms)
-    period_us = round(period_ms * _US_PER_MS)
+    period_us = round(period_ms * US_PER_MS)
     if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
-        possible = f"{SHORTEST_PERIOD_US / _US_PER_MS:g} to {LONGEST_PERIOD_US / _US_PER_MS:g} ms"
+        possible = f"{SHORTEST_PERIOD_US / US_PER_MS:g} to {LONGEST_PERIOD_US / US_PER_MS:g} ms"
         raise MotionError(f"{call}: a sample period of {ms:g} ms; {possible} are possible")
     return period_us
 

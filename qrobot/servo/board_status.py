@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import MemoryEndpoint, make_image
 from qrobot.hwif.memory import BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_LOSSES, BOARD_MODULE_LOSSES, IMAGE_T_NS
 from qrobot.realtime.segment import Words
 from qrobot.servo.control_messages import BoardStatus
-
-NS_PER_MS: Final = 1e6
+from qrobot.units import NS_PER_MS
 
 
 def board_status(memory: Words, now_ns: int) -> BoardStatus:

@@ -48,6 +48,7 @@ from qrobot.servo.mailbox import (
     journal_base,
 )
 from qrobot.servo.modes import Mode, mode_name
+from qrobot.servo.settings import ServoSettings
 from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
@@ -64,6 +65,7 @@ class Controlled(Protocol):
 
     arm: str
     robot: Robot
+    settings: ServoSettings
     law: Law
     law_name: str
     board: Segment
@@ -176,6 +178,8 @@ class Controls:
                 self._wait_for_loop()
             case Calibrate():
                 self._calibrate(request)
+            case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
+                raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():
                 self._change_law(request)
             case ChangeGains():

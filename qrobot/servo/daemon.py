@@ -211,11 +211,13 @@ def serve(
         LinkBusy: another servo runs this arm.
     """
     card = make_card(NO_CARD) if card is None else card
-    if not turn_is_awaited():
+    board_comes_later = turn_is_awaited()
+    if not board_comes_later:
         _insist_on_a_board(arm, card)  # say so at once when there is none: compiling takes a while
     warm_up(robot, settings)
     await_turn()
-    _insist_on_a_board(arm, card)
+    if board_comes_later:
+        _insist_on_a_board(arm, card)
     board = _board_memory(arm, card, robot.n, settings.period_ns)
     with create_servo_memory(
         arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity

@@ -60,7 +60,8 @@ class ServoSettings:
         telemetry_capacity: rows of the telemetry ring, a power of two.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
-            reference, the law gives no torque, and what is judged by torques is not watched.
+            reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
+            watched.
         calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
 
@@ -93,6 +94,8 @@ class ServoSettings:
         if not set(self.sensor_channels) <= set(range(N_ADCS)):
             raise ConfigError(f"sensor channels {self.sensor_channels}: the board has 0 to {N_ADCS - 1}")
         check_law_name(self.law)
+        if self.position_drives and (self.law != DEFAULT_LAW or self.law_settings):
+            raise ConfigError(f"law {self.law} means nothing to drives in position mode: leave it out")
         find_estimator(self.velocity)
         find_form(self.interpolation)
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 from qrobot.config import Arm, Robot
 from qrobot.config.scene import SceneKind
+from qrobot.errors import ConfigError
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
@@ -22,8 +23,15 @@ def emulator_of_arm(
     faults: FaultPlan | None = None,
     payload_kg: float = 0.0,
 ) -> Emulator:
-    """The emulator of `arm`, with what overrides the file. Raises what `Emulator` raises."""
+    """The emulator of `arm`, with what overrides the file.
+
+    Raises:
+        ConfigError: the arm's drives close the position loop, which the emulated board has none for; or what
+            `Emulator` raises.
+    """
     choice = arm.board
+    if choice.position_drives:
+        raise ConfigError(f"the drives of {arm.name} are in position mode: the emulated board has none such")
     wrong = (plant or choice.plant) == "mismatched"
     around = choice.scene if scene is None else choice.scene.model_copy(update={"kind": scene})
     return Emulator(

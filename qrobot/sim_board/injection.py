@@ -64,13 +64,13 @@ from qrobot.sim_board.upset import (
     TOUCHED,
     to_neutral,
 )
+from qrobot.units import NS_PER_MS
 
 # Fields of a slot. STEPS counts the board's steps in which the fault was active, ACTED those in which that made a
 # difference; NOTE is what the fault has to remember.
 KIND, CHANNEL, START_NS, END_NS, VALUE, STEPS, ACTED, NOTE = range(FAULT_FIELDS)
 
 _NS_PER_S: Final = 1_000_000_000
-_NS_PER_MS: Final = 1_000_000
 _FOREVER_NS: Final = 1 << 62
 _MOVES: Final = 0.01  # counts per step; a shaft that turns less stands still
 _ALL_ONES: Final = 0xFFFF
@@ -163,7 +163,7 @@ def _upset_brake(board: Board, kind: int, channel: int, value: float) -> bool:
     """True when a brake is not what the board wants it to be."""
     register = board.register
     if kind == kinds.BRAKE_SLOW:
-        board.upset.switch[BRAKE_LATE_NS] = int(value * _NS_PER_MS)
+        board.upset.switch[BRAKE_LATE_NS] = int(value * NS_PER_MS)
         return bool(register[REG_BRAKED] == register[REG_POWER])
     if kind == kinds.BRAKE_STUCK:
         board.upset.knob[BRAKE_OPEN, channel] = 1.0
@@ -186,7 +186,7 @@ def _upset_bus(board: Board, memory: Words, kind: int, value: float) -> bool:
     if kind == kinds.BOARD_FROZEN:
         switch[IMAGE_FROZEN] = 1
     elif kind == kinds.BOARD_SLOW:
-        switch[IMAGE_DELAY] = int(value * _NS_PER_MS) // memory[BOARD_PERIOD_NS]
+        switch[IMAGE_DELAY] = int(value * NS_PER_MS) // memory[BOARD_PERIOD_NS]
         return bool(switch[IMAGE_DELAY] > 0)
     elif kind == kinds.BOARD_DEAF:
         switch[DEAF] = 1

@@ -101,7 +101,7 @@ def serve(
     Raises:
         LinkBusy: a board already serves that arm.
     """
-    _warm_up(emulator)
+    _warm_up(emulator)  # before its turn, not with it
     await_turn()
     with set_on_signals() as done, BoardServer(arm, emulator) as server, beside(server.segment.words):
         ready()

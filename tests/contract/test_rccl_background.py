@@ -113,7 +113,7 @@ def test_what_a_function_of_every_sample_raises_reaches_the_program(robot) -> No
         arm.each_sample(fail)
         with pytest.raises(LookupError, match="no sensor"):
             arm.waitas(lambda: False)
-    assert robot.said_goodbye
+    assert robot.goodbyes
 
 
 def test_one_program_moves_two_arms_at_the_same_time_in_step_by_events() -> None:
@@ -135,7 +135,7 @@ def test_one_program_moves_two_arms_at_the_same_time_in_step_by_events() -> None
             right.move(goals[1])
             right.waitfor(goals[1].end)
             left.waitfor(goals[0].end)
-        wait_until(lambda: all(robot.said_goodbye for robot in robots))
+        wait_until(lambda: all(robot.goodbyes for robot in robots))
     for robot in robots:
         assert robot.q == pytest.approx(np.add(PARK, TURN))
 

@@ -95,7 +95,7 @@ def test_an_impossible_period_is_refused_before_anything_is_let_go(robot: FakeRo
     with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)), rccl.control() as arm:
         with pytest.raises(MotionError, match=words):
             arm.sample(ms)
-        assert not robot.said_goodbye
+        assert not robot.goodbyes
         assert robot.mode is RobotMode.TRACKING
     with pytest.raises(MotionError, match=words):
         rccl.control(period_ms=ms)
@@ -104,7 +104,7 @@ def test_an_impossible_period_is_refused_before_anything_is_let_go(robot: FakeRo
 def test_somebody_who_takes_the_arm_meanwhile_is_named_and_ends_the_hold(robot: FakeRobot) -> None:
     class Snatched(VirtualLink):
         def open(self):
-            if robot.said_goodbye:
+            if robot.goodbyes:
                 raise LinkBusy("the bridge refused: puma560 is commanded by somebody else")
             return super().open()
 
@@ -133,7 +133,7 @@ def test_in_real_time_the_connection_is_made_anew() -> None:
 
         def connect(_address: object) -> socket.socket:
             if made:  # one robot speaks to one socket
-                wait_until(lambda: robot.said_goodbye)
+                wait_until(lambda: robot.goodbyes)
                 servers.close()
             made.append(servers.enter_context(SocketRobot(robot)))
             return made[-1].socket

@@ -76,7 +76,7 @@ def test_control_powers_the_arm_and_streams_from_where_it_stands(robot) -> None:
     assert np.allclose(robot.path, PARK)
     assert robot.commands[0].power is False
     rccl.release()
-    wait_until(lambda: robot.said_goodbye)
+    wait_until(lambda: robot.goodbyes)
     assert robot.mode is RobotMode.HOLDING
 
 
@@ -201,7 +201,7 @@ def test_release_brings_a_moving_arm_to_rest_first(robot) -> None:
     rccl.move(near_park("p", 20.0))
     wait_until_sample(120)
     rccl.release()
-    wait_until(lambda: robot.said_goodbye)
+    wait_until(lambda: robot.goodbyes)
     steps = np.abs(np.diff(np.array(robot.path)[:, 0]))
     assert steps.max() > 1e-4
     assert steps[-1] < 1e-5
@@ -210,7 +210,7 @@ def test_release_brings_a_moving_arm_to_rest_first(robot) -> None:
 def test_release_may_leave_the_arm_without_power(robot) -> None:
     rccl.control()
     rccl.release(power_off=True)
-    wait_until(lambda: robot.said_goodbye)
+    wait_until(lambda: robot.goodbyes)
     assert robot.mode is RobotMode.OFF
 
 
@@ -274,7 +274,7 @@ def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypa
         monkeypatch.setattr(arm._task, "_track", lambda _robot: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             arm.waitas(lambda: False)
-        wait_until(lambda: fake.said_goodbye)
+        wait_until(lambda: fake.goodbyes)
         rccl.release()
 
 
@@ -290,7 +290,7 @@ def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> Non
         with pytest.raises(KeyboardInterrupt):
             arm.release()
         assert not arm._hold._driver._thread.is_alive()
-        wait_until(lambda: fake.said_goodbye)
+        wait_until(lambda: fake.goodbyes)
 
 
 def test_a_lost_link_raises_where_the_program_waits() -> None:
@@ -309,7 +309,7 @@ def test_a_function_that_is_called_at_each_sample_must_not_wait(robot) -> None:
     arm.each_sample(lambda: arm.waitfor(arm.completed))
     with pytest.raises(MotionError, match="must not wait: let it signal an event"):
         arm.waitas(lambda: False)
-    wait_until(lambda: robot.said_goodbye)
+    wait_until(lambda: robot.goodbyes)
 
 
 def test_a_program_that_computes_without_a_pause_does_not_disturb_its_motion() -> None:
@@ -336,7 +336,7 @@ def test_refused_power_names_the_reason(quiet_robot) -> None:
     with pytest.raises(ServoFault, match="no arm power: POWER_NO_ACK: arm power did not come on") as fault:
         rccl.control()
     assert fault.value.code == FaultCode.POWER_NO_ACK
-    assert quiet_robot.said_goodbye
+    assert quiet_robot.goodbyes
 
 
 def test_a_latched_fault_is_raised_and_nothing_moves(quiet_robot) -> None:

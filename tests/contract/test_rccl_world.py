@@ -238,7 +238,7 @@ def test_a_fault_in_a_background_function_is_an_error_in_the_program_and_the_arm
         rccl.move(p)
         with pytest.raises(ZeroDivisionError, match="my own mistake"):
             rccl.waitfor(p.end)
-        assert fake.said_goodbye
+        assert fake.goodbyes
         with pytest.raises(ZeroDivisionError):
             rccl.move(p)
         rccl.release()

@@ -51,7 +51,7 @@ class FakeRobot:
         self.calibrated = True
         self.commands: list[Command] = []
         self.path: list[tuple[float, ...]] = []
-        self.said_goodbye = False
+        self.goodbyes = 0
         self.before_period: Callable[[int], object] | None = None
         self.seq = 0
         self._t_ns = START_NS
@@ -115,7 +115,7 @@ class FakeRobot:
             case Command():
                 self._obey(event)
             case Bye():
-                self.said_goodbye = True
+                self.goodbyes += 1
         return b""
 
     def _obey(self, command: Command) -> None:

@@ -53,7 +53,7 @@ def run(robot: FakeRobot, tmp_path: Path) -> Run:
 
 def at_rest(robot: FakeRobot) -> bool:
     """The program let go of it in order: whoever breaks off leaves it tracking."""
-    return robot.said_goodbye and robot.mode is RobotMode.HOLDING
+    return robot.goodbyes and robot.mode is RobotMode.HOLDING
 
 
 def part_of_the_way(robot: FakeRobot) -> bool:

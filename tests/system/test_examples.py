@@ -41,4 +41,4 @@ def test_park_and_return_is_the_papers_experiment(capsys) -> None:
     for cruise, leg in ((SLOW, speed[:furthest]), (3 * SLOW, speed[furthest:])):
         assert (leg > 0.99 * leg.max()).sum() * PERIOD_S == pytest.approx(distance / cruise - 0.392, abs=3 * PERIOD_S)
     assert len(re.findall(r"^.* \d+\.\d\d s, now at", capsys.readouterr().out, re.MULTILINE)) == 3
-    assert robot.said_goodbye
+    assert robot.goodbyes

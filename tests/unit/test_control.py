@@ -50,6 +50,7 @@ from qrobot.servo.mailbox import (
     journal_base,
 )
 from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
 from qrobot.servo.swap import SwapState
 from tests.support.servo_bench import ServoBench, moving
 
@@ -70,6 +71,10 @@ class Bench:
     @property
     def mailbox(self) -> ServoMailbox:
         return self.bench.mailbox
+
+    @property
+    def settings(self) -> ServoSettings:
+        return self.bench.settings
 
     @property
     def swap(self) -> SwapState:
@@ -279,6 +284,13 @@ def test_a_law_is_not_even_loaded_while_the_arm_moves(monkeypatch: pytest.Monkey
     monkeypatch.setattr(control, "find_law", lambda *_: pytest.fail("loaded"))
     with pytest.raises(QRobotError, match="not in mode TRACKING"):
         Controls(process)._obey(ChangeLaw(name="pd"))
+
+
+def test_drives_that_close_the_loop_themselves_get_no_law_and_no_gains() -> None:
+    process = Bench(ServoBench(position_drives=True))
+    for request in (ChangeLaw(name="pd"), ChangeGains(kp=(1.0,) * 6)):
+        with pytest.raises(QRobotError, match="it has no law and no gains"):
+            Controls(process)._obey(request)
 
 
 def test_a_visitor_who_is_gone_at_the_door_is_no_trouble(monkeypatch: pytest.MonkeyPatch) -> None:

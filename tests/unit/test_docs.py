@@ -107,5 +107,5 @@ def test_a_program_printed_on_a_page_runs_as_it_is(name: str) -> None:
     robot = FakeRobot(tuple(load_robot("puma560").poses["park"]))
     with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
         exec(compile(program[1], name, "exec"), {})
-    assert robot.said_goodbye
+    assert robot.goodbyes
     assert np.ptp(robot.path, axis=0).max() > 0.5  # it did move

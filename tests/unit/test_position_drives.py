@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC_ZERO
@@ -35,6 +36,11 @@ def test_the_reference_is_posted_as_counters_with_a_fraction_and_no_torque_is(be
 def test_an_arm_that_no_torque_explains_is_no_fault(bench: ServoBench) -> None:
     bench.run(0.5)  # it stands against its weight, with no torque from here
     assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.NONE)
+
+
+def test_a_law_for_such_drives_is_refused() -> None:
+    with pytest.raises(ConfigError, match="law pd means nothing to drives in position mode"):
+        ServoSettings(position_drives=True, law="pd")
 
 
 def test_a_servo_without_such_drives_posts_no_reference() -> None:

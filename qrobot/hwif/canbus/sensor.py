@@ -7,17 +7,15 @@ values that came; one that is too old is none.
 from __future__ import annotations
 
 import time
-from typing import Final
 
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
-from qrobot.hwif.converter import RemoteChannels, adc_word
+from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
 from qrobot.realtime.segment import Words
-
-NS_PER_MS: Final = 1_000_000
+from qrobot.units import NS_PER_MS
 
 
 def decode_signal(signal: CanSignal, data: bytes) -> int:
@@ -49,10 +47,9 @@ class SensorBus:
         self._newest: dict[int, tuple[int, int]] = {}  # by channel: word, time
 
     def connect(self) -> BoardFacts:
-        """As that of the board's bus. Raises LinkError for a board of revision E, whose converter has no sign."""
+        """As that of the board's bus. Raises LinkError for a board of revision E."""
         facts = self._bus.connect()
-        if facts.revision != "F":
-            raise LinkError("a sensor on CAN needs a board of revision F: that of E converts 0 to 5 V with 8 bits")
+        require_signed_converter(facts)
         self._link.open()
         self._newest.clear()
         self._channels.forget()

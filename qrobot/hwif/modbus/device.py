@@ -34,12 +34,12 @@ from qrobot.hwif.modbus.map import (
     written,
 )
 from qrobot.hwif.registers import ADC_START, DISCRETE, STATUS
+from qrobot.units import NS_PER_MS
 
 Report = Callable[[str], None]
 WATCHDOG_MS: Final = 100.0
 _ADC_START: Final = ADC_START // 2
 _DISCRETE: Final = DISCRETE // 2 - FIRST_WRITTEN
-NS_PER_MS: Final = 1_000_000
 
 
 class ModbusDevice:

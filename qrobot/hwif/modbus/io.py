@@ -16,14 +16,13 @@ from typing import Final
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations
-from qrobot.hwif.converter import RemoteChannels, adc_word
+from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
 from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
-from qrobot.hwif.modbus.client import ModbusLine
+from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
 from qrobot.realtime.segment import Words
+from qrobot.units import NS_PER_MS
 
-NS_PER_MS: Final = 1_000_000
-MS_PER_S: Final = 1000.0
 SIGN: Final = 0x8000  # of a register
 Report = Callable[[str], None]
 
@@ -159,14 +158,12 @@ class IoBus:
     def connect(self) -> BoardFacts:
         """As that of the board's bus; the modules come when they come.
 
-        Raises LinkError also for a board of revision E with analogue inputs beside it: its converter has no sign.
+        Raises LinkError also for a board of revision E with analogue inputs beside it.
         """
         self._end_threads()
         facts = self._bus.connect()
-        if facts.revision != "F" and any(each.channels for each in self._modules):
-            raise LinkError(
-                "remote analogue inputs need a board of revision F: that of E converts 0 to 5 V with 8 bits"
-            )
+        if any(each.channels for each in self._modules):
+            require_signed_converter(facts)
         self._channels.forget()
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=each.run, args=(self._stop,), daemon=True) for each in self._modules]

@@ -8,17 +8,13 @@ from contextlib import contextmanager
 from time import monotonic_ns
 from typing import Final
 
-import numpy as np
-
 from qrobot.hwif.memory import (
     BOARD_MODULE_LOSSES,
     PANEL_ANALOG,
     PANEL_INPUTS,
     PANEL_MICRO,
-    TRACE_CAPACITY,
-    TRACE_FIELDS,
-    TRACE_START,
     load_head,
+    read_trace,
 )
 from qrobot.hwif.modbus.io import RemoteModule
 from qrobot.hwif.registers import DISCRETE
@@ -54,10 +50,9 @@ class PanelModules:
 
     def _follow_hand(self) -> None:
         """Tell the modules of the newest write to DISCRETE, if there is a new one."""
-        head, memory = int(load_head(self._memory)), self._memory
-        ring = memory[TRACE_START : TRACE_START + TRACE_CAPACITY * TRACE_FIELDS].reshape(-1, TRACE_FIELDS)
-        rows = ring[np.arange(max(self._followed, head - TRACE_CAPACITY), head) % TRACE_CAPACITY]
-        self._followed = head
+        head = int(load_head(self._memory))
+        rows = read_trace(self._memory, self._followed)
+        self._followed = head  # rows that came since are read again: the hand does not mind
         for value in rows[rows[:, _OFFSET] == DISCRETE][-1:, _VALUE]:
             for module in self._modules:
                 module.command(int(value))
