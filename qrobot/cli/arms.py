@@ -8,10 +8,12 @@ from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
 from qrobot.config.identified import load_model, with_model
+from qrobot.config.outputs import BoardOutput
 from qrobot.errors import ConfigError
 from qrobot.realtime.segment import Words
 from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.laws.file import is_file_law, split_name
+from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 
 DEFAULT_DEPLOYMENT = "emulator"
@@ -99,9 +101,19 @@ def servo_settings(
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
         position_drives=arm.board.position_drives,
+        outputs=outputs_of(arm),
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
     )
+
+
+def outputs_of(arm: Arm) -> tuple[OutputWire, ...]:
+    """The lines that programs of an arm may switch, in the order of their numbers."""
+    wires = [
+        OutputWire(each.output, each.label, each.on_stop == "hold", each.bit if isinstance(each, BoardOutput) else None)
+        for each in arm.board.lines
+    ]
+    return tuple(sorted(wires, key=lambda wire: wire.output))
 
 
 def overrun_of(arm: Arm) -> Overrun:

@@ -72,7 +72,7 @@ def _line(status: ServoStatus) -> str:
 
 @app.command
 def status(*, where: Where | None = None) -> int:
-    """Tell how the servo is: mode, fault, law, gains, positions, and how the board is reached. Needs no authority."""
+    """Tell how the servo is: mode, fault, law, gains, positions, lines, the way to the board. Needs no authority."""
     where = where or Where()
     chosen = choose_arm(where.deployment, where.arm)
     with ServoClient(chosen.name) as servo:
@@ -82,8 +82,15 @@ def status(*, where: Where | None = None) -> int:
         return SUCCESS
     out.print(_line(now), soft_wrap=True)
     out.print(_joints(robot_of_arm(chosen), now))
+    out.print(_lines_line(now), soft_wrap=True)
     out.print(_board_line(now.board), soft_wrap=True)
     return SUCCESS
+
+
+def _lines_line(now: ServoStatus) -> str:
+    inputs = " ".join(map(str, now.inputs)) or "none"
+    outputs = "".join(f", {name} {'on' if on else 'off'}" for name, on in now.outputs.items())
+    return f"hand {now.hand}, inputs on: {inputs}{outputs}"
 
 
 def _board_line(board: BoardStatus) -> str:

@@ -17,6 +17,7 @@ from qrobot.config.document import Table, check_document, config_path, read_docu
 from qrobot.config.drives import DrivesRoad
 from qrobot.config.modbus import ModbusRoad
 from qrobot.config.modbus_io import ModbusIo
+from qrobot.config.outputs import BoardOutput, OutputLine
 from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
 
@@ -57,6 +58,7 @@ class BoardChoice(Table):
     modbus: ModbusRoad | None = None
     drives: DrivesRoad | None = None
     can_sensor: CanSensor | None = None
+    outputs: tuple[BoardOutput, ...] = Field(default=(), strict=False)
     io: tuple[ModbusIo, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
@@ -93,6 +95,21 @@ class BoardChoice(Table):
         if self.io and self.kind == "port":
             raise ValueError("modules need an emulated board or one behind a gateway, and kind = 'port' has none")
         return self
+
+    @model_validator(mode="after")
+    def _has_outputs_of_its_own(self) -> BoardChoice:
+        if self.outputs and self.kind == "drives":
+            raise ValueError("separate drives have no output lines of a board: use those of a module, [[arm.board.io]]")
+        for what in ("output", "label", "bit"):
+            given = [getattr(each, what) for each in (self.outputs if what == "bit" else self.lines)]
+            if twice := [each for each in given if given.count(each) > 1]:
+                raise ValueError(f"two outputs have the same {'name' if what == 'label' else what} {twice[0]}")
+        return self
+
+    @property
+    def lines(self) -> tuple[OutputLine, ...]:
+        """All outputs of the arm, the board's own and those of modules."""
+        return (*self.outputs, *(each for module in self.io for each in module.outputs))
 
     @property
     def period_ms(self) -> float:

@@ -1,12 +1,13 @@
-"""Modbus modules beside a board: remote inputs, discrete and analogue, and a gripper."""
+"""Modbus modules beside a board: remote inputs, discrete and analogue, outputs, and a gripper."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
+from qrobot.config.outputs import OutputLine
 
 RegisterWords = Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Field(min_length=1, max_length=16)]
 
@@ -34,6 +35,23 @@ class RemoteAnalog(Table):
     zero_v: float = Field(default=0.0, allow_inf_nan=False)
 
 
+class RemoteOutput(OutputLine):
+    """An output of the module: the coil or holding register at `address` gets `on` or `off`."""
+
+    address: int = Field(ge=0, le=65535)
+    kind: Literal["coil", "register"] = "coil"
+    on: int = Field(default=1, ge=0, le=65535)
+    off: int = Field(default=0, ge=0, le=65535)
+
+    @model_validator(mode="after")
+    def _can_be_told_apart(self) -> RemoteOutput:
+        if self.on == self.off:
+            raise ValueError(f"an output that is {self.on} both on and off does nothing")
+        if self.kind == "coil" and max(self.on, self.off) > 1:
+            raise ValueError('a coil is 0 or 1; kind = "register" takes other numbers')
+        return self
+
+
 class RemoteGripper(Table):
     """A gripper that follows the hand of the arm: registers from `address` on get the words of what the hand does."""
 
@@ -56,10 +74,11 @@ class ModbusIo(Table):
     timeout_ms: float = Field(default=100.0, ge=1, le=10_000, allow_inf_nan=False)
     inputs: tuple[RemoteInput, ...] = Field(default=(), strict=False)
     analog: tuple[RemoteAnalog, ...] = Field(default=(), strict=False)
+    outputs: tuple[RemoteOutput, ...] = Field(default=(), strict=False)
     gripper: RemoteGripper | None = None
 
     @model_validator(mode="after")
     def _does_something(self) -> ModbusIo:
-        if not self.inputs and not self.analog and self.gripper is None:
-            raise ValueError("a module without inputs and without a gripper does nothing")
+        if not self.inputs and not self.analog and not self.outputs and self.gripper is None:
+            raise ValueError("a module without inputs, outputs and a gripper does nothing")
         return self

@@ -25,6 +25,7 @@ from qrobot.hwif.memory import (
     IMAGE_INPUTS,
     IMAGE_WORDS,
     OP_FIELDS,
+    OP_OUTPUTS,
     OP_READ,
     OP_REFERENCE,
     OP_WRITE,
@@ -40,6 +41,7 @@ from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
     DISCRETE_J6_OVERFLOW,
+    DISCRETE_LINES,
     N_DACS,
     WINDOW_BYTES,
 )
@@ -63,12 +65,14 @@ class BoardFacts:
         joints: encoder channels in use.
         period_ns: how often it renews its image; 0 when it does not say.
         references: it takes where the motors are to be as well (OP_REFERENCE): its drives close their own loop.
+        outputs: there are modules beside it, which take the outputs of the arm (OP_OUTPUTS).
     """
 
     revision: str
     joints: int
     period_ns: int = 0
     references: bool = False
+    outputs: bool = False
 
 
 class Bus(Protocol):
@@ -157,7 +161,7 @@ def check_image(image: Words) -> None:
 
 
 def sane_operations(operations: Operations, references: bool = False) -> Operations:
-    """Those that a road can carry: register accesses at an even offset of the window; values cut to their 16 bits.
+    """Those that make sense: register accesses at an even offset of the window, and outputs; values cut to 16 bits.
 
     With `references` also those that say where a motor is to be, 32 bits each.
     """
@@ -165,16 +169,26 @@ def sane_operations(operations: Operations, references: bool = False) -> Operati
     inside = (offset >= 0) & (offset < WINDOW_BYTES)
     access = ((kind == OP_READ) | (kind == OP_WRITE)) & (offset % 2 == 0)
     reference = (kind == OP_REFERENCE) & references
-    sane: Operations = operations[inside & (access | reference)].copy()
+    outputs = (kind == OP_OUTPUTS) & (offset == 0)
+    sane: Operations = operations[inside & (access | reference | outputs)].copy()
     sane[:, 2] &= np.where(sane[:, 0] == OP_REFERENCE, REFERENCE_MASK, REGISTER_MASK)
     return sane
 
 
-def safe_operations(status: int) -> Operations:
-    """Zero torque, no arm power, the hand relaxed; the scratch bits stay as the STATUS word shows them."""
+def for_the_road(operations: Operations) -> Operations:
+    """Those that go to the board: outputs are for the modules beside it."""
+    road: Operations = operations[operations[:, 0] != OP_OUTPUTS]
+    return road
+
+
+def safe_operations(status: int, lines: int = 0) -> Operations:
+    """Zero torque, no arm power, the hand relaxed; the scratch bits stay as the STATUS word shows them.
+
+    Of the board's own output lines those of `lines`, in their bits of DISCRETE, are on.
+    """
     operations = np.zeros((1 + N_DACS, OP_FIELDS), np.int64)
     n = 0
     for channel in range(N_DACS):
         n = put_write(operations, n, DAC + 2 * channel, DAC_ZERO)
-    put_write(operations, n, DISCRETE, status & SCRATCH_BITS | DISCRETE_HAND_RELAXED)
+    put_write(operations, n, DISCRETE, status & SCRATCH_BITS | lines & DISCRETE_LINES | DISCRETE_HAND_RELAXED)
     return operations

@@ -15,7 +15,15 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import NO_OPERATIONS, Bus, Operations, make_image, safe_operations, sane_operations
+from qrobot.hwif.bus import (
+    NO_OPERATIONS,
+    Bus,
+    Operations,
+    for_the_road,
+    make_image,
+    safe_operations,
+    sane_operations,
+)
 from qrobot.hwif.memory import (
     BOARD_DROPPED,
     BOARD_ILLEGAL_OPS,
@@ -28,11 +36,12 @@ from qrobot.hwif.memory import (
     LANE_CAPACITY,
     N_LANES,
     OP_FIELDS,
+    OP_WRITE,
     create_board_memory,
     publish_image,
     take_all_operations,
 )
-from qrobot.hwif.registers import STATUS
+from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS
 from qrobot.realtime.segment import Words
 from qrobot.realtime.signals import set_on_signals
 
@@ -66,7 +75,8 @@ class Gateway:
         self._image = make_image()
         self._retry_ns = 0
         self._told = ""
-        self._references = False
+        self._references = self._outputs = False
+        self._lines = 0  # the board's own outputs as last asked for, in their bits of DISCRETE
         self.connected = False
 
     @property
@@ -82,6 +92,7 @@ class Gateway:
     def step(self, now_ns: int) -> bool:
         """One exchange, or one attempt to find the board; False when there is none."""
         taken = take_all_operations(self._memory, self._operations)
+        self._remember_lines(self._operations[:taken])
         if not self.connected:
             self._memory[BOARD_DROPPED] += taken
             return now_ns >= self._retry_ns and self._find(now_ns)
@@ -99,14 +110,22 @@ class Gateway:
         """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
         operations = sane_operations(self._operations[:taken], self._references)
         self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
-        return operations
+        return operations if self._outputs else for_the_road(operations)
+
+    def _remember_lines(self, operations: Operations) -> None:
+        """What stays on when the board is made safe: whoever posts lets go of the others before, away or not."""
+        for word in operations[(operations[:, 0] == OP_WRITE) & (operations[:, 1] == DISCRETE), 2][-1:].tolist():
+            self._lines = word & DISCRETE_LINES
+
+    def _safe(self) -> Operations:
+        return safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2]), self._lines)
 
     def _find(self, now_ns: int) -> bool:
         """Find the board, make it safe, and show it."""
         try:
             facts = self._bus.connect()
             self._bus.exchange(NO_OPERATIONS, self._image)
-            self._bus.exchange(safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2])), self._image)
+            self._bus.exchange(self._safe(), self._image)
         except (LinkError, ProtocolError) as error:
             self._retry_ns = now_ns + RETRY_NS
             self._bus.close()
@@ -114,7 +133,7 @@ class Gateway:
             return False
         self._memory[BOARD_PERIOD_NS] = max(self._period_ns, facts.period_ns)
         self._memory[BOARD_JOINTS], self._memory[BOARD_REVISION] = facts.joints, ord(facts.revision)
-        self._references, self.connected = facts.references, True
+        self._references, self._outputs, self.connected = facts.references, facts.outputs, True
         publish_image(self._memory, self._image)
         self._tell(f"board found at {self._bus.name}: revision {facts.revision}, {facts.joints} joints")
         return True
@@ -135,7 +154,7 @@ class Gateway:
         """Leave the board safe and let go of it."""
         if self.connected:
             try:
-                self._bus.exchange(safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2])), self._image)
+                self._bus.exchange(self._safe(), self._image)
             except (LinkError, ProtocolError) as error:
                 self._tell(f"board at {self._bus.name} could not be left safe: {error}")
         self.connected = False

@@ -6,9 +6,9 @@ Process image in, ordered operation list out:
 * a controller posts register operations into its *lane*, a single-producer single-consumer ring; the board applies them
   strictly in the order posted. A read with a side effect (ADC_START on revision E) is an operation too;
 * every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring;
-* an emulated board has an operator's panel as well: emergency stop, ARM POWER button, discrete and analogue inputs, a
-  push on each joint, faults to inject. A controller never touches it; tests, the pendant and a person at the command
-  line do.
+* an emulated board has an operator's panel as well: emergency stop, ARM POWER button, discrete and analogue inputs,
+  lamps for the outputs, a push on each joint, faults to inject. A controller never touches it; tests, the pendant and
+  a person at the command line do.
 
 The words live in a NumPy array of one process (lock-step, tests) or in a `Segment` shared by several: the kernels below
 do not know. All words are int64; times are CLOCK_MONOTONIC nanoseconds, or virtual ones in lock-step.
@@ -43,6 +43,7 @@ N_LANES: Final = len(Lane)
 OP_READ: Final = 0
 OP_WRITE: Final = 1
 OP_REFERENCE: Final = 2  # where a motor is to be, for drives that close their own loop; boards count it as illegal
+OP_OUTPUTS: Final = 3  # outputs of the arm, for modules beside the board and the emulated panel; others ignore it
 OP_FIELDS: Final = 3  # kind, offset, value
 REFERENCE_PER_COUNT: Final = 1 << 16  # the value of a reference is a counter with a fraction; its offset is the joint
 
@@ -84,6 +85,8 @@ PANEL_START: Final = TRACE_START + TRACE_CAPACITY * TRACE_FIELDS
 PANEL_ESTOP: Final = PANEL_START  # 1: the emergency stop is pressed (a level)
 PANEL_PRESSES: Final = PANEL_START + 1  # times ARM POWER was pressed: add one to press it
 PANEL_INPUTS: Final = PANEL_START + 2  # levels of discrete inputs 1-5 in their STATUS bits; bit 0 is the E-stop's
+PANEL_OUTPUTS: Final = PANEL_START + 3  # what it shows: the outputs of the arm, output 1 in bit 0
+PANEL_DISCRETE: Final = PANEL_START + 4  # and the DISCRETE word in force, with the board's own output lines
 PANEL_ANALOG: Final = PANEL_START + 8  # microvolts at the eight ADC channels; those with a potentiometer ignore it
 PANEL_PUSH: Final = PANEL_ANALOG + N_ADCS  # micro-N.m (micro-N for prismatic joints) somebody applies to each joint
 PANEL_MICRO: Final = 1_000_000
@@ -143,6 +146,13 @@ def put_read(operations: Any, n: int, offset: int) -> int:
 def put_reference(operations: Any, n: int, joint: int, value: int) -> int:
     """Append where the motor of a joint is to be, in counts x REFERENCE_PER_COUNT; returns the list's new length."""
     operations[n, 0], operations[n, 1], operations[n, 2] = OP_REFERENCE, joint, value
+    return n + 1
+
+
+@lean_kernel
+def put_outputs(operations: Any, n: int, outputs: int) -> int:
+    """Append the outputs of the arm, output 1 in bit 0, to a list of operations; returns its new length."""
+    operations[n, 0], operations[n, 1], operations[n, 2] = OP_OUTPUTS, 0, outputs
     return n + 1
 
 

@@ -378,7 +378,7 @@ class Channel:
         self.expect(event.name)
         return False
 
-    # ------------------------------------------------------------------------------------------------------- hand
+    # ------------------------------------------------------------------------------------------- hand and outputs
 
     def OPEN(self) -> None:  # noqa: N802 (RCCL's name)
         """Open the hand, now."""
@@ -387,6 +387,15 @@ class Channel:
     def CLOSE(self) -> None:  # noqa: N802 (RCCL's name)
         """Close the hand, now."""
         self._set_hand(Hand.CLOSED)
+
+    def signal(self, *lines: int) -> None:
+        """Switch binary outputs, now: `signal(3, -4)` switches output 3 on and output 4 off. Named after VAL's.
+
+        Raises:
+            MotionError: there is no such output; none is switched.
+        """
+        with self._hold.task():
+            self._task.chg.signal(*lines)
 
     def _set_hand(self, hand: Hand) -> None:
         with self._hold.task():

@@ -204,3 +204,8 @@ def OPEN() -> None:  # noqa: N802 (RCCL's name)
 def CLOSE() -> None:  # noqa: N802 (RCCL's name)
     """Close the hand, now."""
     arm().CLOSE()
+
+
+def signal(*lines: int) -> None:
+    """Switch binary outputs, now; see `Channel.signal`."""
+    arm().signal(*lines)

@@ -195,6 +195,8 @@ class TrajectoryTask:
             ServoFault: the servo gave up, or power is refused.
             MotionError: the arm is not calibrated.
         """
+        if self.how is None:
+            self.chg.outputs = state.robot.outputs  # those that hold are left as they are
         self.how = state.robot
         self._heard.append(state.robot)
         self._count(state.seq)

@@ -137,12 +137,14 @@ def _to_wire(mailbox: ServoMailbox) -> RobotState:
         inputs=s.inputs,
         hand=s.hand,
         force=tuple(s.force.tolist()),
+        outputs=s.outputs,
     )
 
 
 def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
     mailbox.request_power(frame.power)
     mailbox.request_hand(frame.hand)
+    mailbox.request_outputs(frame.outputs, frame.t_ns)
     if frame.clear_fault:
         mailbox.request_clear()
     if frame.stop:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from qrobot.config.outputs import N_OUTPUTS
+from qrobot.errors import MotionError
 from qrobot.wire import Command, JointMode, State
 from qrobot.wire.packets import Vector
 
@@ -15,7 +17,7 @@ from qrobot.wire.packets import Vector
 class Chg:
     """What the next command says. Fields mean what they mean in `wire.Command`.
 
-    `clear_fault` and `stop` go out once and are lowered again.
+    `clear_fault` and `stop` go out once and are lowered again. Output 1 is bit 0 of `outputs`.
     """
 
     n: int
@@ -43,6 +45,19 @@ class Chg:
         """Joints exert a torque (N m or N) where `torque` is true, and go to a position on the others."""
         self.modes = tuple(JointMode.TORQUE if exerts else JointMode.POSITION for exerts in torque)
         self.setpoints = setpoints
+
+    def signal(self, *lines: int) -> None:
+        """Switch outputs, as VAL's SIGNAL does: `signal(3, -4)` switches output 3 on and output 4 off.
+
+        Raises:
+            MotionError: there is no such output.
+        """
+        for line in lines:
+            if not 1 <= abs(line) <= N_OUTPUTS:
+                raise MotionError(f"signal {line}: outputs are 1 to {N_OUTPUTS}, negative to switch one off")
+        for line in lines:
+            bit = 1 << (abs(line) - 1)
+            self.outputs = self.outputs | bit if line > 0 else self.outputs & ~bit
 
     def command(self, state: State, t_ns: int) -> Command:
         """The command that answers `state`."""

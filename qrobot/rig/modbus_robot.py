@@ -71,7 +71,7 @@ class RunningRobot:
         mailbox = ServoMailbox(self._servo.words())
         seen = mailbox.snapshot()
         words = (seen.mode, seen.fault, seen.event, seen.joint, seen.flags, seen.inputs, seen.hand, mailbox.info.n)
-        return encode_robot(words, seen.t_ns, seen.tick, (seen.q, seen.v, seen.tau, seen.q_ref))
+        return encode_robot(words, seen.t_ns, seen.tick, seen.outputs, (seen.q, seen.v, seen.tau, seen.q_ref))
 
     def close(self) -> None:
         """Let go of both."""

@@ -40,6 +40,7 @@ from qrobot.servo.mailbox import (
     GUARD_TAKEOVER,
 )
 from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.outputs import post_outputs
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.pots import has_table, wanted_channels
 from qrobot.servo.state import (
@@ -51,6 +52,7 @@ from qrobot.servo.state import (
     LAST_NOW_NS,
     LAW_FAILED,
     MODE,
+    OUTPUTS,
     REVISION,
     STARTED,
     TICK,
@@ -203,10 +205,11 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
     channels = wanted_channels(params, state)
     compose_discrete(state, mail[COMMAND_HAND], channels != 0)
-    mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) else 0
+    left_on = state.i[OUTPUTS] & params.outputs.off  # somebody has to switch them off should we die
+    mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) or left_on != 0 else 0
     if state.i[STARTED] == 0:
         return 0
-    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD]
+    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD] & ~params.outputs.off_discrete
     if mail[GUARD_TAKEOVER] != 0:
         state.i[DISCRETE_SENT] = -1
         return 0
@@ -220,6 +223,7 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
         n = post_reference(params, state, n)
     if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+    n = post_outputs(params, state, n)
     n = post_latches(state, n)
     n = post_index_watch(state, n, state.i[DISCRETE_WORD])
     if channels != 0:

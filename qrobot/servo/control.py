@@ -54,6 +54,8 @@ from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapStat
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
 LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
 LOOP_PATIENCE_S: Final = 0.5
+HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
+INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
 _POLL_S: Final = 0.002
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
@@ -140,6 +142,9 @@ class Controls:
             tick=snapshot.tick,
             late_cycles=snapshot.late_cycles,
             missed_frames=snapshot.missed_frames,
+            hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
+            inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
+            outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
             q=_floats(snapshot.q),
             v=_floats(snapshot.v),
             tau=_floats(snapshot.tau),

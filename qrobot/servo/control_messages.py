@@ -117,6 +117,9 @@ class ServoStatus(Message):
 
     Attributes:
         event: newest code worth knowing, 0 for none; `text` explains it, or the fault, to people.
+        hand: relaxed, open or closed, as it was last asked for.
+        inputs: numbers of the discrete inputs that are on; the emergency stop's is no input here.
+        outputs: the lines of the deployment by name, true for on.
         board: what became of the way to the board.
         commander: who commands, "" for nobody.
     """
@@ -140,6 +143,9 @@ class ServoStatus(Message):
     tick: int
     late_cycles: int
     missed_frames: int
+    hand: str
+    inputs: Annotated[tuple[int, ...], Field(strict=False)]
+    outputs: dict[str, bool]
     q: Annotated[tuple[float, ...], Field(strict=False)]
     v: Annotated[tuple[float, ...], Field(strict=False)]
     tau: Annotated[tuple[float, ...], Field(strict=False)]

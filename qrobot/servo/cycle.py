@@ -20,6 +20,7 @@ from qrobot.servo.mailbox import (
     TORQUE_SETPOINT,
 )
 from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.outputs import settle_outputs
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.sense import estimate, read, watch_arm
 from qrobot.servo.state import (
@@ -79,6 +80,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     react(params, state, mail, now_ns)
     drive(params, state)
     react(params, state, mail, now_ns)
+    settle_outputs(params, state, mail, now_ns)
     n_ops = write(params, state, mail)
     tell(params, state, mail, now_ns, late_ns)
     return n_ops

@@ -17,7 +17,15 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.errors import LinkError
-from qrobot.hwif.memory import OP_FIELDS, Lane, attach_board_memory, local_board_memory, post_operations, put_write
+from qrobot.hwif.memory import (
+    OP_FIELDS,
+    Lane,
+    attach_board_memory,
+    local_board_memory,
+    post_operations,
+    put_outputs,
+    put_write,
+)
 from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
 from qrobot.hwif.port.permission import require_ports
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
@@ -29,6 +37,8 @@ from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
     BEAT_DISCRETE,
+    BEAT_KEPT,
+    BEAT_LINES,
     BEAT_T_NS,
     BEAT_TRIPS_SEEN,
     GUARD_T_NS,
@@ -41,7 +51,7 @@ from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.servo.telemetry import SMALLEST_RING
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
-N_SAFE_OPS: Final = 1 + N_DACS
+N_SAFE_OPS: Final = 2 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
 
@@ -50,18 +60,21 @@ PRIORITY: Final = 85  # above the servo's
 LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
 # the guardian's own memory; outlives servo restarts
-TRIPPED, TRIPS, LAST_DISCRETE, N_OWN = range(4)
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, N_OWN = range(6)
 
 
 @lean_kernel
-def make_safe(discrete: int, board: Any, ops: Any) -> bool:
+def make_safe(own: Any, board: Any, ops: Any) -> bool:
     """Arm power off, then zero torque on every DAC; False when the board takes no more operations.
 
-    The other bits of `discrete` stay as they are: the hand keeps what it holds, the counters stay calibrated.
+    Of DISCRETE the rest stays as the servo meant it to: the hand keeps what it holds, outputs that hold stay on, the
+    counters stay calibrated.
     """
-    n = put_write(ops, 0, DISCRETE, discrete & ~DISCRETE_POWER)
+    n = put_write(ops, 0, DISCRETE, own[LAST_DISCRETE] & ~DISCRETE_POWER)
     for channel in range(N_DACS):
         n = put_write(ops, n, DAC + 2 * channel, DAC_ZERO)
+    if own[LINES] != 0:
+        n = put_outputs(ops, n, own[KEPT])
     return post_operations(board, GUARDIAN_LANE, ops, n)
 
 
@@ -81,12 +94,12 @@ def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, time
     elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
         own[TRIPPED] = 0
     if mail[BEAT_DISCRETE] != 0:  # a servo that has just started has none yet
-        own[LAST_DISCRETE] = mail[BEAT_DISCRETE]
+        own[LAST_DISCRETE], own[LINES], own[KEPT] = mail[BEAT_DISCRETE], mail[BEAT_LINES], mail[BEAT_KEPT]
     store_release(mail, GUARD_TRIPS, own[TRIPS])
     store_release(mail, GUARD_TAKEOVER, own[TRIPPED])
     store_release(mail, GUARD_T_NS, now_ns)
     if own[TRIPPED] != 0:
-        make_safe(own[LAST_DISCRETE], board, ops)
+        make_safe(own, board, ops)
     if card[CARD_KIND] != NO_CARD:
         pour_lane(card, board, GUARDIAN_LANE, now_ns)
 

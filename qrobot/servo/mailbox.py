@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +31,7 @@ from qrobot.servo.journal import LAW_BYTES, journal_words
 from qrobot.servo.telemetry import TelemetryLayout, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
-LAYOUT: Final = 3
+LAYOUT: Final = 4
 MAX_JOINTS: Final = 32
 FORCE_AXES: Final = 6
 
@@ -56,9 +56,11 @@ CALIBRATION_FIELDS: Final = 3  # of each joint: misfit, margin (floats), votes
 
 # HEARTBEAT of the servo
 BEAT_T_NS: Final = 40  # time of the last cycle
-BEAT_ARMED: Final = 41  # 1 while the DACs may carry torque or power is requested
-BEAT_DISCRETE: Final = 42  # shadow of the DISCRETE register, for the guardian
+BEAT_ARMED: Final = 41  # 1 while the DACs may carry torque, power is requested, or outputs are on that a stop ends
+BEAT_DISCRETE: Final = 42  # what of the DISCRETE register the guardian is to leave, but for power
 BEAT_TRIPS_SEEN: Final = 43  # trips of the guardian that a clear has acknowledged
+BEAT_LINES: Final = 44  # outputs that there are, output 1 in bit 0
+BEAT_KEPT: Final = 45  # of those that hold at a stop, those that are on
 
 # GUARDIAN
 GUARD_T_NS: Final = 48  # heartbeat of the guardian
@@ -77,6 +79,8 @@ COMMAND_OFFS: Final = 63  # raised to take power away, whatever COMMAND_POWER sa
 
 # Setpoint queue: single producer, single consumer
 QUEUE_HEAD: Final = 64
+COMMAND_OUTPUTS: Final = 65  # what the commander wants of the outputs, output 1 in bit 0; beside what they write anyway
+COMMAND_OUTPUTS_NS: Final = 66  # when they last said so, on the servo's clock
 QUEUE_TAIL: Final = 72
 QUEUE_START: Final = 80
 QUEUE_CAPACITY: Final = 64
@@ -102,8 +106,9 @@ TORQUE_SETPOINT: Final = 2
     STATE_LATE,
     STATE_INPUTS,
     STATE_HAND,
+    STATE_OUTPUTS,
     STATE_VECTORS,
-) = range(13)
+) = range(14)
 FLAG_POWERED: Final = 1
 FLAG_CALIBRATED: Final = 2
 FLAG_ESTOP_OK: Final = 4
@@ -255,11 +260,15 @@ class ServoSnapshot:
     late_cycles: int
     inputs: int
     hand: int
+    outputs: int
     q: NDArray[np.float64]
     v: NDArray[np.float64]
     tau: NDArray[np.float64]
     q_ref: NDArray[np.float64]
     force: NDArray[np.float64]
+
+
+_SCALARS: Final = tuple(field.name for field in fields(ServoSnapshot))[:STATE_VECTORS]  # in the order of the block
 
 
 @dataclass(frozen=True)
@@ -350,6 +359,14 @@ class ServoMailbox:
         """0 relaxes, 1 opens, 2 closes the hand."""
         self.words[COMMAND_HAND] = hand
 
+    def request_outputs(self, outputs: int, t_ns: int) -> None:
+        """What the outputs are to be, output 1 in bit 0, said at `t_ns` of the servo's clock.
+
+        It has to be said again and again: see `servo.output_lines.OUTPUT_PATIENCE_NS`.
+        """
+        self.words[COMMAND_OUTPUTS] = outputs
+        self.words[COMMAND_OUTPUTS_NS] = t_ns
+
     def snapshot(self) -> ServoSnapshot:
         """Newest state. Raises LinkError when the servo died while writing it."""
         n, words = self.info.n, self._state
@@ -362,10 +379,8 @@ class ServoMailbox:
         vectors = self._state_f[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
         force = self._state_f[STATE_VECTORS + 4 * n :].copy()
         q, v, tau, q_ref = vectors
-        t_ns, tick, mode, fault, event, joint, flags, seq, missed, late, inputs, hand = words[:STATE_VECTORS].tolist()
-        return ServoSnapshot(
-            t_ns, tick, mode, fault, event, joint, flags, seq, missed, late, inputs, hand, q, v, tau, q_ref, force
-        )
+        numbers = dict(zip(_SCALARS, words[:STATE_VECTORS].tolist(), strict=True))
+        return ServoSnapshot(**numbers, q=q, v=v, tau=tau, q_ref=q_ref, force=force)
 
 
 @lean_kernel

@@ -19,6 +19,7 @@ from qrobot.realtime.record import record_of
 from qrobot.servo.calibration_table import CalibrationParams, calibration_params
 from qrobot.servo.forms import find_form
 from qrobot.servo.law import KP, KV, M0, N_GAINS
+from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import NS_PER_S, ServoSettings
 from qrobot.servo.velocity import find_estimator
 from qrobot.servo.watch_state import WatchParams, watch_params
@@ -89,6 +90,7 @@ class ServoParameters(NamedTuple):
     settle_patience: int
     load_patience: int
     watch: WatchParams
+    outputs: OutputParams
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -148,6 +150,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             settle_patience=math.ceil(SETTLE_PATIENCE_NS / settings.period_ns),
             load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
             watch=watch_params(robot, settings),
+            outputs=output_params(settings.outputs),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

@@ -12,6 +12,7 @@ from qrobot.servo.calibration_table import CalibrationTable
 from qrobot.servo.forms import DEFAULT_FORM, find_form
 from qrobot.servo.law import Law
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
+from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
 
 NS_PER_S = 1_000_000_000
@@ -62,6 +63,7 @@ class ServoSettings:
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
             reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
             watched.
+        outputs: lines that programs may switch.
         calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
 
@@ -80,6 +82,7 @@ class ServoSettings:
     telemetry_capacity: int = 1 << 15
     sensor_channels: tuple[int, ...] = ()
     position_drives: bool = False
+    outputs: tuple[OutputWire, ...] = ()
     calibration: CalibrationTable | None = None
 
     def __post_init__(self) -> None:

@@ -69,8 +69,12 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     REVISION,  # of the board, as it says itself
     MODULE_LOSSES,  # times a remote module beside the board was lost, as its side says
     CALIBRATES_SEEN,
+    OUTPUTS,  # in force, output 1 in bit 0
+    OUTPUTS_LOCKED,  # switched off by a stop, and not let go of since
+    OUTPUTS_SENT,  # last ones posted
+    OUTPUT_STOPS_SEEN,
     N_INTEGERS,
-) = range(44)
+) = range(48)
 
 # indexes into `f`
 (
@@ -89,7 +93,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
 
-MAX_OPS: Final = 40
+MAX_OPS: Final = 41
 
 
 class ServoState(NamedTuple):

@@ -31,6 +31,7 @@ from qrobot.servo.mailbox import (
     STATE_LATE,
     STATE_MISSED,
     STATE_MODE,
+    STATE_OUTPUTS,
     STATE_SEQ,
     STATE_T_NS,
     STATE_TICK,
@@ -53,6 +54,7 @@ from qrobot.servo.state import (
     MISSES,
     MODE,
     NEXT_SEQ,
+    OUTPUTS,
     STATUS,
     TICK,
     ServoState,
@@ -76,6 +78,7 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
     block[STATE_FLAGS], block[STATE_SEQ] = state.i[FLAGS], state.i[NEXT_SEQ] - 1
     block[STATE_MISSED], block[STATE_LATE] = state.i[MISSED], state.i[LATE]
     block[STATE_INPUTS], block[STATE_HAND] = state.i[STATUS] & STATUS_INPUTS, mail[COMMAND_HAND]
+    block[STATE_OUTPUTS] = state.i[OUTPUTS]
     for j in range(n):
         block[STATE_VECTORS + j] = float_bits(state.q[j])
         block[STATE_VECTORS + n + j] = float_bits(state.v[j])

@@ -32,10 +32,13 @@ from qrobot.hwif.memory import (
     LANE_CAPACITY,
     N_LANES,
     OP_FIELDS,
+    OP_OUTPUTS,
     OP_READ,
     OP_WRITE,
+    PANEL_DISCRETE,
     PANEL_ESTOP,
     PANEL_INPUTS,
+    PANEL_OUTPUTS,
     PANEL_PRESSES,
     publish_image,
     take_operation,
@@ -213,6 +216,8 @@ def _apply(board: Board, memory: Words, lane: int, t_ns: int) -> None:
     elif kind == OP_READ and even and 0 <= offset < ENC_LOAD:
         if offset == ADC_START and not board.options.revision_f:
             _start_conversion(board, memory, t_ns)
+    elif kind == OP_OUTPUTS:
+        memory[PANEL_OUTPUTS] = value & _WORD
     else:
         memory[BOARD_ILLEGAL_OPS] += 1
 
@@ -251,6 +256,7 @@ def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
                 break
             if board.upset.switch[DEAF] == 0:
                 _apply(board, memory, lane, t_ns)
+    memory[PANEL_DISCRETE] = board.register[REG_DISCRETE]
     _watch(board.register, board.dac, board.options.watchdog_ns, t_ns)
     _update_power(board.register, board.upset.switch, board.options, memory, t_ns)
     settle_amplifiers(board.upset.knob, board.dac, board.amplified)

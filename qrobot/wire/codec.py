@@ -142,18 +142,18 @@ def _encode_state(packet: State) -> bytes:
     return pack(
         layout.STATE, n, packet.seq, packet.ack, robot.t_ns, n, robot.mode, robot.fault, robot.event,
         robot.event_joint, flags, *counters, robot.inputs, robot.hand,
-        *robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force,
+        robot.outputs, *robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force,
     )  # fmt: skip
 
 
 def _decode_state(frame: bytes) -> State:
     n = joint_count(layout.STATE, frame)
     values = unpack(layout.STATE, n, frame)
-    seq, ack, t_ns, _, mode, fault, event, joint, flags, late, missed, dropped, inputs, hand = values[4:18]
-    q, v, tau, q_setpoint = (values[k : k + n] for k in range(18, 18 + 4 * n, n))
+    seq, ack, t_ns, _, mode, fault, event, joint, flags, late, missed, dropped, inputs, hand, outputs = values[4:19]
+    q, v, tau, q_setpoint = (values[k : k + n] for k in range(19, 19 + 4 * n, n))
     robot = RobotState(
         t_ns, mode, q, v, tau, q_setpoint, fault, event, joint, flags & _SERVO_FLAGS, late, missed, inputs, hand,
-        values[18 + 4 * n :],
+        values[19 + 4 * n :], outputs,
     )  # fmt: skip
     return State(seq, robot, ack, dropped, bool(flags & _YOU), bool(flags & _SOMEBODY))
 

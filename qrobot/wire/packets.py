@@ -51,6 +51,7 @@ class Command:
         power: level of the request for arm power; begin with what STATE says to leave it as it is.
         clear_fault, stop: act once each time they are raised.
         stream: names one run of setpoints; after any stop the arm follows only a new one.
+        outputs: what the binary outputs are to be, output 1 in bit 0; begin with what STATE says.
         ack: seq of the newest STATE received.
         t_ns: the client's clock.
     """
@@ -85,6 +86,7 @@ class RobotState:
         flags: `RobotFlag` bits of the servo.
         q, v, tau, q_setpoint: measured position and velocity, commanded torque, momentary setpoint. Shape (n,).
         force: wrist sensor fx fy fz mx my mz, N and N m. Shape (6,).
+        outputs: binary outputs in force, output 1 in bit 0; a stop may have switched some off that are asked for.
     """
 
     t_ns: int
@@ -102,6 +104,7 @@ class RobotState:
     inputs: int = 0
     hand: int = 0
     force: Vector = (0.0,) * 6
+    outputs: int = 0
 
     @property
     def n(self) -> int:

@@ -19,7 +19,7 @@ import pytest
 
 from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
 from qrobot.hwif.bus import Bus, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE, PANEL_DISCRETE
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_CHANNEL_SHIFT,
@@ -32,6 +32,7 @@ from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_ADC,
     DISCRETE_CALIBRATED,
+    DISCRETE_LINES,
     DISCRETE_POWER,
     ENC_COUNT,
     ENC_INDEX,
@@ -163,6 +164,11 @@ class BusContract:
         assert status & STATUS_ESTOP_OK
         there.write((DISCRETE, DISCRETE_CALIBRATED))
         assert not there.read(STATUS) & STATUS_POWER
+
+    def test_the_boards_own_output_lines_are_those_of_its_last_word(self, there: Traveller) -> None:
+        for lines in (DISCRETE_LINES, 0x10, 0):
+            there.write((DISCRETE, DISCRETE_POWER | lines))
+            assert there.end.bench.memory[PANEL_DISCRETE] == DISCRETE_POWER | lines
 
     def test_an_index_is_latched_once_armed_and_again_when_armed_again(self, there: Traveller) -> None:
         """Mask bit 0, then 1, in one exchange (TRC004 vendor driver v4.3)."""

@@ -184,6 +184,7 @@ def told(event: Event) -> str:
             head = (
                 event.seq, event.ack, robot.t_ns, robot.n, robot.mode, robot.fault, robot.event, robot.event_joint,
                 flags, robot.late_cycles, robot.missed_frames, event.dropped, robot.inputs, robot.hand,
+                robot.outputs,
             )  # fmt: skip
             vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force)
             return f"state {' '.join(str(int(x)) for x in head)} {doubles(vectors)}"

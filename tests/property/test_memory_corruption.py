@@ -19,6 +19,7 @@ from qrobot.hwif.memory import (
     LANE_CAPACITY,
     LANE_WORDS,
     LANES_START,
+    OP_OUTPUTS,
     OP_READ,
     OP_WRITE,
     Lane,
@@ -76,7 +77,8 @@ def test_operations_out_of_a_damaged_lane_are_counted_and_never_reach_the_bus(ro
     end.lists.clear()
     assert post_operations(memory, int(Lane.SERVO), rows_of(rows), len(rows))
     assert gateway.step(2)
-    assert memory[BOARD_ILLEGAL_OPS] == len(rows) - len(end.applied)
+    for_modules = sum((kind, offset) == (OP_OUTPUTS, 0) for kind, offset, _ in rows)
+    assert memory[BOARD_ILLEGAL_OPS] == len(rows) - len(end.applied) - for_modules
     for kind, offset, value in end.applied:
         assert kind in (OP_READ, OP_WRITE)
         assert offset in range(0, WINDOW_BYTES, 2)
@@ -85,10 +87,12 @@ def test_operations_out_of_a_damaged_lane_are_counted_and_never_reach_the_bus(ro
 
 def test_what_makes_sense_is_kept_in_order_and_its_values_are_cut_to_sixteen_bits() -> None:
     rows = [(OP_WRITE, DAC, 0x12345), (OP_READ, 0x1E, 0), (OP_WRITE, 0x20, -1), (2, DAC, 0), (OP_WRITE, 0x40, 0)]
+    rows += [(OP_OUTPUTS, 2, 1), (OP_OUTPUTS, 0, 0x10005)]
     assert sane_operations(rows_of(rows)).tolist() == [
         [OP_WRITE, DAC, 0x2345],
         [OP_READ, 0x1E, 0],
         [OP_WRITE, 0x20, 0xFFFF],
+        [OP_OUTPUTS, 0, 5],
     ]
 
 

@@ -22,6 +22,7 @@ from qrobot.hwif.memory import (
     IMAGE_T_NS,
     IMAGE_WORDS,
     OP_FIELDS,
+    OP_OUTPUTS,
     OP_REFERENCE,
     Lane,
     local_board_memory,
@@ -46,6 +47,7 @@ from qrobot.servo.laws import find_law
 from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
 from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.servo.state import make_state
@@ -82,6 +84,7 @@ class ServoBench:
         before: called before every tick with the time, for programs and mishaps.
         writes: every register write, oldest first.
         references: where the motors are to be, by joint, as last posted.
+        outputs: what modules beside the board were told, oldest first.
     """
 
     def __init__(
@@ -99,6 +102,7 @@ class ServoBench:
         overrun: Overrun = COUNTED_ONLY,
         obeys_model: bool = False,
         position_drives: bool = False,
+        outputs: tuple[OutputWire, ...] = (),
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
@@ -110,6 +114,7 @@ class ServoBench:
             sensor_channels=sensor_channels,
             overrun=overrun,
             position_drives=position_drives,
+            outputs=outputs,
         )
         self.params = servo_parameters(self.robot, self.settings)
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves
@@ -129,6 +134,7 @@ class ServoBench:
         self.before: list[Callable[[int], object]] = []
         self.writes: list[Write] = []
         self.references: dict[int, int] = {}
+        self.outputs: list[int] = []
         self.dac = np.full(N_DACS, -1)
         self.discrete = -1
         self._image = np.zeros(IMAGE_WORDS, dtype=np.int64)
@@ -196,6 +202,9 @@ class ServoBench:
                 kind, offset, value = operation.tolist()
                 if kind == OP_REFERENCE:
                     self.references[offset] = value
+                    continue
+                if kind == OP_OUTPUTS:
+                    self.outputs.append(value)
                     continue
                 self.writes.append(Write(self.now_ns, lane, offset, value))
                 if offset == DISCRETE:

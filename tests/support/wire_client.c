@@ -20,10 +20,11 @@ static void print_doubles(const double *numbers, int count)
 
 static void print_state(const struct qrobot_state *state)
 {
-    printf("state %lu %lu %lld %d %d %d %d %d %lu %lu %lu %lu %lu %d", (unsigned long)state->seq,
+    printf("state %lu %lu %lld %d %d %d %d %d %lu %lu %lu %lu %lu %d %lu", (unsigned long)state->seq,
            (unsigned long)state->ack, (long long)state->t_ns, state->joints, state->mode, state->fault, state->event,
            state->event_joint, (unsigned long)state->flags, (unsigned long)state->late_cycles,
-           (unsigned long)state->missed_frames, (unsigned long)state->dropped, (unsigned long)state->inputs, state->hand);
+           (unsigned long)state->missed_frames, (unsigned long)state->dropped, (unsigned long)state->inputs, state->hand,
+           (unsigned long)state->outputs);
     print_doubles(state->q, state->joints);
     print_doubles(state->v, state->joints);
     print_doubles(state->tau, state->joints);

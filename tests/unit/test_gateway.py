@@ -16,6 +16,7 @@ from qrobot.hwif.memory import (
     BOARD_REVISION,
     IMAGE_COUNT,
     IMAGE_INPUTS,
+    OP_OUTPUTS,
     OP_REFERENCE,
     OP_WRITE,
     Lane,
@@ -29,6 +30,7 @@ from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
+    DISCRETE_LINES,
     DISCRETE_POWER,
     ENC_COUNT,
     ENC_LOAD,
@@ -38,6 +40,7 @@ from qrobot.realtime.segment import Words
 from tests.support.bench import PERIOD_NS, Bench, post
 from tests.support.bus import BenchEndpoint, DirectBus
 
+HELD_LINE = 0x10
 SAFE = [(OP_WRITE, DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
 
 
@@ -166,3 +169,38 @@ def test_references_reach_only_a_board_that_takes_them(references: bool) -> None
     reference = [(OP_REFERENCE, 1, 0xFFFFFFFD)] if references else []
     assert end.lists[-1] == [*reference, (OP_WRITE, DAC, 0x2345)]
     assert memory[BOARD_ILLEGAL_OPS] - before == (not references)
+
+
+class ModulesBus(DirectBus):
+    """To a board with modules beside it."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), outputs=True)
+
+
+@pytest.mark.parametrize("modules", [False, True])
+def test_outputs_reach_only_modules_and_are_no_mistake_without_any(modules: bool) -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    gateway = Gateway((ModulesBus if modules else DirectBus)(end), memory, PERIOD_NS)
+    assert gateway.step(PERIOD_NS)
+    post(memory, (OP_OUTPUTS, 0, 5), (OP_WRITE, DAC, 1))
+    assert gateway.step(2 * PERIOD_NS)
+    assert end.lists[-1] == [*([(OP_OUTPUTS, 0, 5)] if modules else []), (OP_WRITE, DAC, 1)]
+    assert memory[BOARD_ILLEGAL_OPS] == 0
+
+
+def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_were_asked_for_last() -> None:
+    desk = Desk()
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_LINES))
+    desk.step()
+    desk.bus.cut = True
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE))  # the servo switches the others off meanwhile
+    desk.step()
+    desk.bus.cut = False
+    desk.now_ns += RETRY_NS
+    desk.step()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+    desk.gateway.release()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)

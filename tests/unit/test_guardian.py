@@ -192,7 +192,7 @@ def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     mail[BEAT_ARMED], mail[BEAT_T_NS], mail[BEAT_DISCRETE] = 1, 1_000_000_000, DISCRETE_POWER
     look(own, mail, board, NO_CARD_WORDS, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
     assert (own[TRIPS], mail[GUARD_TRIPS], mail[GUARD_TAKEOVER]) == (trips, trips, trips)
-    assert pending_operations(board, int(Lane.GUARDIAN)) == trips * N_SAFE_OPS
+    assert pending_operations(board, int(Lane.GUARDIAN)) == trips * (1 + N_DACS)
 
 
 def test_a_board_that_takes_nothing_does_not_make_the_guardian_forget() -> None:

@@ -19,9 +19,11 @@ from qrobot.hwif.converter import adc_word
 from qrobot.hwif.memory import (
     BOARD_MODULE_LOSSES,
     IMAGE_INPUTS,
+    OP_OUTPUTS,
     OP_WRITE,
     PANEL_ANALOG,
     PANEL_INPUTS,
+    PANEL_OUTPUTS,
     local_board_memory,
     trace_write,
 )
@@ -49,6 +51,8 @@ from tests.support.paper_board import PaperBoard
 GRIPPER = DAC // 2
 OPEN, CLOSE = DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN  # active low: the solenoid whose bit is off is on
 RELAX = OPEN | CLOSE
+VALVE, PUMP = 3, GRIPPER + 3  # a coil that is a bit of DISCRETE, a register
+VALVE_1, PUMP_3 = 0b001, 0b100
 PATIENCE_S = 5.0
 FILE = """
 [[arm]]
@@ -71,7 +75,7 @@ class Table:
     lines: list[str]
 
     def words(self) -> list[int]:
-        return [value for _, _, value in self.board.applied]
+        return [value for _, offset, value in self.board.applied if DAC <= offset < 2 * PUMP]
 
 
 @pytest.fixture
@@ -84,6 +88,10 @@ def table() -> Iterator[Table]:
                 "inputs": [{"address": 15, "input": 2}, {"address": 0, "input": 4, "safe": True}],
                 "analog": [{"address": ENC_COUNT // 2, "channel": 6, "volt_per_count": 0.001, "zero_v": 0.5}],
                 "gripper": {"address": GRIPPER, "open": [1, 2], "close": [3, 4]},
+                "outputs": [
+                    {"address": VALVE, "output": 1, "on": 0, "off": 1},
+                    {"address": PUMP, "output": 3, "kind": "register", "on": 700, "on_stop": "hold"},
+                ],
             }
         )  # fmt: skip
         table = Table(board, RemoteModule(choice, lines.append), lines)
@@ -211,6 +219,57 @@ def test_a_gripper_gets_each_command_once_and_again_after_it_was_away(table: Tab
     assert table.words() == [3, 4, 1, 2, 1, 2]
     assert table.module.losses == 1
     assert [line.split(":", 1)[0].split()[0] for line in table.lines] == ["module"] * 3
+
+
+def valve_and_pump(table: Table) -> list[int | None]:
+    """What was last written to either, None for nothing yet."""
+    last = {offset: value for _, offset, value in table.board.applied}
+    valve = last.get(DISCRETE)
+    return [None if valve is None else valve >> VALVE & 1, last.get(2 * PUMP)]
+
+
+def test_outputs_of_a_module_get_their_numbers_when_they_change_and_again_after_it_was_away(table: Table) -> None:
+    table.module.poll()
+    assert valve_and_pump(table) == [None, None]  # nobody has said anything yet
+    for outputs, seen in ((0, [1, 0]), (VALVE_1, [0, 0]), (VALVE_1 | PUMP_3, [0, 700]), (PUMP_3 | 0xFF00, [1, 700])):
+        table.module.switch(outputs)
+        table.module.poll()
+        assert valve_and_pump(table) == seen
+        count = len(table.board.applied)
+        table.module.poll()
+        assert len(table.board.applied) == count
+    table.board.applied.clear()
+    table.board.gone = True
+    table.module.poll()
+    table.board.gone = False
+    table.module.poll()
+    assert valve_and_pump(table) == [1, 700]
+
+
+def test_a_module_that_is_let_go_keeps_what_holds_and_switches_the_rest_off(table: Table) -> None:
+    table.module.switch(VALVE_1 | PUMP_3)
+    table.module.poll()
+    stop = threading.Event()
+    stop.set()
+    table.module.run(stop)
+    assert valve_and_pump(table) == [1, 700]
+
+
+def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
+    main = PaperBoard()
+    bus, image = IoBus(DirectBus(main), [table.module]), make_image()
+    bus.exchange(np.array([(OP_OUTPUTS, 0, PUMP_3), (OP_WRITE, DAC, 9)], np.int64), image)
+    table.module.poll()
+    assert main.applied == [(OP_WRITE, DAC, 9)]
+    assert valve_and_pump(table) == [1, 700]
+
+
+def test_beside_an_emulated_board_modules_follow_the_lamps_of_the_panel(table: Table) -> None:
+    memory = local_board_memory()
+    memory[PANEL_OUTPUTS] = VALVE_1
+    PanelModules(memory, [table.module]).step(time.monotonic_ns())
+    table.module.poll()
+    assert valve_and_pump(table) == [0, 0]
 
 
 def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table: Table) -> None:

@@ -36,9 +36,9 @@ def singles(registers: list[int], vector: int, n: int) -> list[float]:
 
 def test_every_number_of_a_robot_stands_where_the_map_says() -> None:
     vectors = [np.array([0.5, -1.25, 3.0]) * (k + 1) for k in range(4)]
-    registers = encode_robot(WORDS, 0x0001_0002_0003_0004, 9, vectors)
+    registers = encode_robot(WORDS, 0x0001_0002_0003_0004, 9, 0x8005, vectors)
     assert registers[:8] == list(WORDS)
-    assert registers[8:16] == [1, 2, 3, 4, 0, 0, 0, 9]
+    assert registers[8:17] == [1, 2, 3, 4, 0, 0, 0, 9, 0x8005]
     assert [singles(registers, k, 3) for k in range(4)] == [vector.tolist() for vector in vectors]
     assert len(registers) == VECTORS - ROBOT + 4 * 2 * MAX_JOINTS
 

@@ -1,8 +1,8 @@
-"""Modbus modules beside a board: inputs in its STATUS word, channels of its converter, a gripper that follows its hand.
+"""Modbus modules beside a board: inputs in its STATUS word, channels of its converter, outputs, a gripper for a hand.
 
-`IoBus` stands before the bus to the board, so servo and programs see inputs and a hand as ever. Each module is asked by
-a thread of its own at its own pace; an exchange with the board never waits for one. Beside an emulated board the panel
-takes the place of the bus (panel.py).
+`IoBus` stands before the bus to the board, so servo and programs see inputs, outputs and a hand as ever. Each module is
+asked by a thread of its own at its own pace; an exchange with the board never waits for one. Beside an emulated board
+the panel takes the place of the bus (panel.py).
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import BoardFacts, Bus, Operations
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
+from qrobot.hwif.memory import IMAGE_INPUTS, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
 from qrobot.realtime.segment import Words
@@ -54,10 +54,13 @@ class RemoteModule:
         self.mask = sum(1 << each.input for each in choice.inputs)
         self.channels = frozenset(each.channel for each in choice.analog)
         self.losses = 0
+        self._held = sum(1 << (each.output - 1) for each in choice.outputs if each.on_stop == "hold")
         self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
         self._seen = Seen(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
         self._wanted: Sequence[int] | None = None
         self._written: Sequence[int] | None = None
+        self._outputs: int | None = None  # None until somebody has said anything
+        self._shown: dict[int, bool] = {}  # what each output was last told, by its line
         self._here = False
 
     def command(self, discrete: int) -> None:
@@ -70,6 +73,10 @@ class RemoteModule:
             self._wanted = gripper.open if opens else gripper.close
         elif not opens and gripper.relax is not None:
             self._wanted = gripper.relax
+
+    def switch(self, outputs: int) -> None:
+        """The outputs of the arm are as these bits say, output 1 in bit 0."""
+        self._outputs = outputs
 
     def bits(self, now_ns: int) -> int:
         """Its inputs in their places of STATUS; the safe ones when what was seen is too old."""
@@ -90,7 +97,9 @@ class RemoteModule:
             if not self._here:
                 self._line.connect()
                 self._written = None
+                self._shown.clear()
             self._seen = Seen(self._read(), self._measure(), time.monotonic_ns())
+            self._switch()
             self._write()
         except (LinkError, ProtocolError) as error:
             self._lose(error)
@@ -104,7 +113,14 @@ class RemoteModule:
         while not stop.is_set():
             self.poll()
             stop.wait(self._choice.period_ms / MS_PER_S)
+        self._let_go()
         self.close()
+
+    def _let_go(self) -> None:
+        """The last word: nobody is left to say what its outputs are to be."""
+        if self._here and self._outputs is not None:
+            self._outputs &= self._held
+            self.poll()
 
     def close(self) -> None:
         """Let go of it."""
@@ -125,6 +141,21 @@ class RemoteModule:
             number = (answer.registers[0] ^ SIGN) - SIGN
             volts[each.channel] = number * each.volt_per_count - each.zero_v
         return volts
+
+    def _switch(self) -> None:
+        """Tell the outputs what is new to them."""
+        if self._outputs is None:
+            return
+        for each in self._choice.outputs:
+            on = bool(self._outputs >> (each.output - 1) & 1)
+            if self._shown.get(each.output) == on:
+                continue
+            value, client = each.on if on else each.off, self._line.client
+            if each.kind == "coil":
+                self._line.ask(client.write_coil, address=each.address, value=bool(value))
+            else:
+                self._line.ask(client.write_register, address=each.address, value=value)
+            self._shown[each.output] = on
 
     def _write(self) -> None:
         gripper, wanted = self._choice.gripper, self._wanted
@@ -169,19 +200,25 @@ class IoBus:
         self._threads = [threading.Thread(target=each.run, args=(self._stop,), daemon=True) for each in self._modules]
         for thread in self._threads:
             thread.start()
-        return facts
+        return replace(facts, outputs=True)
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`."""
-        self._bus.exchange(self._channels.for_board(operations), image)
-        for kind, offset, value in operations.tolist():
-            if (kind, offset) == (OP_WRITE, DISCRETE):
-                for module in self._modules:
-                    module.command(value)
+        self._tell(operations)
+        self._bus.exchange(self._channels.for_board(for_the_road(operations)), image)
         status, now_ns = IMAGE_INPUTS + STATUS // 2, time.monotonic_ns()
         for module in self._modules:
             image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)
         self._channels.answer(image, now_ns)
+
+    def _tell(self, operations: Operations) -> None:
+        """What concerns the modules; they hear it also while the board is being lost."""
+        for kind, offset, value in operations.tolist():
+            for module in self._modules:
+                if kind == OP_OUTPUTS:
+                    module.switch(value)
+                elif (kind, offset) == (OP_WRITE, DISCRETE):
+                    module.command(value)
 
     def _maybe_word(self, channel: int, now_ns: int) -> int | None:
         """ADC_VALUE word of a channel of the one module that has it."""

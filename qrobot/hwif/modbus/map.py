@@ -131,6 +131,7 @@ ROBOT_ROWS: Final[tuple[Row, ...]] = (
     Row(ROBOT + 7, 1, "N", "u16", "read", "joints"),
     Row(ROBOT + 8, 4, "T_NS", "i64", "read", "time of the newest cycle: nanoseconds of the robot's clock"),
     Row(ROBOT + 12, 4, "TICK", "i64", "read", "its number"),
+    Row(ROBOT + 16, 1, "OUTPUTS", "u16", "read", "binary outputs in force, output 1 in bit 0"),
     Row(VECTORS, VECTOR_REGISTERS, "POSITION", "f32", "read", "of each joint, rad or m"),
     Row(VECTORS + VECTOR_REGISTERS, VECTOR_REGISTERS, "VELOCITY", "f32", "read", "rad/s or m/s"),
     Row(VECTORS + 2 * VECTOR_REGISTERS, VECTOR_REGISTERS, "TORQUE", "f32", "read", "commanded, N m or N"),
@@ -214,15 +215,18 @@ def written(address: int, values: Sequence[int]) -> Operations:
     return np.array([(OP_WRITE, 2 * (address + i), value) for i, value in enumerate(values)], np.int64)
 
 
-def encode_robot(words: Sequence[int], t_ns: int, tick: int, vectors: Sequence[NDArray[np.float64]]) -> list[int]:
+def encode_robot(
+    words: Sequence[int], t_ns: int, tick: int, outputs: int, vectors: Sequence[NDArray[np.float64]]
+) -> list[int]:
     """Registers from ROBOT on.
 
     Args:
         words: MODE to N, as in ROBOT_ROWS.
         t_ns, tick: of the cycle.
+        outputs: in force.
         vectors: positions, velocities, torques, references. Shape (n,) each, n up to MAX_JOINTS.
     """
-    registers = [*(word & WORD_MASK for word in words), *registers_of(struct.pack(">qq", t_ns, tick))]
+    registers = [*(word & WORD_MASK for word in words), *registers_of(struct.pack(">qq", t_ns, tick)), outputs]
     registers += [0] * (VECTORS - ROBOT - len(registers))
     for vector in vectors:
         singles = np.zeros(MAX_JOINTS, ">f4")

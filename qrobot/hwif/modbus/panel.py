@@ -13,6 +13,7 @@ from qrobot.hwif.memory import (
     PANEL_ANALOG,
     PANEL_INPUTS,
     PANEL_MICRO,
+    PANEL_OUTPUTS,
     load_head,
     read_trace,
 )
@@ -25,7 +26,7 @@ _OFFSET, _VALUE = 2, 3  # of a row of the trace
 
 
 class PanelModules:
-    """Carries what modules see to the panel of a board memory, and what its hand does to the modules.
+    """Carries what modules see to the panel of a board memory, and what its hand and its outputs do to the modules.
 
     An analogue input without a value reads 0 V: the emulated converter always converts.
 
@@ -42,6 +43,7 @@ class PanelModules:
         """Pass on what is new at `now_ns`."""
         memory = self._memory
         for module in self._modules:
+            module.switch(int(memory[PANEL_OUTPUTS]))
             memory[PANEL_INPUTS] = int(memory[PANEL_INPUTS]) & ~module.mask | module.bits(now_ns)
             for channel in module.channels:
                 memory[PANEL_ANALOG + channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)

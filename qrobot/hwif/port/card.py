@@ -24,6 +24,7 @@ from qrobot.hwif.memory import (
     IMAGE_WORDS,
     LANE_CAPACITY,
     OP_FIELDS,
+    OP_OUTPUTS,
     OP_READ,
     OP_WRITE,
     Lane,
@@ -112,6 +113,8 @@ def card_out(card: Any, offset: int, value: int) -> None:
 @lean_kernel
 def apply_to_card(card: Any, kind: int, offset: int, value: int) -> bool:
     """One operation; False when it was in the wrong direction, or withheld from a read-only card."""
+    if kind == OP_OUTPUTS:
+        return False  # for modules beside a board, which a card has not
     even = offset % 2 == 0
     reads = kind == OP_READ and even and 0 <= offset < ENC_LOAD
     if not reads and not (kind == OP_WRITE and even and ENC_LOAD <= offset < WINDOW_BYTES):

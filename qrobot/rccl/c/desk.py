@@ -91,6 +91,7 @@ class Desk:
         arm = program.control(os.environ.get(ROBOT, DEFAULT_ROBOT))
         self._positions[self._park] = self._position(self._park, "park", arm.pose("park").target)
         self._variables.show(arm)
+        self._variables.show_outputs(arm)
         arm.each_sample(self._each_sample)
         return arm
 
@@ -122,6 +123,7 @@ class Desk:
             for function in self._functions:
                 self._talk.call(Op.CALL_FUNCTION, function)
             self._variables.take_command(arm)
+        self._variables.take_outputs(arm)
         if self._variables.terminate:
             arm.stop()
         elif code := self._nextmove():

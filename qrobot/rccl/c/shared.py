@@ -28,9 +28,11 @@ Reals: TypeAlias = npt.NDArray[np.float32]
 _FIELDS: Final = 12  # n, o, a, p
 _COLUMNS: Final = 4
 HOW: Final = np.dtype(
-    [("n", "i4"), ("mode", "i4"), ("flags", "i4"), ("inputs", "i4"), ("hand", "i4"), ("adcr", "i4"), ("time", "f8")]
+    [("n", "i4"), ("mode", "i4"), ("flags", "i4"), ("inputs", "i4"), ("hand", "i4"), ("outputs", "i4"), ("adcr", "i4")]
+    + [("time", "f8")]
     + [(name, "f8", (MAX_JOINTS,)) for name in ("q", "v", "tau", "q_setpoint")]
-    + [("force", "f8", (6,))]
+    + [("force", "f8", (6,))],
+    align=True,
 )
 """`struct rccl_how` of rccl.h."""
 CHG: Final = np.dtype(

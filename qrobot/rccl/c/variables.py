@@ -13,6 +13,7 @@ from qrobot.rccl.c.shared import CHG, HOW, SharedMemory, SharedTransform
 from qrobot.rccl.channel import Channel
 
 MILLI: Final = 1e3
+WORD: Final = 0xFFFFFFFF  # an int of C with its sign bit as one of the wire's 32
 
 
 class Variables:
@@ -46,7 +47,8 @@ class Variables:
         n = channel.robot.n
         shown = self._how
         shown["n"], shown["mode"], shown["flags"] = n, how.mode, how.flags
-        shown["inputs"], shown["hand"], shown["time"] = how.inputs, how.hand, channel.time
+        shown["inputs"], shown["hand"], shown["outputs"] = how.inputs, how.hand, how.outputs
+        shown["time"] = channel.time
         for name in ("q", "v", "tau", "q_setpoint"):
             shown[name][:n] = getattr(how, name)
         shown["force"], shown["adcr"] = how.force, round(MILLI * how.force[self.adc_channel])
@@ -62,14 +64,22 @@ class Variables:
     def show_command(self, channel: Channel) -> None:
         """What the next command says, for functions that change it."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
-        shown["hand"], shown["outputs"] = chg.hand, chg.outputs
+        shown["hand"] = chg.hand
         shown["modes"][:n], shown["setpoints"][:n] = chg.modes, chg.setpoints
 
     def take_command(self, channel: Channel) -> None:
         """What they have made of it."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
-        chg.hand, chg.outputs = int(shown["hand"]), int(shown["outputs"])
+        chg.hand = int(shown["hand"])
         chg.modes, chg.setpoints = tuple(shown["modes"][:n].tolist()), tuple(shown["setpoints"][:n].tolist())
+
+    def show_outputs(self, channel: Channel) -> None:
+        """The outputs that the arm was taken with, beside those that the program has set already."""
+        self._chg["outputs"] |= channel.chg.outputs
+
+    def take_outputs(self, channel: Channel) -> None:
+        """What the program wants of the outputs: it may say so anywhere, and nobody else does."""
+        channel.chg.outputs = int(self._chg["outputs"]) & WORD
 
     def take_nextmove(self) -> int:
         """What the program has put into `nextmove`, which is 0 then."""

@@ -121,7 +121,7 @@ enum {
     QROBOT_AT_STATE_JOINTS = 24, QROBOT_AT_STATE_MODE = 25, QROBOT_AT_STATE_FAULT = 26, QROBOT_AT_STATE_EVENT = 28,
     QROBOT_AT_STATE_EVENT_JOINT = 30, QROBOT_AT_STATE_FLAGS = 32, QROBOT_AT_STATE_LATE_CYCLES = 36,
     QROBOT_AT_STATE_MISSED_FRAMES = 40, QROBOT_AT_STATE_DROPPED = 44, QROBOT_AT_STATE_INPUTS = 48,
-    QROBOT_AT_STATE_HAND = 52, QROBOT_AT_STATE_Q = 56
+    QROBOT_AT_STATE_HAND = 52, QROBOT_AT_STATE_OUTPUTS = 54, QROBOT_AT_STATE_Q = 56
 };
 #define QROBOT_AT_STATE_V(n) (56 + 8 * (size_t)(n))
 #define QROBOT_AT_STATE_TAU(n) (56 + 16 * (size_t)(n))
@@ -215,7 +215,7 @@ struct qrobot_command {
     uint32_t seq, ack;    /* those of the state it answers */
     int64_t t_ns;         /* this end's clock; qrobot_send fills it in */
     uint32_t stream;      /* names one run of setpoints; after any stop the arm follows only a new one */
-    uint32_t outputs;     /* binary outputs */
+    uint32_t outputs;     /* binary outputs, output 1 in bit 0 */
     int requests;         /* QROBOT_REQUEST_... */
     int hand;             /* QROBOT_HAND_... */
     int mode[QROBOT_MAX_JOINTS];        /* QROBOT_JOINT_... */
@@ -232,6 +232,7 @@ struct qrobot_state {
     uint32_t flags;       /* QROBOT_FLAG_... */
     uint32_t late_cycles, missed_frames, dropped, inputs;
     int hand;             /* QROBOT_HAND_... */
+    uint32_t outputs;     /* binary outputs in force; a stop may have switched off some of those asked for */
     double q[QROBOT_MAX_JOINTS], v[QROBOT_MAX_JOINTS], tau[QROBOT_MAX_JOINTS]; /* measured; NaN of a broken sensor */
     double q_setpoint[QROBOT_MAX_JOINTS]; /* where the servo wants the joints at this instant */
     double force[6];      /* wrist sensor: N and N m */
@@ -493,6 +494,7 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     state->dropped = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_DROPPED, 4);
     state->inputs = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_INPUTS, 4);
     state->hand = frame[QROBOT_AT_STATE_HAND];
+    state->outputs = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_OUTPUTS, 2);
     qrw_get_doubles(frame + QROBOT_AT_STATE_Q, n, state->q);
     qrw_get_doubles(frame + QROBOT_AT_STATE_V(n), n, state->v);
     qrw_get_doubles(frame + QROBOT_AT_STATE_TAU(n), n, state->tau);
@@ -604,13 +606,14 @@ static inline int qrobot_next(struct qrobot_link *link, struct qrobot_state *sta
     return heard;
 }
 
-/* A command that answers `state` and changes nothing: joints hold, power and hand stay, all outputs are off. */
+/* A command that answers `state` and changes nothing: joints hold, power, hand and outputs stay. */
 static inline void qrobot_answer(struct qrobot_command *command, const struct qrobot_state *state)
 {
     memset(command, 0, sizeof *command);
     command->seq = command->ack = state->seq;
     command->requests = state->flags & QROBOT_FLAG_POWERED ? QROBOT_REQUEST_POWER : 0;
     command->hand = state->hand;
+    command->outputs = state->outputs;
 }
 
 /* ------------------------------------------------------------------------------------------------- over a socket */

@@ -157,6 +157,7 @@ struct rccl_how {
     int flags;       /* 1 powered, 2 calibrated, 4 emergency stop not pressed */
     int inputs;      /* bits */
     int hand;        /* 1 open, 2 closed */
+    int outputs;     /* bits, output 1 is bit 0: those that are on */
     int adcr;        /* the reading that adcopen chose, thousandths of N or N m */
     double time;     /* ms since control */
     double q[RCCL_JOINTS], v[RCCL_JOINTS], tau[RCCL_JOINTS], q_setpoint[RCCL_JOINTS];
@@ -166,7 +167,7 @@ struct rccl_how {
 /* What the next command says. The joints are those of the motions, unless a function given to control changes them. */
 struct rccl_chg {
     int hand;    /* 1 open, 2 closed */
-    int outputs; /* bits */
+    int outputs; /* bits, output 1 is bit 0: those that are to be on */
     int modes[RCCL_JOINTS]; /* 0 hold, 1 position, 2 torque */
     double setpoints[RCCL_JOINTS];
 };
