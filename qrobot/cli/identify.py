@@ -162,6 +162,8 @@ def fit(
     _report(found.robot, model, json)
     outliers = found.fit.outliers
     passes = np.unique(found.observations.passed[outliers]).size
+    for warning in found.warnings:
+        note(warning)
     note(f"{len(found.observations)} observations, of which {outliers.size} in {passes} passes hardly count")
     note(f"model written to {output}: name it as `model` in [arm.servo], or start `qrobot servo --model {output}`")
 

@@ -65,6 +65,7 @@ def identify(
     poses: int = 24,
     torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
+    stiction: float = 1.0,
 ) -> None:
     """Identify arms that are up to 30 % off their file in masses, centres and friction, and hold up to 2.5 kg.
 
@@ -79,10 +80,15 @@ def identify(
         the robot file.
     tracking
         Also track the paper's experiment with the robot file, with the model found, and with the exact one.
+    stiction
+        Friction at rest over Coulomb friction; 1 is none, the mismatched plant has 1.3.
     """
     from qrobot.study.identification import IdentificationStudy
 
-    _run(IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking), arms, campaign)
+    if stiction < 1.0:
+        raise ConfigError(f"--stiction {stiction:g}: at least 1, which is none")
+    study = IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking, stiction)
+    _run(study, arms, campaign)
 
 
 @app.command

@@ -2,8 +2,9 @@
 
 Motor i has to be commanded u_i = s_i (Y_i(q, v, a) beta + rotors_i) + friction_i. Gravity, friction and the torque
 scales s come from steady passes, which tell them best; the first two enter the fit as what is known beforehand, with
-their covariance, and the scales are taken as they are. Rotor inertia is the robot file's. What the servo is given are
-bodies with these parameters (`bodies`), and it is their prediction of motions held back that the result is judged by.
+their covariance, and the scales and what sticks are taken as they are. Rotor inertia is the robot file's. What the
+servo is given are bodies with these parameters (`bodies`), and it is their prediction of motions held back that the
+result is judged by.
 """
 
 from __future__ import annotations
@@ -117,7 +118,8 @@ def _solved(steady: Identified, regressor: Regressor, base: BaseParameters, rows
     row_class = np.concatenate([rows.motor, np.full(len(target), KNOWN)])
     doubt = np.concatenate([rows.doubt, np.ones(len(target))])
     names = [description.name for description in _descriptions(steady.robot, regressor, base)]
-    b = np.concatenate([rows.torque - scale * rows.rotors, target])
+    apart = scale * rows.rotors + _sticks(steady, rows)
+    b = np.concatenate([rows.torque - apart, target])
     return fit_linear(np.vstack([A, known]), b, row_class, names, doubt)
 
 
@@ -169,8 +171,13 @@ def _beta(robot: Robot, base: BaseParameters, regressor: Regressor, links: Links
 def _error(steady: Identified, rows: MotionRows, beta: Floats, friction: Floats) -> Floats:
     """Of the torque predicted for rows, by motor. Shape (n,)."""
     moved = steady.scale[rows.motor] * (rows.columns @ beta + rows.rotors)
-    predicted = moved + steady.unknowns.rubs(rows.motor, rows.rate) @ friction
+    predicted = moved + steady.unknowns.rubs(rows.motor, rows.rate) @ friction + _sticks(steady, rows)
     return rms_by_motor(rows.torque - predicted, rows.motor, steady.robot.n)
+
+
+def _sticks(steady: Identified, rows: MotionRows) -> Floats:
+    """What of the torque is Stribeck's, as steady passes tell it. Shape (m,)."""
+    return steady.unknowns.sticks(rows.motor, rows.rate, steady.unknowns.remainder(steady.fit.values))
 
 
 def _descriptions(robot: Robot, regressor: Regressor, base: BaseParameters) -> Iterator[Description]:

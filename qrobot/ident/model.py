@@ -21,6 +21,7 @@ from qrobot.ident.unknowns import OF_LOAD, Unknowns
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+CLEARLY: Final = 2.0  # half widths of its interval from nothing
 HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
 
 
@@ -83,6 +84,21 @@ class Identified:
         """Viscous, Coulomb of positive and of negative motion, by motor, as commanded torque. Shape (n, 3)."""
         first = self.unknowns.n_weights
         return self.fit.values[first : first + self.unknowns.n_friction].reshape(self.robot.n, len(FRICTION_NAMES))
+
+    @property
+    def sticking(self) -> tuple[str, ...]:
+        """Motors whose friction clearly falls with speed, which no law compensates."""
+        remainder, half_width = map(self.unknowns.remainder, (self.fit.values, self.fit.half_width))
+        clearly = (remainder > CLEARLY * half_width).any(axis=1)
+        return tuple(np.array(self.robot.joint_names)[clearly].tolist())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What whoever uses the result should know of it."""
+        if not self.sticking:
+            return ()
+        said = "rubs more near standstill than any law compensates: `record --slow` and `identify friction` tell more"
+        return (f"{', '.join(self.sticking)} {said}",)
 
     @property
     def scale(self) -> Floats:

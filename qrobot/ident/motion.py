@@ -1,18 +1,13 @@
-"""From a log of fast motion to equations: means over short windows, without differentiating measured positions.
+"""From a log of fast motion to equations: means over short windows (`window`).
 
-Each equation is multiplied by a smooth window and integrated; integration by parts moves the derivatives from the
-positions to the window (modulating functions, Shinbrot 1954). So torque, velocity and acceleration are means of the
-same kind over the same time: what the window takes away from one it takes away from all, and what is constant in it
-obeys exactly. Measured positions are used, not the servo's references: an arm with unknown friction does not quite
-follow.
-
-A motor is left out of a window in which it is ever so slow that its friction is another.
+Measured positions are used, not the servo's references: an arm with unknown friction does not quite follow. A motor is
+left out of a window in which it is ever so slow that its friction is another.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -27,6 +22,7 @@ from qrobot.ident.fourier import States
 from qrobot.ident.observe import RESOLUTION, slowest_rates
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import Regressor
+from qrobot.ident.window import window_weights
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows
 
@@ -37,14 +33,6 @@ Bools = NDArray[np.bool_]
 WINDOW_S: Final = 0.1  # a sixteenth of the fastest swing of a plan; encoder steps leave 0.01 rad/s2
 SHORTEST_S: Final = 0.9 * RUN_S  # from rest to rest: shorter motions are ways between
 RESTS: Final = 0.005  # of each joint's greatest speed: an arm whose joints are all slower rests between motions
-
-
-class Weights(NamedTuple):
-    """Of the samples of a window, for means of value, slope and curvature. Each of shape (samples,)."""
-
-    value: Floats
-    slope: Floats
-    curvature: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +63,6 @@ class MotionRows:
     def only(self, chosen: Bools) -> MotionRows:
         """The rows that are chosen, shape (m,)."""
         return MotionRows(*(getattr(self, field.name)[chosen] for field in fields(self)))
-
-
-def window_weights(samples: int, period_s: float) -> Weights:
-    """Of a window (1 - x^2)^2 and its derivatives; exact for parabolas."""
-    t = period_s * (np.arange(samples) - 0.5 * (samples - 1))
-    x = 2.0 * t / (period_s * samples)
-    value, slope, curvature = (1.0 - x**2) ** 2, x * (1.0 - x**2), 3.0 * x**2 - 1.0
-    curvature -= curvature.mean()
-    return Weights(value / value.sum(), slope / (slope @ t), 2.0 * curvature / (curvature @ t**2))
 
 
 def observe_motion(robot: Robot, regressor: Regressor, base: BaseParameters, rows: Rows, period_s: float) -> MotionRows:

@@ -2,9 +2,9 @@
 
 At constant speed hardly anything accelerates: what a motor gives is gravity and friction, and a little inertial torque
 that the robot file knows well enough; an observation is told how much of it is in doubt. A motor is left out where it
-turns so slowly that its friction is another. The equations are linear in what is sought, so the mean of a whole pass
-obeys them as every sample does, without its quantisation. Passes are found in the log itself; whoever moved the arm
-need not say.
+turns so slowly that its friction is another. The equations are linear in what is sought, so a mean over a whole pass
+obeys them as every sample does, without its quantisation; one over a smooth window (`window`), which takes nothing from
+what still decays at the ends. Passes are found in the log itself; whoever moved the arm need not say.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import OF_GRAVITY, Regressor
+from qrobot.ident.window import Weights, looks_at, window_weights
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows
@@ -32,7 +33,8 @@ CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction
 SLOWEST: Final = 0.06  # of a joint's greatest speed: below, friction falls with speed (Stribeck) and is not fitted
 DOUBT: Final = 0.2  # share of the inertial torque that may be wrong: links are drawn, not weighed
-RESOLUTION: Final = 0.1  # DAC counts: the mean torque of a pass is not known better
+LESS_DOUBT: Final = 0.1  # the same once gravity has told masses and centres
+RESOLUTION: Final = 0.05  # DAC counts: the mean torque of a pass is not known better
 SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceleration before
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
@@ -131,6 +133,7 @@ class Observer:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
         self._scale = np.ones(robot.n) if scale is None else scale
+        self._doubt = DOUBT if believed is None else LESS_DOUBT
         self._params = dynamics_params(believed or robot)._replace(gravity=np.zeros(3))
         self._slowest = slowest_rates(robot) if slowest is None else slowest
 
@@ -144,11 +147,13 @@ class Observer:
         rows, transmission = log[steady.start : steady.stop], self._robot.transmission
         turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
         q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
-        Y = self._to_motor @ self._regressor(_spaced(q, 1 + len(q) // EVERY)).mean(axis=0)
-        given = ((rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm).mean(axis=0)
-        v, a = _mean_motion(q, period_s)
-        inertial = self._scale * (self._to_motor @ self._inertial(q, v, a))
-        doubt = np.hypot(DOUBT * inertial, RESOLUTION / transmission.dac_per_Nm)
+        window = window_weights(len(q), period_s)
+        looks = looks_at(window, 1 + len(q) // EVERY)
+        Y = self._to_motor @ np.tensordot(looks.share, self._regressor(q[looks.at]), 1)
+        given = window.value @ (rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm
+        v = window.slope @ q
+        inertial = self._scale * (self._to_motor @ self._inertial(q, v, window))
+        doubt = np.hypot(self._doubt * inertial, RESOLUTION / transmission.dac_per_Nm)
         return Observations(
             motor=turning,
             passed=np.full(turning.size, number),
@@ -161,25 +166,13 @@ class Observer:
             doubt=doubt[turning],
         )
 
-    def _inertial(self, q: Floats, v: Floats, a: Floats) -> Floats:
-        """Mean torque beside gravity of moving at `v` and `a` (n,) through positions of shape (r, n)."""
-        n = v.size
-        tau, work = np.zeros((LOOKS, n)), dynamics_work(n)
-        for at, torque in zip(_spaced(q, LOOKS), tau, strict=True):
+    def _inertial(self, q: Floats, v: Floats, window: Weights) -> Floats:
+        """Mean torque beside gravity of moving at `v` (n,) through positions of shape (r, n)."""
+        n, looks = v.size, looks_at(window, LOOKS)
+        a, tau, work = window.curvature @ q, np.zeros((LOOKS, n)), dynamics_work(n)
+        for at, torque in zip(q[looks.at], tau, strict=True):
             inverse_dynamics(at, v, a, self._params, work, torque)
-        return np.asarray(tau.mean(axis=0))
-
-
-def _spaced(q: Floats, count: int) -> Floats:
-    """So many positions of (r, n), from the middles of equal parts: half a cycle off would show as viscous friction."""
-    return np.asarray(q[((np.arange(count) + 0.5) * len(q) / count - 0.5).round().astype(int)])
-
-
-def _mean_motion(q: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """Mean velocity and acceleration of positions (r, n), by a parabola: an arm follows its setpoints not quite."""
-    t = period_s * (np.arange(len(q)) - 0.5 * (len(q) - 1))
-    curve, slope, _ = np.polyfit(t, q, 2)
-    return slope, 2.0 * curve
+        return np.asarray(looks.share @ tau)
 
 
 def none_of(n_base: int) -> Observations:

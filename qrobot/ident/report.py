@@ -13,10 +13,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from qrobot.config import Robot
 from qrobot.config.identified import IdentifiedModel
 from qrobot.errors import IdentificationError
 from qrobot.ident.figures import predicted_figure, residual, residuals_figure
-from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_NAMES
 from qrobot.ident.model import Identified, rms_by_motor
 from qrobot.ident.regressor import known_parameters
 
@@ -81,7 +82,14 @@ def predicted_by(model: IdentifiedModel, found: Identified) -> Floats:
     friction = np.column_stack([getattr(model.friction, name) for name in FRICTION_NAMES])
     scale = np.ones(robot.n) if model.drives is None else model.drives.torque_scale
     rubs = unknowns.rubs(seen.motor, seen.rate) @ friction.ravel()
+    rubs += unknowns.sticks(seen.motor, seen.rate, _remainder(model, robot))
     return np.asarray(scale[seen.motor] * (seen.gravity @ beta) + rubs)
+
+
+def _remainder(model: IdentifiedModel, robot: Robot) -> Floats:
+    """Stribeck's remainders of a model; none of one that is older than they are. Shape (n, 2)."""
+    told = {value.name: value.value for value in model.value}
+    return np.array([[told.get(f"{joint}.{name}", 0.0) for name in REMAINDER_NAMES] for joint in robot.joint_names])
 
 
 def _facts(found: Identified, model: IdentifiedModel) -> str:
@@ -89,6 +97,7 @@ def _facts(found: Identified, model: IdentifiedModel) -> str:
     return (
         f"<p>{quality.observations} observations, of which {outliers} hardly count; condition {quality.condition:.1f}; "
         f"data {escape(model.data)}. {_unit(found)} Intervals hold the true value 19 times in 20.</p>"
+        + "".join(f"<p>{escape(warning)}.</p>" for warning in found.warnings)
     )
 
 

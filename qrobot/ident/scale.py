@@ -20,7 +20,6 @@ from qrobot.ident.unknowns import Unknowns
 
 Floats = NDArray[np.float64]
 
-SCALE_DOUBT: Final = 0.3  # of a scale: two motors, whose published torque constants differ by 15 to 24 %
 LOAD_DOUBT: Final = 1e-3  # of a load that was weighed
 _STEPS: Final = 30
 _SETTLED: Final = 1e-6
@@ -58,10 +57,10 @@ def fit_scaled(unknowns: Unknowns, observations: Observations, load_kg: float | 
 
 
 def _known_rows(unknowns: Unknowns, load_kg: float | None) -> tuple[Floats, Floats, Floats]:
-    """Rows, values and deviations of what is known beforehand: scales are near 1, a load was weighed."""
-    p, free = len(unknowns.names), len(unknowns.free)
-    rows, target, doubt = np.eye(p)[p - free :], np.ones(free), np.full(free, SCALE_DOUBT)
-    if load_kg is None:
-        return rows, target, doubt
-    mass = np.eye(p)[[len(unknowns.base.leading)]]
-    return np.vstack([rows, mass]), np.append(target, load_kg), np.append(doubt, LOAD_DOUBT * load_kg)
+    """Rows, values and deviations of what is known beforehand: of the unknowns' own, and a load that was weighed."""
+    value, doubt = unknowns.start(), unknowns.doubt()
+    if load_kg is not None:
+        mass = len(unknowns.base.leading)
+        value[mass], doubt[mass] = load_kg, LOAD_DOUBT * load_kg
+    known = np.isfinite(doubt)
+    return np.eye(len(value))[known], value[known], doubt[known]

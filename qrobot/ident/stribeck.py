@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from qrobot.ident.consistent import nearest_links
 from qrobot.ident.fit import HUBER, NORMAL_95
+from qrobot.ident.friction import BELIEVED
 from qrobot.ident.model import Identified
 from qrobot.ident.observe import Observer
 from qrobot.ident.varpro import Projected, fit_separable
@@ -28,7 +29,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CRAWLING: Final = 0.005  # of a joint's greatest speed: slower motors stick and slip
-BELIEVED: Final = 0.02  # v_s over a joint's greatest speed, until samples tell
 SPEED_DOUBT: Final = 1.0  # of the logarithm of v_s: a factor of e, until samples tell
 _PER_MOTOR: Final = 5  # viscous, Coulomb and excess of both directions
 _ROUNDS: Final = 3  # of weights

@@ -5,6 +5,7 @@ Motor i has to be commanded u_i = s_i (Y_i beta) + friction_i, in torque as the 
     beta        base parameters of gravity, then those of a load that some of the passes carried
     friction    viscous and the two Coulomb frictions of each motor
     s           torque scales: what motor i is commanded for a torque of 1. Some are sought, the others are 1
+    remainder   of Stribeck's excess, part of friction_i; no law has it, but without it the others would be bent
 """
 
 from __future__ import annotations
@@ -18,13 +19,22 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.ident.base import BaseParameters
-from qrobot.ident.friction import FRICTION_NAMES, friction_columns
+from qrobot.ident.friction import (
+    FRICTION_NAMES,
+    REMAINDER_NAMES,
+    REMAINDER_SPEED,
+    friction_columns,
+    remainder_columns,
+)
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor, known_parameters
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+SCALE_DOUBT: Final = 0.3  # of a scale: two motors, whose published torque constants differ by 15 to 24 %
+REMAINDER_DOUBT: Final = 0.05  # of Coulomb friction: an excess of a half that fades at 3 % of the greatest speed
+LEAST_FRICTION: Final = 1e-3  # N m (N), where a robot file has none
 OF_LOAD: Final = ("load.m", "load.hx", "load.hy", "load.hz")
 _UNITS: Final = {"m": "kg", "h": "kg m", "I": "kg m2"}
 
@@ -67,6 +77,11 @@ class Unknowns:
         return self.robot.n * len(FRICTION_NAMES)
 
     @property
+    def n_remainder(self) -> int:
+        """How many remainders of Stribeck's excess there are."""
+        return self.robot.n * len(REMAINDER_NAMES)
+
+    @property
     def names(self) -> list[str]:
         """Of everything, for complaints."""
         return [description.name for description in self.descriptions()]
@@ -74,8 +89,12 @@ class Unknowns:
     def scale(self, values: Floats) -> Floats:
         """Torque scale of each motor. Shape (n,)."""
         scale = np.ones(self.robot.n)
-        scale[list(self.free)] = values[self.n_weights + self.n_friction :]
+        scale[list(self.free)] = values[self.n_weights + self.n_friction : -self.n_remainder]
         return scale
+
+    def remainder(self, values: Floats) -> Floats:
+        """Stribeck's remainder of each motor, in positive and in negative motion. Shape (n, 2)."""
+        return values[-self.n_remainder :].reshape(self.robot.n, len(REMAINDER_NAMES))
 
     def weights(self, observations: Observations) -> Floats:
         """What multiplies the base parameters of arm and load. Shape (m, n_weights)."""
@@ -86,20 +105,34 @@ class Unknowns:
 
     def rubs(self, motor: Ints, rate: Floats) -> Floats:
         """What multiplies the friction of motors (m,) at speeds (m,). Shape (m, n_friction)."""
-        own = np.zeros((len(motor), self.robot.n))
-        own[np.arange(len(motor)), motor] = rate
-        return friction_columns(own, self.robot.control.friction_velocity).reshape(len(motor), self.n_friction)
+        columns = friction_columns(self._own(motor, rate), self.robot.control.friction_velocity)
+        return columns.reshape(len(motor), self.n_friction)
 
     def start(self) -> Floats:
         """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
-        return np.concatenate([np.zeros(self.n_weights + self.n_friction), np.ones(len(self.free))])
+        linear, scales = np.zeros(self.n_weights + self.n_friction), np.ones(len(self.free))
+        return np.concatenate([linear, scales, np.zeros(self.n_remainder)])
+
+    def doubt(self) -> Floats:
+        """Standard deviation of `start` as it is believed beforehand; infinity where nothing is. Shape (p,)."""
+        preset = self.robot.friction[self.robot.control.friction_preset]
+        coulomb = np.maximum(np.column_stack([preset.coulomb_pos, preset.coulomb_neg]), LEAST_FRICTION)
+        linear, scales = np.full(self.n_weights + self.n_friction, np.inf), np.full(len(self.free), SCALE_DOUBT)
+        return np.concatenate([linear, scales, REMAINDER_DOUBT * coulomb.ravel()])
 
     def predict(self, values: Floats, observations: Observations) -> Floats:
         """Commanded torque of each observation, motor side. Shape (m,)."""
         rest = self.n_weights + self.n_friction
+        motor, rate = observations.motor, observations.rate
         weight = self.weights(observations) @ values[: self.n_weights]
-        friction = self.rubs(observations.motor, observations.rate) @ values[self.n_weights : rest]
-        return np.asarray(self.scale(values)[observations.motor] * weight + friction)
+        friction = self.rubs(motor, rate) @ values[self.n_weights : rest] + self.sticks(
+            motor, rate, self.remainder(values)
+        )
+        return np.asarray(self.scale(values)[motor] * weight + friction)
+
+    def sticks(self, motor: Ints, rate: Floats, remainder: Floats) -> Floats:
+        """What motors (m,) with Stribeck's remainders (n, 2) rub more at speeds (m,). Shape (m,)."""
+        return np.asarray(self._remainders(motor, rate) @ remainder.ravel())
 
     def jacobian(self, values: Floats, observations: Observations) -> Floats:
         """Derivative of the prediction by the values. Shape (m, p)."""
@@ -107,7 +140,8 @@ class Unknowns:
         scaled = self.scale(values)[observations.motor, None] * weights
         borne = (weights @ values[: self.n_weights])[:, None]
         by_scale = (observations.motor[:, None] == np.array(self.free, np.int64)) * borne
-        return np.column_stack([scaled, self.rubs(observations.motor, observations.rate), by_scale])
+        turning = observations.motor, observations.rate
+        return np.column_stack([scaled, self.rubs(*turning), by_scale, self._remainders(*turning)])
 
     def before(self) -> Floats:
         """What the robot file says of each, and nothing of a load. Shape (p,)."""
@@ -122,6 +156,18 @@ class Unknowns:
         for motor in self.free:
             name = self.robot.joint_names[motor]
             yield Description(f"{name}.torque_scale", f"torque commanded of {name} for a torque of 1", "", 1.0)
+        yield from _of_remainders(self.robot)
+
+    def _remainders(self, motor: Ints, rate: Floats) -> Floats:
+        """What multiplies the remainders. Shape (m, n_remainder)."""
+        columns = remainder_columns(self._own(motor, rate), self.robot.limits.v_max)
+        return columns.reshape(len(motor), self.n_remainder)
+
+    def _own(self, motor: Ints, rate: Floats) -> Floats:
+        """Each rate in the column of its motor. Shape (m, n)."""
+        own = np.zeros((len(motor), self.robot.n))
+        own[np.arange(len(motor)), motor] = rate
+        return own
 
 
 def of_base(base: BaseParameters, before: Floats) -> Iterator[Description]:
@@ -140,3 +186,11 @@ def of_friction(robot: Robot) -> Iterator[Description]:
             unit = f"{force}/({speed})" if symbol == "viscous" else force
             before = float(getattr(preset, symbol)[motor])
             yield Description(f"{joint}.{symbol}", f"{symbol} friction of motor {joint}", unit, before)
+
+
+def _of_remainders(robot: Robot) -> Iterator[Description]:
+    """Of what is left of Stribeck's excess at one speed."""
+    for joint, slides in zip(robot.joint_names, robot.prismatic, strict=True):
+        for symbol in REMAINDER_NAMES:
+            meaning = f"what friction of motor {joint} has more at {100 * REMAINDER_SPEED:.0f} % of its greatest speed"
+            yield Description(f"{joint}.{symbol}", meaning, "N" if slides else "N m", 0.0)

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.config.identified import with_torque_scale
-from qrobot.ident.friction import FRICTION_NAMES
+from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_SPEED
 from qrobot.ident.model import Identified
 from qrobot.ident.regressor import Regressor, known_parameters
 from qrobot.ident.unknowns import Unknowns
+from qrobot.sim_board.drive import STRIBECK_FRACTION
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import TORQUE_ERROR, PlantMismatch
 
@@ -35,15 +36,17 @@ class UnknownArm:
         robot: its true file, but for the torque of its motors.
         payload_kg: point mass at the flange.
         torque_gain: torque given over torque asked for, by motor. Shape (n,).
+        stiction: friction at rest over Coulomb friction; 1 is no stiction.
     """
 
     robot: Robot
     payload_kg: float
     torque_gain: Floats
+    stiction: float = 1.0
 
     @classmethod
-    def drawn(cls, robot: Robot, seed: int, wrong_torque: bool = False) -> UnknownArm:
-        """An arm of the kind of `robot`; the same seed gives the same, `wrong_torque` or not."""
+    def drawn(cls, robot: Robot, seed: int, wrong_torque: bool = False, stiction: float = 1.0) -> UnknownArm:
+        """An arm of the kind of `robot`; the same seed gives the same, `wrong_torque` and `stiction` or not."""
         random, links = np.random.default_rng(seed), robot.links
         low, high = 1.0 - SPREAD, 1.0 + SPREAD
         mass = random.uniform(low, high, robot.n)
@@ -59,7 +62,7 @@ class UnknownArm:
         other = robot.model_copy(update={"links": links.model_copy(update=changed), "friction": friction})
         payload_kg = float(random.uniform(0.0, LARGEST_LOAD_KG))
         gain = random.uniform(1.0 - TORQUE_ERROR, 1.0 + TORQUE_ERROR, robot.n)
-        return cls(other, payload_kg, gain if wrong_torque else np.ones(robot.n))
+        return cls(other, payload_kg, gain if wrong_torque else np.ones(robot.n), stiction)
 
     def emulator(self) -> Emulator:
         """The arm behind an emulated board."""
@@ -101,7 +104,10 @@ class UnknownArm:
         units = [scale[motor] for motor in range(unknowns.robot.n) if motor not in free]
         unit = float(units[0]) if len(units) == 1 else 1.0
         beta = unknowns.base.K @ self.parameters(unknowns.regressor)
-        return np.concatenate([unit * beta, (scale[:, None] * self.friction).ravel(), scale[free] / unit])
+        friction = scale[:, None] * self.friction
+        faded = 1.0 + (REMAINDER_SPEED / STRIBECK_FRACTION) ** 2
+        remainder = (self.stiction - 1.0) / faded * friction[:, 1:]
+        return np.concatenate([unit * beta, friction.ravel(), scale[free] / unit, remainder.ravel()])
 
     @property
     def told(self) -> Robot:
@@ -122,4 +128,4 @@ class UnknownArm:
 
     @property
     def _mismatch(self) -> PlantMismatch:
-        return replace(PlantMismatch.nominal(self.robot.n), torque_gain=self.torque_gain)
+        return replace(PlantMismatch.nominal(self.robot.n), torque_gain=self.torque_gain, stiction=self.stiction)

@@ -39,12 +39,14 @@ class IdentificationStudy(Study):
         poses: of the plan.
         torque: what the motors really give was measured, and stands in the robot file, or is to be found too.
         tracking: also let it make the paper's experiment, with the robot file, with what was found, and with the truth.
+        stiction: friction at rest over Coulomb friction; 1 is no stiction.
     """
 
     kind: ClassVar[str] = "identification"
     poses: int = POSES
     torque: Torque = "unknown"
     tracking: bool = True
+    stiction: float = 1.0
 
     def judge(self, seed: int) -> Outcome:
         """Errors of gravity and friction, every value's error in its own deviations, and tracking errors.
@@ -52,7 +54,7 @@ class IdentificationStudy(Study):
         Raises:
             QRobotError: the arm could not be moved, or its motion does not determine a model.
         """
-        arm, plan = UnknownArm.drawn(self.robot, seed, wrong_torque=True), _plan(self.robot_file, self.poses)
+        arm, plan = UnknownArm.drawn(self.robot, seed, True, self.stiction), _plan(self.robot_file, self.poses)
         measured = self.torque == "known"
         believed = arm.with_known_torque(self.robot) if measured else self.robot
         settings = ServoSettings(rate_hz=self.rate_hz)

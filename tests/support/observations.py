@@ -11,9 +11,11 @@ from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.friction import friction_columns
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, gravity_regressor, known_parameters
+from qrobot.sim_board.drive import STRIBECK_FRACTION
 
 PUMA = load_robot("puma560")
 N = PUMA.n
+TWO_SPEEDS = np.outer([0.2, 0.6], np.ones(N))  # rad/s
 LOAD = np.array([1.0, 0.01, -0.02, 0.06])  # mass and first moment of a load of 1 kg
 
 
@@ -41,21 +43,27 @@ def generated(
     poses: int = 30,
     scale: np.ndarray | None = None,
     load_kg: np.ndarray | float = 0.0,
+    speeds: np.ndarray = TWO_SPEEDS,
+    stiction: float = 1.0,
+    fades_at: float = STRIBECK_FRACTION,
 ) -> Observations:
-    """Passes through random poses, up and down at two speeds, of an arm without a coupled wrist's effect on rates.
+    """Passes through random poses, up and down at some speeds, of an arm without a coupled wrist's effect on rates.
 
     `scale` (n,) is what its motors are commanded for a torque of 1, `load_kg` of which `LOAD` tells is carried besides,
-    through all of them or pose by pose (poses,).
+    through all of them or pose by pose (poses,). `speeds` of the motors have shape (k, n). Friction at rest is
+    `stiction` times Coulomb friction and half as much more at a share `fades_at` of greatest speed.
     """
     random, (regressor, base) = np.random.default_rng(seed), puma_base()
-    q = np.repeat(random.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (poses, N)), 4, axis=0)
-    rate = np.tile([0.2, -0.2, 0.6, -0.6], poses)[:, None] * np.ones(N)
+    q = np.repeat(random.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (poses, N)), 2 * len(speeds), axis=0)
+    rate = np.tile(np.stack([speeds, -speeds], axis=1).reshape(-1, N), (poses, 1))
     to_motor = np.linalg.inv(PUMA.transmission.coupling.T)
     gravity = to_motor @ base.columns(regressor(q))
     load = to_motor @ regressor(q)[..., -OF_GRAVITY:]
-    carried = np.repeat(load_kg * np.ones(poses), 4)[:, None] * (load @ LOAD)
+    carried = np.repeat(load_kg * np.ones(poses), 2 * len(speeds))[:, None] * (load @ LOAD)
     weight = (np.ones(N) if scale is None else scale) * (gravity @ beta + carried)
     rubs = (friction_columns(rate, PUMA.control.friction_velocity) * friction).sum(axis=-1)
+    excess = (stiction - 1.0) / (1.0 + (rate / (fades_at * PUMA.limits.v_max)) ** 2)
+    rubs += excess * np.where(rate > 0.0, friction[:, 1], -friction[:, 2])
     m = rate.size
     return Observations(
         motor=np.tile(np.arange(N), len(q)),

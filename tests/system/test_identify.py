@@ -84,7 +84,8 @@ def test_gravity_is_found_to_hundredths_of_a_newton_metre(identified: Robot) -> 
 def test_intervals_hold_the_truth(model_file: Path) -> None:
     regressor = gravity_regressor(PUMA)
     beta = base_of_robot(PUMA, regressor).K @ UNKNOWN.parameters(regressor)
-    found, truth = load_model(model_file, PUMA).value, [*beta, *UNKNOWN.friction.ravel(), *np.ones(N - 1)]
+    found = load_model(model_file, PUMA).value
+    truth = [*beta, *UNKNOWN.friction.ravel(), *np.ones(N - 1), *np.zeros(2 * N)]
     assert (
         np.mean([abs(value.value - true) <= value.half_width for value, true in zip(found, truth, strict=True)]) > 0.9
     )

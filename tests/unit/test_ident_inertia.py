@@ -19,7 +19,7 @@ from qrobot.ident.fourier import Fourier, States
 from qrobot.ident.friction import friction_columns
 from qrobot.ident.inertia import InertialModel, identify_inertia
 from qrobot.ident.model import Identified, identify
-from qrobot.ident.motion import WINDOW_S, MotionRows, observe_motion, window_weights
+from qrobot.ident.motion import WINDOW_S, MotionRows, observe_motion
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, inertial_regressor, known_parameters
 from qrobot.ident.result import model_of, write_model
 from qrobot.model.dynamics import dynamics_params
@@ -103,22 +103,6 @@ def found() -> InertialModel:
     return identify_inertia(steady(), *whole(), observed())
 
 
-def test_window_means_of_a_parabola_are_exact() -> None:
-    weights, t = window_weights(61, PERIOD_S), PERIOD_S * (np.arange(61) - 30)
-    means = [weight @ (0.7 - 3.0 * t + 5.0 * t**2) for weight in weights]
-    np.testing.assert_allclose(means[1:], [-3.0, 10.0], rtol=1e-9)
-    assert sum(weights.value) == pytest.approx(1.0)
-
-
-def test_acceleration_is_the_mean_that_torque_is_whatever_the_motion() -> None:
-    """A mass driven by u = m sin(w t): both means lose the same share of it, three per cent here."""
-    weights, w = window_weights(201, PERIOD_S), 15.0
-    t = PERIOD_S * (np.arange(201) - 100) + 0.05
-    push, acceleration = weights.value @ np.sin(w * t), weights.curvature @ (-np.sin(w * t) / w**2)
-    assert acceleration == pytest.approx(push, rel=1e-3)
-    assert push < 0.9 * np.sin(w * 0.05)
-
-
 def test_every_motion_is_found_and_windows_in_which_a_motor_creeps_are_left_out() -> None:
     assert np.unique(observed().motion).tolist() == list(range(MOTIONS))
     assert (np.abs(observed().rate) >= 0.06 * PUMA.limits.v_max[observed().motor]).all()
@@ -156,7 +140,7 @@ def test_held_back_motion_is_predicted_better_than_with_the_files_inertia() -> N
 
 def test_values_are_named_once_with_units_and_what_the_file_says() -> None:
     values = {value.name: value for value in found().values}
-    assert len(values) == len(found().values) == 36 + 3 * N
+    assert len(values) == len(found().values) == 36 + (3 + 2) * N
     assert (values["Izz1"].unit, values["hx2"].unit, values["elbow.viscous"].unit) == ("kg m2", "kg m", "N m/(rad/s)")
     assert values["Izz1"].before == pytest.approx((whole()[1].K @ known_parameters(PUMA, whole()[0]))[0])
 

@@ -1,0 +1,52 @@
+"""Means over a window that obey the equations of motion exactly, without differentiating measured positions.
+
+An equation is multiplied by a smooth window and integrated; integration by parts moves the derivatives from the
+positions to the window (modulating functions, Shinbrot 1954). So torque, velocity and acceleration are means of the
+same kind over the same time: what the window takes away from one it takes away from all, and what still decays from a
+motion before takes nothing from any.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Weights(NamedTuple):
+    """Of the samples of a window, for means of value, slope and curvature. Each of shape (samples,)."""
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+
+class Looks(NamedTuple):
+    """Some samples of a window, and the share in which each counts in a mean. Both of shape (count,)."""
+
+    at: Ints
+    share: Floats
+
+
+def window_weights(samples: int, period_s: float) -> Weights:
+    """Of a window (1 - x^2)^2 and its derivatives; exact for parabolas."""
+    t = period_s * (np.arange(samples) - 0.5 * (samples - 1))
+    x = 2.0 * t / (period_s * samples)
+    value, slope, curvature = (1.0 - x**2) ** 2, x * (1.0 - x**2), 3.0 * x**2 - 1.0
+    curvature -= curvature.mean()
+    return Weights(value / value.sum(), slope / (slope @ t), 2.0 * curvature / (curvature @ t**2))
+
+
+def looks_at(weights: Weights, count: int) -> Looks:
+    """For means of what costs too much at every sample: the middles of equal parts.
+
+    Half a cycle off would show as viscous friction.
+    """
+    samples = len(weights.value)
+    at = ((np.arange(count) + 0.5) * samples / count - 0.5).round().astype(np.int64)
+    share = weights.value[at]
+    return Looks(at, share / share.sum())
