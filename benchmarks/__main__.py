@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from cyclopts import App
 from rich.console import Console
@@ -31,6 +31,7 @@ GROUPS: Final = (
     "logs",
     "identification",
     "startup",
+    "c_programs",
     "wakeup",
 )
 
@@ -46,7 +47,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     ----------
     groups
         Only these: laws, models, kinematics, trajectory, servo, lockstep, roads, logs, identification, startup,
-        wakeup.
+        c_programs, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs
@@ -107,12 +108,40 @@ def soak(*, hours: float = 1.0, seed: int = 0, rigid: bool = False, json: Path |
             status.update(f"{so_far.robot_s:.0f} of {hours * 3600:.0f} s, {so_far.fault or 'no fault'}")
 
         result = run(hours, seed, "rigid" if rigid else "mujoco", progress=progress)
-    report = json_format.dumps(result.to_dict(), indent=2)
-    console.print(report, highlight=False)
-    if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
-        json.write_text(report + "\n")
+    _report(result.to_dict(), json)
     return 1 if result.failures else 0
+
+
+@app.command
+def c_moves(*, moves: int = 100_000, json: Path | None = None) -> int:
+    """So many moves of a program in C, off line: memory and descriptors of program and engine must not grow.
+
+    Parameters
+    ----------
+    moves
+        How many; a thousand take some seven seconds.
+    json
+        Write the result to this file as well.
+    """
+    from benchmarks.c_moves import Held
+    from benchmarks.c_moves import c_moves as run
+
+    with console.status("starting") as status:
+
+        def progress(now: Held) -> None:
+            status.update(f"{now.samples} samples, {now.engine_bytes >> 10} KiB and {now.program_bytes >> 10} KiB")
+
+        result = run(moves, progress)
+    _report(result.to_dict(), json)
+    return 1 if result.failures else 0
+
+
+def _report(found: dict[str, Any], path: Path | None) -> None:
+    report = json_format.dumps(found, indent=2)
+    console.print(report, highlight=False)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(report + "\n")
 
 
 def measured(groups: tuple[str, ...], effort: Effort) -> Iterator[Row]:

@@ -42,7 +42,7 @@ def cc(
     pkg_config
         Only print a file for pkg-config, to be put into a folder of PKG_CONFIG_PATH as qrobot-rccl.pc.
     """
-    from qrobot.rccl.c import toolchain
+    from qrobot.cli import toolchain
 
     if pkg_config:
         return _print(toolchain.package_file().rstrip())

@@ -73,7 +73,7 @@ def run(
     if offline and (lockstep or plant is not None or scene is not None):
         raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
     chosen = choose_arm(deployment, arm)
-    start = partial(_start, program, arguments)
+    start = partial(_start, program, arguments, chosen.robot)
     if offline:
         factory, output = _offline_links(chosen), output or Path("out") / "offline" / program.stem
     else:
@@ -88,12 +88,12 @@ def run(
         return start()
 
 
-def _start(program: Path, arguments: Sequence[str]) -> int:
-    """Run the program; its exit status."""
+def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
+    """Run the program; its exit status. One in C does not say itself which robot it wants."""
     from qrobot.rccl.c.program import is_executable, run_executable
 
     if is_executable(program):
-        return run_executable(program, arguments)
+        return run_executable(program, arguments, robot)
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
     runpy.run_path(str(program), run_name="__main__")

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.rccl.c.program import run_executable
+from qrobot.rccl.setpoints import read_setpoints
 from tests.support.c_programs import (
     EXAMPLES,
     compiled,
@@ -80,6 +83,21 @@ def test_another_robot_is_named_by_a_variable(tmp_path: Path, monkeypatch) -> No
     program = compiled_text("main() { move(park); waitfor(completed) return how.mode == 5; }", tmp_path)
     status, (trace,) = offline(lambda: run_executable(program))
     assert (status, trace.robot.name) == (1, "stanford")
+
+
+def test_the_robot_of_the_deployment_file_is_that_of_a_program_in_c(tmp_path: Path, capfd) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text('[[arm]]\nname = "a"\nrobot = "stanford"\nboard = {}\nbridge = { port = 5600 }\n')
+    text = 'main() { move(park); waitfor(completed) printf("%d joints\\n", how.n); return 3; }'
+    program = compiled_text(text, tmp_path)
+    out = tmp_path / "out"
+    arguments = ["run", "--offline", "--deployment", str(file), "--output", str(out), str(program)]
+    assert run_app(make_app("run"), arguments) == 3
+    assert "6 joints" in capfd.readouterr().out
+    assert read_setpoints(out / "setpoints.csv").robot == "stanford"
+    assert {path.name for path in out.iterdir()} == {
+        "requests.txt", "requests.jsonl", "setpoints.csv", "joints.png", "path.png"
+    }  # fmt: skip
 
 
 def test_two_sources_with_common_variables_and_old_definitions_are_one_program(tmp_path: Path, capfd) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.cli import toolchain
 from qrobot.motion import Kind
-from qrobot.rccl.c import message, toolchain
+from qrobot.rccl.c import message
 from qrobot.rccl.c.message import Message, Op, decode
 from qrobot.rccl.c.shared import SharedTransform, numbers_of, value_of
 from qrobot.rccl.transforms import gentr_rpy

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -25,8 +24,6 @@ from qrobot.rccl.position import EQ, TL, Target, Word, makeposition, there
 from qrobot.rccl.stepping import STEPPING_HELP, Stepper
 from qrobot.rccl.transforms import Transform, t6, timed
 
-ROBOT: Final = "QROBOT_ROBOT"  # environment: another robot than the default one
-DEFAULT_ROBOT: Final = "puma560"
 _KINDS: Final = (Kind.FUNCTION, Kind.CONST, Kind.VARB, Kind.HOLD)  # numbered by newtrans
 _WORDS: Final = {-2: EQ, -3: TL}
 _MAKERS: Final[dict[str, Callable[..., Transform]]] = {
@@ -66,11 +63,12 @@ class Desk:
         memory: shared with the program.
         places: of its global variables, and of the fields in its structures; the order is that of shared.c.
         talk: to the program.
+        robot: that its arm is, a packaged one's name or a file.
     """
 
-    def __init__(self, memory: SharedMemory, places: list[int], talk: Talk) -> None:
+    def __init__(self, memory: SharedMemory, places: list[int], talk: Talk, robot: str) -> None:
         *variables, last_link, park, present, self._axes, self._code, self._scal, self._end = places
-        self._memory, self._talk = memory, talk
+        self._memory, self._talk, self._robot = memory, talk, robot
         self._variables = Variables(memory, variables, last_link + self._axes)
         self._transforms: dict[int, SharedTransform] = {last_link: self._variables.t6}
         self._positions: dict[int, SharedPosition] = {present: self._position(present, "there", there().target)}
@@ -88,7 +86,7 @@ class Desk:
         return self._arm
 
     def _take_arm(self) -> Channel:
-        arm = program.control(os.environ.get(ROBOT, DEFAULT_ROBOT))
+        arm = program.control(self._robot)
         self._positions[self._park] = self._position(self._park, "park", arm.pose("park").target)
         self._variables.show(arm)
         self._variables.show_outputs(arm)

@@ -6,6 +6,7 @@ asks on the first; on the second we have functions called at the samples, within
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
@@ -19,6 +20,8 @@ from qrobot.rccl.c.desk import Desk, Talk
 from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, Message, Op, decode, encode_call
 from qrobot.rccl.c.shared import SharedMemory
 
+ROBOT: Final = "QROBOT_ROBOT"  # environment: rules over whoever starts the program
+DEFAULT_ROBOT: Final = "puma560"
 GLOBALS: Final = 13  # places that the greeting names
 CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
 _LOOKS: Final = 40  # some 50 us
@@ -138,8 +141,8 @@ class Background:
         self._channel.close()
 
 
-def serve(foreground: socket.socket, background: socket.socket) -> None:
-    """Answer a program until it ends, and let go of its arm.
+def serve(foreground: socket.socket, background: socket.socket, robot: str = DEFAULT_ROBOT) -> None:
+    """Answer a program until it ends, and let go of its arm, which is a `robot` unless QROBOT_ROBOT names another.
 
     Raises:
         ConfigError: it was compiled by another version.
@@ -147,7 +150,7 @@ def serve(foreground: socket.socket, background: socket.socket) -> None:
     """
     front, back = Foreground(foreground), Background(background)
     try:
-        _converse(front, back)
+        _converse(front, back, os.environ.get(ROBOT, robot))
     except ProgramGone:  # it had nothing to ask
         pass
     finally:
@@ -155,7 +158,7 @@ def serve(foreground: socket.socket, background: socket.socket) -> None:
         back.close()
 
 
-def _converse(front: Foreground, back: Background) -> None:
+def _converse(front: Foreground, back: Background, robot: str) -> None:
     try:
         hello, memory = front.greet()
     except ConfigError as error:
@@ -163,7 +166,7 @@ def _converse(front: Foreground, back: Background) -> None:
         raise
     sys.argv[0] = hello.text  # how links greet
     talk = Talk(back.call, back.signal, front.ask, front.say, front.listen)
-    back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk)
+    back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk, robot)
     front.send(Message(Op.REPLY))
     try:
         while True:

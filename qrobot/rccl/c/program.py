@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from qrobot.errors import ConfigError
-from qrobot.rccl.c.engine import serve
+from qrobot.rccl.c.engine import DEFAULT_ROBOT, serve
 
 ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
 _ELF: Final = b"\x7fELF"
@@ -25,8 +25,10 @@ def is_executable(path: Path) -> bool:
         return file.read(len(_ELF)) == _ELF
 
 
-def run_executable(path: Path, arguments: Sequence[str] = ()) -> int:
+def run_executable(path: Path, arguments: Sequence[str] = (), robot: str = DEFAULT_ROBOT) -> int:
     """Run a program made by `qrobot cc` and serve it; its exit status, 128 and the signal's number if that ended it.
+
+    Its arm is a `robot`, a packaged one's name or a file, unless the variable QROBOT_ROBOT names another.
 
     Raises:
         ConfigError: it cannot be started, or was compiled by another version.
@@ -44,7 +46,8 @@ def run_executable(path: Path, arguments: Sequence[str] = ()) -> int:
             for end in theirs:
                 end.close()
         try:
-            serve(*ours)
+            foreground, background = ours
+            serve(foreground, background, robot)
         finally:
             status = child.wait()
     return _BY_SIGNAL - status if status < 0 else status

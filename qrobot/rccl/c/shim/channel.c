@@ -6,12 +6,16 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "shim.h"
 
 #define GONE "the motion engine has gone; the bridge brings the arm to rest"
 
-#define AWAKE_NS 100000
+#define AWAKE_NS 400000        /* the engine computes between the calls of one sample */
+#define EARLY_NS 500000        /* most that we are awake before a sample, in case it is early */
+#define EARLY_SHARE 32         /* and no more than this part of the period */
+#define LONGEST_NS 110000000   /* between two samples; what takes longer is a pause */
 
 static int foreground = -1;
 static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
@@ -110,17 +114,44 @@ static long now_ns(void)
     return now.tv_sec * 1000000000L + now.tv_nsec;
 }
 
-/* Functions of one sample are called one after the other: to stay awake a moment spares all but the first a wake-up. */
-static int hear_next(int channel, struct message *m)
+/* True when something can be heard within `ns`; we sleep meanwhile. */
+static int doze(int channel, long ns)
 {
-    long until = now_ns() + AWAKE_NS;
-    do
-        if (hear(channel, m, MSG_DONTWAIT))
-            return 1;
-    while (errno == EAGAIN && now_ns() < until);
-    return hear(channel, m, 0);
+    struct pollfd wanted = {channel, POLLIN, 0};
+    struct timespec timeout = {0, ns > 0 ? ns : 0};
+    return ppoll(&wanted, 1, &timeout, NULL) > 0;
 }
 
+/* The same, and we stay awake: on a second processor, for on a single one the engine would wait for us. */
+static int look(int channel, long ns)
+{
+    static long processors = 0;
+    if (!processors)
+        processors = sysconf(_SC_NPROCESSORS_ONLN);
+    long until = now_ns() + ns;
+    while (processors > 1 && now_ns() < until)
+        if (doze(channel, 0))
+            return 1;
+    return 0;
+}
+
+/* To wake us would cost the engine more than the call itself, and in the middle of a sample. So we stay awake between
+ * the calls of one sample, and wake up by ourselves shortly before the next one is due. */
+static int hear_next(int channel, struct message *m)
+{
+    static long began = 0, period = LONGEST_NS; /* of the sample */
+    if (look(channel, AWAKE_NS))
+        return hear(channel, m, 0);
+    long early = period / EARLY_SHARE < EARLY_NS ? period / EARLY_SHARE : EARLY_NS;
+    if (period < LONGEST_NS && !doze(channel, began + period - early - now_ns()))
+        look(channel, 2 * early);
+    int heard = hear(channel, m, 0);
+    period = now_ns() - began;
+    began += period;
+    return heard;
+}
+
+/* The engine calls functions at each sample, one after the other. */
 void shim_serve(int channel)
 {
     struct message m;

@@ -19,13 +19,16 @@ from typing import Final
 
 from qrobot.errors import ConfigError
 
-HERE: Final = Path(__file__).parent
-INCLUDE: Final = HERE / "include"
-SOURCES: Final = HERE / "shim"
+HERE: Final = Path(__file__).parents[1]
+INCLUDE: Final = HERE / "rccl" / "c" / "include"
+SOURCES: Final = HERE / "rccl" / "c" / "shim"
+WIRE: Final = HERE / "wire" / "c"
+"""Of the header of the wire protocol's client."""
 LEGACY: Final = ("-std=gnu89", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
 """C as it was: implicit int, K&R definitions, variables defined in several files, arithmetic that wraps."""
 QUIET: Final = "-w"
-STRICT: Final = ("-std=gnu11", "-O2", "-g", "-Wall", "-Wextra", "-fPIC", "-pthread")
+STRICT: Final = ("-std=gnu11", "-O2", "-gdwarf-4", "-Wall", "-Wextra", "-fPIC", "-pthread")
+"""Of the library. Valgrind before 3.20 gives up at what clang writes for debuggers of today, hence DWARF 4."""
 LIBRARY: Final = "qrobot_rccl"
 _INSTRUMENTATION: Final = ("-fsanitize", "-m")
 _NO_LINKING: Final = frozenset(("-c", "-S", "-E", "-M", "-MM", "-fsyntax-only", "--version", "-dumpversion"))
@@ -46,7 +49,7 @@ def compiler() -> list[str]:
 def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
     """How legacy sources are compiled; in silence, unless `arguments` ask for warnings."""
     quiet = [] if any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments) else [QUIET]
-    return [*LEGACY, *quiet, f"-I{INCLUDE}"]
+    return [*LEGACY, *quiet, f"-I{INCLUDE}", f"-I{WIRE}"]
 
 
 def link_flags(arguments: Sequence[str] = ()) -> list[str]:

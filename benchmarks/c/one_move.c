@@ -1,0 +1,8 @@
+/* The shortest program. */
+#include "rccl.h"
+
+main()
+{
+    move(park);
+    return 0;
+}

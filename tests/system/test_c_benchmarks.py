@@ -1,0 +1,65 @@
+"""A program in C that moves on and on, and what is measured of one: nothing is judged by the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.c_moves import MEMORY_BOUND, Held, Moves, c_moves
+from benchmarks.c_programs import CALLS, bare_exchange_us, call_times_us, made
+from tests.support.c_programs import needs_compiler
+
+HELD = Held(
+    samples=100, engine_bytes=1 << 27, program_bytes=1 << 20, blocks=10**6, descriptors=(9, 5), mappings=(99, 9)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@needs_compiler
+def test_neither_program_nor_engine_holds_more_after_two_hundred_moves_than_after_one_hundred() -> None:
+    result = c_moves(200)
+    assert result.failures == []
+    assert result.held[-1].samples > 6 * 200
+    assert result.held[-1].program_bytes > 100_000
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"engine_bytes": HELD.engine_bytes + MEMORY_BOUND + 1}, "memory of the engine"),
+        ({"program_bytes": HELD.program_bytes + MEMORY_BOUND + 1}, "memory of the program"),
+        ({"blocks": HELD.blocks + 100_000}, "blocks of the engine"),
+        ({"descriptors": (9, 6)}, "descriptors"),
+        ({"mappings": (99, 10)}, "mappings of the program"),
+    ],
+)
+def test_what_grows_in_the_second_half_is_named(change: dict[str, object], named: str) -> None:
+    flat = Moves(100_000, 0, [HELD] * 20)
+    assert flat.failures == []
+    (failure,) = replace(flat, held=[*flat.held[:-1], replace(HELD, **change)]).failures  # type: ignore[arg-type]
+    assert failure.startswith(f"{named} grew by")
+    grown_before = [HELD, *[replace(HELD, **change)] * 19]  # type: ignore[arg-type]
+    assert replace(flat, held=grown_before).failures == []
+
+
+def test_a_program_that_failed_has_shown_nothing() -> None:
+    assert Moves(10, 1, [HELD] * 20).failures == ["the program ended with status 1 after 20 looks"]
+    assert Moves(10, 0, []).failures != []
+
+
+@needs_compiler
+def test_each_function_of_a_sample_is_timed(tmp_path: Path) -> None:
+    times = call_times_us(made("callbacks", tmp_path), 4)
+    assert times.shape[0] >= 4
+    assert times.shape[1] == CALLS
+    assert (times > 0.0).all()
+    assert bare_exchange_us(2) > 0.0

@@ -1,0 +1,76 @@
+"""The programs of Hayward & Paul 1986 in C under valgrind, as made by every compiler that is there."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from qrobot.rccl.c.program import run_executable
+from tests.support.c_programs import EXAMPLES, compiled, compiled_text, keyboard, needs_compiler, way_of_c
+
+FOUND = 99  # exit status
+VALGRIND = f"valgrind --quiet --leak-check=full --errors-for-leak-kinds=definite,possible --error-exitcode={FOUND}"
+SAID = {
+    "s01_four_corners": "done; corners passed 0 4 4 4 times",
+    "s02_grasp": "hand closed at ",
+    "s03_data_base": "5 locations visited",
+    "s04_stop_on_keyboard": "LOC is now",
+    "s05_follow_a_surface": "over a surface that goes up and down by 10",
+    "s07_stack_blocks": "two blocks stacked",
+}
+# Each program by each compiler and at each level of optimization; -O0 of gcc has the sanitizers in test_c_programs.
+MADE = [
+    *((name, compiler, level) for name in SAID for compiler, level in (("gcc", "-O2"), ("clang", "-O0"))),
+    *((name, "clang", "-O2") for name in ("s01_four_corners", "s05_follow_a_surface")),
+]
+
+pytestmark = [
+    needs_compiler,
+    pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind: apt install valgrind"),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def under_valgrind(program: Path) -> Path:
+    """The same, watched: what it does wrong becomes its exit status."""
+    watched = program.with_suffix(".sh")
+    watched.write_text(f'#!/bin/sh\nexec {VALGRIND} {program} "$@"\n')
+    watched.chmod(0o755)
+    return watched
+
+
+@pytest.mark.parametrize(("name", "compiler", "level"), MADE)
+def test_valgrind_finds_nothing_whoever_has_compiled_a_program(
+    name: str, compiler: str, level: str, tmp_path: Path, monkeypatch, capfd
+) -> None:
+    if not shutil.which(compiler):
+        pytest.skip(f"no {compiler}: apt install {compiler}")
+    monkeypatch.setenv("CC", compiler)
+    program = compiled(EXAMPLES / "c" / f"{name}.c", tmp_path, level, "-gdwarf-4")
+    with keyboard("\n"):
+        way_of_c(under_valgrind(program))
+    assert SAID[name] in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("mistake", "found"),
+    [
+        ("int *p = malloc(4); if (*p) printf(\"set\\n\"); free(p);", "uninitialised"),
+        ("t->p.z = ((float *) malloc(4))[1];", "Invalid read"),
+        ("malloc(40);", "definitely lost"),
+    ],
+)  # fmt: skip
+def test_valgrind_would_tell(mistake: str, found: str, tmp_path: Path, capfd) -> None:
+    text = f'#include <stdlib.h>\nmain() {{ TRSF_PTR t = newtrans("T", varb); {{ {mistake} }} t = NULL; return 0; }}'
+    program = compiled_text(text, tmp_path, "-g")
+    assert run_executable(under_valgrind(program)) == FOUND
+    assert found in capfd.readouterr().err
