@@ -12,9 +12,10 @@
 
 #define GONE "the motion engine has gone; the bridge brings the arm to rest"
 
-#define AWAKE_NS 400000        /* the engine computes between the calls of one sample */
+#define AWAKE_NS 200000        /* the engine computes between the calls of one sample */
 #define EARLY_NS 500000        /* most that we are awake before a sample, in case it is early */
 #define EARLY_SHARE 32         /* and no more than this part of the period */
+#define SAME_SHARE 4           /* what comes within this part of the period belongs to the same sample */
 #define LONGEST_NS 110000000   /* between two samples; what takes longer is a pause */
 
 static int foreground = -1;
@@ -139,15 +140,18 @@ static int look(int channel, long ns)
  * the calls of one sample, and wake up by ourselves shortly before the next one is due. */
 static int hear_next(int channel, struct message *m)
 {
-    static long began = 0, period = LONGEST_NS; /* of the sample */
+    static long began = 0, period = LONGEST_NS; /* of the newest sample */
     if (look(channel, AWAKE_NS))
         return hear(channel, m, 0);
     long early = period / EARLY_SHARE < EARLY_NS ? period / EARLY_SHARE : EARLY_NS;
     if (period < LONGEST_NS && !doze(channel, began + period - early - now_ns()))
         look(channel, 2 * early);
     int heard = hear(channel, m, 0);
-    period = now_ns() - began;
-    began += period;
+    long since = now_ns() - began;
+    if (since > period / SAME_SHARE) {
+        period = since < LONGEST_NS ? since : LONGEST_NS;
+        began += since;
+    }
     return heard;
 }
 
