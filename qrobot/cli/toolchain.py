@@ -27,6 +27,14 @@ WIRE: Final = HERE / "wire" / "c"
 LEGACY: Final = ("-std=gnu89", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
 """C as it was: implicit int, K&R definitions, variables defined in several files, arithmetic that wraps."""
 QUIET: Final = "-w"
+TOLERATED: Final = (
+    "return-type",
+    "return-mismatch",
+    "int-conversion",
+    "incompatible-pointer-types",
+    "incompatible-function-pointer-types",
+)
+"""What clang takes for errors even in C as it was, where gcc warns (clang 19; gcc 14 with -std=gnu89)."""
 STRICT: Final = ("-std=gnu11", "-O2", "-gdwarf-4", "-Wall", "-Wextra", "-fPIC", "-pthread")
 """Of the library. Valgrind before 3.20 gives up at what clang writes for debuggers of today, hence DWARF 4."""
 LIBRARY: Final = "qrobot_rccl"
@@ -48,8 +56,20 @@ def compiler() -> list[str]:
 
 def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
     """How legacy sources are compiled; in silence, unless `arguments` ask for warnings."""
-    quiet = [] if any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments) else [QUIET]
-    return [*LEGACY, *quiet, f"-I{INCLUDE}", f"-I{WIRE}"]
+    asked = any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments)
+    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), f"-I{INCLUDE}", f"-I{WIRE}"]
+
+
+def _unsaid() -> list[str]:
+    """Nothing is said; every compiler takes a -Wno- that it does not know."""
+    return [QUIET, *(f"-Wno-{name}" for name in TOLERATED)]
+
+
+def _as_warnings() -> list[str]:
+    """What is said is no error; gcc, which does not take unknown names here, needs to be told nothing."""
+    if "clang" not in _answer_of([*compiler(), "--version"]):
+        return []
+    return ["-Wno-unknown-warning-option", *(f"-Wno-error={name}" for name in TOLERATED)]
 
 
 def link_flags(arguments: Sequence[str] = ()) -> list[str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -91,6 +93,35 @@ def test_a_program_in_an_endless_loop_is_ended_by_a_signal_and_says_its_mess(
 
 
 @needs_compiler
+@pytest.mark.parametrize("signals", [1, 2])
+def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_twice(
+    signals: int, run: Run, robot: FakeRobot
+) -> None:
+    ended_before = False
+
+    def watch(seq: int) -> None:
+        nonlocal ended_before
+        time.sleep(0.01 if robot.path and robot.path[-1][0] > PARK[0] + 0.1 else 0.0)  # an arm that takes its time
+        if robot.mode is RobotMode.TRACKING and os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):
+            ended_before = True
+
+    robot.before_period = watch
+    text = """
+    #include <signal.h>
+    #include <unistd.h>
+    main() {
+        int parent = getpid(), left = %d;
+        %s
+        if (!fork()) { while (left--) { kill(parent, SIGINT); usleep(20000); } _exit(0); }
+        for (;;) pause();
+    }
+    """
+    assert run(text % (signals, MOVING)) == 130
+    assert ended_before == (signals == 2)
+    assert at_rest(robot)
+
+
+@needs_compiler
 def test_a_program_keeps_its_own_handler_of_a_signal(run: Run, robot, capfd) -> None:
     text = """
     #include <signal.h>
@@ -112,7 +143,9 @@ def test_a_program_keeps_its_own_handler_of_a_signal(run: Run, robot, capfd) -> 
         ('distance("dz", 1., 2.);', "one value each"),
         ('distance("up", 1.);', "dx dy dz"),
         ("setmode('x');", "mode 'x' is neither"),
-        ("move((POS_PTR) &how);", "this is no position"),
+        ("move((POS_PTR) &how);", "move: this is no position"),
+        ("move(NULL);", "move: this is no position"),
+        ('TRSF_PTR t = newtrans("T", varb); freetrans(t); freetrans(t);', "freetrans: this is no transform"),
         ("sample(700.);", "1 to 100"),
         ("nextmove = -4; stop(0.);", "the code must be positive"),
         ('saver(newtrans("T", varb));', "name its file with makedb"),

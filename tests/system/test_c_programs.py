@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import sys
 from pathlib import Path
 
@@ -98,6 +99,35 @@ def test_the_robot_of_the_deployment_file_is_that_of_a_program_in_c(tmp_path: Pa
     assert {path.name for path in out.iterdir()} == {
         "requests.txt", "requests.jsonl", "setpoints.csv", "joints.png", "path.png"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("warnings", [(), ("-Wall",)])
+def test_what_compilers_of_today_call_errors_is_c_as_it_was(compiler: str, warnings, tmp_path, monkeypatch) -> None:
+    if not shutil.which(compiler):
+        pytest.skip(f"no {compiler}: apt install {compiler}")
+    monkeypatch.setenv("CC", compiler)
+    text = """
+    #include <signal.h>
+    extern char *malloc();
+    static count;
+    float half(x) float x; { return x / 2; }
+    interrupted(n, code) { if (n) return; count = code; }
+    int *somewhere;
+    double (*f)() = half;
+    main(argc, argv)
+    char *argv[];
+    {
+        register i;
+        signal(SIGUSR1, interrupted);
+        somewhere = 0x1000;
+        i = somewhere;
+        later(3, 4.5);
+        return i == 0x1000 && count == 7 ? 3 : 4;
+    }
+    later(a, b) double b; { count = a + b; }
+    """
+    assert run_executable(compiled_text(text, tmp_path, *warnings)) == 3
 
 
 def test_two_sources_with_common_variables_and_old_definitions_are_one_program(tmp_path: Path, capfd) -> None:

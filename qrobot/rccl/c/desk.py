@@ -56,6 +56,10 @@ class Talk:
     listen: Callable[[], None]
 
 
+class UnknownError(MotionError):
+    """What a call was given is nothing that we know."""
+
+
 class Desk:
     """Knows the transforms and positions of one program, and its arm.
 
@@ -103,7 +107,10 @@ class Desk:
             raise MotionError("a function that is called at a sample must not wait, nor take or release the arm")
         if not background:
             self._look_at_flags()
-        answer = _CALLS[op](self, message)
+        try:
+            answer = _CALLS[op](self, message)
+        except UnknownError as error:
+            raise MotionError(f"{op.name.lower()}: {error}") from error
         self._variables.show_queue(self._arm)
         return answer or Message(Op.REPLY)
 
@@ -211,7 +218,7 @@ class Desk:
 
     def _transform(self, place: int) -> SharedTransform:
         if place not in self._transforms:
-            raise MotionError("this is no transform of newtrans or the gentr_ functions, or it was freed")
+            raise UnknownError("this is no transform of newtrans or the gentr_ functions, or it was freed")
         return self._transforms[place]
 
     # -------------------------------------------------------------------------------------------------- positions
@@ -252,7 +259,7 @@ class Desk:
         if place == self._park and self._arm is None:
             self._arm = self._take_arm()  # where its park pose is, the robot knows
         if place not in self._positions:
-            raise MotionError("this is no position of makeposition, or it was freed")
+            raise UnknownError("this is no position of makeposition or jposition, or it was freed")
         return self._positions[place]
 
     # ---------------------------------------------------------------------------------------------------- motions
