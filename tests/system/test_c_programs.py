@@ -13,7 +13,9 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.rccl.c.program import run_executable
+from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import read_setpoints
+from qrobot.wire import Command
 from tests.support.c_programs import (
     EXAMPLES,
     compiled,
@@ -136,3 +138,31 @@ def test_two_sources_with_common_variables_and_old_definitions_are_one_program(t
     program = compiled_text(text, tmp_path, str(tmp_path / "other.c"))
     assert run_executable(program) in (0, 2)  # of old, a main without a return returned anything
     assert capfd.readouterr().out == "5\n"
+
+
+@pytest.mark.parametrize("functions", [False, True])
+def test_hand_and_outputs_are_the_programs_at_any_time(functions: bool, tmp_path: Path, capfd, monkeypatch) -> None:
+    text = """
+    int samples;
+    blink() { ++samples; if (samples == 13) chg.outputs = 8; if (samples == 17) OPEN }
+    show() { suspendfg(); suspendfg(); printf("%d %d, ", how.hand, chg.outputs); }
+    main(argc) {
+        chg.hand = 1;
+        if (argc > 1) control(blink); else control();
+        chg.outputs = 1;        show();
+        CLOSE                   show();
+        chg.hand = 1; CLOSE     show();
+        CLOSE; chg.hand = 1;    show();
+        chg.outputs = 4;        show();
+        chg.hand = 2;           while (samples && samples < 20) suspendfg(); show();
+        chg.outputs = 2; release();
+    }
+    """
+    commands: list[Command | None] = []
+    exchange = OfflineLink.exchange
+    monkeypatch.setattr(OfflineLink, "exchange", lambda link, told: (commands.append(told), exchange(link, told))[1])
+    program = compiled_text(text, tmp_path)
+    offline(lambda: run_executable(program, ("functions",) * functions))
+    assert capfd.readouterr().out == f"1 1, 2 1, 2 1, 1 1, 1 4, {'1 8' if functions else '2 4'}, "
+    assert commands[-1] is not None
+    assert (commands[-1].hand, commands[-1].outputs) == (1 if functions else 2, 2)

@@ -93,7 +93,7 @@ class Desk:
         arm = program.control(self._robot)
         self._positions[self._park] = self._position(self._park, "park", arm.pose("park").target)
         self._variables.show(arm)
-        self._variables.show_outputs(arm)
+        self._variables.begin_outputs(arm)
         arm.each_sample(self._each_sample)
         return arm
 
@@ -123,12 +123,13 @@ class Desk:
             return
         self._variables.show(arm)
         self._variables.show_queue(arm)
+        self._variables.take_outputs(arm)
         if self._functions:
             self._variables.show_command(arm)
             for function in self._functions:
                 self._talk.call(Op.CALL_FUNCTION, function)
             self._variables.take_command(arm)
-        self._variables.take_outputs(arm)
+            self._variables.take_outputs(arm)
         if self._variables.terminate:
             arm.stop()
         elif code := self._nextmove():
@@ -172,6 +173,8 @@ class Desk:
 
     def let_go(self) -> None:
         """Bring the arm to rest and release it, if there is one. Raises what ended control of it before."""
+        if self._arm is not None:
+            self._variables.take_outputs(self._arm)
         self._leaving = True
         try:
             program.release()
@@ -293,7 +296,10 @@ class Desk:
 
     def hand(self, message: Message) -> Answer:
         """Open or close it."""
-        (self.arm.OPEN if message.text == "open" else self.arm.CLOSE)()
+        arm, take_outputs = self.arm, self._variables.take_outputs
+        take_outputs(arm)  # a hand that was assigned before counts before
+        (arm.OPEN if message.text == "open" else arm.CLOSE)()
+        take_outputs(arm)
         return None
 
     def next_sample(self, message: Message) -> Answer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Final
 
@@ -37,6 +38,8 @@ class Variables:
         self.adc_channel = 0
         self._shown_ns = -1
         self._arm: Arm | None = None
+        self._hand = 0  # of the program and of the command when they were compared last
+        self._comparing = threading.Lock()
 
     def show(self, channel: Channel) -> None:
         """The state of the arm, once for each sample."""
@@ -62,24 +65,30 @@ class Variables:
         self._nbrequest[0] = 0 if channel is None else channel.nbrequest
 
     def show_command(self, channel: Channel) -> None:
-        """What the next command says, for functions that change it."""
+        """What the next command says of the joints, for functions that change it."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
-        shown["hand"] = chg.hand
         shown["modes"][:n], shown["setpoints"][:n] = chg.modes, chg.setpoints
 
     def take_command(self, channel: Channel) -> None:
         """What they have made of it."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
-        chg.hand = int(shown["hand"])
         chg.modes, chg.setpoints = tuple(shown["modes"][:n].tolist()), tuple(shown["setpoints"][:n].tolist())
 
-    def show_outputs(self, channel: Channel) -> None:
-        """The outputs that the arm was taken with, beside those that the program has set already."""
+    def begin_outputs(self, channel: Channel) -> None:
+        """The outputs that the arm was taken with, beside those that the program has set already; and its hand."""
         self._chg["outputs"] |= channel.chg.outputs
+        self._hand = channel.chg.hand
 
     def take_outputs(self, channel: Channel) -> None:
-        """What the program wants of the outputs: it may say so anywhere, and nobody else does."""
+        """What the program wants of outputs and hand: it may say so anywhere. Of the hand OPEN and CLOSE do too."""
         channel.chg.outputs = int(self._chg["outputs"]) & WORD
+        with self._comparing:
+            asked = int(self._chg["hand"])
+            if asked != self._hand:
+                channel.chg.hand = asked
+            elif asked != channel.chg.hand:
+                self._chg["hand"] = channel.chg.hand
+            self._hand = channel.chg.hand
 
     def take_nextmove(self) -> int:
         """What the program has put into `nextmove`, which is 0 then."""
