@@ -149,7 +149,7 @@ def test_hand_and_outputs_are_the_programs_at_any_time(functions: bool, tmp_path
     main(argc) {
         chg.hand = 1;
         if (argc > 1) control(blink); else control();
-        chg.outputs = 1;        show();
+        chg.outputs = ~0;       show();
         CLOSE                   show();
         chg.hand = 1; CLOSE     show();
         CLOSE; chg.hand = 1;    show();
@@ -163,6 +163,6 @@ def test_hand_and_outputs_are_the_programs_at_any_time(functions: bool, tmp_path
     monkeypatch.setattr(OfflineLink, "exchange", lambda link, told: (commands.append(told), exchange(link, told))[1])
     program = compiled_text(text, tmp_path)
     offline(lambda: run_executable(program, ("functions",) * functions))
-    assert capfd.readouterr().out == f"1 1, 2 1, 2 1, 1 1, 1 4, {'1 8' if functions else '2 4'}, "
+    assert capfd.readouterr().out == f"1 -1, 2 -1, 2 -1, 1 -1, 1 4, {'1 8' if functions else '2 4'}, "
     assert commands[-1] is not None
     assert (commands[-1].hand, commands[-1].outputs) == (1 if functions else 2, 2)

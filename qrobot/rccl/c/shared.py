@@ -28,7 +28,7 @@ Reals: TypeAlias = npt.NDArray[np.float32]
 _FIELDS: Final = 12  # n, o, a, p
 _COLUMNS: Final = 4
 HOW: Final = np.dtype(
-    [("n", "i4"), ("mode", "i4"), ("flags", "i4"), ("inputs", "i4"), ("hand", "i4"), ("outputs", "i4"), ("adcr", "i4")]
+    [("n", "i4"), ("mode", "i4"), ("flags", "i4"), ("inputs", "u4"), ("hand", "i4"), ("outputs", "u4"), ("adcr", "i4")]
     + [("time", "f8")]
     + [(name, "f8", (MAX_JOINTS,)) for name in ("q", "v", "tau", "q_setpoint")]
     + [("force", "f8", (6,))],
@@ -36,7 +36,7 @@ HOW: Final = np.dtype(
 )
 """`struct rccl_how` of rccl.h."""
 CHG: Final = np.dtype(
-    [("hand", "i4"), ("outputs", "i4"), ("modes", "i4", (MAX_JOINTS,)), ("setpoints", "f8", (MAX_JOINTS,))]
+    [("hand", "i4"), ("outputs", "u4"), ("modes", "i4", (MAX_JOINTS,)), ("setpoints", "f8", (MAX_JOINTS,))]
 )
 """`struct rccl_chg` of rccl.h."""
 

@@ -14,7 +14,6 @@ from qrobot.rccl.c.shared import CHG, HOW, SharedMemory, SharedTransform
 from qrobot.rccl.channel import Channel
 
 MILLI: Final = 1e3
-WORD: Final = 0xFFFFFFFF  # an int of C with its sign bit as one of the wire's 32
 
 
 class Variables:
@@ -81,7 +80,7 @@ class Variables:
 
     def take_outputs(self, channel: Channel) -> None:
         """What the program wants of outputs and hand: it may say so anywhere. Of the hand OPEN and CLOSE do too."""
-        channel.chg.outputs = int(self._chg["outputs"]) & WORD
+        channel.chg.outputs = int(self._chg["outputs"])
         with self._comparing:
             asked = int(self._chg["hand"])
             if asked != self._hand:
