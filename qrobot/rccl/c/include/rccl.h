@@ -30,7 +30,7 @@ typedef struct transform {
     VECT n, o, a, p; /* three axes, and a position in mm */
 } TRSF, *TRSF_PTR;
 
-/* The kinds of newtrans: what is none of them is a function. */
+/* The kinds of newtrans: what is none of them is a function. What the gentr_ functions make is const. */
 #define rccl_const ((int (*)()) 1)
 #define varb ((int (*)()) 2)
 #define hold ((int (*)()) 3)
@@ -76,7 +76,7 @@ void printr(TRSF_PTR t, FILE *file);
 
 typedef struct position {
     char *name;
-    volatile int code;   /* why the latest motion to it ended: -1 at its goal, or the number given to nextmove */
+    volatile int code;   /* why the latest motion to it ended: -1 at its goal, or the number given to nextmove; 0 under way */
     volatile float scal; /* 0 to 1 during the motion */
     volatile event end;  /* signalled at the end of each motion */
 } POS, *POS_PTR;
@@ -153,20 +153,21 @@ void dumpdb(void);
 /* The robot at the newest sample: rad, rad/s, N m (m, m/s, N on a sliding joint). */
 struct rccl_how {
     int n;           /* joints */
-    int mode;        /* of the servo: 0 off, see docs/reference/modes.md */
-    int flags;       /* 1 powered, 2 calibrated, 4 emergency stop not pressed */
+    int mode;        /* of the servo: 0 off, 4 holding, 5 tracking, 7 fault; all in docs/reference/wire-protocol.md */
+    int flags;       /* 1 powered, 2 calibrated, 4 emergency stop not pressed, 16 at rest */
     int inputs;      /* bits */
-    int hand;        /* 1 open, 2 closed */
+    int hand;        /* 0 relaxed, 1 open, 2 closed */
     int outputs;     /* bits, output 1 is bit 0: those that are on */
     int adcr;        /* the reading that adcopen chose, thousandths of N or N m */
     double time;     /* ms since control */
     double q[RCCL_JOINTS], v[RCCL_JOINTS], tau[RCCL_JOINTS], q_setpoint[RCCL_JOINTS];
-    double force[6]; /* wrist sensor, N and N m */
+    double force[6]; /* wrist sensor, N and N m; 0 without one */
 };
 
-/* What the next command says. The joints are those of the motions, unless a function given to control changes them. */
+/* What the next command says. Hand and outputs are the program's at any time; the joints are those of the motions, anew at
+ * each sample, unless a function given to control changes them then. */
 struct rccl_chg {
-    int hand;    /* 1 open, 2 closed */
+    int hand;    /* 0 relaxed, 1 open, 2 closed */
     int outputs; /* bits, output 1 is bit 0: those that are to be on */
     int modes[RCCL_JOINTS]; /* 0 hold, 1 position, 2 torque */
     double setpoints[RCCL_JOINTS];
@@ -174,7 +175,7 @@ struct rccl_chg {
 
 extern volatile struct rccl_how how;
 extern volatile struct rccl_chg chg;
-extern volatile int terminate; /* not 0: the arm comes to rest and the program ends */
+extern volatile int terminate; /* not 0: the arm comes to rest and the program ends, with status 1 */
 extern char *mess;             /* printed at the end */
 
 /* Both may be left out: fn1 and fn2 are called at every sample, and may change chg. */
@@ -184,7 +185,7 @@ extern char *mess;             /* printed at the end */
 int rccl_control(int (**functions)());
 void rccl_release(char **said);
 void adcopen(int channel);
-void enctoang(real *angles, int *counts);
+void enctoang(real *angles, int *counts); /* the first argument is the result */
 void angtoenc(int *counts, real *angles);
 
 #endif
