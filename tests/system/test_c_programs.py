@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.config.scene import Scene
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import read_setpoints
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Command
 from tests.support.c_programs import (
     EXAMPLES,
@@ -26,6 +33,7 @@ from tests.support.c_programs import (
     way_of_c,
     way_of_python,
 )
+from tests.support.puma import ROBOT
 
 pytestmark = needs_compiler
 
@@ -138,6 +146,28 @@ def test_two_sources_with_common_variables_and_old_definitions_are_one_program(t
     program = compiled_text(text, tmp_path, str(tmp_path / "other.c"))
     assert run_executable(program) in (0, 2)  # of old, a main without a return returned anything
     assert capfd.readouterr().out == "5\n"
+
+
+def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_its_parts_s09(
+    tmp_path: Path, capfd, monkeypatch
+) -> None:
+    monkeypatch.setenv("CELL_DB", str(tmp_path / "cell.db"))
+    program = compiled(EXAMPLES / "c" / "s09_assembly_cell.c", tmp_path, "-O2", "-lm")
+    scene = Scene(kind="peg")
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, scene=scene))
+    lesson = "joint 6 5\nq\nworld dx -150 dy 120 dz -50\nrecord\nq\ny\n"
+    with rccl.use(partial(link_factory, rig, 28_000)), keyboard(lesson):
+        assert run_executable(program) == 0
+    said = capfd.readouterr().out
+    assert re.findall(r"part \d: ended with (\d)", said) == ["7", "7"]
+    mouth, clearance = 1e3 * np.array(scene.position_m), 1e3 * scene.clearance_m
+    assert float(re.findall(r"plate found at z = (\S+)", said)[0]) == pytest.approx(mouth[2], abs=1.0)
+    tip = np.array([float(row.split()[-1]) for row in said.partition("A:\n")[2].splitlines()[:3]])
+    assert np.hypot(*(tip - mouth)[:2]) < clearance + 0.5  # the program begins 3 and 2 mm beside it
+    assert tip[2] == pytest.approx(mouth[2] - 15.0, abs=1.0)
+    assert said.count("\nfitted: ") == 2
+    assert "stopped with -2\ndone: mode 5, hand 1, inputs 1, waist " in said
+    assert {"PALLET", "PLATE"} <= set((tmp_path / "cell.db").read_text().split())
 
 
 @pytest.mark.parametrize("functions", [False, True])
