@@ -22,7 +22,7 @@
 #define SEEN 7        /* our own code: the light barrier */
 #define ESTOP 4       /* in how.flags: not pressed */
 
-TRSF_PTR world, e, e2, pallet, slot, plate, side, hole, where, gauge, belt, tray;
+TRSF_PTR world, e, e2, pallet, slot, plate, side, hole, where, gauge, line, belt, tray;
 POS_PTR pick, grip, touch, insert, out, inspect, deliver, safe;
 real level;                /* of the light barrier: z of T6 */
 volatile bool fitting = NO;
@@ -30,7 +30,7 @@ volatile event seen;       /* our own: the light barrier, signalled by a functio
 int samples;
 double started, torque;    /* of the belt, ms; the largest torque on the waist, N m */
 
-belt_moves(t)              /* the belt: 40 mm/s along y of the base */
+belt_moves(t)              /* the belt: 40 mm/s along y of its line */
 TRSF_PTR t;
 {
     t->p.y = .040 * (how.time - started);
@@ -90,7 +90,8 @@ model()                    /* the cell as transforms and equations */
     where = newtrans("WHERE", varb);
     gauge = newtrans("GAUGE", hold);
     belt = newtrans("BELT", belt_moves);
-    tray = gentr_eul("TRAY", 450., -200., -150., 0., 180., 0.);
+    line = gentr_rpy("LINE", 450., -200., -150., 0., 0., 0.);       /* where the belt begins */
+    tray = gentr_eul("TRAY", 0., 0., 0., 0., 180., 0.);
 
     pick = makeposition("PICK", world, t6, e, EQ, pallet, slot, TL, e);
     grip = makeposition("GRIP", world, t6, e, EQ, pallet, slot, TL, e);     /* pick keeps its code meanwhile */
@@ -98,7 +99,7 @@ model()                    /* the cell as transforms and equations */
     insert = makeposition("INSERT", world, t6, e, EQ, plate, hole, TL, e);
     out = makeposition("OUT", world, t6, e, EQ, plate, where, TL, e);
     inspect = makeposition("INSPECT", world, t6, e, EQ, plate, gauge, TL, e);
-    deliver = makeposition("DELIVER", world, t6, e2, EQ, belt, tray, TL, e2);
+    deliver = makeposition("DELIVER", world, t6, e2, EQ, line, belt, tray, TL, e2);
     safe = jposition("SAFE", 10., -50., 175., 0., 55., 20.);
 }
 
