@@ -295,7 +295,9 @@ def _show_plan(robot: Robot, made: Plan | Excitation) -> None:
         ]
         table.add_row(str(number), move.name, *cells)
     out.print(table)
-    out.print(f"{made.seconds:.0f} s; condition of the parameters of {_told_of(made)} {made.condition:.1f}")
+    out.print(
+        f"takes {made.seconds / 60.0:.1f} minutes; condition of the parameters of {_told_of(made)} {made.condition:.1f}"
+    )
 
 
 def _people_scale(robot: Robot) -> list[float]:

@@ -1,43 +1,82 @@
-"""Whether an arm, led through joint space, stays clear of the floor and of its own column, as far as its file tells.
+"""Whether an arm, led through joint space, stays clear of the floor, of its column and of itself.
 
-Only the last frame and the flange are looked at: a robot file knows no surfaces. What stands around the arm is for
-whoever starts the plan to keep away.
+As far as its file tells: bodies are lines (`skeleton`) with a thickness that is assumed. The hand, with room for a
+tool, keeps farther away than the others. What stands around the arm is for whoever starts the plan to keep away.
 """
 
 from __future__ import annotations
 
+from itertools import combinations, pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
-from qrobot.model.arm import Arm
+from qrobot.ident.skeleton import HAND_M, Skeleton
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-FLOOR: Final = 0.25  # m that wrist and flange stay above the floor: room for a tool
+FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
 COLUMN: Final = 0.30  # m from the first axis that they keep below the shoulder
+APART: Final = 0.16  # m between the lines of two bodies: either is as thick as a forearm [A]
+NEIGHBOURS: Final = 0.2  # m along the arm: bodies nearer to each other always are
 _STEP: Final = 0.1  # rad or m of the joint that moves most, between two looks
 
 
 class Clearance:
-    """Looks at poses and straight ways of one robot."""
+    """Looks at poses and ways of one robot."""
 
     def __init__(self, robot: Robot) -> None:
-        self._arm, self._geometry = Arm(robot), robot.geometry
+        self._geometry, self._skeleton = robot.geometry, Skeleton(robot)
+        lengths = self._skeleton.lengths
+        long = np.flatnonzero(lengths).tolist()
+        self._pairs = [(j, k) for j, k in combinations(long, 2) if lengths[j + 1 : k].sum() > NEIGHBOURS]
+
+    def of_poses(self, q: Floats) -> Bools:
+        """Which of the positions (m, n) are clear. Shape (m,)."""
+        lines = self._skeleton.lines(q)
+        clear = self._hand(lines[-1]) & self._above_floor(lines[2:])
+        for j, k in self._pairs:
+            clear[clear] = _distance(lines[j][clear], lines[k][clear]) >= APART
+        return clear
 
     def of_pose(self, q: Floats) -> bool:
-        """Wrist and flange are clear at `q` (n,)."""
-        T = self._arm.forward(np.ascontiguousarray(q))
-        wrist = T[:3, 3]
-        return all(map(self._of_point, (wrist, wrist + self._geometry.flange_m * T[:3, 2])))
+        """Whether `q` (n,) is clear."""
+        return bool(self.of_poses(q[None])[0])
 
     def of_way(self, begin: Floats, end: Floats) -> bool:
-        """They are so all along a straight way between two joint positions (n,)."""
-        looks = 1 + int(np.ceil(np.abs(end - begin).max() / _STEP))
-        return all(self.of_pose(begin + share * (end - begin)) for share in np.linspace(0.0, 1.0, looks + 1))
+        """Whether all of a straight way between two joint positions (n,) is."""
+        return self.of_path(np.stack([begin, end]))
 
-    def _of_point(self, at: Floats) -> bool:
-        above_floor = at[2] + self._geometry.base_height_m >= FLOOR
-        return bool(above_floor and (at[2] >= 0.0 or np.hypot(at[0], at[1]) >= COLUMN))
+    def of_path(self, q: Floats) -> bool:
+        """Whether all of the straight ways from each of the positions (m, n) to the next are."""
+        looks = np.concatenate([_between(*both) for both in pairwise(q)])
+        return bool(self.of_poses(q).all() and self.of_poses(looks).all())
+
+    def _hand(self, hand: Floats) -> Bools:
+        """Wrist and flange are above the floor, and outside the column where they are below the shoulder."""
+        wrist, end = hand[:, 0], hand[:, -1]
+        flange = wrist + self._geometry.flange_m / (self._geometry.flange_m + HAND_M) * (end - wrist)
+        points = np.stack([wrist, flange], axis=1)
+        above_floor = points[..., 2] + self._geometry.base_height_m >= FLOOR
+        outside = (points[..., 2] >= 0.0) | (np.hypot(points[..., 0], points[..., 1]) >= COLUMN)
+        return np.asarray((above_floor & outside).all(axis=1))
+
+    def _above_floor(self, bodies: list[Floats]) -> Bools:
+        """None of these bodies, which do not stand on it, is nearer to the floor than it is thick."""
+        lowest = np.concatenate([body[..., 2] for body in bodies], axis=1).min(axis=1)
+        return np.asarray(lowest + self._geometry.base_height_m >= 0.5 * APART)
+
+
+def _between(begin: Floats, end: Floats) -> Floats:
+    """Looks at a straight way, both ends included. Shape (looks, n)."""
+    looks = 1 + int(np.ceil(np.abs(end - begin).max() / _STEP))
+    return np.asarray(begin + np.linspace(0.0, 1.0, looks + 1)[:, None] * (end - begin))
+
+
+def _distance(first: Floats, second: Floats) -> Floats:
+    """Shortest between points (m, k, 3) and points (m, l, 3). Shape (m,)."""
+    squares = (first**2).sum(axis=2)[:, :, None] + (second**2).sum(axis=2)[:, None] - 2.0 * first @ second.mT
+    return np.asarray(np.sqrt(np.maximum(squares.min(axis=(1, 2)), 0.0)))

@@ -1,8 +1,9 @@
 """What the arm shall do to show its inertia: a few runs of Fourier motion, chosen for what they tell.
 
-Of many random runs within range, speed, acceleration and torque, clear of floor and column, those are chosen that
-together have the largest determinant of information of all base parameters (D-optimal, by exchange as the poses of
-`plan`). Then each is changed a little at random for as long as that tells more. The same seed gives the same runs.
+Of many random runs within range, speed, acceleration and torque, clear of the floor and of the arm itself, those are
+chosen that together have the largest determinant of information of all base parameters (D-optimal, by exchange as the
+poses of `plan`). Then each is changed a little at random for as long as that tells more. The same seed gives the same
+runs.
 """
 
 from __future__ import annotations
@@ -104,14 +105,16 @@ def make_excitation(
         seed: of the random runs to choose from.
 
     Raises:
-        IdentificationError: fewer runs are asked for than can be judged, or too few are clear of floor and column.
+        IdentificationError: fewer runs are asked for than can be judged, or too few are clear of floor and arm.
     """
     if runs < FEWEST:
         raise IdentificationError(f"{runs} runs are too few: at least {FEWEST}, of which one is held back")
     search = _Search(robot, regressor, base, np.random.default_rng(seed))
     candidates = list(search.candidates())
     if len(candidates) < runs:
-        raise IdentificationError(f"{len(candidates)} random runs are clear of floor and column, {runs} are asked for")
+        raise IdentificationError(
+            f"{len(candidates)} random runs are clear of the floor and of the arm itself, {runs} are asked for"
+        )
     columns = np.array([search.columns(motion) for motion in candidates])
     lengths = np.linalg.norm(columns, axis=(0, 1))
     chosen = [candidates[i] for i in choose_informative(columns / lengths, runs)]
@@ -197,7 +200,7 @@ class _Search:
         states, clearance = _states(motion), Clearance(self.robot)
         torque = np.abs(expected_torque(self.robot, self.regressor, states))
         light = bool((torque <= TORQUE_SHARE * self.robot.guard.tau_max).all())
-        return light and all(clearance.of_way(here, there) for here, there in pairwise(states.q))
+        return light and clearance.of_path(states.q)
 
 
 def expected_torque(robot: Robot, regressor: Regressor, states: States) -> Floats:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -112,7 +112,7 @@ def make_plan(
         slow: sweep each joint slowly too, for Stribeck's friction.
 
     Raises:
-        IdentificationError: too few poses are clear of floor and column, or fewer are asked for than tell everything.
+        IdentificationError: too few poses are clear of floor and arm, or fewer are asked for than tell everything.
     """
     clearance = Clearance(robot)
     half = 0.5 * SWING_SPEED * robot.limits.v_max * _seconds(robot, SWING_SPEED)
@@ -173,8 +173,8 @@ def _candidates(robot: Robot, regressor: Regressor, clearance: Clearance, half: 
     load = weight + np.maximum(friction.coulomb_pos, friction.coulomb_neg)
     light = draws[(load <= TORQUE_SHARE * robot.guard.tau_max).all(axis=1)]
     ready = robot.poses[READY]
-    clear = [q for q in light if clearance.of_way(q - half, q + half) and clearance.of_way(ready, q - half)]
-    return np.array(clear[:_CANDIDATES]).reshape(-1, robot.n)
+    clear = (q for q in light if clearance.of_path(np.stack([ready, q - half, q + half])))
+    return np.array(list(islice(clear, _CANDIDATES))).reshape(-1, robot.n)
 
 
 def _range(robot: Robot, half: Floats) -> tuple[Floats, Floats]:
@@ -211,7 +211,9 @@ def _sweeps(robot: Robot, clearance: Clearance, centres: list[Floats], speeds: t
             inside = (np.clip(centre, *_range(robot, half)) for centre in centres)
             clear = (centre for centre in inside if clearance.of_way(centre - half, centre + half))
             if (centre := next(clear, None)) is None:
-                raise IdentificationError(f"sweeping {name} comes too near to floor or column wherever it is tried")
+                raise IdentificationError(
+                    f"sweeping {name} comes too near to the floor or to the arm itself wherever it is tried"
+                )
             yield _swing(robot, f"{name} at {100 * share:.0f} %", centre, half, share)
 
 
