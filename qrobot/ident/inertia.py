@@ -177,7 +177,7 @@ def _error(steady: Identified, rows: MotionRows, beta: Floats, friction: Floats)
 
 def _sticks(steady: Identified, rows: MotionRows) -> Floats:
     """What of the torque is Stribeck's, as steady passes tell it. Shape (m,)."""
-    return steady.unknowns.sticks(rows.motor, rows.rate, steady.unknowns.remainder(steady.fit.values))
+    return steady.unknowns.sticks(rows.motor, rows.rate, steady.unknowns.parts(steady.fit.values).remainder)
 
 
 def _descriptions(robot: Robot, regressor: Regressor, base: BaseParameters) -> Iterator[Description]:

@@ -12,7 +12,6 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_parameters
 from qrobot.ident.fit import Fit
-from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.scale import fit_scaled, heaviest_motor
@@ -22,6 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CLEARLY: Final = 2.0  # half widths of its interval from nothing
+DRIFTS: Final = 0.03  # of friction over a recording: less is not worth a word
 HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
 
 
@@ -82,23 +82,35 @@ class Identified:
     @property
     def friction(self) -> Floats:
         """Viscous, Coulomb of positive and of negative motion, by motor, as commanded torque. Shape (n, 3)."""
-        first = self.unknowns.n_weights
-        return self.fit.values[first : first + self.unknowns.n_friction].reshape(self.robot.n, len(FRICTION_NAMES))
+        return self.unknowns.parts(self.fit.values).friction
 
     @property
     def sticking(self) -> tuple[str, ...]:
         """Motors whose friction clearly falls with speed, which no law compensates."""
-        remainder, half_width = map(self.unknowns.remainder, (self.fit.values, self.fit.half_width))
-        clearly = (remainder > CLEARLY * half_width).any(axis=1)
+        found, half_width = map(self.unknowns.parts, (self.fit.values, self.fit.half_width))
+        clearly = (found.remainder > CLEARLY * half_width.remainder).any(axis=1)
         return tuple(np.array(self.robot.joint_names)[clearly].tolist())
+
+    @property
+    def drifting(self) -> dict[str, float]:
+        """Motors whose friction clearly changed during the recording, and the share by which it rose."""
+        drift, half_width = (self.unknowns.parts(each).drift for each in (self.fit.values, self.fit.half_width))
+        clearly = np.abs(drift) > np.maximum(CLEARLY * half_width, DRIFTS)
+        return {self.robot.joint_names[motor]: float(drift[motor]) for motor in np.flatnonzero(clearly)}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What whoever uses the result should know of it."""
-        if not self.sticking:
-            return ()
-        said = "rubs more near standstill than any law compensates: `record --slow` and `identify friction` tell more"
-        return (f"{', '.join(self.sticking)} {said}",)
+        said = []
+        if self.sticking:
+            tells = "`record --slow` and `identify friction` tell more"
+            said.append(
+                f"friction of {', '.join(self.sticking)} is more near standstill than any law compensates: {tells}"
+            )
+        for motor, share in self.drifting.items():
+            changed = f"friction of {motor} {'rose' if share > 0.0 else 'fell'} by {100 * abs(share):.0f} %"
+            said.append(f"{changed} during the recording: let the arm warm up before it is recorded")
+        return tuple(said)
 
     @property
     def scale(self) -> Floats:
@@ -144,7 +156,8 @@ def identify(
     """
     if not len(observations):
         raise IdentificationError("nothing recorded moves steadily: record the passes of `qrobot identify plan`")
-    unknowns = Unknowns(robot, regressor, base, _load_told(observations, load_kg))
+    load, seconds = _load_told(observations, load_kg), max(float(observations.time_s.max()), 1.0)
+    unknowns = Unknowns(robot, regressor, base, load, seconds=seconds)
     if not known_torque:
         unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
     held = observations.passed % HELD_BACK == HELD_BACK - 1

@@ -75,7 +75,7 @@ def report_page(
 
 
 def predicted_by(model: IdentifiedModel, found: Identified) -> Floats:
-    """Torque that a model of the same robot predicts for what was observed, without a load. Shape (m,)."""
+    """Torque that a model of the same robot predicts for what was observed, without load and drift. Shape (m,)."""
     robot, seen, unknowns = found.robot, found.observations, found.unknowns
     links = robot.links.model_copy(update={"mass": model.links.mass, "com": model.links.com})
     beta = found.base.K @ known_parameters(robot.model_copy(update={"links": links}), found.regressor)

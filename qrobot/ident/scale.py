@@ -51,7 +51,7 @@ def fit_scaled(unknowns: Unknowns, observations: Observations, load_kg: float | 
         b = observations.torque - unknowns.predict(values, observations) + A @ values
         fit = fit_linear(np.vstack([A, known]), np.concatenate([b, target]), row_class, unknowns.names, doubts)
         moved, values = fit.values - values, fit.values
-        if not unknowns.free or np.linalg.norm(moved) <= _SETTLED * np.linalg.norm(values):
+        if np.linalg.norm(moved) <= _SETTLED * np.linalg.norm(values):
             break
     return fit
 

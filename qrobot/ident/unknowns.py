@@ -6,6 +6,7 @@ Motor i has to be commanded u_i = s_i (Y_i beta) + friction_i, in torque as the 
     friction    viscous and the two Coulomb frictions of each motor
     s           torque scales: what motor i is commanded for a torque of 1. Some are sought, the others are 1
     remainder   of Stribeck's excess, part of friction_i; no law has it, but without it the others would be bent
+    drift       share by which friction_i rose from the beginning of a recording to its end, as motors warm up
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SCALE_DOUBT: Final = 0.3  # of a scale: two motors, whose published torque constants differ by 15 to 24 %
+DRIFT_DOUBT: Final = 0.1  # of friction, over a recording: of a cold arm it changes more, and then the passes tell
 REMAINDER_DOUBT: Final = 0.05  # of Coulomb friction: an excess of a half that fades at 3 % of the greatest speed
 LEAST_FRICTION: Final = 1e-3  # N m (N), where a robot file has none
 OF_LOAD: Final = ("load.m", "load.hx", "load.hy", "load.hz")
@@ -48,6 +50,16 @@ class Description(NamedTuple):
     before: float
 
 
+class Parts(NamedTuple):
+    """Values of one kind each: base parameters of arm and load, then by motor; of some motors the scales only."""
+
+    weights: Floats
+    friction: Floats
+    scales: Floats
+    remainder: Floats
+    drift: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class Unknowns:
     """What is sought of an arm.
@@ -58,6 +70,7 @@ class Unknowns:
         base: parameters of the regressor that can be told.
         load: those of a load, none when nothing was carried.
         free: motors whose torque scales are sought.
+        seconds: that the recording took.
     """
 
     robot: Robot
@@ -65,6 +78,7 @@ class Unknowns:
     base: BaseParameters
     load: BaseParameters | None = None
     free: tuple[int, ...] = ()
+    seconds: float = 1.0
 
     @property
     def n_weights(self) -> int:
@@ -77,24 +91,21 @@ class Unknowns:
         return self.robot.n * len(FRICTION_NAMES)
 
     @property
-    def n_remainder(self) -> int:
-        """How many remainders of Stribeck's excess there are."""
-        return self.robot.n * len(REMAINDER_NAMES)
-
-    @property
     def names(self) -> list[str]:
         """Of everything, for complaints."""
         return [description.name for description in self.descriptions()]
 
+    def parts(self, values: Floats) -> Parts:
+        """What values (p,) there are of each kind; friction (n, 3), remainder (n, 2) and drift (n,) by motor."""
+        n, sizes = self.robot.n, (self.n_weights, self.n_friction, len(self.free), self.robot.n * len(REMAINDER_NAMES))
+        weights, friction, scales, remainder, drift = np.split(values, np.cumsum(sizes))
+        return Parts(weights, friction.reshape(n, -1), scales, remainder.reshape(n, -1), drift)
+
     def scale(self, values: Floats) -> Floats:
         """Torque scale of each motor. Shape (n,)."""
         scale = np.ones(self.robot.n)
-        scale[list(self.free)] = values[self.n_weights + self.n_friction : -self.n_remainder]
+        scale[list(self.free)] = self.parts(values).scales
         return scale
-
-    def remainder(self, values: Floats) -> Floats:
-        """Stribeck's remainder of each motor, in positive and in negative motion. Shape (n, 2)."""
-        return values[-self.n_remainder :].reshape(self.robot.n, len(REMAINDER_NAMES))
 
     def weights(self, observations: Observations) -> Floats:
         """What multiplies the base parameters of arm and load. Shape (m, n_weights)."""
@@ -110,25 +121,23 @@ class Unknowns:
 
     def start(self) -> Floats:
         """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
-        linear, scales = np.zeros(self.n_weights + self.n_friction), np.ones(len(self.free))
-        return np.concatenate([linear, scales, np.zeros(self.n_remainder)])
+        n, linear = self.robot.n, self.n_weights + self.n_friction
+        return np.concatenate([np.zeros(linear), np.ones(len(self.free)), np.zeros(n * (len(REMAINDER_NAMES) + 1))])
 
     def doubt(self) -> Floats:
         """Standard deviation of `start` as it is believed beforehand; infinity where nothing is. Shape (p,)."""
         preset = self.robot.friction[self.robot.control.friction_preset]
         coulomb = np.maximum(np.column_stack([preset.coulomb_pos, preset.coulomb_neg]), LEAST_FRICTION)
         linear, scales = np.full(self.n_weights + self.n_friction, np.inf), np.full(len(self.free), SCALE_DOUBT)
-        return np.concatenate([linear, scales, REMAINDER_DOUBT * coulomb.ravel()])
+        return np.concatenate([linear, scales, REMAINDER_DOUBT * coulomb.ravel(), np.full(self.robot.n, DRIFT_DOUBT)])
 
     def predict(self, values: Floats, observations: Observations) -> Floats:
         """Commanded torque of each observation, motor side. Shape (m,)."""
-        rest = self.n_weights + self.n_friction
-        motor, rate = observations.motor, observations.rate
-        weight = self.weights(observations) @ values[: self.n_weights]
-        friction = self.rubs(motor, rate) @ values[self.n_weights : rest] + self.sticks(
-            motor, rate, self.remainder(values)
+        weight = self.weights(observations) @ self.parts(values).weights
+        changed = self._changed(values, observations)
+        return np.asarray(
+            self.scale(values)[observations.motor] * weight + changed * self._friction(values, observations)
         )
-        return np.asarray(self.scale(values)[motor] * weight + friction)
 
     def sticks(self, motor: Ints, rate: Floats, remainder: Floats) -> Floats:
         """What motors (m,) with Stribeck's remainders (n, 2) rub more at speeds (m,). Shape (m,)."""
@@ -136,12 +145,14 @@ class Unknowns:
 
     def jacobian(self, values: Floats, observations: Observations) -> Floats:
         """Derivative of the prediction by the values. Shape (m, p)."""
-        weights = self.weights(observations)
-        scaled = self.scale(values)[observations.motor, None] * weights
-        borne = (weights @ values[: self.n_weights])[:, None]
-        by_scale = (observations.motor[:, None] == np.array(self.free, np.int64)) * borne
-        turning = observations.motor, observations.rate
-        return np.column_stack([scaled, self.rubs(*turning), by_scale, self._remainders(*turning)])
+        motor, rate, weights = observations.motor, observations.rate, self.weights(observations)
+        scaled = self.scale(values)[motor, None] * weights
+        by_scale = self._own(motor, weights @ self.parts(values).weights)[:, list(self.free)]
+        changed = self._changed(values, observations)[:, None]
+        by_drift = self._own(motor, self._when(observations) * self._friction(values, observations))
+        return np.column_stack(
+            [scaled, changed * self.rubs(motor, rate), by_scale, changed * self._remainders(motor, rate), by_drift]
+        )
 
     def before(self) -> Floats:
         """What the robot file says of each, and nothing of a load. Shape (p,)."""
@@ -157,16 +168,31 @@ class Unknowns:
             name = self.robot.joint_names[motor]
             yield Description(f"{name}.torque_scale", f"torque commanded of {name} for a torque of 1", "", 1.0)
         yield from _of_remainders(self.robot)
+        for name in self.robot.joint_names:
+            yield Description(f"{name}.drift", f"share by which friction of motor {name} rose while recording", "", 0.0)
+
+    def _friction(self, values: Floats, observations: Observations) -> Floats:
+        """Of each observation, as it is in the middle of the recording. Shape (m,)."""
+        motor, rate, parts = observations.motor, observations.rate, self.parts(values)
+        return np.asarray(self.rubs(motor, rate) @ parts.friction.ravel() + self.sticks(motor, rate, parts.remainder))
+
+    def _changed(self, values: Floats, observations: Observations) -> Floats:
+        """Friction at the time of each observation over that in the middle. Shape (m,)."""
+        return np.asarray(1.0 + self.parts(values).drift[observations.motor] * self._when(observations))
+
+    def _when(self, observations: Observations) -> Floats:
+        """Time of each observation, from -1/2 at the beginning to 1/2 at the end. Shape (m,)."""
+        return observations.time_s / self.seconds - 0.5
 
     def _remainders(self, motor: Ints, rate: Floats) -> Floats:
         """What multiplies the remainders. Shape (m, n_remainder)."""
         columns = remainder_columns(self._own(motor, rate), self.robot.limits.v_max)
-        return columns.reshape(len(motor), self.n_remainder)
+        return columns.reshape(len(motor), self.robot.n * len(REMAINDER_NAMES))
 
-    def _own(self, motor: Ints, rate: Floats) -> Floats:
-        """Each rate in the column of its motor. Shape (m, n)."""
+    def _own(self, motor: Ints, value: Floats) -> Floats:
+        """Each value (m,) in the column of its motor. Shape (m, n)."""
         own = np.zeros((len(motor), self.robot.n))
-        own[np.arange(len(motor)), motor] = rate
+        own[np.arange(len(motor)), motor] = value
         return own
 
 

@@ -107,7 +107,9 @@ class UnknownArm:
         friction = scale[:, None] * self.friction
         faded = 1.0 + (REMAINDER_SPEED / STRIBECK_FRACTION) ** 2
         remainder = (self.stiction - 1.0) / faded * friction[:, 1:]
-        return np.concatenate([unit * beta, friction.ravel(), scale[free] / unit, remainder.ravel()])
+        return np.concatenate(
+            [unit * beta, friction.ravel(), scale[free] / unit, remainder.ravel(), np.zeros(unknowns.robot.n)]
+        )
 
     @property
     def told(self) -> Robot:

@@ -91,8 +91,8 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
         deviations: error of each value by name, in its own standard deviations.
     """
     regressor, base, robot = found.regressor, found.base, found.robot
-    truth, first = arm.truth(found.unknowns), found.unknowns.n_weights
-    friction = truth[first : first + found.unknowns.n_friction].reshape(found.friction.shape)
+    truth = arm.truth(found.unknowns)
+    friction = found.unknowns.parts(truth).friction
     q = np.random.default_rng(seed).uniform(robot.limits.q_min, robot.limits.q_max, (TRIED, robot.n))
     before = base.columns(regressor(q)) @ base.K @ known_parameters(robot, regressor)
     held = arm.gravity(found, q)

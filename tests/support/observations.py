@@ -46,12 +46,14 @@ def generated(
     speeds: np.ndarray = TWO_SPEEDS,
     stiction: float = 1.0,
     fades_at: float = STRIBECK_FRACTION,
+    drift: np.ndarray | float = 0.0,
 ) -> Observations:
     """Passes through random poses, up and down at some speeds, of an arm without a coupled wrist's effect on rates.
 
     `scale` (n,) is what its motors are commanded for a torque of 1, `load_kg` of which `LOAD` tells is carried besides,
     through all of them or pose by pose (poses,). `speeds` of the motors have shape (k, n). Friction at rest is
-    `stiction` times Coulomb friction and half as much more at a share `fades_at` of greatest speed.
+    `stiction` times Coulomb friction and half as much more at a share `fades_at` of greatest speed. All of it
+    rises by a share `drift` (n,) from the first pass to the last.
     """
     random, (regressor, base) = np.random.default_rng(seed), puma_base()
     q = np.repeat(random.uniform(PUMA.limits.q_min, PUMA.limits.q_max, (poses, N)), 2 * len(speeds), axis=0)
@@ -64,6 +66,7 @@ def generated(
     rubs = (friction_columns(rate, PUMA.control.friction_velocity) * friction).sum(axis=-1)
     excess = (stiction - 1.0) / (1.0 + (rate / (fades_at * PUMA.limits.v_max)) ** 2)
     rubs += excess * np.where(rate > 0.0, friction[:, 1], -friction[:, 2])
+    rubs *= 1.0 + drift * (np.arange(len(q)) / (len(q) - 1) - 0.5)[:, None]
     m = rate.size
     return Observations(
         motor=np.tile(np.arange(N), len(q)),

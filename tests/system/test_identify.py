@@ -85,7 +85,7 @@ def test_intervals_hold_the_truth(model_file: Path) -> None:
     regressor = gravity_regressor(PUMA)
     beta = base_of_robot(PUMA, regressor).K @ UNKNOWN.parameters(regressor)
     found = load_model(model_file, PUMA).value
-    truth = [*beta, *UNKNOWN.friction.ravel(), *np.ones(N - 1), *np.zeros(2 * N)]
+    truth = [*beta, *UNKNOWN.friction.ravel(), *np.ones(N - 1), *np.zeros(3 * N)]
     assert (
         np.mean([abs(value.value - true) <= value.half_width for value, true in zip(found, truth, strict=True)]) > 0.9
     )

@@ -108,7 +108,7 @@ def test_intervals_of_an_arm_hold_the_truth_9_times_in_10() -> None:
     for seed in range(6):
         beta, friction = drawn(seed)
         found = identify(PUMA, base, regressor, generated(beta, friction, 0.05, seed))
-        truth = [*beta, *friction.ravel(), *np.ones(N - 1), *np.zeros(2 * N)]
+        truth = [*beta, *friction.ravel(), *np.ones(N - 1), *np.zeros(3 * N)]
         hits += [abs(value.value - true) < value.half_width for value, true in zip(found.values, truth, strict=True)]
     assert np.mean(hits) > 0.9
 

@@ -140,7 +140,7 @@ def test_held_back_motion_is_predicted_better_than_with_the_files_inertia() -> N
 
 def test_values_are_named_once_with_units_and_what_the_file_says() -> None:
     values = {value.name: value for value in found().values}
-    assert len(values) == len(found().values) == 36 + (3 + 2) * N
+    assert len(values) == len(found().values) == 36 + (3 + 2 + 1) * N
     assert (values["Izz1"].unit, values["hx2"].unit, values["elbow.viscous"].unit) == ("kg m2", "kg m", "N m/(rad/s)")
     assert values["Izz1"].before == pytest.approx((whole()[1].K @ known_parameters(PUMA, whole()[0]))[0])
 

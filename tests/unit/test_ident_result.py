@@ -45,7 +45,7 @@ def found() -> Identified:
     theta[-4:] += LOAD_KG * np.array([1.0, *FLANGE])
     preset = PUMA.friction["akb"]
     friction = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
-    values = np.concatenate([base.K @ theta, friction.ravel(), np.zeros(2 * N)])
+    values = np.concatenate([base.K @ theta, friction.ravel(), np.zeros(3 * N)])
     fit = Fit(values, 1e-4 * np.eye(values.size), np.ones(N), np.zeros(1), np.ones(1), 3.0)
     unknowns = Unknowns(PUMA, regressor, base)
     return Identified(unknowns, fit, none_of(len(base.leading)), np.full(N, 0.1), np.full(N, 2.0))

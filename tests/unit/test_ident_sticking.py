@@ -50,7 +50,7 @@ def test_intervals_of_friction_hold_the_truth_though_drives_stick(fades_at: floa
 def test_remainders_are_those_of_the_drives() -> None:
     coulomb = drawn(0)[1][:, 1:]
     fitted = found(0, noise=1e-6)
-    shown = fitted.unknowns.remainder(fitted.fit.values) / coulomb
+    shown = fitted.unknowns.parts(fitted.fit.values).remainder / coulomb
     np.testing.assert_allclose(shown, (STICTION - 1.0) / (1.0 + (REMAINDER_SPEED / 0.02) ** 2), rtol=0.02)
 
 

@@ -1,0 +1,58 @@
+"""Friction that changes while an arm warms up: found beside everything else, and named."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.ident.load import load_change
+from qrobot.ident.model import Identified, identify
+from tests.support.observations import drawn, generated, puma_base
+
+PUMA = load_robot("puma560")
+N, SHOULDER, ELBOW = PUMA.n, 1, 2
+SPEEDS = np.outer([0.1, 0.2, 0.4, 0.7], PUMA.limits.v_max)
+WARMING = np.array([0.0, -0.1, -0.12, 0.0, 0.0, 0.06])
+
+
+@cache
+def found(warms: bool = True, seed: int = 0) -> Identified:
+    regressor, base = puma_base()
+    drift = WARMING if warms else 0.0
+    return identify(PUMA, base, regressor, generated(*drawn(seed), 0.01, seed, speeds=SPEEDS, drift=drift))
+
+
+def test_the_change_of_each_motor_is_found() -> None:
+    parts, half_width = (found().unknowns.parts(each) for each in (found().fit.values, found().fit.half_width))
+    np.testing.assert_allclose(parts.drift, WARMING, atol=0.02)
+    assert (np.abs(parts.drift - WARMING) < 1.6 * half_width.drift).all()
+
+
+def test_friction_is_that_of_the_middle_of_the_recording() -> None:
+    np.testing.assert_allclose(found().friction[:3], drawn(0)[1][:3], rtol=0.01)
+
+
+def test_it_is_named_with_what_to_do_and_steady_friction_is_not() -> None:
+    assert "friction of elbow fell by 12 % during the recording: let the arm warm up" in "".join(found().warnings)
+    assert set(found().drifting) == {"shoulder", "elbow", "flange"}
+    assert found().drifting["flange"] == pytest.approx(0.06, abs=0.02)
+    assert found(warms=False).drifting == {}
+    assert found(warms=False).warnings == ()
+
+
+def test_it_is_not_taken_for_a_load_that_was_dropped() -> None:
+    assert load_change(found()) is None
+
+
+def test_the_derivative_by_every_value_is_that_of_the_prediction() -> None:
+    fitted, step = found(), 1e-6
+    unknowns, values, seen = fitted.unknowns, fitted.fit.values, fitted.observations
+    slopes = unknowns.jacobian(values, seen)
+    for i in np.random.default_rng(1).choice(values.size, 20, replace=False):
+        ahead, behind = values.copy(), values.copy()
+        ahead[i], behind[i] = values[i] + step, values[i] - step
+        measured = (unknowns.predict(ahead, seen) - unknowns.predict(behind, seen)) / (2.0 * step)
+        np.testing.assert_allclose(slopes[:, i], measured, atol=1e-6)
