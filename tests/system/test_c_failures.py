@@ -142,6 +142,8 @@ def test_a_program_keeps_its_own_handler_of_a_signal(run: Run, robot, capfd) -> 
         ('makeposition("P", t6, EQ, newtrans("T", const));', 'makeposition: write ("P", terms with t6, EQ'),
         ('distance("dz", 1., 2.);', "one value each"),
         ('distance("up", 1.);', "dx dy dz"),
+        ("freetrans(t6);", "freetrans: t6, park and there are not"),
+        ("freepos(park);", "freepos: t6, park and there are not"),
         ("setmode('x');", "mode 'x' is neither"),
         ("move((POS_PTR) &how);", "move: this is no position"),
         ("move(NULL);", "move: this is no position"),

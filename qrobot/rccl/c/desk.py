@@ -9,31 +9,19 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from qrobot.errors import ConfigError, MotionError
-from qrobot.model.transform import inverse
 from qrobot.model.transmission import transmission_params
-from qrobot.motion import Kind, Trsf
-from qrobot.motion.limits import Floats
-from qrobot.rccl import program, transforms
+from qrobot.rccl import program
 from qrobot.rccl.c.message import Message, Op
-from qrobot.rccl.c.shared import SharedEvent, SharedMemory, SharedPosition, SharedTransform, numbers_of, value_of
+from qrobot.rccl.c.shared import SharedMemory, SharedPosition
 from qrobot.rccl.c.variables import Variables
+from qrobot.rccl.c.world import UnknownError, World
 from qrobot.rccl.channel import YES, Channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.lesson import teach
-from qrobot.rccl.position import EQ, TL, Target, Word, makeposition, there
+from qrobot.rccl.position import there
 from qrobot.rccl.stepping import STEPPING_HELP, Stepper
-from qrobot.rccl.transforms import Transform, t6, timed
 
-_KINDS: Final = (Kind.FUNCTION, Kind.CONST, Kind.VARB, Kind.HOLD)  # numbered by newtrans
-_WORDS: Final = {-2: EQ, -3: TL}
-_MAKERS: Final[dict[str, Callable[..., Transform]]] = {
-    "trsl": lambda px, py, pz: transforms.gentr_trsl("", px, py, pz),
-    "rot": lambda px, py, pz, vx, vy, vz, a: transforms.gentr_rot("", px, py, pz, (vx, vy, vz), a),
-    "eul": lambda *numbers: transforms.gentr_eul("", *numbers),
-    "rpy": lambda *numbers: transforms.gentr_rpy("", *numbers),
-    "pao": lambda *numbers: transforms.gentr_pao("", numbers[0:3], numbers[3:6], numbers[6:9]),
-}
-
+FIELDS: Final = 4  # of structures, whose places stand last among the places
 Answer: TypeAlias = "Message | None"
 
 
@@ -56,27 +44,26 @@ class Talk:
     listen: Callable[[], None]
 
 
-class UnknownError(MotionError):
-    """What a call was given is nothing that we know."""
-
-
 class Desk:
-    """Knows the transforms and positions of one program, and its arm.
+    """Serves one program, which has a world of transforms and positions, and an arm.
 
     Args:
         memory: shared with the program.
         places: of its global variables, and of the fields in its structures; the order is that of shared.c.
         talk: to the program.
         robot: that its arm is, a packaged one's name or a file.
+
+    Attributes:
+        world: its transforms and positions.
     """
 
     def __init__(self, memory: SharedMemory, places: list[int], talk: Talk, robot: str) -> None:
-        *variables, last_link, park, present, self._axes, self._code, self._scal, self._end = places
-        self._memory, self._talk, self._robot = memory, talk, robot
-        self._variables = Variables(memory, variables, last_link + self._axes)
-        self._transforms: dict[int, SharedTransform] = {last_link: self._variables.t6}
-        self._positions: dict[int, SharedPosition] = {present: self._position(present, "there", there().target)}
-        self._park = park
+        *variables, last_link, park, present = places[:-FIELDS]
+        fields = places[-FIELDS:]
+        self._talk, self._robot, self._park = talk, robot, park
+        self._variables = Variables(memory, variables, last_link + fields[0])
+        self.world = World(memory, fields, (last_link, self._variables.t6), self._evaluate, talk.signal)
+        self.world.put(present, "there", there().target, ours=True)
         self._database: DataBase | None = None
         self._functions: tuple[int, ...] = ()
         self._arm: Channel | None = None
@@ -91,7 +78,7 @@ class Desk:
 
     def _take_arm(self) -> Channel:
         arm = program.control(self._robot)
-        self._positions[self._park] = self._position(self._park, "park", arm.pose("park").target)
+        self.world.put(self._park, "park", arm.pose("park").target, ours=True)
         self._variables.show(arm)
         self._variables.begin_outputs(arm)
         arm.each_sample(self._each_sample)
@@ -151,6 +138,9 @@ class Desk:
             raise MotionError(f"nextmove = {code}: the code must be positive, or it could not be told from our own")
         return code
 
+    def _evaluate(self, place: int) -> None:
+        self._call(Op.CALL_TRANSFORM, place)
+
     def _call(self, op: Op, place: int) -> None:
         """Call a function of the program, which sees the newest state."""
         if self._arm is not None:
@@ -181,91 +171,18 @@ class Desk:
         finally:
             self._arm, self._leaving = None, False
 
-    # ------------------------------------------------------------------------------------------------- transforms
-
-    def newtrans(self, message: Message) -> Answer:
-        """A new one, at refs[0], of kind n."""
-        place = message.refs[0]
-        kind = _KINDS[message.n]
-        function = None if kind is not Kind.FUNCTION else timed(lambda _: self._call(Op.CALL_TRANSFORM, place))
-        fields = self._memory.reals(place + self._axes, 12)
-        self._transforms[place] = SharedTransform(message.text, kind, fields, function)
-        return None
-
-    def freetrans(self, message: Message) -> Answer:
-        """Its memory will be used again."""
-        self._transform(message.refs[0]).part()
-        del self._transforms[message.refs[0]]
-        return None
-
-    def make(self, message: Message) -> Answer:
-        """Another value for a transform, made by the constructor `text`."""
-        return self._give(message.refs[0], _MAKERS[message.text](*message.numbers[: message.n]).value)
-
-    def trmult(self, message: Message) -> Answer:
-        """A product."""
-        return self._give(message.refs[2], self._operand(message, 0) @ self._operand(message, 1))
-
-    def invert(self, message: Message) -> Answer:
-        """An inverse."""
-        return self._give(message.refs[2], inverse(self._operand(message, 0)))
-
-    def _operand(self, message: Message, i: int) -> Floats:
-        known = self._transforms.get(message.refs[i])
-        return value_of(np.array(message.numbers[12 * i : 12 * i + 12])) if known is None else known.value
-
-    def _give(self, place: int, value: Floats) -> Message:
-        if place in self._transforms:
-            self._transforms[place].set(value)
-        return Message(Op.REPLY, numbers=numbers_of(value).tolist())
-
-    def _transform(self, place: int) -> SharedTransform:
-        if place not in self._transforms:
-            raise UnknownError("this is no transform of newtrans or the gentr_ functions, or it was freed")
-        return self._transforms[place]
-
-    # -------------------------------------------------------------------------------------------------- positions
-
-    def makeposition(self, message: Message) -> Answer:
-        """The position at refs[0], of the n terms behind it."""
-        terms = [self._term(place) for place in message.refs[1 : 1 + message.n]]
-        place = message.refs[0]
-        self._positions[place] = self._position(place, message.text, makeposition(message.text, *terms).target)
-        return None
-
-    def _term(self, place: int) -> Trsf | Word:
-        if place in _WORDS:
-            return _WORDS[place]
-        trsf = self._transform(place)
-        return t6 if trsf is self._variables.t6 else trsf
+    # ---------------------------------------------------------------------------------------------------- motions
 
     def jposition(self, message: Message) -> Answer:
         """The position at refs[0], of n joints."""
-        place, degs = message.refs[0], message.numbers[: message.n]
-        self._positions[place] = self._position(place, message.text, self.arm.jposition(message.text, degs).target)
+        target = self.arm.jposition(message.text, message.numbers[: message.n]).target
+        self.world.put(message.refs[0], message.text, target)
         return None
-
-    def freepos(self, message: Message) -> Answer:
-        """Its memory will be used again."""
-        self._named(message.refs[0]).part()
-        del self._positions[message.refs[0]]
-        return None
-
-    def _position(self, place: int, name: str, target: Target) -> SharedPosition:
-        code = self._memory.ints(place + self._code)
-        scal = self._memory.reals(place + self._scal, 1)
-        at = place + self._end
-        end = SharedEvent(f"{name}.end", self._memory.ints(at), lambda: self._talk.signal(at))
-        return SharedPosition(name, target, code, scal, end)
 
     def _named(self, place: int) -> SharedPosition:
         if place == self._park and self._arm is None:
             self._arm = self._take_arm()  # where its park pose is, the robot knows
-        if place not in self._positions:
-            raise UnknownError("this is no position of makeposition or jposition, or it was freed")
-        return self._positions[place]
-
-    # ---------------------------------------------------------------------------------------------------- motions
+        return self.world.position(place)
 
     def move(self, message: Message) -> Answer:
         """Queue a motion."""
@@ -291,7 +208,7 @@ class Desk:
 
     def update(self, message: Message) -> Answer:
         """Measure a transform when the next motion ends."""
-        self.arm.update(self._transform(message.refs[0]), self._named(message.refs[1]))
+        self.arm.update(self.world.transform(message.refs[0]), self._named(message.refs[1]))
         return None
 
     def hand(self, message: Message) -> Answer:
@@ -320,7 +237,7 @@ class Desk:
 
     def teach(self, message: Message) -> Answer:
         """A person shows a transform; the answer is YES or NO."""
-        trans, position = self._transform(message.refs[0]), self._named(message.refs[1])
+        trans, position = self.world.transform(message.refs[0]), self._named(message.refs[1])
         return Message(Op.REPLY, teach(self.arm, trans, position, self._database, self._talk.ask, self._talk.say))
 
     def stepmode(self, _: Message) -> Answer:
@@ -347,11 +264,11 @@ class Desk:
 
     def getr(self, message: Message) -> Answer:
         """Read a transform by its name; the answer is YES or NO."""
-        return Message(Op.REPLY, int(self._base.read(self._transform(message.refs[0]))))
+        return Message(Op.REPLY, int(self._base.read(self.world.transform(message.refs[0]))))
 
     def saver(self, message: Message) -> Answer:
         """Record a transform under its name."""
-        self._base.record(self._transform(message.refs[0]))
+        self._base.record(self.world.transform(message.refs[0]))
         return Message(Op.REPLY, YES)
 
     def dumpdb(self, _: Message) -> Answer:
@@ -384,6 +301,11 @@ class Desk:
         return Message(Op.REPLY, n, numbers=counts.tolist())
 
 
+def _in_the_world(call: Callable[[World, Message], Answer]) -> Callable[[Desk, Message], Answer]:
+    """A call that needs no arm."""
+    return lambda desk, message: call(desk.world, message)
+
+
 def _setmode(desk: Desk, message: Message) -> Answer:
     desk.arm.setmode(message.text)
     return None
@@ -413,14 +335,14 @@ _WAITING: Final = {Op.CONTROL, Op.RELEASE, Op.SAMPLE_PERIOD, Op.NEXT_SAMPLE, Op.
 _CALLS: Final[dict[Op, Callable[[Desk, Message], Answer]]] = {
     Op.CONTROL: Desk.control,
     Op.RELEASE: Desk.release,
-    Op.NEWTRANS: Desk.newtrans,
-    Op.FREETRANS: Desk.freetrans,
-    Op.MAKEPOSITION: Desk.makeposition,
+    Op.NEWTRANS: _in_the_world(World.newtrans),
+    Op.FREETRANS: _in_the_world(World.freetrans),
+    Op.MAKEPOSITION: _in_the_world(World.makeposition),
     Op.JPOSITION: Desk.jposition,
-    Op.FREEPOS: Desk.freepos,
-    Op.MAKE: Desk.make,
-    Op.TRMULT: Desk.trmult,
-    Op.INVERT: Desk.invert,
+    Op.FREEPOS: _in_the_world(World.freepos),
+    Op.MAKE: _in_the_world(World.make),
+    Op.TRMULT: _in_the_world(World.trmult),
+    Op.INVERT: _in_the_world(World.invert),
     Op.MOVE: Desk.move,
     Op.STOP: _with_numbers(lambda arm, ms, _: arm.stop(ms)),
     Op.SETVEL: _with_numbers(Channel.setvel),
