@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -90,6 +91,31 @@ def test_a_program_in_an_endless_loop_is_ended_by_a_signal_and_says_its_mess(
     assert part_of_the_way(robot)
     said = capfd.readouterr().err
     assert "program: interrupted; the arm is brought to rest\ntaken apart\n" in said
+
+
+TERMINAL = """
+import os, pty, sys
+pid, screen = pty.fork()
+if pid == 0:
+    os.execv(sys.argv[1], sys.argv[1:])
+seen = b""
+while b"on its way" not in seen:
+    seen += os.read(screen, 100)
+os.close(screen)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+"""
+
+
+@needs_compiler
+def test_a_terminal_that_is_closed_ends_its_program_in_order(robot, tmp_path: Path) -> None:
+    (tmp_path / "terminal.py").write_text(TERMINAL)
+    text = f'#include <unistd.h>\nmain() {{ {MOVING} printf("on its way\\n"); fflush(stdout); for (;;) pause(); }}'
+    window = tmp_path / "window"
+    window.write_text(f"#!/bin/sh\nexec {sys.executable} {tmp_path}/terminal.py {compiled_text(text, tmp_path)}\n")
+    window.chmod(0o755)
+    assert run_executable(window) == 129
+    assert at_rest(robot)
+    assert part_of_the_way(robot)
 
 
 @needs_compiler
