@@ -1,6 +1,6 @@
-"""The recording of the tutorial on identification: an emulated arm, drawn at random, makes the motions of a plan.
+"""The recordings of the tutorial on identification: an emulated arm, drawn at random, makes the motions of two plans.
 
-Made by `python docs/unknown_arm.py`, in lock-step, which prints the digest that a test knows.
+Made by `python docs/unknown_arm.py`, in lock-step, which prints the digests that a test knows.
 """
 
 from __future__ import annotations
@@ -9,32 +9,41 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
-from qrobot.config import load_robot
+from qrobot.config import Robot, load_robot
 from qrobot.ident.base import base_of_robot
-from qrobot.ident.plan import make_plan
-from qrobot.ident.regressor import gravity_regressor
+from qrobot.ident.excitation import FEWEST, Excitation, make_excitation
+from qrobot.ident.plan import Plan, make_plan
+from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
 from qrobot.ident.shipped import Recording, load_recording, save_recording
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.unknown import UnknownArm
 from qrobot.servo.settings import ServoSettings
 
-FILE: Final = Path(__file__).parents[1] / "config/data/unknown_arm.npz"
+FOLDER: Final = Path(__file__).parents[1] / "config/data"
+SLOW, FAST = "unknown_arm", "unknown_arm_fast"
 SEED: Final = 7
 POSES: Final = 12
 RATE_HZ: Final = 250.0  # a quarter of the usual one, and of its rows
 
 
-def recorded(name: str = "puma560") -> Recording:
-    """The arm's recording, with the truth beside it."""
-    robot, settings = load_robot(name), ServoSettings(rate_hz=RATE_HZ)
-    regressor = gravity_regressor(robot)
-    plan = make_plan(robot, regressor, base_of_robot(robot, regressor), POSES)
+def plans(robot: Robot) -> dict[str, Plan | Excitation]:
+    """Steady passes, and the fewest runs that tell inertia."""
+    gravity, inertia = gravity_regressor(robot), inertial_regressor(robot)
+    return {
+        SLOW: make_plan(robot, gravity, base_of_robot(robot, gravity), POSES),
+        FAST: make_excitation(robot, inertia, base_of_robot(robot, inertia), FEWEST),
+    }
+
+
+def recorded(plan: Plan | Excitation, name: str = "puma560") -> Recording:
+    """The arm's recording of a plan, with the truth beside it."""
+    robot, settings, regressor = load_robot(name), ServoSettings(rate_hz=RATE_HZ), inertial_regressor(load_robot(name))
     arm = UnknownArm.drawn(robot, SEED)
     rows = record_lockstep(robot, name, settings, arm.emulator(), plan)
     facts = {
         "made_by": "docs/unknown_arm.py",
         "payload_kg": arm.payload_kg,
-        "links": dict(zip(regressor.names, arm.parameters(regressor).tolist(), strict=True)),
+        "links": dict(zip(regressor.names, known_parameters(arm.told, regressor).tolist(), strict=True)),
         "friction": arm.friction.tolist(),
     }
     return Recording(robot, rows, settings.period_ns * 1e-9, facts)
@@ -46,5 +55,7 @@ def digest(recording: Recording) -> str:
 
 
 if __name__ == "__main__":
-    save_recording(FILE, recorded())
-    print(f"{FILE.name}: {FILE.stat().st_size} bytes, rows sha256 {digest(load_recording(FILE))}")
+    for name, plan in plans(load_robot("puma560")).items():
+        file = FOLDER / f"{name}.npz"
+        save_recording(file, recorded(plan))
+        print(f"{file.name}: {file.stat().st_size} bytes, rows sha256 {digest(load_recording(file))}")

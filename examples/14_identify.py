@@ -19,7 +19,7 @@ from qrobot.ident.model import identify
 from qrobot.ident.observe import Observer, steady_passes
 from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.ident.result import model_of
-from qrobot.ident.session import identify_log
+from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.ident.shipped import load_recording
 
 # %% [markdown]
@@ -87,3 +87,16 @@ truth = regressor(q) @ np.array([links[name] for name in regressor.names])
 for name, belief in (("robot file", robot), ("identified", known)):
     error = regressor(q) @ known_parameters(belief, regressor) - truth
     print(f"gravity by the {name}: error {np.sqrt((error**2).mean(axis=0)).max():.3f} N m")
+
+# %% [markdown]
+# ## Inertia
+#
+# What acceleration takes is told by a second recording, in which the same arm moves fast.
+
+# %%
+fast = load_recording("unknown_arm_fast")
+inertial = inertia_of_log(found, fast.rows, fast.period_s)
+for name in ("Izz1", "Izz2", "Izz3"):
+    value = next(value for value in inertial.values if value.name == name)
+    print(f"{value.name} {value.value:7.3f} ± {value.half_width:.3f} {value.unit}, robot file {value.before:7.3f}")
+print("held-back run, error in N m:", inertial.held_back_rms.round(2), "robot file:", inertial.before_rms.round(2))

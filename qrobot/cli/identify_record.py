@@ -71,10 +71,11 @@ def record_running(arm: Arm, robot: Robot, plan: Plan | Excitation, output: Path
     with (
         _recording(arm, robot, output),
         _bar(plan) as told,
+        says_where_it_broke_off(told) as told_and_kept,
         rccl.use(lambda hello: TcpLink(hello, address)),
         rccl.control(arm.robot) as channel,
     ):
-        perform(channel, robot, plan, told, first)
+        perform(channel, robot, plan, told_and_kept, first)
 
 
 @contextmanager
@@ -98,6 +99,23 @@ def _recording(arm: Arm, robot: Robot, output: Path) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
+
+
+@contextmanager
+def says_where_it_broke_off(told: Told) -> Iterator[Told]:
+    """`told`, and a note of how to go on when the moves do not come to their end."""
+    begun: list[tuple[int, str]] = []
+
+    def kept(number: int, move: Swing | Run) -> None:
+        begun.append((number + 1, move.name))
+        told(number, move)
+
+    try:
+        yield kept
+    except BaseException:  # a stop by the operator too
+        for number, name in begun[-1:]:
+            note(f"it broke off in {name}: the same with --first {number} and another --output goes on there")
+        raise
 
 
 @contextmanager

@@ -26,6 +26,9 @@ Floats = NDArray[np.float64]
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
 _DIGITS: Final = 8
+_HEAD: Final = """# The servo uses links, friction and drives. Inertia of a link is about its centre, along the axes of its frame:
+# products of inertia, like remainders of stiction and drifts of friction, are among the values, and no law has them.
+"""
 
 
 def model_of(found: Identified, rows: Rows, date: str, inertial: InertialModel | None = None) -> IdentifiedModel:
@@ -109,7 +112,9 @@ def write_model(path: Path, model: IdentifiedModel) -> None:
     plain = model.to_dict()
     tables = [f"[{name}]\n{_lines(plain.pop(name))}" for name in SECTIONS if name in plain]
     values = [f"[[value]]\n{_lines(value)}" for value in plain.pop("value")]
-    head = f"# Identified model of {model.robot}; written by `qrobot identify fit`, used as [arm.servo] model.\n\n"
+    head = (
+        f"# Identified model of {model.robot}; written by `qrobot identify fit`, used as [arm.servo] model.\n{_HEAD}\n"
+    )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(head + "\n".join([_lines(plain), *tables, *values]), encoding="utf-8")

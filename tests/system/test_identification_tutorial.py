@@ -13,12 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.config import load_robot
 from qrobot.errors import ConfigError, IdentificationError
+from qrobot.ident.base import base_of_robot
+from qrobot.ident.regressor import inertial_regressor
 from qrobot.ident.shipped import Recording, load_recording, save_recording
 
+PUMA = load_robot("puma560")
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/14_identify.py"
-DIGEST = "0fe8c7e435011f12f39255d8573d2a5b4211047b9150c0a71845afda6384c519"
+DIGESTS = {
+    "unknown_arm": "0fe8c7e435011f12f39255d8573d2a5b4211047b9150c0a71845afda6384c519",
+    "unknown_arm_fast": "4d903258cadae7f54a93f4cd26de8f84151441e5103611d6c8de5383e0f2095b",
+}
 MADE = runpy.run_path(str(ROOT / "docs/unknown_arm.py"))
 
 
@@ -44,16 +51,17 @@ def shown(page: Path) -> Iterator[str]:
     return (line.strip() for line in page.read_text().splitlines() if line.startswith("    "))
 
 
-def test_the_recording_is_the_one_that_is_known_and_small() -> None:
-    recording = load_recording("unknown_arm")
-    assert MADE["digest"](recording) == DIGEST
-    assert MADE["FILE"].stat().st_size < 500_000
+@pytest.mark.parametrize(("name", "digest"), DIGESTS.items())
+def test_the_recordings_are_those_that_are_known_and_small(name: str, digest: str) -> None:
+    recording = load_recording(name)
+    assert MADE["digest"](recording) == digest
+    assert (MADE["FOLDER"] / f"{name}.npz").stat().st_size < 500_000
     assert recording.facts["made_by"] == "docs/unknown_arm.py"
 
 
 def test_the_page_shows_what_the_program_prints(printed: str) -> None:
     found = list(shown(ROOT / "docs/tutorials/identification.md"))
-    assert len(found) == 5
+    assert len(found) == 6
     for line in found:
         like = next(each for each in printed.splitlines() if words(each) == words(line))
         np.testing.assert_allclose(numbers(like), numbers(line), rtol=0.05, atol=0.003)
@@ -62,6 +70,17 @@ def test_the_page_shows_what_the_program_prints(printed: str) -> None:
 def test_the_model_of_the_program_is_a_thousand_times_nearer_to_the_truth_than_the_robot_file(printed: str) -> None:
     before, after = (numbers(line)[0] for line in printed.splitlines() if line.startswith("gravity by"))
     assert after < 1e-3 * before
+
+
+def test_the_inertia_that_is_shown_is_the_arms_and_not_the_files(printed: str) -> None:
+    facts, regressor = load_recording("unknown_arm_fast").facts, inertial_regressor(PUMA)
+    base = base_of_robot(PUMA, regressor)
+    truth = dict(zip(base.leaders, base.K @ [facts["links"][name] for name in regressor.names], strict=True))
+    shown = {line.split()[0]: numbers(line) for line in printed.splitlines() if line.startswith("Izz")}
+    assert set(shown) == {"Izz1", "Izz2", "Izz3"}
+    for name, (value, half_width, before) in shown.items():
+        assert value == pytest.approx(truth[name], abs=half_width + 0.001)
+        assert abs(value - truth[name]) < 0.1 * abs(before - truth[name])
 
 
 def test_the_notebook_runs_cell_by_cell_and_says_the_same(printed: str) -> None:
