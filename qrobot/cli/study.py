@@ -66,6 +66,7 @@ def identify(
     torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
     stiction: float = 1.0,
+    dynamic: bool = False,
 ) -> None:
     """Identify arms that are up to 30 % off their file in masses, centres and friction, and hold up to 2.5 kg.
 
@@ -82,12 +83,14 @@ def identify(
         Also track the paper's experiment with the robot file, with the model found, and with the exact one.
     stiction
         Friction at rest over Coulomb friction; 1 is none, the mismatched plant has 1.3.
+    dynamic
+        Also make the fast runs, and identify inertia.
     """
     from qrobot.study.identification import IdentificationStudy
 
     if stiction < 1.0:
         raise ConfigError(f"--stiction {stiction:g}: at least 1, which is none")
-    study = IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking, stiction)
+    study = IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking, stiction, dynamic)
     _run(study, arms, campaign)
 
 

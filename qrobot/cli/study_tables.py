@@ -46,10 +46,20 @@ def identification_lines(summary: IdentificationSummary) -> Iterator[str]:
     plain = summary.to_dict()
     yield f"{100.0 * plain['inside_95']:.1f} % of the true values are inside their 95 % intervals"
     yield f"{100.0 * plain['friction_within_a_tenth']:.1f} % of the friction values are within 10 % of the truth"
+    if summary.inertia:
+        yield from _inertia_lines(plain["inertia"], summary.joints)
     if summary.tracking:
         gain, over = plain["tracking"]["gain"], plain["tracking"]["over_exact"]
         yield f"tracking: {gain['median']:.1f} times better than before in the median, {gain['worst']:.1f} at worst"
         yield f"          {over['median']:.2f} times the error of the exact model, {over['worst']:.2f} at worst"
+
+
+def _inertia_lines(told: dict[str, Any], joints: tuple[str, ...]) -> Iterator[str]:
+    before, after = (told[name]["median"] for name in ("before", "after"))
+    each = (f"{name} {found:.2f} ({file:.2f})" for name, found, file in zip(joints, after, before, strict=True))
+    yield f"torque of fast runs held back, N·m (N), with the file's inertia in brackets, median: {', '.join(each)}"
+    if told["inside_95"] is not None:
+        yield f"{100.0 * told['inside_95']:.1f} % of the true inertias are inside their 95 % intervals"
 
 
 def gain_tables(summary: GainSummary) -> Iterator[Table]:

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
 _DIGITS: Final = 8
-_HEAD: Final = """# The servo uses links, friction and drives. Inertia of a link is about its centre, along the axes of its frame:
+_HEAD: Final = """# The servo uses links, friction and drives. Inertia is about the centre, along the axes of the frame:
 # products of inertia, like remainders of stiction and drifts of friction, are among the values, and no law has them.
 """
 

@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import with_model
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.excitation import Excitation, make_excitation
+from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import Identified
 from qrobot.ident.plan import POSES, Plan, make_plan
-from qrobot.ident.regressor import gravity_regressor, known_parameters
+from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
 from qrobot.ident.result import model_of
-from qrobot.ident.session import identify_log
+from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.unknown import UnknownArm
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.telemetry import Rows
 from qrobot.study.journey import journey
 from qrobot.study.study import Outcome, Study, kept
 
@@ -40,6 +43,7 @@ class IdentificationStudy(Study):
         torque: what the motors really give was measured, and stands in the robot file, or is to be found too.
         tracking: also let it make the paper's experiment, with the robot file, with what was found, and with the truth.
         stiction: friction at rest over Coulomb friction; 1 is no stiction.
+        dynamic: also let it make the fast runs that tell inertia, which is then part of what was found.
     """
 
     kind: ClassVar[str] = "identification"
@@ -47,6 +51,7 @@ class IdentificationStudy(Study):
     torque: Torque = "unknown"
     tracking: bool = True
     stiction: float = 1.0
+    dynamic: bool = False
 
     def judge(self, seed: int) -> Outcome:
         """Errors of gravity and friction, every value's error in its own deviations, and tracking errors.
@@ -54,17 +59,25 @@ class IdentificationStudy(Study):
         Raises:
             QRobotError: the arm could not be moved, or its motion does not determine a model.
         """
-        arm, plan = UnknownArm.drawn(self.robot, seed, True, self.stiction), _plan(self.robot_file, self.poses)
-        measured = self.torque == "known"
+        arm, measured = UnknownArm.drawn(self.robot, seed, True, self.stiction), self.torque == "known"
         believed = arm.with_known_torque(self.robot) if measured else self.robot
-        settings = ServoSettings(rate_hz=self.rate_hz)
-        rows = record_lockstep(believed, self.robot_file, settings, arm.emulator(), plan)
-        found = identify_log(believed, rows, settings.period_ns * 1e-9, known_torque=measured)
+        rows, period_s = self._recorded(arm, believed, _plan(self.robot_file, self.poses))
+        found = identify_log(believed, rows, period_s, known_torque=measured)
         outcome = {"payload_kg": kept(arm.payload_kg)} | compared(arm, found, seed)
+        inertial = None
+        if self.dynamic:
+            inertial = inertia_of_log(found, *self._recorded(arm, believed, _runs(self.robot_file)))
+            outcome["inertia"] = inertia_compared(arm, inertial, measured)
         if self.tracking:
-            identified = with_model(believed, model_of(found, rows, DATE))
+            identified = with_model(believed, model_of(found, rows, DATE, inertial))
             outcome["tracking"] = self._tracked(arm, {"before": believed, "after": identified, "exact": arm.told})
         return outcome
+
+    def _recorded(self, arm: UnknownArm, believed: Robot, plan: Plan | Excitation) -> tuple[Rows, float]:
+        """Telemetry of the moves of a plan, and its period."""
+        settings = ServoSettings(rate_hz=self.rate_hz)
+        rows = record_lockstep(believed, self.robot_file, settings, arm.emulator(), plan)
+        return rows, settings.period_ns * 1e-9
 
     def _tracked(self, arm: UnknownArm, beliefs: dict[str, Robot]) -> Outcome:
         """Rms errors by joint, by what the servo believes."""
@@ -80,6 +93,14 @@ def _plan(robot_file: str, poses: int) -> Plan:
     robot = load_robot(robot_file)
     regressor = gravity_regressor(robot)
     return make_plan(robot, regressor, base_of_robot(robot, regressor), poses)
+
+
+@cache
+def _runs(robot_file: str) -> Excitation:
+    """What all arms of a study do for their inertia."""
+    robot = load_robot(robot_file)
+    regressor = inertial_regressor(robot)
+    return make_excitation(robot, regressor, base_of_robot(robot, regressor))
 
 
 def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
@@ -104,6 +125,25 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
         "gravity_rms": kept(_rms(found.gravity(q) - held)),
         "friction_error": kept(found.friction / friction - 1.0),
         "deviations": dict(zip(names, kept(deviations), strict=True)),
+    }
+
+
+def inertia_compared(arm: UnknownArm, inertial: InertialModel, measured: bool) -> Outcome:
+    """What fast runs told, against the truth.
+
+    Where torque was not `measured`, nothing is in the unit of the truth, because of the rotors, and only errors tell.
+
+    Returns:
+        before, after: error of the torque predicted for runs held back, N m (N), by motor.
+        deviations: error of each base parameter by name, in its own standard deviations; none without the unit.
+    """
+    truth = inertial.base.K @ known_parameters(arm.told, inertial.regressor)
+    certain = np.sqrt(np.diag(inertial.fit.covariance))[: truth.size]
+    deviations = kept((inertial.beta - truth) / certain)
+    return {
+        "before": kept(inertial.before_rms),
+        "after": kept(inertial.held_back_rms),
+        "deviations": dict(zip(inertial.base.leaders, deviations, strict=True)) if measured else {},
     }
 
 

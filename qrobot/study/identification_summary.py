@@ -31,6 +31,8 @@ class IdentificationSummary:
         gravity_before, gravity: rms errors of the robot file's and the model's, N m (N). Shapes (a, n).
         friction_error: as a share of the truth. Shape (a, n, 3).
         deviations: errors in the fit's own standard deviations. Shape (a, p).
+        inertia: errors of the torque predicted for fast runs before and after, N m (N), shapes (a, n), and `deviations`
+            (a, q) of inertial parameters; empty when not tried.
         tracking: rms errors before, after and with the exact model, rad (m), shapes (a, n); empty when not tried.
     """
 
@@ -43,6 +45,7 @@ class IdentificationSummary:
     gravity: Floats
     friction_error: Floats
     deviations: Floats
+    inertia: dict[str, Floats]
     tracking: dict[str, Floats]
 
     @property
@@ -76,8 +79,15 @@ class IdentificationSummary:
             "friction_within_a_tenth": float((friction <= FRICTION_GOAL).mean()),
             "inside_95": float(self.inside.mean()),
             "inside_95_by_value": dict(zip(self.values, self.inside.mean(axis=0).tolist(), strict=True)),
+            "inertia": self._inertia_quantiles() if self.inertia else None,
             "tracking": self._tracking_quantiles() if self.tracking else None,
         }
+
+    def _inertia_quantiles(self) -> dict[str, Any]:
+        """Where torque was not known there are no deviations."""
+        off = np.abs(self.inertia["deviations"])
+        errors = {name: quantiles(self.inertia[name]) for name in ("before", "after")}
+        return errors | {"inside_95": float((off <= NORMAL_95).mean()) if off.size else None}
 
     def _tracking_quantiles(self) -> dict[str, Any]:
         """For a gain, the worst is the least."""
@@ -95,6 +105,10 @@ def summarise_identification(results: Results) -> IdentificationSummary:
     def column(name: str) -> NDArray[Any]:
         return np.array([outcome[name] for outcome in good])
 
+    moved = [
+        arm | {"deviations": list(arm["deviations"].values())}
+        for arm in (outcome["inertia"] for outcome in good if "inertia" in outcome)
+    ]
     tracked = [outcome["tracking"] for outcome in good if "tracking" in outcome]
     return IdentificationSummary(
         tuple(results.terms["joints"]),
@@ -106,6 +120,7 @@ def summarise_identification(results: Results) -> IdentificationSummary:
         column("gravity_rms"),
         column("friction_error"),
         np.array([list(outcome["deviations"].values()) for outcome in good]),
+        {name: np.array([arm[name] for arm in moved]) for name in moved[0]} if moved else {},
         {name: np.array([arm[name] for arm in tracked]) for name in tracked[0]} if tracked else {},
     )
 

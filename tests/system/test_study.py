@@ -11,6 +11,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.ident.fit import NORMAL_95
 from qrobot.study.campaign import carry_out
 from qrobot.study.engine import Engine, InProcess, engine
 from qrobot.study.gains import GainStudy
@@ -42,12 +43,16 @@ def test_two_dask_workers_find_what_one_process_finds(gains: Results, tmp_path: 
 def test_an_arm_is_identified_and_judged_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path = tmp_path / "arms.jsonl"
     words = ["--arms", "1", "--poses", "12", "--no-tracking", "--workers", "1", "--output", str(path)]
+    words += ["--rate", "250", "--stiction", "1.3", "--torque", "known", "--dynamic"]
     assert run_app(make_app("study"), ["study", "identify", *words]) == 0
     assert "are inside their 95 % intervals" in " ".join(capsys.readouterr().out.split())
     outcome = read_results(path).good[0]
     gravity, before = np.array(outcome["gravity_rms"]), np.array(outcome["gravity_before"])
     assert (gravity[1:3] < 0.05 * before[1:3]).all()
-    assert np.abs(outcome["friction_error"]).max() < 0.1
+    assert np.abs(outcome["friction_error"]).max() < 0.02
+    inertia = outcome["inertia"]
+    assert np.linalg.norm(inertia["after"]) < 0.6 * np.linalg.norm(inertia["before"])
+    assert np.mean(np.abs(list(inertia["deviations"].values())) < NORMAL_95) > 0.8
     assert run_app(make_app("study"), ["study", "show", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["arms"] == 1
 

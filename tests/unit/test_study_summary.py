@@ -11,6 +11,7 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.study_tables import identification_lines
 from qrobot.errors import ConfigError
 from qrobot.study.gain_figure import gain_figure
 from qrobot.study.gain_summary import summarise_gains
@@ -56,6 +57,29 @@ def test_tracking_is_compared_with_before_and_with_the_exact_model() -> None:
     tracking = summarise_identification(ARMS).to_dict()["tracking"]
     assert tracking["gain"]["worst"] == pytest.approx(4.0)
     assert tracking["over_exact"]["worst"] == pytest.approx(1.25)
+
+
+def inertia(before: float, after: float, **deviations: float) -> dict[str, Any]:
+    return {"inertia": {"before": [before, before], "after": [after, after], "deviations": deviations}}
+
+
+def test_inertia_is_compared_with_the_robot_files_and_with_the_truth() -> None:
+    first, second = ARMS.good
+    outcomes = first | inertia(0.4, 0.1, Izz1=0.5, Izz2=2.5), second | inertia(0.6, 0.1, Izz1=-1.0, Izz2=1.0)
+    told = summarise_identification(Results(TERMS, outcomes))
+    plain = told.to_dict()["inertia"]
+    assert plain["before"]["median"] == [0.5, 0.5]
+    assert plain["after"]["worst"] == [0.1, 0.1]
+    assert plain["inside_95"] == 0.75
+    said = " ".join(identification_lines(told))
+    assert "turn 0.10 (0.50), lift 0.10 (0.50)" in said
+    assert "75.0 % of the true inertias" in said
+
+
+def test_inertia_in_no_known_unit_is_judged_by_its_prediction_alone() -> None:
+    told = summarise_identification(Results(TERMS, (ARMS.good[0] | inertia(0.4, 0.1),)))
+    assert told.to_dict()["inertia"]["inside_95"] is None
+    assert "true inertias" not in " ".join(identification_lines(told))
 
 
 def test_a_study_without_tracking_or_without_arms_says_so() -> None:
