@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from qrobot.cli.console import out
+from qrobot.errors import ConfigError
 
 
 def cc(
@@ -49,6 +50,8 @@ def cc(
     if cflags or libs:
         wanted = [*(toolchain.compile_flags() if cflags else []), *(toolchain.link_flags() if libs else [])]
         return _print(shlex.join(wanted))
+    if not arguments:
+        raise ConfigError("nothing to compile: qrobot cc prog.c -o prog")
     command = toolchain.command_line(arguments)
     if show:
         return _print(shlex.join(command))

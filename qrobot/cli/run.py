@@ -70,6 +70,10 @@ def run(
     """
     if not program.is_file():
         raise ConfigError(f"no program {program}")
+    if program.suffix == ".c":
+        raise ConfigError(
+            f"{program} is a source: compile it with `qrobot cc {program} -o {program.stem}`, and run that"
+        )
     if offline and (lockstep or plant is not None or scene is not None):
         raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
     chosen = choose_arm(deployment, arm)

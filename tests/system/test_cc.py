@@ -92,6 +92,16 @@ def test_the_header_of_the_wire_client_is_found_too(tmp_path: Path) -> None:
     assert cc("-std=gnu99", "-c", tmp_path / "wire.c", "-o", tmp_path / "wire.o") == 0
 
 
+def test_without_anything_to_compile_it_says_how_it_is_called(capfd) -> None:
+    assert cc() == 1
+    assert "nothing to compile: qrobot cc prog.c -o prog" in capfd.readouterr().err
+
+
+def test_a_source_is_not_run_but_compiled_first(source: Path, capfd) -> None:
+    assert run_app(make_app("run"), ["run", str(source)]) == 1
+    assert f"`qrobot cc {source} -o hello`" in " ".join(capfd.readouterr().err.split())
+
+
 def test_what_the_compiler_refuses_is_refused_in_its_words(tmp_path: Path, capfd) -> None:
     (tmp_path / "wrong.c").write_text("main() { this is no C }\n")
     assert cc(tmp_path / "wrong.c", "-o", tmp_path / "wrong") == 1
