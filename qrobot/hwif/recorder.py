@@ -23,13 +23,13 @@ from typing import Final, TextIO
 
 from qrobot.errors import LinkError, LogError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_REFERENCE, OP_WRITE
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import N_INPUT_WORDS
 from qrobot.realtime.segment import Words
 
 MAGIC: Final = "qrobot-registers 1"
-LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p"}
-REFERENCES: Final = "references"
+LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p", OP_OUTPUTS: "o"}
+TAKES: Final = ("references", "outputs")  # what a board may take besides: facts of that name
 
 
 class Recorder:
@@ -65,7 +65,8 @@ class Recorder:
         """As the bus does. Raises what it raises."""
         facts = self._bus.connect()
         self._before[:] = 0
-        self._write(f"board {facts.revision} {facts.joints} {facts.period_ns}{f' {REFERENCES}' * facts.references}")
+        takes = (name for name in TAKES if getattr(facts, name))
+        self._write(" ".join(["board", facts.revision, str(facts.joints), str(facts.period_ns), *takes]))
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
@@ -110,7 +111,7 @@ class Recorder:
 
 def operation_text(kind: int, offset: int, value: int) -> str:
     """One operation as it stands in a recording."""
-    written = f"={value:x}" if kind in (OP_WRITE, OP_REFERENCE) else ""
+    written = "" if kind == OP_READ else f"={value:x}"
     return f"{LETTERS.get(kind, '?')}{offset:02x}{written}"
 
 

@@ -11,14 +11,23 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError
-from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_REFERENCE, OP_WRITE
-from qrobot.hwif.recorder import MAGIC, REFERENCES, changes, operation_text
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road, make_image
+from qrobot.hwif.memory import (
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    IMAGE_T_NS,
+    OP_FIELDS,
+    OP_OUTPUTS,
+    OP_READ,
+    OP_REFERENCE,
+    OP_WRITE,
+)
+from qrobot.hwif.recorder import MAGIC, TAKES, changes, operation_text
 from qrobot.hwif.registers import N_INPUT_WORDS, register_at
 from qrobot.realtime.segment import Words
 
-_OPERATION: Final = re.compile(r"(?:([wp])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
-_KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE}
+_OPERATION: Final = re.compile(r"(?:([wpo])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
+_KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE, "o": OP_OUTPUTS}
 _WORD: Final = re.compile(r"([0-9a-f]{2})=([0-9a-f]{1,4})\Z")
 _ERRORS: Final = {kind.__name__: kind for kind in (LinkError, LinkLost, LinkTimeout, RemoteProtocolError)}
 
@@ -73,9 +82,16 @@ class Recording:
         counted: dict[str, int] = {}
         for each in self.exchanges:
             for kind, offset, _ in each.operations.tolist():
-                name = f"reference {offset + 1}" if kind == OP_REFERENCE else register_name(offset)
+                name = operation_name(kind, offset)
                 counted[name] = counted.get(name, 0) + 1
         return counted
+
+
+def operation_name(kind: int, offset: int) -> str:
+    """What an operation is about, for people."""
+    if kind == OP_REFERENCE:
+        return f"reference {offset + 1}"
+    return "outputs" if kind == OP_OUTPUTS else register_name(offset)
 
 
 def register_name(offset: int) -> str:
@@ -148,11 +164,11 @@ class _Reader:
 
 def _facts(words: list[str]) -> BoardFacts:
     revision, joints, period_ns, *more = words
-    if more not in ([], [REFERENCES]):
+    if not set(more) <= set(TAKES):
         raise ValueError(f"{' '.join(more)!r} says nothing of a board")
     if revision not in ("E", "F"):
         raise ValueError(f"no board has revision {revision!r}")
-    return BoardFacts(revision, int(joints), int(period_ns), bool(more))
+    return BoardFacts(revision, int(joints), int(period_ns), **dict.fromkeys(more, True))
 
 
 def _operations(words: list[str]) -> Operations:
@@ -235,14 +251,14 @@ def replay_onto(recording: Recording, bus: Bus) -> str:
     Raises:
         LinkError, ProtocolError: what the bus raises.
     """
-    image, connected = make_image(), False
+    image, connected, takes_outputs = make_image(), False, False
     for event in recording.events:
         if isinstance(event, Connection):
             if not connected:
-                bus.connect()
+                takes_outputs = bus.connect().outputs
             connected = True
         elif event.image is not None:
-            bus.exchange(event.operations, image)
+            bus.exchange(event.operations if takes_outputs else for_the_road(event.operations), image)
             if words := changes(event.image, image):
                 was = changes(image, event.image)
                 return f"{recording.path}, line {event.line}: was {' '.join(was)}, now it is {' '.join(words)}"

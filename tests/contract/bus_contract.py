@@ -44,6 +44,7 @@ from qrobot.hwif.registers import (
     STATUS_ADC_BUSY,
     STATUS_CALIBRATED,
     STATUS_ESTOP_OK,
+    STATUS_J6_OVERFLOW,
     STATUS_POWER,
 )
 from qrobot.realtime.segment import Words
@@ -169,6 +170,21 @@ class BusContract:
         for lines in (DISCRETE_LINES, 0x10, 0):
             there.write((DISCRETE, DISCRETE_POWER | lines))
             assert there.end.bench.memory[PANEL_DISCRETE] == DISCRETE_POWER | lines
+
+    @pytest.mark.parametrize("scratch", [STATUS_CALIBRATED, STATUS_J6_OVERFLOW, 0])
+    def test_a_host_that_starts_adopts_a_calibrated_arm_and_zeroes_the_counters_of_another(
+        self, there: Traveller, scratch: int
+    ) -> None:
+        """STATUS read, its two scratch bits written back, STATUS read again (TRC004 vendor driver v4.3, as meant)."""
+        loads = [(ENC_LOAD + 2 * joint, 500 + joint) for joint in range(N_ENCODERS)]
+        there.write(*loads, (DISCRETE, scratch | DISCRETE_POWER))  # what a host leaves behind that died
+        kept = there.read(STATUS) & (STATUS_CALIBRATED | STATUS_J6_OVERFLOW)
+        status = int(there.write((DISCRETE, kept))[IMAGE_INPUTS + STATUS // 2])
+        assert (kept, status & (STATUS_POWER | STATUS_CALIBRATED | STATUS_J6_OVERFLOW)) == (scratch, scratch)
+        if not status & STATUS_CALIBRATED:
+            there.write(*((offset, 0) for offset, _ in loads), (DISCRETE, 0))
+        expected = [value if scratch & STATUS_CALIBRATED else 0 for _, value in loads]
+        assert [there.read(ENC_COUNT + 2 * joint) for joint in range(N_ENCODERS)] == expected
 
     def test_an_index_is_latched_once_armed_and_again_when_armed_again(self, there: Traveller) -> None:
         """Mask bit 0, then 1, in one exchange (TRC004 vendor driver v4.3)."""

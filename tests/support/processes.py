@@ -21,8 +21,15 @@ import numpy as np
 
 from qrobot.config.deployment import Arm, load_deployment
 from qrobot.hwif.bus import MemoryEndpoint
-from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_WORDS, attach_board_memory, read_trace
-from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
+from qrobot.hwif.memory import (
+    IMAGE_INPUTS,
+    IMAGE_WORDS,
+    PANEL_DISCRETE,
+    PANEL_OUTPUTS,
+    attach_board_memory,
+    read_trace,
+)
+from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.realtime.segment import DIRECTORY
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
@@ -216,6 +223,12 @@ class RunningArm:
     def powered(self) -> bool:
         """Arm power is on, as the board sees it: brakes are open."""
         return bool(self._image()[STATUS // 2] & STATUS_POWER)
+
+    @property
+    def lamps(self) -> tuple[int, int]:
+        """Outputs as the emulated panel shows them, output 1 in bit 0; and the board's own lines, bits of DISCRETE."""
+        with attach_board_memory(self.name) as segment:
+            return int(segment.words[PANEL_OUTPUTS]), int(segment.words[PANEL_DISCRETE]) & DISCRETE_LINES
 
     def encoders(self) -> list[int]:
         """Encoder words of all joints, as the board shows them."""

@@ -38,10 +38,14 @@ FAST = 1.0  # rad/s; the legs cruise at 1.05
 BRAKED = slice(0, 3)  # the joints with brakes
 STILL_COUNTS = 40  # 0.4 degrees at most: joints settle under gravity and friction
 
+OUTPUTS = 'outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }]'
+BOTH, HELD, NONE = (0b11, 0x28), (0b10, 0x20), (0, 0)  # of the two outputs: as lines, and as bits of DISCRETE
+
 LEGS = """
 from qrobot import rccl
 
 arm = rccl.control("puma560", clear_fault=True)
+arm.signal(1, 2)
 arm.setjvel(1.05)
 while True:
     for name in ("park", "end"):
@@ -53,7 +57,7 @@ TIMID = LEGS.replace(", clear_fault=True", "")
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("kill"), period_ms=FRAME_MS) as arms:
+    with running_arms(tmp_path_factory.mktemp("kill"), period_ms=FRAME_MS, board=OUTPUTS) as arms:
         yield arms[0]
 
 
@@ -78,6 +82,7 @@ def fast_leg(arm: RunningArm, legs: Path) -> Iterator[subprocess.Popen[str]]:
     """Inside, a program is on its fast leg at constant speed; some 0.8 s of the leg are left."""
     with arm.moving(legs, FAST) as program:
         time.sleep(0.1)
+        assert arm.lamps == BOTH
         yield program
 
 
@@ -186,6 +191,7 @@ def test_a_killed_program_leaves_a_stop_on_the_path_within_two_frames(arm: Runni
     with fast_leg(arm, legs) as program:
         killing = kill(program)
         arm.wait_for(Mode.HOLDING)
+        assert arm.lamps == HELD
     stop = stop_of(arm.telemetry(), killing.before_ns)
     assert_it_begins_within_two_frames(stop, killing)
     assert_a_stop_on_the_path(stop)
@@ -199,6 +205,7 @@ def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: Runnin
     with fast_leg(arm, legs) as program:
         killing = arm.kill("bridge")
         arm.wait_for(Mode.HOLDING)
+        assert arm.lamps == HELD
         assert_the_rest_runs(arm, before, "bridge")
         assert program.wait(PATIENCE_S) == 1
     stop = stop_of(arm.telemetry(), killing.before_ns)
@@ -220,11 +227,13 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
         beat_ns = arm.word(BEAT_T_NS)
         assert_safe_by_the_boards_stamps(arm, beat_ns)
         assert_braked(arm)
+        assert arm.lamps == HELD
         assert_the_rest_runs(arm, before, "servo")
         assert program.wait(PATIENCE_S) == 1
     assert_log_reaches(log, beat_ns)
     arm.processes.start("servo")
     arm.wait_for(Mode.FAULT)  # it finds the board taken
+    wait_until(lambda: arm.lamps == NONE, "a servo that starts switches everything off")
     assert_refused(arm, timid, "GUARD_TRIP")
     assert_the_next_program_works(arm, legs)
 
@@ -235,6 +244,7 @@ def test_a_servo_that_was_stopped_finds_the_board_taken_and_writes_nothing_more(
         try:
             wait_until(lambda: arm.word(GUARD_TAKEOVER), "the guardian acts")
             assert_safe_by_the_boards_stamps(arm, arm.word(BEAT_T_NS))
+            assert arm.lamps == HELD
         finally:
             awake_ns = arm.signal("servo", signal.SIGCONT)
         arm.wait_for(Mode.FAULT)

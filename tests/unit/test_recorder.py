@@ -12,11 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import LinkLost, LocalProtocolError, LogError, QRobotError
-from qrobot.hwif.bus import BoardFacts, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_FIELDS, OP_READ, OP_REFERENCE, OP_WRITE
+from qrobot.hwif.bus import BoardFacts, Operations, for_the_road, make_image
+from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.recorder import MAGIC, Recorder
 from qrobot.hwif.registers import ADC_MUX, ADC_START, DAC, DISCRETE, ENC_COUNT, ENC_LOAD
 from qrobot.hwif.replay import Exchange, Replay, load_recording, replay_onto
+from qrobot.realtime.segment import Words
 from tests.support.bench import Bench
 from tests.support.bus import BenchEndpoint, DirectBus
 
@@ -193,6 +194,16 @@ def test_values_no_register_takes_are_recorded_as_they_were_asked(tmp_path: Path
     assert issubclass(LogError, QRobotError)
 
 
+class ModulesBus(DirectBus):
+    """A bus to a board with modules beside it, which are not there: outputs go nowhere."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), outputs=True)
+
+    def exchange(self, operations: Operations, image: Words) -> None:
+        super().exchange(for_the_road(operations), image)
+
+
 class ReferencesBus(DirectBus):
     """A bus to drives that close their own loop."""
 
@@ -211,3 +222,18 @@ def test_references_are_recorded_as_such_and_with_them_that_the_board_takes_them
     assert replay.connect() == facts
     replay.exchange(done, make_image())
     assert replay.finished
+
+
+def test_outputs_are_recorded_and_played_onto_a_board_without_modules_they_are_left_out(tmp_path: Path) -> None:
+    path, done = tmp_path / "here.txt", rows([(OP_OUTPUTS, 0, 5), (OP_WRITE, DAC, 1)])
+    with Recorder(ModulesBus(BenchEndpoint()), path) as recorder:
+        facts = recorder.connect()
+        recorder.exchange(done, make_image())
+    recording = load_recording(path)
+    assert recording.accesses() == {"outputs": 1, "DAC 1": 1}
+    replay = Replay(recording)
+    assert replay.connect() == facts
+    replay.exchange(done, make_image())
+    end = BenchEndpoint()
+    replay_onto(recording, DirectBus(end))
+    assert end.applied == [(OP_WRITE, DAC, 1)]
