@@ -255,6 +255,18 @@ def test_a_module_that_is_let_go_keeps_what_holds_and_switches_the_rest_off(tabl
     assert valve_and_pump(table) == [1, 700]
 
 
+def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
+    table.board.gone = True
+    table.module.poll()
+    table.module.poll()
+    assert len(table.lines) == 1
+    assert table.lines[0].startswith("no module at Modbus 127.0.0.1")
+    table.board.gone = False
+    table.module.poll()
+    assert table.lines[1].endswith("found")
+    assert table.module.losses == 0
+
+
 def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
     main = PaperBoard()
     bus, image = IoBus(DirectBus(main), [table.module]), make_image()

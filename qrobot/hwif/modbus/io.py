@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from qrobot.config.modbus_io import ModbusIo
+from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
@@ -24,6 +25,7 @@ from qrobot.realtime.segment import Words
 from qrobot.units import NS_PER_MS
 
 SIGN: Final = 0x8000  # of a register
+ALL_OUTPUTS: Final = (1 << N_OUTPUTS) - 1
 Report = Callable[[str], None]
 
 
@@ -41,7 +43,7 @@ class RemoteModule:
 
     Args:
         choice: where it is and what it has.
-        report: takes a line when it is found or lost.
+        report: takes a line when it is found or lost, or is not there at first.
 
     Attributes:
         mask: bits of STATUS that are its own. channels: of the converter, likewise.
@@ -55,13 +57,14 @@ class RemoteModule:
         self.channels = frozenset(each.channel for each in choice.analog)
         self.losses = 0
         self._held = sum(1 << (each.output - 1) for each in choice.outputs if each.on_stop == "hold")
+        self._allowed = ALL_OUTPUTS
         self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
         self._seen = Seen(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
         self._wanted: Sequence[int] | None = None
         self._written: Sequence[int] | None = None
         self._outputs: int | None = None  # None until somebody has said anything
         self._shown: dict[int, bool] = {}  # what each output was last told, by its line
-        self._here = False
+        self._here = self._told = False
 
     def command(self, discrete: int) -> None:
         """The hand is as this DISCRETE word says; both solenoids at once, as after reset, say nothing."""
@@ -105,22 +108,19 @@ class RemoteModule:
             self._lose(error)
             return
         if not self._here:
-            self._here = True
+            self._here, self._told = True, False
             self._report(f"module at {self._line.name} found")
 
     def run(self, stop: threading.Event) -> None:
-        """Poll until `stop` is set."""
+        """Poll until `stop` is set, then leave on what holds and let go of it."""
+        self._allowed = ALL_OUTPUTS
         while not stop.is_set():
             self.poll()
             stop.wait(self._choice.period_ms / MS_PER_S)
-        self._let_go()
-        self.close()
-
-    def _let_go(self) -> None:
-        """The last word: nobody is left to say what its outputs are to be."""
-        if self._here and self._outputs is not None:
-            self._outputs &= self._held
+        self._allowed = self._held  # nobody is left to say what the others are to be
+        if self._here:
             self.poll()
+        self.close()
 
     def close(self) -> None:
         """Let go of it."""
@@ -147,7 +147,7 @@ class RemoteModule:
         if self._outputs is None:
             return
         for each in self._choice.outputs:
-            on = bool(self._outputs >> (each.output - 1) & 1)
+            on = bool((self._outputs & self._allowed) >> (each.output - 1) & 1)
             if self._shown.get(each.output) == on:
                 continue
             value, client = each.on if on else each.off, self._line.client
@@ -168,6 +168,9 @@ class RemoteModule:
         if self._here:
             self.losses += 1
             self._report(f"module at {self._line.name} lost, its inputs read as safe: {error}")
+        elif not self._told:
+            self._report(f"no module at {self._line.name}: {error}")
+        self._told = True
         self.close()
 
 
