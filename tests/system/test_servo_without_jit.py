@@ -35,6 +35,10 @@ def test_compiled_and_plain_cycles_write_the_same_telemetry(tmp_path: Path) -> N
         np.testing.assert_array_equal(plain[name], compiled[name], name)
 
 
+def test_an_arm_of_one_sliding_joint_is_held_and_stopped() -> None:
+    python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/one_joint_checks.py")
+
+
 def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
     gates = ("guard", "guard_motion", "guard_timing")
     python(

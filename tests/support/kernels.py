@@ -1,0 +1,56 @@
+"""Compile what nearly every test calls, beside linting: workers of the tests would wait for one of them to do it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from typing import Final
+
+from qrobot import rccl
+from qrobot.config import load_robot
+from qrobot.hwif.memory import local_board_memory
+from qrobot.rci import VirtualLink
+from qrobot.servo.law_trial import prove_finite
+from qrobot.servo.laws import LAWS, find_law
+from qrobot.sim_board.emulator import Emulator, emulator_run
+from tests.support.fake_robot import FakeRobot
+from tests.support.servo_bench import ServoBench
+
+ROBOT: Final = "puma560"
+PERIOD_NS: Final = 1_000_000
+
+
+def servo() -> None:
+    """The cycle, which takes longer than all else."""
+    ServoBench().hold()
+
+
+def board() -> None:
+    """The emulated board and its plant."""
+    emulator, memory = Emulator(load_robot(ROBOT)), local_board_memory()
+    emulator.connect(memory)
+    emulator_run(emulator.bundle, memory, PERIOD_NS, 1)
+
+
+def laws() -> None:
+    """Every law that comes with the project."""
+    robot = load_robot(ROBOT)
+    for name in LAWS:
+        prove_finite(find_law(name, robot), name, robot)
+
+
+def motion() -> None:
+    """What a program moves by."""
+    robot = FakeRobot(tuple(load_robot(ROBOT).poses["park"]))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        arm = rccl.control(ROBOT)
+        arm.move(arm.pose("ready"))
+        arm.release()
+
+
+PARTS: Final[tuple[Callable[[], None], ...]] = servo, laws, motion, board
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(2) as pool:
+        for done in [pool.submit(part) for part in PARTS]:
+            done.result()

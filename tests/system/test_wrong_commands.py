@@ -1,0 +1,99 @@
+"""What is wrong is told in one line on stderr before any process starts, and the exit status is not 0."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from tests.support.processes import free_port, write_deployment
+
+
+@pytest.fixture
+def deployment(tmp_path: Path) -> Path:
+    return write_deployment(tmp_path)
+
+
+def complaint_of(capsys: pytest.CaptureFixture[str], *tokens: str | Path, status: int = 1) -> str:
+    """The one line `qrobot TOKENS` says before it fails."""
+    assert run_app(make_app(), [str(token) for token in tokens]) == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("qrobot: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def edit(path: Path, old: str, new: str) -> Path:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[[arm]]", "[[arm]", ["arms.toml", "line 2"]),
+        ("rate_hz", "rate_herz", ["arm.0.servo.rate_herz: unknown key; did you mean 'rate_hz'?", "1 mistake"]),
+        ("rate_hz = 1000", "rate_hz = 7", ["rate_hz", "100"]),
+        ("rate_hz = 1000", "rate_hz = nan", ["rate_hz"]),
+        ('robot = "puma560"', 'robot = "puma650"', ["puma650", "puma560"]),
+        ("rate_hz = 1000", 'law = "pid"', ["pid", "pd"]),
+    ],
+    ids=["broken", "unknown key", "rate", "nan", "robot", "law"],
+)
+def test_a_wrong_deployment_is_refused_before_anything_starts(
+    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: list[str]
+) -> None:
+    edit(deployment, old, new)
+    complaint = complaint_of(capsys, "up", deployment, "--out-dir", tmp_path / "processes")
+    assert all(word in complaint for word in words), complaint
+    assert not (tmp_path / "processes").exists()
+
+
+@pytest.mark.parametrize(
+    ("tokens", "status", "words"),
+    [
+        (["up", "nowhere.toml"], 1, ["nowhere.toml"]),
+        (["servo", "{deployment}", "--rate", "7"], 1, ["7", "50 to 20000 Hz"]),
+        (["servo", "{deployment}", "--rate", "0"], 1, ["0", "50 to 20000 Hz"]),
+        (["servo", "{deployment}", "--law", "pid"], 1, ["pid", "pd"]),
+        (["servo", "{deployment}", "--arm", "third"], 1, ["third"]),
+        (["servo", "{deployment}"], 1, ["no shared memory", "-board"]),
+        (["guardian", "{deployment}"], 1, ["no shared memory", "-servo"]),
+        (["run", "missing.py"], 1, ["missing.py"]),
+        (["log", "info", "missing.mcap"], 1, ["missing.mcap"]),
+        (["demo", "--law", "pid"], 1, ["pid", "pd"]),
+        (["demo", "--rate", "3000"], 2, ["--rate", "3000"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_wrong_command_is_one_line(
+    deployment: Path, capsys: pytest.CaptureFixture[str], tokens: list[str], status: int, words: list[str]
+) -> None:
+    tokens = [token.format(deployment=deployment) for token in tokens]
+    complaint = complaint_of(capsys, *tokens, status=status)
+    assert all(word in complaint for word in words), complaint
+
+
+def test_a_busy_port_is_told_before_anything_starts(
+    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = int(deployment.read_text().split("port = ")[1].split()[0])
+    with socket.create_server(("127.0.0.1", port)):
+        complaint = complaint_of(capsys, "up", deployment, "--out-dir", tmp_path / "processes")
+    assert f"127.0.0.1:{port} is in use" in complaint
+    assert not (tmp_path / "processes").exists()
+
+
+def test_a_program_without_a_bridge_is_told_how_to_start_one(
+    deployment: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("QROBOT_BRIDGE", f"127.0.0.1:{free_port()}")
+    program = tmp_path / "program.py"
+    program.write_text('from qrobot import rccl\nrccl.control("puma560")\n')
+    assert "qrobot up" in complaint_of(capsys, "run", program)
