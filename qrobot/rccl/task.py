@@ -196,7 +196,8 @@ class TrajectoryTask:
             MotionError: the arm is not calibrated.
         """
         if self.how is None:
-            self.chg.outputs = state.robot.outputs  # those that hold are left as they are
+            # What the hand holds stays held, and outputs that are kept stay as they are.
+            self.chg.hand, self.chg.outputs = state.robot.hand, state.robot.outputs
         self.how = state.robot
         self._heard.append(state.robot)
         self._count(state.seq)

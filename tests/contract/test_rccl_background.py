@@ -16,6 +16,7 @@ from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, newtrans, t6
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import Hello, JointMode
+from qrobot.wire.vocabulary import Hand
 from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
 
 PARK = tuple(load_robot("puma560").poses["park"].tolist())
@@ -68,6 +69,13 @@ def test_without_slow_functions_nothing_is_blamed_on_them(robot) -> None:
         robot.halt(FaultCode.STREAM_LOST)
         with pytest.raises(ServoFault, match="the servo stopped the arm: STREAM_LOST"):
             arm.waitas(lambda: False)
+
+
+def test_what_the_hand_holds_stays_held_when_a_program_takes_the_arm(robot) -> None:
+    robot.hand = Hand.CLOSED
+    with rccl.control() as arm:
+        arm.waitas(lambda: arm.time > 200)
+    assert {command.hand for command in robot.commands} == {Hand.CLOSED}
 
 
 def test_a_program_reads_how_and_writes_chg_at_every_sample(robot) -> None:

@@ -19,6 +19,7 @@ from qrobot.config.scene import Scene
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import read_setpoints
+from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -33,6 +34,7 @@ from tests.support.c_programs import (
     way_of_c,
     way_of_python,
 )
+from tests.support.fake_robot import FakeRobot
 from tests.support.puma import ROBOT
 
 pytestmark = needs_compiler
@@ -168,6 +170,16 @@ def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_it
     assert said.count("\nfitted: ") == 2
     assert "stopped with -2\ndone: mode 5, hand 1, inputs 1, waist " in said
     assert {"PALLET", "PLATE"} <= set((tmp_path / "cell.db").read_text().split())
+
+
+def test_the_hand_keeps_what_it_holds_while_the_arm_is_let_go_and_taken_again(tmp_path: Path) -> None:
+    text = "main() { control(); CLOSE suspendfg(); release(); control(); suspendfg(); suspendfg(); release(); }"
+    program, robot = compiled_text(text, tmp_path), FakeRobot(tuple(ROBOT.poses["park"]))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        run_executable(program, ())
+    hands = [command.hand for command in robot.commands]
+    assert robot.goodbyes == 2
+    assert set(hands[hands.index(2) :]) == {2}
 
 
 @pytest.mark.parametrize("functions", [False, True])

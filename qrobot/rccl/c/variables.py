@@ -76,6 +76,8 @@ class Variables:
     def begin_outputs(self, channel: Channel) -> None:
         """The outputs that the arm was taken with, beside those that the program has set already; and its hand."""
         self._chg["outputs"] |= channel.chg.outputs
+        if int(self._chg["hand"]) == self._hand:  # it has said nothing of it
+            self._chg["hand"] = channel.chg.hand
         self._hand = channel.chg.hand
 
     def take_outputs(self, channel: Channel) -> None:

@@ -11,7 +11,7 @@
 
 #include "rccl.h"
 
-#define SHIM_VERSION 1
+#define SHIM_VERSION 2
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 32
 #define SHIM_TEXT 256
