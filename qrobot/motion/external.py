@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.model.breakaway import PUSH_SHARE, added_at_rest, push_for
 from qrobot.model.dynamics import (
     dynamics_params,
     dynamics_work,
@@ -23,13 +24,12 @@ from qrobot.model.dynamics import (
     gravity_torque,
     inverse_dynamics,
 )
-from qrobot.model.transmission import motor_to_torque, transmission_params
+from qrobot.model.transmission import motor_to_torque, torque_to_motor, transmission_params
 from qrobot.motion.limits import Floats
 from qrobot.motion.trail import DEPTH, motion_of
 
 # Share of its friction by which a moving joint may be wrong [A]: sources differ by more, one arm over a day by less.
 MOVING_SHARE: Final = 0.2
-_PUSHED: Final = 0.1  # share of its Coulomb friction from which a push counts as one [A]
 _AVERAGED: Final = 3  # samples
 
 
@@ -89,19 +89,37 @@ class Friction:
         largest = np.maximum(self._params.coulomb_pos, self._params.coulomb_neg)
         return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
 
-    def breakaway(self, v: Floats, planned: Floats, push: Floats) -> Floats:
-        """Coulomb friction of the way a joint is to go, as far as `torque(v)` has not come up to it.
+    def added(self, push: Floats) -> Floats:
+        """What the servo adds to torque setpoints beyond gravity, `push`, of joints that stand. Shapes (n,)."""
+        return self._joints(added_at_rest(self._motors(push), self._params))
 
-        Args:
-            v: measured velocity. Shape (n,).
-            planned: wanted velocity; Coulomb friction comes up with it as in `torque`. Shape (n,).
-            push: torque that is to move it; Coulomb friction comes up within a tenth of itself. Shape (n,).
+    def setpoint(self, total: Floats, v: Floats) -> Floats:
+        """Torque setpoints that amount to `total` with what the servo adds at velocity `v`, if they stand. Shapes (n,).
+
+        For a joint that moves that is `total` itself: its friction is made up for whatever the setpoint.
+        """
+        motor = self._motors(total)
+        moving = self._moving(v)
+        return self._joints(moving * motor + (1.0 - moving) * push_for(motor, self._params))
+
+    def hint(self, v: Floats, planned: Floats) -> Floats:
+        """Torques that tell the servo which way joints that stand at `v` are to go by their plan. Shapes (n,).
+
+        A tenth of Coulomb friction, from which on the servo adds what it adds on a joint that stands.
         """
         p = self._params
-        moving = np.clip(np.abs(self._rates(v)) / p.velocity, 0.0, 1.0)
-        largest = np.maximum(p.coulomb_pos, p.coulomb_neg)
-        way = np.clip(self._rates(planned) / p.velocity + push / (_PUSHED * largest), -1.0, 1.0)
-        return self._joints(way * np.where(way > 0.0, p.coulomb_pos, p.coulomb_neg) * (1.0 - moving))
+        way = np.clip(self._rates(planned) / p.velocity, -1.0, 1.0)
+        coulomb = np.where(way > 0.0, p.coulomb_pos, p.coulomb_neg)
+        return self._joints(PUSH_SHARE * way * coulomb * (1.0 - self._moving(v)))
+
+    def _moving(self, v: Floats) -> Floats:
+        """How far the servo's friction of motion has come up on the motors, 0 to 1. Shapes (n,)."""
+        return np.clip(np.abs(self._rates(v)) / self._params.velocity, 0.0, 1.0)
+
+    def _motors(self, tau: Floats) -> Floats:
+        motor = np.empty(tau.size)
+        torque_to_motor(tau, self._transmission, motor)
+        return motor
 
     def _rates(self, v: Floats) -> Floats:
         rates: Floats = self._transmission.motor_per_joint @ v

@@ -3,10 +3,12 @@
 At each sample, with C the controlled frame, J its Jacobian in its own axes and S the joints matched with its compliant
 axes (Hayward & Paul 1986, section 2.4):
 
-    torque_S = (J' f)_S + G_S + friction_S - D (v - v_planned)_S        f: the wrench the program wants exerted
+    torque_S = (J' f)_S + G_S - D (v - v_planned)_S        f: the wrench the program wants exerted
 
-G is left to the servo where it carries the arm anyhow, and so is friction while a joint moves; what is added here is
-the friction of a joint that stands and is to move. The damping D keeps a joint that meets nothing from running away.
+G is left to the servo where it carries the arm anyhow, and friction always: the servo sees at once how fast a joint is,
+and adds the friction of one that stands in the direction of its torque (`model.breakaway`). A joint that stands although
+its plan moves it is given a little more, which tells that direction. The damping D keeps a joint that meets nothing from
+running away.
 """
 
 from __future__ import annotations
@@ -77,7 +79,8 @@ class ForceControl:
         self._met: tuple[int, Goal | None, Contact] | None = None  # the newest contact, and what it was asked for
         self._asked: Floats | None = None  # setpoints of the sample before
         self._stood: Floats | None = None  # where the arm was then, foreseen to the time of those setpoints
-        self._fading = np.zeros(robot.n)  # torque that a joint had when it began to give way
+        self._exerted = np.zeros(robot.n)  # by a joint when it began to give way
+        self._first = np.zeros(robot.n)  # setpoint that goes on with that
         self._since = np.zeros(robot.n)  # samples since then
         self._carried = np.zeros(N_AXES)  # what the newest sample added to the drift
         self._failed = Termination.NONE
@@ -148,7 +151,7 @@ class ForceControl:
         if compliance is not self._compliance:
             compliance.drift.keep(self._kept_axes(compliance))
             self._compliance = compliance
-        self._take_joints(compliance, self._contact)
+        self._take_joints(compliance, self._contact, seen.v)
         setpoints = q.copy()
         S = list(self.joints)
         setpoints[S] = self._torque(compliance, self._contact, seen, planned)[S]
@@ -182,7 +185,7 @@ class ForceControl:
             self._compliance.drift.keep(())
         self._compliance, self._contact, self.joints = None, None, ()
 
-    def _take_joints(self, compliance: Compliance, there: Contact) -> None:
+    def _take_joints(self, compliance: Compliance, there: Contact, v: Floats) -> None:
         """Keep the joints that give way while they serve, else match anew."""
         J, G, axes = there.jacobian, there.inverse, compliance.axes
         if len(self.joints) == len(axes) and fitness(J, G, axes, self.joints) >= KEPT_FITNESS:
@@ -192,24 +195,35 @@ class ForceControl:
         except Singular:
             self._failed = Termination.SINGULAR
             return
-        exerted = self.exerted
-        for j in set(joints) - set(self.joints):
-            self._fading[j] = 0.0 if exerted is None else exerted.torque[j]
-            self._since[j] = 0
+        exerted = np.zeros(v.size) if self.exerted is None else self.exerted.torque
+        taken = sorted(set(joints) - set(self.joints))
+        self._exerted[taken] = exerted[taken]
+        self._first[taken] = self._external.friction.setpoint(exerted, v)[taken]
+        self._since[taken] = 0
         self.joints = joints
 
     def _torque(self, compliance: Compliance, there: Contact, seen: Seen, planned: Floats) -> Floats:
         """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
-        wanted = there.jacobian.T @ compliance.wrench
-        settling = (self._since * self._period_s < SETTLE_S) & (wanted != 0.0)
-        push = np.where(settling, wanted - self._fading, wanted)  # a joint that pressed harder has to give way first
-        gravity = self._external.gravity(seen.q)
-        tau = wanted + self._external.friction.breakaway(seen.v, planned, push) - self._damping * (seen.v - planned)
+        gravity, elapsed_s = self._external.gravity(seen.q), self._since * self._period_s
+        tau = self._settling(there.jacobian.T @ compliance.wrench, elapsed_s)
+        tau += self._external.friction.hint(seen.v, planned) - self._damping * (seen.v - planned)
         tau += np.where(self._uncarried, gravity, 0.0)
-        share = np.clip(self._since * self._period_s / FADE_S, 0.0, 1.0)
+        share = np.clip(elapsed_s / FADE_S, 0.0, 1.0)
         self._since += 1
-        room = self._tau_max - np.abs(gravity)
-        return np.clip(share * tau + (1.0 - share) * self._fading, -room, room)
+        room = self._tau_max - np.abs(gravity) - np.abs(self._external.friction.added(tau))
+        return np.clip(share * tau + (1.0 - share) * self._first, -room, room)
+
+    def _settling(self, wanted: Floats, elapsed_s: Floats) -> Floats:
+        """Setpoints for torques `wanted` on the world: a joint that pressed harder first is let back. Shapes (n,).
+
+        What friction holds is not let go by a smaller torque in the same direction. So the torque it exerted when it
+        began to give way, which counts less and less, is compared with what is wanted: friction is asked for in the
+        direction of the difference.
+        """
+        left = np.clip(1.0 - elapsed_s / SETTLE_S, 0.0, 1.0)
+        friction, standing = self._external.friction, np.zeros(wanted.size)
+        settled = friction.setpoint(wanted + friction.added(wanted - left * self._exerted), standing)
+        return np.where((left > 0.0) & (wanted != 0.0), settled, wanted)
 
     def _limit_passed(self, seen: Seen, generator: Generator, tick: int) -> Termination:
         request = generator.serving

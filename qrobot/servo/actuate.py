@@ -18,12 +18,14 @@ from qrobot.hwif.registers import (
     DISCRETE_POWER,
     N_DACS,
 )
+from qrobot.model.breakaway import lead
 from qrobot.model.dynamics import friction_torque, gravity_torque
 from qrobot.model.transmission import (
     TransmissionParams,
     joint_to_motor,
     motor_to_torque,
     torque_to_dac,
+    torque_to_motor,
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.adc import start_sample
@@ -38,6 +40,7 @@ from qrobot.servo.mailbox import (
     BEAT_DISCRETE,
     COMMAND_HAND,
     GUARD_TAKEOVER,
+    TORQUE_SETPOINT,
 )
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.outputs import post_outputs
@@ -155,7 +158,7 @@ def lost(params: ServoParameters, state: ServoState) -> bool:
 
 @lean_kernel
 def model_terms(params: ServoParameters, state: ServoState) -> None:
-    """Gravity at the measured pose on the compensated joints, friction at the reference velocity."""
+    """Gravity at the measured pose on the compensated joints, friction at the reference velocity or of a push."""
     if lost(params, state):
         for j in range(state.q.size):
             state.gravity[j], state.friction[j] = 0.0, 0.0
@@ -165,6 +168,8 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
         state.watch.load[j] = state.gravity[j]
         state.gravity[j] *= params.gravity_share[j]
     motor_rates(state.v_ref, params.transmission, state.scratch)
+    motor_push(params, state, state.tau_motor)
+    lead(state.scratch, state.tau_motor, params.friction)
     friction_torque(state.scratch, params.friction, state.tau_motor)
     motor_to_torque(state.tau_motor, params.transmission, state.friction)
 
@@ -177,6 +182,18 @@ def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
         for j in range(v.size):
             speed += transmission.motor_per_joint[i, j] * v[j]
         r_dot[i] = speed
+
+
+@lean_kernel
+def motor_push(params: ServoParameters, state: ServoState, push: Any) -> None:
+    """Motor torques of the torque setpoints beyond what carries the arm; none of joints that follow positions.
+
+    `push` is filled, and `friction` used on the way. Shapes (n,).
+    """
+    for j in range(push.size):
+        uncarried = state.watch.load[j] - state.gravity[j]
+        state.friction[j] = state.torque_setpoint[j] - uncarried if state.joint_modes[j] == TORQUE_SETPOINT else 0.0
+    torque_to_motor(state.friction, params.transmission, push)
 
 
 @lean_kernel

@@ -170,11 +170,48 @@ def test_a_crank_whose_shaft_is_not_where_the_program_thinks_is_turned_four_time
     assert not (rows["mode"] == Mode.FAULT).any()
 
 
-def test_a_peg_finds_the_hole_it_is_led_into_and_a_stiff_arm_meets_the_rim(capsys) -> None:
-    rig = rig_with(Scene(kind="peg"))
-    run(rig, "09_peg_in_hole.py", "5", "3")
-    assert "the peg is 26 mm down" in capsys.readouterr().out
+def crank_farther_out(mm: int, folder: Path) -> str:
+    """The program of the crank for a shaft so much farther from the arm."""
+    text = (EXAMPLES / "08_crank.py").read_text()
+    for known in ('"SHAFT", 500', '"HOLE", 600'):
+        name, place = known.split()
+        assert text.count(known) == 1
+        text = text.replace(known, f"{name} {int(place) + mm}")
+    program = folder / "crank.py"
+    program.write_text(text)
+    return str(program)
+
+
+@pytest.mark.parametrize(("play_mm", "farther_mm"), [(2.0, 0), (1.0, 100)])
+def test_it_is_no_chance_that_the_crank_is_turned_s06(play_mm, farther_mm, tmp_path, capsys) -> None:
+    rig = rig_with(
+        Scene(kind="crank", clearance_m=play_mm * 1e-3, position_m=(0.5 + farther_mm * 1e-3, 0.0, TABLE_MM * 1e-3))
+    )
+    run(rig, crank_farther_out(farther_mm, tmp_path))
+    assert "turned 4 times" in capsys.readouterr().out
     assert not rig.rows()["fault"].any()
+
+
+def test_an_arm_that_gives_way_to_nothing_stays_where_it_is() -> None:
+    rig = rig_with(Scene())
+    with rccl.use(partial(link_factory, rig, SAMPLE_US)), rccl.control("puma560") as arm:
+        go_above(arm, 100.0)
+        arm.comply("fx fy fz", 0.0, 0.0, 0.0)
+        arm.distance("dz", -100.0)
+        arm.move(P)
+        wait(500)
+        before = rig.emulator.q
+        wait(1500)
+        assert np.abs(rig.emulator.q - before).max() < 1e-3
+    assert not rig.rows()["fault"].any()
+
+
+def test_a_peg_finds_the_hole_it_is_led_into_and_a_stiff_arm_meets_the_rim(capsys) -> None:
+    for off in (("5", "3"), ("0", "5")):
+        rig = rig_with(Scene(kind="peg"))
+        run(rig, "09_peg_in_hole.py", *off)
+        assert "the peg is 26 mm down" in capsys.readouterr().out
+        assert not rig.rows()["fault"].any()
     stiff = rig_with(Scene(kind="peg"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rccl.Channel, "comply", lambda *_: None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from qrobot.model.breakaway import PUSH_SHARE, REST_SHARE
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.motion.external import MOVING_SHARE, ExternalTorque, Friction, Seen
 from tests.support.puma import PARK, PERIOD_S, ROBOT
@@ -49,19 +50,26 @@ def test_a_standing_joint_may_hide_all_its_stiction_and_a_moving_one_a_share_of_
     assert moving[:3] == pytest.approx(MOVING_SHARE * np.abs(friction.torque(SPEED))[:3])
 
 
-def test_break_away_torque_fades_as_the_servos_own_compensation_comes_up() -> None:
-    friction, push = Friction(ROBOT), np.array([30.0, -30.0, 30.0, 0.0, 0.0, 0.0])
-    at_rest = friction.breakaway(STILL, STILL, push)
-    preset = ROBOT.friction["corke"]
-    assert at_rest[:3] == pytest.approx([preset.coulomb_pos[0], -preset.coulomb_neg[1], preset.coulomb_pos[2]])
+def test_a_setpoint_and_what_the_servo_adds_to_a_joint_that_stands_are_the_torque_wanted() -> None:
+    friction, total = Friction(ROBOT), np.array([30.0, -20.0, 3.0, 1.5, -0.4, 0.05])
+    setpoint = friction.setpoint(total, STILL)
+    assert setpoint + friction.added(setpoint) == pytest.approx(total)
+
+
+def test_a_joint_that_moves_gets_its_friction_whatever_its_setpoint() -> None:
+    friction, total = Friction(ROBOT), np.array([30.0, -20.0, 3.0, 0.0, 0.0, 0.0])
     v = ROBOT.control.friction_velocity
-    assert friction.breakaway(0.5 * v, STILL, push)[:3] == pytest.approx(0.5 * at_rest[:3])
-    assert friction.breakaway(2.0 * v, STILL, push)[:3] == pytest.approx(np.zeros(3))
+    assert friction.setpoint(total, 2.0 * v) == pytest.approx(total)
+    half = 0.5 * (friction.setpoint(total, STILL) + total)
+    assert friction.setpoint(total, 0.5 * v)[:3] == pytest.approx(half[:3])
 
 
-def test_break_away_torque_goes_the_planned_way_and_vanishes_where_nothing_is_to_move() -> None:
+def test_a_joint_that_is_to_move_by_its_plan_is_told_the_way_as_long_as_it_stands() -> None:
     friction, v = Friction(ROBOT), ROBOT.control.friction_velocity
     preset = ROBOT.friction["corke"]
-    assert friction.breakaway(STILL, 2.0 * v, STILL)[:3] == pytest.approx(preset.coulomb_pos[:3])
-    assert friction.breakaway(STILL, -0.5 * v, STILL)[:3] == pytest.approx(-0.5 * preset.coulomb_neg[:3])
-    assert friction.breakaway(STILL, STILL, STILL) == pytest.approx(np.zeros(N))
+    hint = friction.hint(STILL, 2.0 * v)
+    assert hint[:3] == pytest.approx(PUSH_SHARE * preset.coulomb_pos[:3])
+    assert friction.added(hint)[:3] == pytest.approx(REST_SHARE * preset.coulomb_pos[:3])
+    assert friction.hint(STILL, -0.5 * v)[:3] == pytest.approx(-0.5 * PUSH_SHARE * preset.coulomb_neg[:3])
+    assert friction.hint(v, v)[:3] == pytest.approx(np.zeros(3))
+    assert friction.hint(STILL, STILL) == pytest.approx(np.zeros(N))

@@ -10,6 +10,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.errors import MotionError, Singular, Unreachable
+from qrobot.model.breakaway import PUSH_SHARE, REST_SHARE
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque
 from qrobot.motion import Kind, force
 from qrobot.motion.matching import Joints
@@ -24,14 +25,15 @@ P = makeposition("P", t6, E, EQ, gentr_rot("TABLE", 550, 0, -400, yunit, 180), T
 
 
 class CarryingRobot(FakeRobot):
-    """It commands the torques that carry it, and may be away from where its servo wants it."""
+    """It commands the torques that carry it and press, and may be away from where its servo wants it."""
 
     away = np.zeros(ROBOT.n)
+    pressing = np.zeros(ROBOT.n)
 
     def _state(self) -> RobotState:
         state, tau = super()._state(), np.empty(ROBOT.n)
         gravity_torque(np.array(state.q), dynamics_params(ROBOT), dynamics_work(ROBOT.n), tau)
-        return replace(state, tau=tuple(tau), q_setpoint=tuple(state.q + self.away))
+        return replace(state, tau=tuple(tau + self.pressing), q_setpoint=tuple(state.q + self.away))
 
 
 @pytest.fixture
@@ -63,12 +65,25 @@ def test_one_joint_leaves_its_position_servo_for_a_compliant_direction_until_it_
     assert robot.commands[-1].modes == (int(JointMode.POSITION),) * 6
 
 
-def test_the_torque_is_that_of_the_force_and_of_the_friction_to_break_away(robot) -> None:
-    """tau = J' f: 20 N down, 0.55 m out and beside the shoulder by d2 + d3, and Coulomb friction."""
+def test_the_torque_is_that_of_the_force_alone_friction_is_the_servos(robot) -> None:
+    """tau = J' f: 20 N down, 0.55 m out and beside the shoulder by d2 + d3."""
     comply("fz", 20.0)
+    wait(400)
+    assert robot.commands[-1].setpoints[1] == pytest.approx(20.0 * np.sqrt(0.55**2 - 0.1501**2), abs=0.3)
+
+
+def test_a_joint_that_pressed_harder_is_first_let_back_as_far_as_friction_holds_it(robot) -> None:
+    """It exerts 40 N m when it begins to give way, and shall exert 10.6 N m: Coulomb friction up is 7.65 N m."""
+    robot.pressing = np.array([0.0, 40.0, 0.0, 0.0, 0.0, 0.0])
+    wait(200)
+    begin = len(robot.commands)
+    comply("fz", 20.0)
+    wait(400)
+    torques = np.array([c.setpoints[1] for c in robot.commands[begin:] if c.modes[1] == JointMode.TORQUE])
     level = 20.0 * np.sqrt(0.55**2 - 0.1501**2)
-    friction = 13.58
-    assert robot.commands[-1].setpoints[1] == pytest.approx(level + friction, abs=0.3)
+    least = level - REST_SHARE * 7.65
+    assert torques.min() == pytest.approx(least * PUSH_SHARE / (PUSH_SHARE + REST_SHARE), abs=0.3)
+    assert torques[-1] == pytest.approx(level, abs=0.3)
 
 
 def test_no_torque_jumps_when_a_joint_begins_to_give_way(robot) -> None:

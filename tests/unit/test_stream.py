@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.model.breakaway import REST_SHARE
 from qrobot.servo.forms import FORMS, QUINTIC, Form
 from qrobot.servo.interpolator import PEAK_SLOPE
 from qrobot.servo.modes import Mode
@@ -414,14 +415,19 @@ def torque_program(bench: ServoBench, torque: float, joint: int = 0, **options: 
     return play(bench, lambda _t: here.copy(), **({"edit": edit} | options))
 
 
-def test_a_torque_setpoint_comes_on_top_of_what_carries_the_arm() -> None:
+@pytest.mark.parametrize(("torque", "friction"), [(7.5, 13.58), (-7.5, -7.65), (0.0, 0.0)])
+def test_a_torque_setpoint_comes_on_top_of_what_carries_the_arm_with_friction_of_its_direction(
+    torque: float, friction: float
+) -> None:
+    """The Coulomb friction of a standing shoulder, each way, and viscous friction at the speed that stands for it."""
     bench = ServoBench().hold()
     bench.run(0.3)
     carrying = bench.snapshot.tau.copy()
-    torque_program(bench, 7.5, joint=1)
+    torque_program(bench, torque, joint=1)
     bench.run(0.3)
     assert bench.mode is Mode.TRACKING
-    np.testing.assert_allclose(bench.snapshot.tau - carrying, [0, 7.5, 0, 0, 0, 0], atol=1e-9)
+    added = REST_SHARE * (friction + np.sign(torque) * 9.497 * bench.robot.control.friction_velocity[1])
+    np.testing.assert_allclose(bench.snapshot.tau - carrying, [0, torque + added, 0, 0, 0, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize(("torque", "code"), [(1e6, FaultCode.SP_LIMIT), (math.nan, FaultCode.SP_LIMIT)])
