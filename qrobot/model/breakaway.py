@@ -6,10 +6,10 @@ asked at a speed that leads the motor's own:
 
     v' = v + REST_SHARE w s max(0, 1 - |v| / w)        s = clip(push / (PUSH_SHARE coulomb), -1, 1)
 
-with w the speed within which Coulomb friction grows (`FrictionParams.velocity`). Without a push nothing is added, and at
-rest never more than REST_SHARE of Coulomb friction: a motor that nobody pushes stays where it is, and one that is pushed
-a little does too, even if its friction is somewhat less than the model's. Once it moves, its velocity alone decides, so
-nothing is made up for twice.
+with w the speed within which Coulomb friction grows (`FrictionParams.velocity`). Without a push nothing is added, and
+at rest never more than REST_SHARE of Coulomb friction: a motor that nobody pushes stays where it is, and one that is
+pushed a little does too, even if its friction is somewhat less than the model's. Once it moves, its velocity alone
+decides, so nothing is made up for twice.
 """
 
 from __future__ import annotations

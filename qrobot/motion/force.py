@@ -5,10 +5,10 @@ axes (Hayward & Paul 1986, section 2.4):
 
     torque_S = (J' f)_S + G_S - D (v - v_planned)_S        f: the wrench the program wants exerted
 
-G is left to the servo where it carries the arm anyhow, and friction always: the servo sees at once how fast a joint is,
-and adds the friction of one that stands in the direction of its torque (`model.breakaway`). A joint that stands although
-its plan moves it is given a little more, which tells that direction. The damping D keeps a joint that meets nothing from
-running away.
+G is left to the servo where it carries the arm anyhow, and friction always: the servo sees at once how fast a joint
+is, and adds the friction of one that stands in the direction of its torque (`model.breakaway`). A joint that stands
+although its plan moves it is given a little more, which tells that direction. The damping D keeps a joint that meets
+nothing from running away.
 """
 
 from __future__ import annotations
@@ -205,13 +205,14 @@ class ForceControl:
     def _torque(self, compliance: Compliance, there: Contact, seen: Seen, planned: Floats) -> Floats:
         """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
         gravity, elapsed_s = self._external.gravity(seen.q), self._since * self._period_s
+        friction = self._external.friction
         tau = self._settling(there.jacobian.T @ compliance.wrench, elapsed_s)
-        tau += self._external.friction.hint(seen.v, planned) - self._damping * (seen.v - planned)
-        tau += np.where(self._uncarried, gravity, 0.0)
+        tau += friction.hint(seen.v, planned) - self._damping * (seen.v - planned)
         share = np.clip(elapsed_s / FADE_S, 0.0, 1.0)
         self._since += 1
-        room = self._tau_max - np.abs(gravity) - np.abs(self._external.friction.added(tau))
-        return np.clip(share * tau + (1.0 - share) * self._first, -room, room)
+        tau = share * tau + (1.0 - share) * self._first
+        room = np.maximum(0.0, self._tau_max - np.abs(gravity) - np.abs(friction.added(tau)))
+        return np.clip(tau, -room, room) + np.where(self._uncarried, gravity, 0.0)
 
     def _settling(self, wanted: Floats, elapsed_s: Floats) -> Floats:
         """Setpoints for torques `wanted` on the world: a joint that pressed harder first is let back. Shapes (n,).
