@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from distributed import LocalCluster
 
 from qrobot.errors import ConfigError, IdentificationError, LinkError
 from qrobot.study.campaign import carry_out
-from qrobot.study.engine import Engine, InProcess, engine
+from qrobot.study.engine import LOOPBACK, Engine, InProcess, engine
 from qrobot.study.results import read_results
 from qrobot.study.study import Outcome, Study, attempt, kept
 
@@ -105,3 +106,21 @@ def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("qrobot.study.engine.PATIENCE_S", 0.3)
     with pytest.raises(LinkError, match=r"no Dask scheduler answers at tcp://127.0.0.1:1: start one"):
         engine(2, "tcp://127.0.0.1:1").__enter__()
+
+
+def test_the_workers_of_a_running_scheduler_find_what_this_process_finds(tmp_path: Path) -> None:
+    anywhere = f"{LOOPBACK}:0"
+    running = LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        host=LOOPBACK,
+        dashboard_address=anywhere,
+        worker_dashboard_address=anywhere,
+        local_directory=str(tmp_path),
+    )
+    with running as cluster, engine(1, cluster.scheduler_address) as theirs:
+        assert theirs.workers == 2
+        found = carry_out(Squares(), 5, theirs, tmp_path / "theirs.jsonl")
+    assert found == carry_out(Squares(), 5, HERE, tmp_path / "here.jsonl")
