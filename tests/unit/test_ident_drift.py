@@ -10,6 +10,9 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.ident.load import load_change
 from qrobot.ident.model import Identified, identify
+from qrobot.ident.report import report_page
+from qrobot.ident.result import model_of
+from qrobot.servo.telemetry import TelemetryLayout
 from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")
@@ -41,6 +44,11 @@ def test_it_is_named_with_what_to_do_and_steady_friction_is_not() -> None:
     assert found().drifting["flange"] == pytest.approx(0.06, abs=0.02)
     assert found(warms=False).drifting == {}
     assert found(warms=False).warnings == ()
+
+
+def test_the_report_has_it_too() -> None:
+    page = report_page(found(), model_of(found(), TelemetryLayout(N).empty(1), "2026-11-21"), None, [])
+    assert "friction of shoulder fell by 10 % during the recording" in page
 
 
 def test_it_is_not_taken_for_a_load_that_was_dropped() -> None:
