@@ -12,7 +12,7 @@
 
 #define GONE "the motion engine has gone; the bridge brings the arm to rest"
 
-#define AWAKE_NS 200000        /* the engine computes between the calls of one sample */
+#define AWAKE_NS 300000        /* the engine computes between the calls of one sample */
 #define EARLY_NS 500000        /* most that we are awake before a sample, in case it is early */
 #define EARLY_SHARE 32         /* and no more than this part of the period */
 #define SAME_SHARE 4           /* what comes within this part of the period belongs to the same sample */
