@@ -30,6 +30,7 @@ from qrobot.motion.trail import DEPTH, motion_of
 
 # Share of its friction by which a moving joint may be wrong [A]: sources differ by more, one arm over a day by less.
 MOVING_SHARE: Final = 0.2
+_HINTED: Final = 1.5  # times its speed over that within which friction grows, a plan tells its way; 1 in full [A]
 _AVERAGED: Final = 3  # samples
 
 
@@ -108,7 +109,7 @@ class Friction:
         A tenth of Coulomb friction, from which on the servo adds what it adds on a joint that stands.
         """
         p = self._params
-        way = np.clip(self._rates(planned) / p.velocity, -1.0, 1.0)
+        way = np.clip(_HINTED * self._rates(planned) / p.velocity, -1.0, 1.0)
         coulomb = np.where(way > 0.0, p.coulomb_pos, p.coulomb_neg)
         return self._joints(PUSH_SHARE * way * coulomb * (1.0 - self._moving(v)))
 

@@ -20,6 +20,7 @@ from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
 needs_compiler = pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: apt install gcc libc6-dev")
 
 

@@ -15,7 +15,7 @@ from qrobot.rccl.c.program import run_executable
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.c_programs import EXAMPLES, compiled, needs_compiler
+from tests.support.c_programs import CHECKED, EXAMPLES, compiled, needs_compiler
 from tests.support.puma import ROBOT
 from tests.support.tables import crank_angle
 
@@ -39,8 +39,10 @@ def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_cont
     tmp_path: Path, capfd, monkeypatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    program = compiled(EXAMPLES / "c" / "s06_crank.c", tmp_path, "-O2")
-    in_c = rig_after(lambda: run_executable(program))
+    program = compiled(EXAMPLES / "c" / "s06_crank.c", tmp_path, *CHECKED)
+    status: list[int] = []
+    in_c = rig_after(lambda: status.append(run_executable(program)))
+    assert status == [0]
     assert capfd.readouterr().out == "turned 4 times in 16.5 s\n"
     in_python = rig_after(lambda: runpy.run_path(str(EXAMPLES / "08_crank.py"), run_name="__main__"))
     assert capfd.readouterr().out == "turned 4 times in 16.5 s\n"

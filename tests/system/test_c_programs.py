@@ -25,6 +25,7 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Command
 from tests.support.c_programs import (
+    CHECKED,
     EXAMPLES,
     compiled,
     compiled_text,
@@ -47,7 +48,6 @@ TWINS = {
     "s05_follow_a_surface": ("10_follow_a_surface.py", "over a surface that goes up and down by 10"),
     "s07_stack_blocks": ("11_stack_blocks.py", "two blocks stacked"),
 }
-CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
 
 

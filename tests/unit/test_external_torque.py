@@ -70,6 +70,6 @@ def test_a_joint_that_is_to_move_by_its_plan_is_told_the_way_as_long_as_it_stand
     hint = friction.hint(STILL, 2.0 * v)
     assert hint[:3] == pytest.approx(PUSH_SHARE * preset.coulomb_pos[:3])
     assert friction.added(hint)[:3] == pytest.approx(REST_SHARE * preset.coulomb_pos[:3])
-    assert friction.hint(STILL, -0.5 * v)[:3] == pytest.approx(-0.5 * PUSH_SHARE * preset.coulomb_neg[:3])
+    assert friction.hint(STILL, -0.5 * v)[:3] == pytest.approx(-0.75 * PUSH_SHARE * preset.coulomb_neg[:3])
     assert friction.hint(v, v)[:3] == pytest.approx(np.zeros(3))
     assert friction.hint(STILL, STILL) == pytest.approx(np.zeros(N))
