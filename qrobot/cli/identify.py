@@ -10,7 +10,7 @@ from cyclopts import App
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
-from qrobot.cli.console import note, out, write_json
+from qrobot.cli.console import note, out, plain_table, write_json
 from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
 from qrobot.errors import ConfigError
 
@@ -310,17 +310,14 @@ def _report(robot: Robot, model: IdentifiedModel, as_json: bool) -> None:
     if as_json:
         write_json(model.to_dict())
         return
-    table = Table(title=f"{model.robot}, {model.date}", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("parameter", "value", "95 %", "robot file", "unit"):
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    headings = "parameter", "value", "95 %", "robot file", "unit"
+    table = plain_table(f"{model.robot}, {model.date}", *headings, words=["unit"])
     for value in model.value:
         numbers = f"{value.value:.4f}", f"± {value.half_width:.4f}", f"{value.before:.4f}"
         table.add_row(value.name, *numbers, value.unit)
     out.print(table)
-    errors = Table(title="error of predicted torque, N m (N)", title_justify="left", box=None, padding=(0, 2, 0, 0))
     columns = _errors(model)
-    for heading in ("joint", *columns):
-        errors.add_column(heading, justify="left" if heading == "joint" else "right")
+    errors = plain_table("error of predicted torque, N m (N)", "joint", *columns)
     for name, *each in zip(robot.joint_names, *columns.values(), strict=True):
         errors.add_row(name, *(f"{error:.3f}" for error in each))
     out.print(errors)

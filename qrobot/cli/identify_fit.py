@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from qrobot.cli.console import plain_table
 from qrobot.cli.identify_options import FitOptions
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
@@ -66,9 +67,7 @@ class Request:
 
 def friction_table(robot: Robot, fitted: StribeckFit) -> Table:
     """Friction of each motor with its 95 % intervals; that of a speed is a factor."""
-    table = Table(title="friction as commanded", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("parameter", "value", "95 %", "unit"):
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    table = plain_table("friction as commanded", "parameter", "value", "95 %", "unit", words=["unit"])
     for j, (name, slides) in enumerate(zip(robot.joint_names, robot.prismatic, strict=True)):
         force, speed = ("N", "m/s") if slides else ("N m", "rad/s")
         table.add_row(f"{name}.viscous", f"{fitted.viscous[j]:.4f}", "", f"{force}/({speed})")

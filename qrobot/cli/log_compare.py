@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from qrobot.cli.console import note, out, write_json
+from qrobot.cli.console import note, out, plain_table, write_json
 
 if TYPE_CHECKING:
     from qrobot.log.compare import JointComparison, LogComparison
@@ -59,18 +59,11 @@ def _draw(comparison: LogComparison, path: Path) -> None:
     note(f"figure {path}")
 
 
-def _table(title: str, *columns: str) -> Table:
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right")
-    return table
-
-
 def _errors(comparison: LogComparison) -> Table:
     late_ms = comparison.shift_s * 1e3
     shift = f"b's motion comes {abs(late_ms):.1f} ms {'later' if late_ms >= 0.0 else 'earlier'}"
     title = f"tracking error, mrad (mm on a sliding joint); {shift}"
-    table = _table(title, "joint", "max a", "max b", "b/a", "rms a", "rms b", "b/a", "setpoints differ by")
+    table = plain_table(title, "joint", "max a", "max b", "b/a", "rms a", "rms b", "b/a", "setpoints differ by")
     for joint in comparison.joints:
         table.add_row(joint.name, *_numbers(joint))
     return table
@@ -89,7 +82,7 @@ def _ratio(value: float) -> str:
 def _cycles(comparison: LogComparison) -> Table:
     from qrobot.faultcodes import explain
 
-    table = _table("cycles", "", "a", "b")
+    table = plain_table("cycles", "", "a", "b")
     both = comparison.summaries
     for what in ("cycles", "tracking_cycles", "late_cycles", "skipped_cycles", "lost_rows"):
         table.add_row(what.replace("_", " "), *(str(getattr(summary, what)) for summary in both))
@@ -100,7 +93,9 @@ def _cycles(comparison: LogComparison) -> Table:
 
 
 def _differences(comparison: LogComparison) -> Table:
-    table = _table("what was different" if comparison.differences else "both say the same of themselves", "", "a", "b")
+    table = plain_table(
+        "what was different" if comparison.differences else "both say the same of themselves", "", "a", "b"
+    )
     for difference in comparison.differences:
         table.add_row(difference.what, _plain(difference.a), _plain(difference.b))
     return table

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from qrobot.cli.console import plain_table
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.study.gain_figure import gain_figure
 from qrobot.study.gain_summary import QUIET, GainSummary, PairSummary, summarise_gains
@@ -32,7 +33,7 @@ def identification_tables(summary: IdentificationSummary) -> Iterator[Table]:
     """Errors by joint, and over all arms."""
     title = f"{len(summary.seeds)} arms: rms error of gravity, N·m (N), and error of friction, %"
     heads = ("joint", "robot file", "median", "95 %", "worst", *(name.replace("_", " ") for name in FRICTION_NAMES))
-    table = _table(title, *heads)
+    table = plain_table(title, *heads)
     gravity, before = quantiles(summary.gravity), quantiles(summary.gravity_before)["median"]
     friction = 100.0 * np.abs(summary.friction_error).max(axis=0)
     for j, joint in enumerate(summary.joints):
@@ -66,7 +67,7 @@ def gain_tables(summary: GainSummary) -> Iterator[Table]:
     """A row for each pair of gains."""
     title = f"{summary.arms} arms: errors in % of what the guard allows, chatter in % of the torque limit per cycle"
     heads = ("bandwidth", "damping", "rms", "worst arm", "largest", "worst arm", "chatter", "worst arm", "stopped")
-    table = _table(title, *heads)
+    table = plain_table(title, *heads)
     for pair in summary.pairs:
         table.add_row(*_pair_row(pair), style="bold" if pair is summary.best else None)
     yield table
@@ -89,13 +90,6 @@ def gain_lines(summary: GainSummary) -> Iterator[str]:
         return
     rule = f"least error of the worst arm, with at most {QUIET:g} times the least chatter"
     yield f"{rule}: bandwidth × {best.bandwidth:g}, damping × {best.damping:g}"
-
-
-def _table(title: str, *heads: str) -> Table:
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for number, head in enumerate(heads):
-        table.add_column(head, justify="left" if number == 0 else "right")
-    return table
 
 
 VIEWS: Final = {

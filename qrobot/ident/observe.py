@@ -56,7 +56,7 @@ class Observations:
     Attributes:
         motor: which, from 0. Shape (m,).
         passed: number of the pass. Shape (m,).
-        time_s: middle of the pass, from the first row of the log. Shape (m,).
+        time_s: middle of the pass, from the first row of the first log. Shape (m,).
         gravity: what multiplies the base parameters. Shape (m, b).
         load: what multiplies mass and first moment of a load on the last link. Shape (m, 4).
         loaded: whether it was carried. Shape (m,).
@@ -83,8 +83,9 @@ class Observations:
         return Observations(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def followed_by(self, others: Observations) -> Observations:
-        """These passes, then others of the same arm."""
-        later = replace(others, passed=others.passed + 1 + self.passed.max(initial=-1))
+        """These passes, then others of the same arm, whose time goes on where these end."""
+        passed, time_s = 1 + self.passed.max(initial=-1), self.time_s.max(initial=0.0)
+        later = replace(others, passed=others.passed + passed, time_s=others.time_s + time_s)
         parts = ((getattr(self, field.name), getattr(later, field.name)) for field in fields(self))
         return Observations(*map(np.concatenate, parts))
 

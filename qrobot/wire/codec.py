@@ -106,8 +106,12 @@ def _encode_command(packet: Command) -> bytes:
     n = len(packet.modes)
     if not 1 <= n <= MAX_JOINTS or len(packet.setpoints) != n:
         raise LocalProtocolError(f"COMMAND with {n} modes and {len(packet.setpoints)} setpoints")
-    if max(packet.modes) > JointMode.TORQUE or packet.hand > Hand.CLOSED:
-        raise LocalProtocolError(f"COMMAND with joint modes {packet.modes} and hand {packet.hand}: 0 to 2 exist")
+    lowest, highest = min(*packet.modes, packet.hand), max(packet.modes)
+    if lowest < 0 or highest > JointMode.TORQUE or packet.hand > Hand.CLOSED:
+        modes = tuple(map(int, packet.modes))
+        raise LocalProtocolError(f"COMMAND with joint modes {modes} and hand {packet.hand}: 0 to 2 exist")
+    if not 0 <= packet.outputs <= _U32:
+        raise LocalProtocolError(f"COMMAND with outputs {packet.outputs:#x}: 32 bits, output 1 in bit 0")
     requests = _POWER * packet.power | _CLEAR * packet.clear_fault | _STOP * packet.stop
     return pack(
         layout.COMMAND, n, packet.seq, packet.ack, packet.t_ns, n, packet.hand, requests, packet.stream,

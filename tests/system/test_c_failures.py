@@ -191,6 +191,14 @@ def test_a_call_that_is_refused_ends_the_program_with_the_reason(
 
 
 @needs_compiler
+@pytest.mark.parametrize("hand", [3, -1])
+def test_a_hand_that_does_not_exist_is_never_sent_and_ends_the_program(hand: int, run: Run, robot, capfd) -> None:
+    assert run(f"main() {{ control(); chg.hand = {hand}; suspendfg(); suspendfg(); }}") == 1
+    assert f"hand {hand}: 0 to 2 exist" in capfd.readouterr().err
+    assert {command.hand for command in robot.commands} == {0}
+
+
+@needs_compiler
 def test_waiting_for_what_cannot_happen_any_more_is_refused_in_lockstep(run: Run, robot, capfd) -> None:
     assert run('main() { POS_PTR p = jposition("P", 1., 2., 3., 4., 5., 6.); waitfor(p->end) }') == 1
     assert "no motion is left that could signal it" in capfd.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -44,6 +45,18 @@ def test_it_is_named_with_what_to_do_and_steady_friction_is_not() -> None:
     assert found().drifting["flange"] == pytest.approx(0.06, abs=0.02)
     assert found(warms=False).drifting == {}
     assert found(warms=False).warnings == ()
+
+
+def test_a_recording_with_a_load_goes_on_with_an_arm_as_warm_as_the_one_before_left_it() -> None:
+    whole = generated(
+        *drawn(1, load_kg=0.0), 0.0, 1, poses=40, load_kg=np.where(np.arange(40) < 28, 0.0, 2.0), drift=WARMING
+    )
+    later = whole.time_s >= 0.7 * whole.time_s.max()
+    second = whole.only(later)
+    loaded = replace(second, time_s=second.time_s - second.time_s.min(), loaded=np.full(len(second), True))
+    regressor, base = puma_base()
+    fitted = identify(PUMA, base, regressor, whole.only(~later).followed_by(loaded))
+    np.testing.assert_allclose(fitted.unknowns.parts(fitted.fit.values).drift, WARMING, atol=0.01)
 
 
 def test_the_report_has_it_too() -> None:
