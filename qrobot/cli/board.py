@@ -118,10 +118,11 @@ def run_gateway(arm: Arm, record: Path | None = None) -> None:
 
     await_turn()
     bus, period_ns, module_losses = open_road(arm.board, report)
+    held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
     if record is None:
-        serve(arm.name, bus, period_ns, report, module_losses)
+        serve(arm.name, bus, period_ns, report, module_losses, held)
         return
     with Recorder(bus, record) as recorder:
-        serve(arm.name, recorder, period_ns, report, module_losses)
+        serve(arm.name, recorder, period_ns, report, module_losses, held)
     if recorder.problem:
         report(f"{record} is not complete: {recorder.problem}")

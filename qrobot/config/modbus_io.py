@@ -82,3 +82,15 @@ class ModbusIo(Table):
         if not self.inputs and not self.analog and not self.outputs and self.gripper is None:
             raise ValueError("a module without inputs, outputs and a gripper does nothing")
         return self
+
+    @model_validator(mode="after")
+    def _outputs_have_places_of_their_own(self) -> ModbusIo:
+        taken: set[tuple[str, int]] = set()
+        if (hand := self.gripper) is not None:
+            words = max(map(len, (hand.open, hand.close, hand.relax or ())))
+            taken |= {("register", hand.address + k) for k in range(words)}
+        for each in self.outputs:
+            if (each.kind, each.address) in taken:
+                raise ValueError(f"output {each.output}: {each.kind} {each.address} has another use already")
+            taken.add((each.kind, each.address))
+        return self

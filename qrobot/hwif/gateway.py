@@ -17,6 +17,8 @@ import numpy as np
 from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import (
     NO_OPERATIONS,
+    REGISTER_MASK,
+    BoardFacts,
     Bus,
     Operations,
     for_the_road,
@@ -36,6 +38,7 @@ from qrobot.hwif.memory import (
     LANE_CAPACITY,
     N_LANES,
     OP_FIELDS,
+    OP_OUTPUTS,
     OP_WRITE,
     create_board_memory,
     publish_image,
@@ -59,6 +62,7 @@ class Gateway:
         period_ns: time from one exchange to the next, as the servo is told.
         report: takes a line when the board is found or lost.
         module_losses: how often remote modules beside the board have been lost; told to the servo.
+        held_lines: the board's own outputs that hold when the arm stops, in their bits of DISCRETE.
     """
 
     def __init__(
@@ -68,6 +72,7 @@ class Gateway:
         period_ns: int,
         report: Report = lambda _line: None,
         module_losses: Callable[[], int] = lambda: 0,
+        held_lines: int = 0,
     ) -> None:
         self._bus, self._memory, self._period_ns, self._report = bus, memory, period_ns, report
         self._module_losses = module_losses
@@ -76,7 +81,8 @@ class Gateway:
         self._retry_ns = 0
         self._told = ""
         self._references = self._outputs = False
-        self._lines = 0  # the board's own outputs as last asked for, in their bits of DISCRETE
+        self._held_lines, self._lines = held_lines & DISCRETE_LINES, 0  # those that hold, and of these what is on
+        self._said_meanwhile: int | None = None  # the outputs, for modules, as asked for since the board was lost
         self.connected = False
 
     @property
@@ -92,7 +98,7 @@ class Gateway:
     def step(self, now_ns: int) -> bool:
         """One exchange, or one attempt to find the board; False when there is none."""
         taken = take_all_operations(self._memory, self._operations)
-        self._remember_lines(self._operations[:taken])
+        self._remember_outputs(self._operations[:taken])
         if not self.connected:
             self._memory[BOARD_DROPPED] += taken
             return now_ns >= self._retry_ns and self._find(now_ns)
@@ -112,20 +118,28 @@ class Gateway:
         self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
         return operations if self._outputs else for_the_road(operations)
 
-    def _remember_lines(self, operations: Operations) -> None:
-        """What stays on when the board is made safe: whoever posts lets go of the others before, away or not."""
+    def _remember_outputs(self, operations: Operations) -> None:
+        """What the outputs are to be when the board is made safe, as whoever posts says, also while it is away."""
         for word in operations[(operations[:, 0] == OP_WRITE) & (operations[:, 1] == DISCRETE), 2][-1:].tolist():
-            self._lines = word & DISCRETE_LINES
+            self._lines = word & self._held_lines
+        for word in operations[operations[:, 0] == OP_OUTPUTS, 2][-1:].tolist():
+            self._said_meanwhile = word & REGISTER_MASK
 
     def _safe(self) -> Operations:
         return safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2]), self._lines)
+
+    def _welcome(self, facts: BoardFacts) -> Operations:
+        """What a board that was found is told: to be safe, and its modules what they have missed."""
+        if self._said_meanwhile is None or not facts.outputs:
+            return self._safe()
+        return np.vstack([self._safe(), (OP_OUTPUTS, 0, self._said_meanwhile)])
 
     def _find(self, now_ns: int) -> bool:
         """Find the board, make it safe, and show it."""
         try:
             facts = self._bus.connect()
             self._bus.exchange(NO_OPERATIONS, self._image)
-            self._bus.exchange(self._safe(), self._image)
+            self._bus.exchange(self._welcome(facts), self._image)
         except (LinkError, ProtocolError) as error:
             self._retry_ns = now_ns + RETRY_NS
             self._bus.close()
@@ -139,7 +153,7 @@ class Gateway:
         return True
 
     def _lose(self, error: Exception, now_ns: int) -> None:
-        self.connected = False
+        self.connected, self._said_meanwhile = False, None
         self._memory[BOARD_LOSSES] += 1
         self._retry_ns = now_ns  # at once, the first time
         self._bus.close()
@@ -173,11 +187,18 @@ def run_gateway(gateway: Gateway, period_ns: int, stop: threading.Event) -> None
         gateway.release()
 
 
-def serve(arm: str, bus: Bus, period_ns: int, report: Report, module_losses: Callable[[], int] = lambda: 0) -> None:
+def serve(
+    arm: str,
+    bus: Bus,
+    period_ns: int,
+    report: Report,
+    module_losses: Callable[[], int] = lambda: 0,
+    held_lines: int = 0,
+) -> None:
     """Be the board process of `arm` until SIGTERM or SIGINT, then leave the board safe. From the main thread.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
     with set_on_signals() as stop, create_board_memory(arm) as memory:
-        run_gateway(Gateway(bus, memory.words, period_ns, report, module_losses), period_ns, stop)
+        run_gateway(Gateway(bus, memory.words, period_ns, report, module_losses, held_lines), period_ns, stop)

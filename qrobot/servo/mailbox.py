@@ -364,8 +364,8 @@ class ServoMailbox:
 
         It has to be said again and again: see `servo.output_lines.OUTPUT_PATIENCE_NS`.
         """
+        self.words[COMMAND_OUTPUTS_NS] = t_ns  # first: what is new must not be locked for what was silent before
         self.words[COMMAND_OUTPUTS] = outputs
-        self.words[COMMAND_OUTPUTS_NS] = t_ns
 
     def snapshot(self) -> ServoSnapshot:
         """Newest state. Raises LinkError when the servo died while writing it."""

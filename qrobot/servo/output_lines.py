@@ -10,6 +10,7 @@ import numpy as np
 
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import ConfigError
+from qrobot.hwif.registers import DISCRETE_LINES
 
 OUTPUT_PATIENCE_NS: Final = 300_000_000  # three of the longest sample periods
 
@@ -33,6 +34,8 @@ class OutputWire:
     def __post_init__(self) -> None:
         if not 1 <= self.output <= N_OUTPUTS:
             raise ConfigError(f"output {self.output}: there are 1 to {N_OUTPUTS}")
+        if self.bit is not None and not 1 << max(self.bit, 0) & DISCRETE_LINES:
+            raise ConfigError(f"output {self.output}: bit {self.bit} of DISCRETE is no line's, take 3, 4 or 5")
 
     @property
     def mask(self) -> int:

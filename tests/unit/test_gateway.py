@@ -52,7 +52,7 @@ class Desk:
         self.end = BenchEndpoint(Bench())
         self.bus = DirectBus(self.end)
         self.lines: list[str] = []
-        self.gateway = Gateway(self.bus, self.memory, PERIOD_NS, self.lines.append)
+        self.gateway = Gateway(self.bus, self.memory, PERIOD_NS, self.lines.append, held_lines=HELD_LINE)
         self.now_ns = 0
 
     def step(self, times: int = 1) -> bool:
@@ -189,18 +189,56 @@ def test_outputs_reach_only_modules_and_are_no_mistake_without_any(modules: bool
     assert memory[BOARD_ILLEGAL_OPS] == 0
 
 
-def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_were_asked_for_last() -> None:
+def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_hold_and_no_other() -> None:
     desk = Desk()
     desk.step()
     desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_LINES))
     desk.step()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_LINES)
     desk.bus.cut = True
     desk.step()
-    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE))  # the servo switches the others off meanwhile
+    desk.bus.cut = False
+    desk.now_ns += RETRY_NS
+    desk.step()  # before the servo has seen any of it
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+    desk.gateway.release()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+
+
+def test_what_held_and_was_switched_off_while_the_board_was_away_stays_off() -> None:
+    desk = Desk()
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE))
+    desk.step()
+    desk.bus.cut = True
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED))
     desk.step()
     desk.bus.cut = False
     desk.now_ns += RETRY_NS
     desk.step()
-    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
-    desk.gateway.release()
-    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)
+
+
+def test_modules_hear_what_was_said_while_their_board_was_away_and_nothing_older() -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    bus = ModulesBus(end)
+    gateway = Gateway(bus, memory, PERIOD_NS)
+    heard = []
+    for now_ns, cut, said in (
+        (0, False, 7),
+        (1, False, 5),
+        (2, True, None),
+        (3, False, None),
+        (4, True, 4),
+        (5, True, 0),
+    ):
+        if said is not None:
+            post(memory, (OP_OUTPUTS, 0, said))
+        bus.cut = cut
+        gateway.step(now_ns * RETRY_NS)
+        heard += [value for kind, _, value in end.lists[-1] if kind == OP_OUTPUTS] if not cut else []
+    assert heard == [7, 5]  # found with what was said before; found again at 3 without a word
+    bus.cut = False
+    assert gateway.step(6 * RETRY_NS)
+    assert end.lists[-1][-1] == (OP_OUTPUTS, 0, 0)

@@ -255,6 +255,25 @@ def test_a_module_that_is_let_go_keeps_what_holds_and_switches_the_rest_off(tabl
     assert valve_and_pump(table) == [1, 700]
 
 
+class OnePoll(threading.Event):
+    """Set at the first wait: for one poll, and the one that ends it."""
+
+    def wait(self, _timeout: float | None = None) -> bool:
+        self.set()
+        return True
+
+
+def test_what_a_module_has_switched_off_comes_on_again_only_when_somebody_says_so_anew(table: Table) -> None:
+    switched: list[list[int]] = []
+    for said in (VALVE_1 | PUMP_3, None, VALVE_1):  # None: the board is found again, and nobody has spoken since
+        table.board.applied.clear()
+        if said is not None:
+            table.module.switch(said)
+        table.module.run(OnePoll())
+        switched.append([value >> VALVE & 1 for _, offset, value in table.board.applied if offset == DISCRETE])
+    assert switched == [[0, 1], [1], [0, 1]]  # a valve that is on is 0
+
+
 def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
     table.board.gone = True
     table.module.poll()

@@ -203,6 +203,12 @@ def test_a_program_signals_lines_by_their_numbers() -> None:
     assert chg.outputs == 0x8004
 
 
+@pytest.mark.parametrize("bit", [-1, 0, 1, 2, 6, 7])
+def test_a_line_is_no_bit_of_arm_power_hand_or_host(bit: int) -> None:
+    with pytest.raises(ConfigError, match=f"bit {bit} of DISCRETE is no line's, take 3, 4 or 5"):
+        OutputWire(1, "glue", bit=bit)
+
+
 def arm_of(tmp_path: Path, board: str):  # type: ignore[no-untyped-def]
     path = tmp_path / "here.toml"
     path.write_text(FILE + board)
@@ -226,6 +232,9 @@ def test_lines_of_a_deployment_file_reach_the_servo_by_their_names(tmp_path: Pat
         ("outputs = [{ output = 1, bit = 3, name = 'clamp' }]\n" + MODULE, "two outputs have the same name clamp"),
         ("kind = 'drives'\noutputs = [{ output = 1, bit = 3 }]\n[arm.board.drives]\nnodes = [1]\nabsolute = true\n"
          "torque_permille = [1]\nincrements_per_count = [1]\ncounts_at_zero = [0]", "separate drives have no output"),
+        (MODULE.replace("[{", "[{ address = 7, output = 1 }, {"), "output 2: coil 7 has another use already"),
+        (MODULE.replace("address = 7", "address = 9, kind = 'register'") + "gripper = { address = 8, open = [1, 2], "
+         "close = [3, 4] }\n", "output 2: register 9 has another use already"),
         (MODULE.replace("address = 7", "address = 7, on = 9"), 'a coil is 0 or 1; kind = "register"'),
         (MODULE.replace("address = 7", "address = 7, off = 1"), "1 both on and off does nothing"),
         ("kind = 'port'\nport = {}\n" + MODULE, "modules need an emulated board or one behind a gateway"),

@@ -120,6 +120,8 @@ class RemoteModule:
         self._allowed = self._held  # nobody is left to say what the others are to be
         if self._here:
             self.poll()
+        if self._outputs is not None:
+            self._outputs &= self._held  # the others come on again only when somebody says so anew
         self.close()
 
     def close(self) -> None:
