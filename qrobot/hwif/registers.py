@@ -85,9 +85,7 @@ STATUS_ESTOP_OK: Final = 0x0001  # discrete input 0: emergency stop chain health
 DISCRETE_POWER: Final = 0x0001  # 1: arm power enable
 DISCRETE_HAND_OPEN: Final = 0x0002  # solenoid, active low
 DISCRETE_HAND_CLOSE: Final = 0x0004  # solenoid, active low
-DISCRETE_LINES: Final = (
-    0x0038  # bits 3 to 5, unused by the driver [V]; which of bits 0 to 7 have drivers is not known [Q]
-)
+DISCRETE_LINES: Final = 0x0038  # bits 3 to 5, unused by the driver [V]; which of 0 to 7 have drivers is not known [Q]
 DISCRETE_CALIBRATED: Final = 0x0040  # host scratch bit, survives the host
 DISCRETE_J6_OVERFLOW: Final = 0x0080  # host scratch bit
 DISCRETE_INDEX: Final = 0x3F00  # per joint: 0 presets the latch (STATUS bit 1), 1 arms it
