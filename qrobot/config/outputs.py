@@ -9,6 +9,7 @@ from pydantic import Field
 from qrobot.config.document import Table
 
 N_OUTPUTS: Final = 16  # as many as the wire's STATE has bits for
+ALL_OUTPUTS: Final = (1 << N_OUTPUTS) - 1
 
 
 class OutputLine(Table):

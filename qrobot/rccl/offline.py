@@ -1,7 +1,8 @@
 """An arm that is not there: it follows every setpoint exactly, one sample later, on virtual time.
 
 `use(OfflineLink)` runs a program off line (Hayward & Paul 1986, section 4: the setpoint function called in a loop). No
-servo, no board and no bytes are involved, and nothing stands around the arm: it exerts no forces.
+servo, no board and no bytes are involved, and nothing stands around the arm: it exerts no forces. Hand and outputs are
+as they are asked for, and no input answers them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.config import Robot, load_robot
+from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.motion.external import Friction
@@ -100,6 +102,7 @@ class OfflineLink:
         robot = replace(
             before.robot, t_ns=self._began_ns + seq * self._period_us * NS_PER_US, mode=mode, q=q, v=tuple(v.tolist()),
             tau=tuple(tau.tolist()), q_setpoint=q, hand=0 if command is None else command.hand,
+            outputs=0 if command is None else command.outputs & ALL_OUTPUTS,
         )  # fmt: skip
         self._state = replace(before, seq=seq, robot=robot)
         return self._state

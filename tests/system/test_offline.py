@@ -115,6 +115,14 @@ def arm():
         yield arm
 
 
+def test_a_program_that_waits_for_its_own_outputs_goes_on_off_line(arm) -> None:
+    arm.signal(1, 16)
+    arm.waitas(lambda: arm.how.outputs == 0x8001)
+    arm.signal(-16)
+    arm.waitas(lambda: arm.how.outputs == 0x0001)
+    assert arm.time <= 200.0
+
+
 def motion_from(q: np.ndarray, period_us: int = 28_000, robot: str = "puma560") -> Setpoints:
     rows = np.tile(q, (41, 1))
     rows[:, 0] += 0.1 * (1.0 - np.cos(2.0 * np.pi * np.linspace(0.0, 1.0, 41)))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from qrobot.config.modbus_io import ModbusIo
-from qrobot.config.outputs import N_OUTPUTS
+from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, ProtocolError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
@@ -25,7 +25,6 @@ from qrobot.realtime.segment import Words
 from qrobot.units import NS_PER_MS
 
 SIGN: Final = 0x8000  # of a register
-ALL_OUTPUTS: Final = (1 << N_OUTPUTS) - 1
 Report = Callable[[str], None]
 
 
