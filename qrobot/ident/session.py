@@ -32,7 +32,7 @@ def identify_log(
         robot: the robot file.
         rows: of the arm with an empty hand, or with what it always carries. Shape (r,).
         period_s: from row to row.
-        loaded: rows of the same arm with a load besides, which is sought too.
+        loaded: rows of the same arm with a load besides, recorded afterwards, which is sought too.
         known_torque: no torque scales are sought, see `identify`.
         load_kg: mass of that load, if it was weighed: then torque scales are of true torque.
 

@@ -30,7 +30,7 @@ from qrobot.servo.telemetry import Rows
 PUMA = load_robot("puma560")
 N = PUMA.n
 POSES = 12
-SETTINGS = ServoSettings(rate_hz=1000.0)
+SETTINGS = ServoSettings(rate_hz=500.0)
 LAW_JOINTS = slice(1, 3)  # those whose gravity a PUMA's law has always compensated
 
 

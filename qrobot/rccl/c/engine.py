@@ -150,7 +150,7 @@ def serve(foreground: socket.socket, background: socket.socket, robot: str = DEF
     """
     front, back = Foreground(foreground), Background(background)
     try:
-        _converse(front, back, os.environ.get(ROBOT, robot))
+        _converse(front, back, os.environ.get(ROBOT) or robot)
     except ProgramGone:  # it had nothing to ask
         pass
     finally:
