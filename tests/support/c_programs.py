@@ -21,7 +21,11 @@ from qrobot.rccl.trace import Trace
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
+FOUND = 99  # exit status of a program in which valgrind has found something
+VALGRIND = f"valgrind --quiet --leak-check=full --errors-for-leak-kinds=definite,possible --error-exitcode={FOUND}"
 needs_compiler = pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: apt install gcc libc6-dev")
+
+needs_valgrind = pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind: apt install valgrind")
 
 
 def compiled(source: Path, folder: Path, *flags: str) -> Path:
@@ -37,6 +41,14 @@ def compiled_text(text: str, folder: Path, *flags: str, name: str = "program") -
     source = folder / f"{name}.c"
     source.write_text(f'#include "rccl.h"\n{text}')
     return compiled(source, folder, *flags)
+
+
+def under_valgrind(program: Path) -> Path:
+    """The same, watched: what it does wrong becomes its exit status."""
+    watched = program.with_suffix(".sh")
+    watched.write_text(f'#!/bin/sh\nexec {VALGRIND} {program} "$@"\n')
+    watched.chmod(0o755)
+    return watched
 
 
 def offline(start: Callable[[], object]) -> tuple[object, list[Trace]]:

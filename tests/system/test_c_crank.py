@@ -15,7 +15,7 @@ from qrobot.rccl.c.program import run_executable
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.c_programs import CHECKED, EXAMPLES, compiled, needs_compiler
+from tests.support.c_programs import CHECKED, EXAMPLES, compiled, needs_compiler, needs_valgrind, under_valgrind
 from tests.support.puma import ROBOT
 from tests.support.tables import crank_angle
 
@@ -55,3 +55,13 @@ def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_cont
     assert off.max() < APART
     angles = np.degrees([crank_angle(rig.emulator) for rig in (in_c, in_python)])
     assert np.abs(angles - 4 * 360.0).max() < 2.0
+
+
+@needs_valgrind
+def test_valgrind_finds_nothing_while_the_crank_is_turned_s06(tmp_path: Path, capfd, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    program = under_valgrind(compiled(EXAMPLES / "c" / "s06_crank.c", tmp_path, "-O2", "-gdwarf-4"))
+    status: list[int] = []
+    rig_after(lambda: status.append(run_executable(program)))
+    assert status == [0]
+    assert capfd.readouterr().out == "turned 4 times in 16.5 s\n"

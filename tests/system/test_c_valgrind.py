@@ -1,4 +1,7 @@
-"""The programs of Hayward & Paul 1986 in C under valgrind, as made by every compiler that is there."""
+"""The programs of Hayward & Paul 1986 in C under valgrind, as made by every compiler that is there.
+
+S-06 moves in contact, hence not off line: see test_c_crank.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,18 @@ from pathlib import Path
 import pytest
 
 from qrobot.rccl.c.program import run_executable
-from tests.support.c_programs import EXAMPLES, compiled, compiled_text, keyboard, needs_compiler, way_of_c
+from tests.support.c_programs import (
+    EXAMPLES,
+    FOUND,
+    compiled,
+    compiled_text,
+    keyboard,
+    needs_compiler,
+    needs_valgrind,
+    under_valgrind,
+    way_of_c,
+)
 
-FOUND = 99  # exit status
-VALGRIND = f"valgrind --quiet --leak-check=full --errors-for-leak-kinds=definite,possible --error-exitcode={FOUND}"
 SAID = {
     "s01_four_corners": "done; corners passed 0 4 4 4 times",
     "s02_grasp": "hand closed at ",
@@ -25,10 +36,7 @@ SAID = {
 LEVELS = zip(SAID, ("-O0", "-O2") * len(SAID), strict=False)
 MADE = [made for name, level in LEVELS for made in ((name, "gcc", "-O2"), (name, "clang", level))]
 
-pytestmark = [
-    needs_compiler,
-    pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind: apt install valgrind"),
-]
+pytestmark = [needs_compiler, needs_valgrind]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,14 +44,6 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
-
-
-def under_valgrind(program: Path) -> Path:
-    """The same, watched: what it does wrong becomes its exit status."""
-    watched = program.with_suffix(".sh")
-    watched.write_text(f'#!/bin/sh\nexec {VALGRIND} {program} "$@"\n')
-    watched.chmod(0o755)
-    return watched
 
 
 @pytest.mark.parametrize(("name", "compiler", "level"), MADE)
