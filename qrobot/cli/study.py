@@ -34,6 +34,7 @@ the same command goes on, and one with more --arms adds to what is there.
 Arms = Annotated[int, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
 Plot = Annotated[Path | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
 Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
+MOST_STICTION: Final = 3.0  # times Coulomb friction
 app = App(name="study", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
@@ -88,8 +89,8 @@ def identify(
     """
     from qrobot.study.identification import IdentificationStudy
 
-    if stiction < 1.0:
-        raise ConfigError(f"--stiction {stiction:g}: at least 1, which is none")
+    if not 1.0 <= stiction <= MOST_STICTION:
+        raise ConfigError(f"--stiction {stiction:g}: 1, which is none, to {MOST_STICTION:g}")
     study = IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking, stiction, dynamic)
     _run(study, arms, campaign)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import MemoryEndpoint, make_image
 from qrobot.hwif.memory import BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_LOSSES, BOARD_MODULE_LOSSES, IMAGE_T_NS
@@ -10,10 +12,10 @@ from qrobot.servo.control_messages import BoardStatus
 from qrobot.units import NS_PER_MS
 
 
-def board_status(memory: Words, now_ns: int) -> BoardStatus:
-    """Read a board memory at `now_ns` of the monotonic clock."""
+def board_status(memory: Words, clock: Callable[[], int]) -> BoardStatus:
+    """Read a board memory whose time is that of `clock`, ns."""
     return BoardStatus(
-        age_ms=_maybe_age_ms(memory, now_ns),
+        age_ms=_maybe_age_ms(memory, clock),
         losses=int(memory[BOARD_LOSSES]),
         dropped=int(memory[BOARD_DROPPED]),
         illegal=int(memory[BOARD_ILLEGAL_OPS]),
@@ -21,10 +23,11 @@ def board_status(memory: Words, now_ns: int) -> BoardStatus:
     )
 
 
-def _maybe_age_ms(memory: Words, now_ns: int) -> float | None:
+def _maybe_age_ms(memory: Words, clock: Callable[[], int]) -> float | None:
     image = make_image()
     try:
         MemoryEndpoint(memory).read_image(image)
     except LinkError:
         return None
+    now_ns = clock()  # after the image: a machine that stalls in between makes it older, not younger than nothing
     return (now_ns - int(image[IMAGE_T_NS])) / NS_PER_MS if image[IMAGE_T_NS] else None

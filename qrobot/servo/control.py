@@ -151,7 +151,7 @@ class Controls:
             kp=_floats(gains[KP]),
             kv=_floats(gains[KV]),
             inertia=_floats(gains[M0]),
-            board=board_status(servo.board.words, time.monotonic_ns()),
+            board=board_status(servo.board.words, time.monotonic_ns),
         )
 
     def _text(self, code: int) -> str:

@@ -67,6 +67,7 @@ def test_a_wrong_deployment_is_refused_before_anything_starts(
         (["guardian", "{deployment}"], 1, ["no shared memory", "-servo"]),
         (["run", "missing.py"], 1, ["missing.py"]),
         (["log", "info", "missing.mcap"], 1, ["missing.mcap"]),
+        (["study", "identify", "--output", "arms.jsonl", "--stiction", "nan"], 1, ["nan", "1, which is none, to 3"]),
         (["demo", "--law", "pid"], 1, ["pid", "pd"]),
         (["demo", "--rate", "3000"], 2, ["--rate", "3000"]),
     ],

@@ -136,10 +136,10 @@ def test_the_status_tells_how_the_board_is_reached(servo: Bench, client: ServoCl
 
 def test_the_age_of_the_image_is_told_and_that_there_is_none() -> None:
     memory, image = local_board_memory(), make_image()
-    assert board_status(memory, 5_000_000).age_ms is None
+    assert board_status(memory, lambda: 5_000_000).age_ms is None
     image[IMAGE_T_NS], image[IMAGE_COUNT] = 2_000_000, 1
     publish_image(memory, image)
-    assert board_status(memory, 5_000_000).age_ms == 3.0
+    assert board_status(memory, lambda: 5_000_000).age_ms == 3.0
 
 
 def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:
