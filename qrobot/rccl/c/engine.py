@@ -129,6 +129,7 @@ class Background:
         for _ in range(_LOOKS):
             with suppress(BlockingIOError):
                 return _receive(self._channel, socket.MSG_DONTWAIT)
+            os.sched_yield()  # the program may stand on our processor although another one is idle
         return b""
 
     def _answer(self, message: Message) -> Message:

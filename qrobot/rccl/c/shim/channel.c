@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
+#include <sched.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -130,9 +131,11 @@ static int look(int channel, long ns)
     if (!processors)
         processors = sysconf(_SC_NPROCESSORS_ONLN);
     long until = now_ns() + ns;
-    while (processors > 1 && now_ns() < until)
+    while (processors > 1 && now_ns() < until) {
         if (doze(channel, 0))
             return 1;
+        sched_yield(); /* a message may have put the engine on our processor although another one is idle */
+    }
     return 0;
 }
 
