@@ -49,6 +49,12 @@ def nearest_links(robot: Robot, base: BaseParameters, beta: Floats) -> tuple[Flo
     return found[:, 0], found[:, 1:] / np.maximum(found[:, :1], 1e-9)
 
 
+def with_gravity(robot: Robot, base: BaseParameters, beta: Floats) -> Robot:
+    """The robot with those masses and centres, and the inertia of its file. Raises what `nearest_links` raises."""
+    mass, com = nearest_links(robot, base, beta)
+    return robot.model_copy(update={"links": robot.links.model_copy(update={"mass": mass, "com": com})})
+
+
 def _programme(robot: Robot, base: BaseParameters, beta: Floats) -> dict[str, casadi.SX]:
     """Stay near the file's masses and centres; first the base parameters (= 0), then the centres' bounds (<= 0)."""
     theta = casadi.SX.sym("theta", _PER_LINK, robot.n)

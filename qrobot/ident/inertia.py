@@ -21,7 +21,7 @@ from qrobot.config.robot import Links
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.bodies import nearest_bodies
-from qrobot.ident.consistent import nearest_links
+from qrobot.ident.consistent import with_gravity
 from qrobot.ident.excitation import FEWEST
 from qrobot.ident.fit import KNOWN, Fit, fit_linear
 from qrobot.ident.friction import FRICTION_NAMES
@@ -96,6 +96,10 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
     if motions < FEWEST:
         raise IdentificationError(f"{motions} motions recorded, {FEWEST} are needed: record the whole plan")
     robot, held = steady.robot, rows.motion % HELD_BACK == HELD_BACK - 1
+    if still := sorted(set(range(robot.n)) - set(rows.motor[~held].tolist())):
+        names = ", ".join(robot.joints.names[j] for j in still)
+        raise IdentificationError(f"no motion turns {names} fast enough: record the whole plan")
+    before = with_gravity(robot, steady.base, steady.beta)
     trial, kept = _solved(steady, regressor, base, rows.only(~held)), rows.only(held)
     bodies, b = _bodies(robot, base, trial), len(base.leading)
     missed = _error(steady, kept, trial.values[:b], trial.values[b:])
@@ -107,7 +111,7 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
         fit,
         _bodies(robot, base, fit),
         _error(steady, kept, _beta(robot, base, regressor, bodies), trial.values[b:]),
-        _error(steady, kept, _beta(robot, base, regressor, _as_before(steady)), steady.friction.ravel()),
+        _error(steady, kept, _beta(robot, base, regressor, before.links), steady.friction.ravel()),
     )
 
 
@@ -156,12 +160,6 @@ def _gravity_of(gravity: BaseParameters, whole: BaseParameters) -> Floats:
 def _bodies(robot: Robot, base: BaseParameters, fit: Fit) -> Links:
     b = len(base.leading)
     return nearest_bodies(robot, base, fit.values[:b], fit.covariance[:b, :b])
-
-
-def _as_before(steady: Identified) -> Links:
-    """Links with the gravity found, and the inertia of the robot file."""
-    mass, com = nearest_links(steady.robot, steady.base, steady.beta)
-    return steady.robot.links.model_copy(update={"mass": mass, "com": com})
 
 
 def _beta(robot: Robot, base: BaseParameters, regressor: Regressor, links: Links) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import base_of_robot
-from qrobot.ident.consistent import nearest_links
+from qrobot.ident.consistent import with_gravity
 from qrobot.ident.inertia import InertialModel, identify_inertia
 from qrobot.ident.load import load_change
 from qrobot.ident.model import Identified, identify
@@ -52,9 +52,7 @@ def identify_log(
         return identify(robot, base, regressor, observations, known_torque, load_kg)
 
     first = found(Observer(robot, regressor, base))
-    mass, com = nearest_links(robot, base, first.beta)
-    links = robot.links.model_copy(update={"mass": mass, "com": com})
-    better = robot.model_copy(update={"links": links})
+    better = with_gravity(robot, base, first.beta)
     return _steady_load(found(Observer(robot, regressor, base, better, first.scale)))
 
 

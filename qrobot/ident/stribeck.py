@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.ident.consistent import nearest_links
+from qrobot.ident.consistent import with_gravity
 from qrobot.ident.fit import HUBER, NORMAL_95
 from qrobot.ident.friction import BELIEVED
 from qrobot.ident.model import Identified
@@ -106,8 +106,7 @@ def friction_of(found: Identified, rows: Rows, period_s: float) -> StribeckFit:
         IdentificationError: the log does not tell it.
     """
     robot, v_max = found.robot, found.robot.limits.v_max
-    mass, com = nearest_links(robot, found.base, found.beta)
-    better = robot.model_copy(update={"links": robot.links.model_copy(update={"mass": mass, "com": com})})
+    better = with_gravity(robot, found.base, found.beta)
     observer = Observer(robot, found.regressor, found.base, better, found.scale, CRAWLING * v_max)
     seen = observer.observe(rows, period_s)
     samples = Samples(found.scale[seen.motor, None] * seen.gravity, seen.motor, seen.rate, seen.torque)

@@ -10,8 +10,8 @@ from qrobot.errors import LinkError
 from qrobot.rccl_bridge.port import SetpointFrame
 from qrobot.realtime.segment import GENERATION, Segment, Words
 from qrobot.servo.mailbox import BEAT_T_NS, INFO_READY, ServoMailbox, attach_servo_memory, local_servo_memory
-from qrobot.servo.settings import NS_PER_S
 from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
 
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run

@@ -17,8 +17,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from qrobot.realtime.jit import jit_disabled
+from qrobot.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 _CLOCK_MONOTONIC = 1
 _TIMER_ABSTIME = 1
 

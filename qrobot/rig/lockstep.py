@@ -33,9 +33,9 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
 from qrobot.servo.telemetry import Rows, TelemetryReader
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, emulator_run
+from qrobot.units import NS_PER_S
 from qrobot.wire import Hello
 
-NS_PER_S: Final = 1_000_000_000
 START_NS: Final = NS_PER_S  # virtual time does not begin at zero: nothing may take 0 for "never"
 RING_ROWS: Final = 1 << 12
 

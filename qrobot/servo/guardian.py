@@ -30,7 +30,7 @@ from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make
 from qrobot.hwif.port.permission import require_ports
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
-from qrobot.realtime.clock import NS_PER_S, monotonic_ns, sleep_until_ns
+from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
@@ -49,6 +49,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.units import NS_PER_S
 
 GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 2 + N_DACS

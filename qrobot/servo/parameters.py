@@ -20,9 +20,10 @@ from qrobot.servo.calibration_table import CalibrationParams, calibration_params
 from qrobot.servo.forms import find_form
 from qrobot.servo.law import KP, KV, M0, N_GAINS
 from qrobot.servo.output_lines import OutputParams, output_params
-from qrobot.servo.settings import NS_PER_S, ServoSettings
+from qrobot.servo.settings import ServoSettings
 from qrobot.servo.velocity import find_estimator
 from qrobot.servo.watch_state import WatchParams, watch_params
+from qrobot.units import NS_PER_S
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
 POWER_TIMEOUT_NS: Final = 3 * NS_PER_S

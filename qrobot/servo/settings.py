@@ -14,8 +14,8 @@ from qrobot.servo.law import Law
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
+from qrobot.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.servo.incident import INCIDENT_WORDS
-from qrobot.servo.settings import NS_PER_S, ServoSettings
+from qrobot.servo.settings import ServoSettings
+from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
 FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one

@@ -45,9 +45,9 @@ from qrobot.sim_board.plant import Physics, Plant, PlantOwner, step_plant
 from qrobot.sim_board.rigid_plant import RigidPlant
 from qrobot.sim_board.upset import ENC_TURNED, PUSH
 from qrobot.sim_board.wrist import Wrist, make_wrist, no_wrist, sense_wrist
+from qrobot.units import NS_PER_S
 
 PLANT_HZ: Final = 4000
-NS_PER_S: Final = 1_000_000_000
 REST: Final = 1e-12  # joint units per second; slower is standing still
 
 Floats = NDArray[np.float64]

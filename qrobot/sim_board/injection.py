@@ -64,13 +64,12 @@ from qrobot.sim_board.upset import (
     TOUCHED,
     to_neutral,
 )
-from qrobot.units import NS_PER_MS
+from qrobot.units import NS_PER_MS, NS_PER_S
 
 # Fields of a slot. STEPS counts the board's steps in which the fault was active, ACTED those in which that made a
 # difference; NOTE is what the fault has to remember.
 KIND, CHANNEL, START_NS, END_NS, VALUE, STEPS, ACTED, NOTE = range(FAULT_FIELDS)
 
-_NS_PER_S: Final = 1_000_000_000
 _FOREVER_NS: Final = 1 << 62
 _MOVES: Final = 0.01  # counts per step; a shaft that turns less stands still
 _ALL_ONES: Final = 0xFFFF
@@ -298,8 +297,8 @@ class FaultPanel:
         at = PANEL_FAULT_SLOTS + place * FAULT_FIELDS
         memory[at : at + FAULT_FIELDS] = 0
         memory[at + KIND], memory[at + CHANNEL] = fault.row.number, (fault.joint or 1) - 1
-        memory[at + START_NS] = memory[BOARD_NOW_NS] + round(fault.start_s * _NS_PER_S)
-        lasts_ns = _FOREVER_NS if fault.duration_s is None else round(fault.duration_s * _NS_PER_S)
+        memory[at + START_NS] = memory[BOARD_NOW_NS] + round(fault.start_s * NS_PER_S)
+        lasts_ns = _FOREVER_NS if fault.duration_s is None else round(fault.duration_s * NS_PER_S)
         memory[at + END_NS] = min(memory[at + START_NS] + lasts_ns, _FOREVER_NS)
         memory[at + VALUE] = round(fault.amount * PANEL_MICRO)
         _open_slots(memory, place + 1)
@@ -335,6 +334,6 @@ def _fault_in(slot: list[int]) -> Fault:
         row.component,
         row.name,
         slot[CHANNEL] + 1 if row.per_joint else None,
-        duration_s=None if slot[END_NS] == _FOREVER_NS else lasts_ns / _NS_PER_S,
+        duration_s=None if slot[END_NS] == _FOREVER_NS else lasts_ns / NS_PER_S,
         value=None if row.default is None else slot[VALUE] / PANEL_MICRO,
     )

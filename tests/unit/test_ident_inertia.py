@@ -185,5 +185,7 @@ def test_too_little_motion_is_refused() -> None:
     seen = observed()
     with pytest.raises(IdentificationError, match="2 motions recorded, 3 are needed"):
         identify_inertia(steady(), *whole(), seen.only(seen.motion < 2))
+    with pytest.raises(IdentificationError, match="no motion turns flange fast enough"):
+        identify_inertia(steady(), *whole(), seen.only(seen.motor < N - 1))
     with pytest.raises(IdentificationError, match="nothing recorded moves for long"):
         observe_motion(PUMA, *whole(), log()[:2000], PERIOD_S)

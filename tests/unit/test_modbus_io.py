@@ -46,6 +46,7 @@ from qrobot.hwif.registers import (
 )
 from qrobot.hwif.roads import modules_beside, open_road
 from tests.support.bus import DirectBus
+from tests.support.deployment import LEFT
 from tests.support.paper_board import PaperBoard
 
 GRIPPER = DAC // 2
@@ -54,14 +55,6 @@ RELAX = OPEN | CLOSE
 VALVE, PUMP = 3, GRIPPER + 3  # a coil that is a bit of DISCRETE, a register
 VALVE_1, PUMP_3 = 0b001, 0b100
 PATIENCE_S = 5.0
-FILE = """
-[[arm]]
-name = "left"
-robot = "puma560"
-bridge = { port = 5600 }
-servo = { board_timeout_ms = 10 }
-[arm.board]
-"""
 TWICE = '[[arm.board.io]]\nhost = "127.0.0.1"\ninputs = [{ address = 0, input = 1 }, { address = 9, input = 1 }]\n'
 IO = TWICE.replace("address = 9, input = 1", "address = 9, input = 2")
 
@@ -184,7 +177,7 @@ def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until
     with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
         path = tmp_path / "here.toml"
         module = f'[[arm.board.io]]\nhost = "127.0.0.1"\nport = {server.address[1]}\n'
-        path.write_text(FILE + module + "inputs = [{ address = 0, input = 3 }]\n")
+        path.write_text(LEFT + module + "inputs = [{ address = 0, input = 3 }]\n")
         [arm] = load_deployment(path).arm
         with modules_beside(arm.board, memory, lines.append):
             deadline = time.monotonic() + PATIENCE_S
@@ -196,7 +189,7 @@ def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until
 
 def test_without_modules_nothing_is_beside_a_board(tmp_path: Path) -> None:
     path = tmp_path / "here.toml"
-    path.write_text(FILE)
+    path.write_text(LEFT)
     [arm] = load_deployment(path).arm
     before = threading.active_count()
     with modules_beside(arm.board, local_board_memory(), print):
@@ -331,7 +324,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
 )
 def test_modules_that_make_no_sense_are_refused(tmp_path: Path, board: str, says: str) -> None:
     path = tmp_path / "here.toml"
-    path.write_text(FILE + board)
+    path.write_text(LEFT + board)
     with pytest.raises(ConfigError, match=says):
         load_deployment(path)
 
@@ -339,7 +332,7 @@ def test_modules_that_make_no_sense_are_refused(tmp_path: Path, board: str, says
 def test_a_module_in_a_deployment_file_stands_before_the_road_to_its_board(tmp_path: Path) -> None:
     path = tmp_path / "here.toml"
     path.write_text(
-        FILE + 'kind = "modbus"\nmodbus = {}\n' + IO.replace("address = 9, input = 1", "address = 9, input = 2")
+        LEFT + 'kind = "modbus"\nmodbus = {}\n' + IO.replace("address = 9, input = 1", "address = 9, input = 2")
     )
     [arm] = load_deployment(path).arm
     bus = open_road(arm.board).bus

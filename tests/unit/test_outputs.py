@@ -19,6 +19,7 @@ from qrobot.rci import Chg
 from qrobot.servo.guardian import N_OWN, N_SAFE_OPS, look
 from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS, OutputWire
+from tests.support.deployment import LEFT
 from tests.support.servo_bench import ServoBench, moving
 
 GLUE, CLAMP, LAMP, VACUUM = 0b0001, 0b0010, 0b0100, 0b1000
@@ -30,14 +31,6 @@ WIRES = (
 )
 ALL, HELD = GLUE | CLAMP | LAMP | VACUUM, CLAMP | VACUUM
 GLUE_BIT, CLAMP_BIT = 0x08, 0x20
-FILE = """
-[[arm]]
-name = "left"
-robot = "puma560"
-bridge = { port = 5600 }
-servo = { board_timeout_ms = 10 }
-[arm.board]
-"""
 MODULE = (
     '[[arm.board.io]]\nhost = "127.0.0.1"\noutputs = [{ address = 7, output = 2, on_stop = "hold", name = "clamp" }]\n'
 )
@@ -211,7 +204,7 @@ def test_a_line_is_no_bit_of_arm_power_hand_or_host(bit: int) -> None:
 
 def arm_of(tmp_path: Path, board: str):  # type: ignore[no-untyped-def]
     path = tmp_path / "here.toml"
-    path.write_text(FILE + board)
+    path.write_text(LEFT + board)
     [arm] = load_deployment(path).arm
     return arm
 

@@ -19,17 +19,14 @@ from qrobot.hwif.canbus.multicast import LocalMulticast
 from qrobot.hwif.canbus.sensor import SensorBus
 from qrobot.hwif.roads import open_road, servers
 from tests.support.bus import BenchEndpoint
+from tests.support.deployment import LEFT
 
-CAN = """
-[[arm]]
-name = "left"
-robot = "puma560"
-bridge = { port = 5600 }
-servo = { board_timeout_ms = 10 }
-[arm.board]
-kind = "can"
+CAN = (
+    LEFT
+    + """kind = "can"
 can = { interface = "virtual", channel = "x", node_id = 7, period_ms = 4 }
 """
+)
 
 
 def load(tmp_path: Path, text: str) -> Deployment:
