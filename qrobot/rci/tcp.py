@@ -19,6 +19,7 @@ BRIDGE_VARIABLE: Final = "QROBOT_BRIDGE"
 LOCALHOST: Final = "127.0.0.1"
 CONNECT_TIMEOUT_S: Final = 3.0
 ANSWER_TIMEOUT_S: Final = 2.0  # far beyond the longest sample period of 100 ms
+LINGER_S: Final = 0.5  # a bridge that does not close its end after our goodbye is left after this
 _CHUNK: Final = 1 << 16
 
 T = TypeVar("T")
@@ -49,6 +50,15 @@ def connect(address: Address) -> socket.socket:
         raise LinkLost(f"no bridge at {where}: {error.strerror or error}; start one with `qrobot up`") from error
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return sock
+
+
+def _read_to_the_end(sock: socket.socket, seconds: float) -> None:
+    """Wait until the far end closes. To close with unread input would take back what was sent (RFC 9293, 3.6.1)."""
+    deadline = time.monotonic() + seconds
+    while (left := deadline - time.monotonic()) > 0:
+        sock.settimeout(left)
+        if not sock.recv(_CHUNK):
+            return
 
 
 class TcpLink:
@@ -94,13 +104,14 @@ class TcpLink:
         return self.open()
 
     def close(self, reason: str = "") -> None:
-        """Say goodbye and close the socket."""
+        """Say goodbye, and close the socket when the bridge has heard it: within `LINGER_S`."""
         sock, self._socket = self._socket, None  # first: a program's own thread may close it as well
         if sock is None:
             return
-        with suppress(OSError):
+        with sock, suppress(OSError):
             sock.sendall(self._client.farewell(reason))
-        sock.close()
+            sock.shutdown(socket.SHUT_WR)
+            _read_to_the_end(sock, LINGER_S)
 
     def _new_client(self, address: Address) -> Client:
         return Client(self._hello, f"the bridge at {address[0]}:{address[1]}")

@@ -12,6 +12,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -354,6 +355,24 @@ def test_of_several_states_the_newest_counts(client: Path) -> None:
     with server(burst) as address:
         status, _, seq, *_ = talk(client, address, periods=0)
     assert (status, seq) == (OK, 199)
+
+
+def test_a_goodbye_arrives_though_states_were_left_unread(client: Path) -> None:
+    heard = []
+
+    def late(near: socket.socket) -> None:
+        connection = welcome(near)
+        near.sendall(b"".join(connection.send(State(seq, resting((0.1, 0.2)))) for seq in range(1, 20)))
+        near.recv(4096, socket.MSG_PEEK)
+        for seq in range(20, 23):
+            time.sleep(0.01)  # for a client that would not wait
+            near.sendall(connection.send(State(seq, resting((0.1, 0.2)))))
+        connection.receive_data(near.recv(4096))
+        heard.append(connection.next_event())
+
+    with server(late) as address:
+        assert talk(client, address, periods=0)[0] == OK
+    assert heard == [Bye("done", heard[0].t_ns)]
 
 
 def test_nobody_at_the_address_is_one_clear_line(client: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
@@ -12,8 +13,9 @@ import pytest
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.rci import Chg, Link, TcpLink, VirtualLink, bridge_address, hello_for
 from qrobot.rci import tcp as tcp_module
-from qrobot.wire import Connection, ErrorCode, Hello, Side, WireError
+from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Side, State, Welcome, WireError
 from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+from tests.support.packets import resting
 
 Q = (0.1, -0.2)
 NOWHERE = ("127.0.0.1", 5600)
@@ -75,6 +77,39 @@ def test_closing_says_goodbye_once(make_link, robot) -> None:
     wait_until(lambda: robot.goodbyes)
     time.sleep(0.01)  # for a second one
     assert robot.goodbyes == 1
+
+
+def test_a_goodbye_arrives_though_states_were_left_unread() -> None:
+    near, far = socket.socketpair()
+    server = Connection(Side.SERVER)
+    link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
+    with far, ThreadPoolExecutor() as program:
+        opening = program.submit(link.open)
+        server.receive_data(far.recv(4096))
+        assert isinstance(server.next_event(), Hello)
+        far.sendall(server.send(Welcome(ClientRole.COMMANDER, "puma560", 2, 2_000)))
+        opening.result()
+        far.sendall(server.send(State(1, resting(Q))))
+        closing = program.submit(link.close, "done")
+        assert far.recv(4096, socket.MSG_PEEK)
+        time.sleep(0.01)  # for a client that would not wait
+        far.sendall(server.send(State(2, resting(Q))))
+        server.receive_data(far.recv(4096))
+        assert server.next_event() == Bye("done")
+        far.close()
+        closing.result()
+
+
+def test_a_bridge_that_never_closes_its_end_is_left(monkeypatch) -> None:
+    monkeypatch.setattr(tcp_module, "LINGER_S", 0.02)
+    near, far = socket.socketpair()
+    link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
+    monkeypatch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 0.02)
+    with far:
+        with pytest.raises(LinkTimeout):
+            link.open()
+        link.close()
+        assert near.fileno() == -1
 
 
 def test_a_refusal_arrives_with_the_servers_reason(make_link, robot) -> None:

@@ -187,6 +187,7 @@ static inline const char *qrobot_fault_text(int code)
 /* end */
 
 #define QROBOT_CONNECT_MS 3000
+#define QROBOT_LINGER_MS 500 /* a bridge that does not close its end after our goodbye is left after this */
 #define QROBOT_ANSWER_MS 2000 /* far beyond the longest sample period */
 #define QROBOT_TEXT_BYTES 512 /* of a text for people; longer ones are cut */
 
@@ -778,14 +779,30 @@ static inline int qrw_reach(struct qrobot_link *link, const char *address)
                     strerror(errno));
 }
 
-/* Say goodbye and close. The arm stops on its path; may be called twice, and after any failure. */
+/* Wait until the far end closes; to close with unread input would take back what was sent (RFC 9293, 3.6.1). */
+static inline void qrw_read_to_the_end(int fd)
+{
+    int64_t until_ns = qrobot_now_ns() + QROBOT_LINGER_MS * INT64_C(1000000);
+    unsigned char unwanted[QROBOT_MAX_PACKET];
+    ssize_t size = 1;
+
+    while (size != 0 && qrw_wait(fd, POLLIN, until_ns) && qrobot_now_ns() < until_ns) {
+        size = recv(fd, unwanted, sizeof unwanted, 0);
+        if (size < 0 && errno != EINTR && errno != EAGAIN && errno != EWOULDBLOCK)
+            return;
+    }
+}
+
+/* Say goodbye, and close when the bridge has heard it: within QROBOT_LINGER_MS. The arm stops on its path; may be
+ * called twice, and after any failure. */
 static inline void qrobot_disconnect(struct qrobot_link *link, const char *reason)
 {
     unsigned char out[QROBOT_MAX_PACKET];
     int size;
 
-    if (link->fd >= 0 && (size = qrobot_put_bye(link, reason, qrobot_now_ns(), out)) > 0)
-        (void)!send(link->fd, out, (size_t)size, MSG_NOSIGNAL);
+    if (link->fd >= 0 && (size = qrobot_put_bye(link, reason, qrobot_now_ns(), out)) > 0 &&
+        send(link->fd, out, (size_t)size, MSG_NOSIGNAL) == size && shutdown(link->fd, SHUT_WR) == 0)
+        qrw_read_to_the_end(link->fd);
     qrw_close(link);
 }
 
