@@ -27,14 +27,14 @@ class MemoryBus:
         attach: maps the memory; raises LinkError when nobody serves it.
         name: for messages.
         lane: of the board; nobody else may post to it.
-        timeout_s: patience with a board that takes nothing or shows nothing new.
+        timeout_s: patience with a board that takes nothing or shows nothing new; may be changed.
     """
 
     def __init__(
         self, attach: Callable[[], Segment], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
     ) -> None:
         self.name = name
-        self._attach, self._lane, self._timeout_s = attach, lane, timeout_s
+        self._attach, self._lane, self.timeout_s = attach, lane, timeout_s
         self._segment: Segment | None = None
         self._newest = make_image()
 
@@ -52,7 +52,7 @@ class MemoryBus:
         """As `Bus.exchange`: takes until the board has shown the second image after the operations were taken."""
         words = self._words()
         end = MemoryEndpoint(words, self._lane)
-        deadline = time.monotonic() + self._timeout_s
+        deadline = time.monotonic() + self.timeout_s
         try:
             end.apply(operations)
             self._wait(lambda: pending_operations(words, int(self._lane)) == 0, deadline, "takes no operations")

@@ -28,7 +28,7 @@ from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.sim_board.stepping import SteppingEndpoint
 
 COMPARED: Final = ("q_ref", "dac", "q", "mode")
-PATIENCE_S: Final = 5.0  # on the wall clock: a busy machine must not look like a cut
+PATIENCE_S: Final = 60.0  # on the wall clock: a busy machine must not look like a cut
 
 
 class MemoryRig(LockstepRig):

@@ -38,7 +38,7 @@ class CanBus:
     Args:
         interface: of python-can. channel: of the interface. bitrate: of the wire, where the interface has one.
         node_id: number of the board's node, 1 to 95.
-        timeout_s: how long an answer may take.
+        timeout_s: how long an answer may take; may be changed.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class CanBus:
     ) -> None:
         self.name = f"CAN {interface}:{channel}, node {node_id}"
         self._link = CanLink(interface, channel, bitrate, (node_id,))
-        self._node, self._timeout_s = node_id, timeout_s
+        self._node, self.timeout_s = node_id, timeout_s
         self._tpdo = {base + node_id: number for number, base in enumerate(TPDO)}
         self._counter, self._lists, self._count = 0, 0, 0
 
@@ -93,7 +93,7 @@ class CanBus:
         self._count = int(image[COUNT_WORD])
 
     def _collect(self, answer: Collector) -> Collector:
-        deadline = time.monotonic() + self._timeout_s
+        deadline = time.monotonic() + self.timeout_s
         while not answer.whole:
             message = self._link.receive(deadline, f"node {self._node}")
             if message.arbitration_id in self._tpdo:

@@ -72,6 +72,7 @@ class DrivesBus:
     def __init__(self, road: DrivesRoad, clock: Callable[[], int] | None = None) -> None:
         self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
         self._road, self._clock = road, clock
+        self.timeout_s = road.timeout_ms / MS_PER_S
         self._link = CanLink(road.interface, road.channel, road.bitrate, road.nodes)
         self._setpoints = setpoints_of(road)
         self._drives = [Drive(counts) for counts in road.counts_at_zero]
@@ -146,7 +147,7 @@ class DrivesBus:
 
     def _collect(self) -> None:
         waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
-        deadline = time.monotonic() + self._road.timeout_ms / MS_PER_S
+        deadline = time.monotonic() + self.timeout_s
         while waiting:
             message = self._link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
             channel = waiting.pop(message.arbitration_id, None)

@@ -69,6 +69,7 @@ class BoardNode:
         endpoint: the board.
         node_id: 1 to 95.
         watchdog_ms: patience with a silent client while OPERATIONAL; 0 for endless.
+        now_ns: the clock of that silence, and of the heartbeat.
         report: takes a line when the watchdog acts.
 
     Attributes:
@@ -85,12 +86,13 @@ class BoardNode:
         node_id: int = 1,
         watchdog_ms: float = WATCHDOG_MS,
         report: Report = lambda _line: None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         if not 1 <= node_id <= MAX_NODE:
             raise ConfigError(f"node {node_id}: the board's node has a number from 1 to {MAX_NODE}")
         self.node_id = node_id
         self.exchanges, self.meaningless, self.expired = 0, 0, 0
-        self._bus, self._endpoint, self._report = bus, endpoint, report
+        self._bus, self._endpoint, self._report, self._now_ns = bus, endpoint, report, now_ns
         self._watchdog_ns = int(watchdog_ms * 1e6)
         self._heard_ns, self._silent = 0, False
         self._image, self._mailbox = make_image(), Mailbox()
@@ -134,7 +136,7 @@ class BoardNode:
                 break
             self.take(message)
             timeout_s = 0.0
-        self._look_at_clock(time.monotonic_ns())
+        self._look_at_clock(self._now_ns())
 
     def take(self, message: can.Message) -> None:
         """Answer one frame; whatever it holds, nothing is raised."""
@@ -235,7 +237,7 @@ class BoardNode:
     # ------------------------------------------------------------------------------------------------------ safety
 
     def _hear(self) -> None:
-        self._heard_ns, self._silent = time.monotonic_ns(), False
+        self._heard_ns, self._silent = self._now_ns(), False
         self._settle(CLIENT_SILENT)
 
     def _look_at_clock(self, now_ns: int) -> None:

@@ -34,7 +34,7 @@ LAST_PORT: Final = 65535
 FUNCTIONS: Final = frozenset({1, 2, 3, 4, 5, 6, 15, 16, 22, 23})
 READ_COILS, READ_DISCRETE_INPUTS = 1, 2
 COILS: Final = (READ_COILS, 5, 15)
-START_PATIENCE_S: Final = 5.0
+START_PATIENCE_S: Final = 30.0
 WATCH_S: Final = 0.005
 
 _client: ContextVar[object] = ContextVar("modbus_client")

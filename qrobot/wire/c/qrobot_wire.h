@@ -187,7 +187,9 @@ static inline const char *qrobot_fault_text(int code)
 /* end */
 
 #define QROBOT_CONNECT_MS 3000
+#ifndef QROBOT_LINGER_MS
 #define QROBOT_LINGER_MS 500 /* a bridge that does not close its end after our goodbye is left after this */
+#endif
 #define QROBOT_ANSWER_MS 2000 /* far beyond the longest sample period */
 #define QROBOT_TEXT_BYTES 512 /* of a text for people; longer ones are cut */
 
