@@ -1,11 +1,11 @@
-"""Shared test profile: no hypothesis deadline (compiling is not a slow example), derandomised for bit-identical CI."""
+"""Shared test profile: hypothesis measures no time (compiling is not slow), derandomised for bit-identical CI."""
 
 import os
 import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 # Generated kernels stay with the other caches of the tests, not in the home directory; subprocesses inherit it.
@@ -20,7 +20,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Hypothesis would try constants of whichever modules of ours are loaded, which depends on the tests that ran before.
 providers.is_local_module_file = lambda _path: False
 
-settings.register_profile("qrobot", deadline=None, derandomize=True, print_blob=True)
+settings.register_profile(
+    "qrobot", deadline=None, derandomize=True, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("qrobot")
 
 WALL_CLOCK_RERUNS = 2

@@ -60,11 +60,14 @@ class Road(Protocol):
 
     bus: Bus
 
+    def hurry(self) -> None:
+        """Let the near end wait a moment only, for what will not come, until the road is mended."""
+
     def cut(self) -> None:
         """Break it, at once and silently if it can be; may be called by the far end, in the middle of an exchange."""
 
     def restore(self) -> None:
-        """Mend it; the near end connects again by itself."""
+        """Mend it; the near end is patient again and connects by itself."""
 
     def garbage(self) -> None:
         """Let the far end answer the next exchange with something that means nothing."""
@@ -275,6 +278,7 @@ class BusContract:
     def test_a_board_that_stands_still_never_looks_alive(self, there: Traveller) -> None:
         """Either the count shows it, or there is no answer."""
         there.end.standing = True
+        there.road.hurry()
         count = None
         for _ in range(3):
             try:
@@ -288,6 +292,7 @@ class BusContract:
 
     def test_a_road_that_is_cut_says_so_and_shows_no_image(self, there: Traveller) -> None:
         image = there.exchange()
+        there.road.hurry()
         there.road.cut()
         for _ in range(2):
             with pytest.raises(LinkError):
@@ -295,6 +300,7 @@ class BusContract:
         assert list(there.image) == list(image)
 
     def test_a_road_that_is_mended_goes_on_and_brings_nothing_from_before(self, there: Traveller) -> None:
+        there.road.hurry()
         there.road.cut()
         with pytest.raises(LinkError):
             there.write((DAC, 0x111))
@@ -314,6 +320,7 @@ class BusContract:
 
     def _fail_and_come_back(self, there: Traveller) -> None:
         image = there.image.copy()
+        there.road.hurry()
         with pytest.raises((LinkError, ProtocolError)):
             there.write((DAC, 0x333))
         there.end.before = there.end.after = lambda: None
@@ -324,6 +331,7 @@ class BusContract:
 
     def test_a_far_end_without_a_board_says_so(self, there: Traveller) -> None:
         there.end.gone = True
+        there.road.hurry()
         with pytest.raises((LinkError, RemoteProtocolError)):
             there.write((DAC, 1))
         there.end.gone = False
@@ -340,6 +348,7 @@ class BusContract:
 
     def test_garbage_is_an_error_and_never_an_image(self, there: Traveller) -> None:
         image = there.exchange()
+        there.road.hurry()
         there.road.garbage()
         with pytest.raises((LinkError, ProtocolError)):
             there.exchange()

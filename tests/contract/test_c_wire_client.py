@@ -41,14 +41,15 @@ from qrobot.wire.codec import encode
 from tests.support.bridge import Bridge
 from tests.support.mutants import N, mutant
 from tests.support.packets import resting
+from tests.support.patience import PATIENCE_MS, PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[2]
 HEADER = ROOT / "qrobot/wire/c"
 COMPILERS = [found for name in ("gcc", "clang") if (found := shutil.which(name))] or [shutil.which("cc") or ""]
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 SANITIZED = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+PATIENT = f"-DQROBOT_LINGER_MS={PATIENCE_MS:.0f}"
 HEARD = (Conversation.GREETING, Conversation.ANSWERING, Conversation.COMMANDING, Conversation.OBSERVING)
-PATIENCE_S = 10.0
 OK, TIMEOUT, LOST, REFUSED, BROKEN, INVALID = 0, -1, -2, -3, -4, -5
 
 pytestmark = pytest.mark.skipif(not COMPILERS[0], reason="no C compiler: apt install gcc")
@@ -63,7 +64,7 @@ def build(compiler: str, source: Path, target: Path, *flags: str) -> Path:
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("c") / "wire_client"
-    return build(COMPILERS[0], ROOT / "tests/support/wire_client.c", target, *SANITIZED)
+    return build(COMPILERS[0], ROOT / "tests/support/wire_client.c", target, *SANITIZED, PATIENT)
 
 
 def address_of(bridge: Bridge) -> str:
@@ -75,7 +76,7 @@ def ask(client: Path, *arguments: str, data: bytes = b"", bridge: str = "") -> l
     """Lines that the program prints; whatever a sanitizer has to say fails the test."""
     environment = os.environ | {"QROBOT_BRIDGE": bridge, "ASAN_OPTIONS": "detect_leaks=0"}
     answer = subprocess.run(
-        [client, *arguments], input=data, capture_output=True, timeout=60.0, env=environment, check=False
+        [client, *arguments], input=data, capture_output=True, timeout=PATIENCE_S, env=environment, check=False
     )
     assert (answer.returncode, answer.stderr.decode()) == (0, "")
     return answer.stdout.decode().splitlines()
@@ -261,7 +262,9 @@ def server(serve: Callable[[socket.socket], object]) -> Iterator[str]:
         thread.join()
 
 
-def talk(client: Path, bridge: str, periods: int = 1_000, robot: str = "puma560", patience_ms: int = 2_000):
+def talk(
+    client: Path, bridge: str, periods: int = 1_000, robot: str = "puma560", patience_ms: int = round(PATIENCE_MS)
+):
     """(status, refusal, seq, ack, error) of a program that holds the arm for so many periods."""
     (line,) = ask(client, "talk", robot, str(periods), str(patience_ms), bridge=bridge)
     status, refusal, seq, ack, error = line.split(" ", 4)
@@ -276,6 +279,7 @@ def welcome(near: socket.socket) -> Connection:
     return connection
 
 
+@pytest.mark.realtime
 def test_every_state_is_answered_and_the_bridge_takes_every_answer(client: Path) -> None:
     with Bridge() as bridge:
         status, _, seq, ack, error = talk(client, address_of(bridge), periods=50)
@@ -295,10 +299,17 @@ def test_a_refusal_arrives_with_its_code_and_reason(client: Path) -> None:
             assert talk(client, address)[:2] == (REFUSED, ErrorCode.COMMANDER_BUSY)
 
 
+def end_when_commanded(bridge: Bridge) -> None:
+    wait_until(lambda: bridge.port.frames)
+    bridge.begin_to_end()
+
+
 def test_a_bridge_that_ends_says_goodbye(client: Path) -> None:
     with Bridge() as bridge:
-        threading.Timer(0.3, bridge.begin_to_end).start()
-        status, *_, error = talk(client, address_of(bridge))
+        ending = threading.Thread(target=end_when_commanded, args=(bridge,))
+        ending.start()
+        status, *_, error = talk(client, address_of(bridge), periods=1_000_000)
+        ending.join()
     assert status == REFUSED
     assert "said goodbye" in error
 
@@ -306,7 +317,7 @@ def test_a_bridge_that_ends_says_goodbye(client: Path) -> None:
 def test_a_servo_that_is_away_is_a_silence_with_last_words(client: Path) -> None:
     with Bridge() as bridge:
         bridge.port.running = False
-        status, *_, error = talk(client, address_of(bridge), patience_ms=100)
+        status, *_, error = talk(client, address_of(bridge), patience_ms=1_000)
     assert status == TIMEOUT
     assert error.endswith(
         "has fallen silent; its last words: the servo of puma560 does not run; this connection waits for it"

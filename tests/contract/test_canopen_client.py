@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +14,9 @@ from qrobot.hwif.canbus.objects import ENTRIES
 from qrobot.hwif.registers import DAC_ZERO, REGISTERS, Access
 from tests.support.bus import BenchEndpoint
 from tests.support.can_road import can_road
+from tests.support.patience import PATIENCE_S, wait_until
 
 EDS = str(Path(__file__).parents[2] / "config/can/qrobot_board.eds")
-PATIENCE_S = 5.0
 
 
 class Desk:
@@ -75,10 +74,7 @@ def test_process_data_follow_the_mapping_that_the_node_tells(desk: Desk) -> None
     desk.node.rpdo[2]["DAC.DAC 1"].raw = 0x900
     desk.node.rpdo[2].transmit()
     desk.network.sync.transmit()
-    deadline = time.monotonic() + PATIENCE_S
-    while desk.node.tpdo[2]["ENC_COUNT.ENC_COUNT 1"].raw != 42:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    wait_until(lambda: desk.node.tpdo[2]["ENC_COUNT.ENC_COUNT 1"].raw == 42)
     assert desk.end.bench.board.dac[0] == 0x900
     assert desk.node.tpdo[1]["STATUS.STATUS"].raw == desk.node.sdo["STATUS"][1].raw
 

@@ -14,8 +14,9 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeou
 from qrobot.rci import Chg, Link, TcpLink, VirtualLink, bridge_address, hello_for
 from qrobot.rci import tcp as tcp_module
 from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Side, State, Welcome, WireError
-from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.packets import resting
+from tests.support.patience import PATIENCE_S, wait_until
 
 Q = (0.1, -0.2)
 NOWHERE = ("127.0.0.1", 5600)
@@ -176,6 +177,7 @@ def test_a_server_that_vanishes_is_a_lost_link(robot) -> None:
 
 def test_a_socket_that_stays_silent_times_out(monkeypatch) -> None:
     monkeypatch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 0.02)
+    monkeypatch.setattr(tcp_module, "LINGER_S", 0.02)
     near, far = socket.socketpair()
     with far:
         link = TcpLink(hello_for("puma560"), NOWHERE, lambda _: near)
@@ -185,11 +187,11 @@ def test_a_socket_that_stays_silent_times_out(monkeypatch) -> None:
 
 
 def test_nobody_at_the_address_is_one_clear_line() -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with pytest.raises(LinkLost, match=f"no bridge at 127.0.0.1:{port}: Connection refused; start one"):
-        TcpLink(hello_for("puma560"), ("127.0.0.1", port)).open()
+    with socket.socket() as deaf:  # has the port, so that nobody else listens there
+        deaf.bind(("127.0.0.1", 0))
+        port = deaf.getsockname()[1]
+        with pytest.raises(LinkLost, match=f"no bridge at 127.0.0.1:{port}: Connection refused; start one"):
+            TcpLink(hello_for("puma560"), ("127.0.0.1", port)).open()
 
 
 def test_a_link_that_was_closed_says_so(robot) -> None:
@@ -201,7 +203,7 @@ def test_a_link_that_was_closed_says_so(robot) -> None:
 def test_a_real_connection_is_greeted() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         link = TcpLink(hello_for("puma560"), listener.getsockname()[:2])
-        listener.settimeout(5.0)
+        listener.settimeout(PATIENCE_S)
         with suppress(LinkError), pytest.MonkeyPatch.context() as patch:
             patch.setattr(tcp_module, "ANSWER_TIMEOUT_S", 0.02)
             link.open()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -9,19 +10,17 @@ from contextlib import contextmanager
 from itertools import count
 
 import numpy as np
-import pytest
 
-from qrobot.hwif.bus import make_image
 from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.memory import IMAGE_START, IMAGE_WORDS, OP_WRITE, attach_board_memory, create_board_memory
+from qrobot.hwif.memory import IMAGE_START, IMAGE_WORDS, attach_board_memory, create_board_memory
 from qrobot.hwif.memory_bus import MemoryBus
-from qrobot.hwif.registers import DISCRETE
 from qrobot.realtime.segment import Words
 from tests.contract.bus_contract import BusContract, Road
-from tests.support.bus import BenchEndpoint, DirectBus, rows_of
+from tests.support.bus import BenchEndpoint, DirectBus
+from tests.support.patience import MOMENT_S, PATIENCE_S
 
 STEP_S = 0.0005
-ARMS = (f"contract{number}" for number in count())
+ARMS = (f"contract{os.getpid()}n{number}" for number in count())
 
 
 class DirectRoad:
@@ -29,6 +28,9 @@ class DirectRoad:
 
     def __init__(self, end: BenchEndpoint) -> None:
         self.bus = DirectBus(end)
+
+    def hurry(self) -> None:
+        """It waits for nothing."""
 
     def cut(self) -> None:
         self.bus.cut = True
@@ -55,12 +57,12 @@ class TestDirectBus(BusContract):
 class MemoryRoad:
     """A board process in a thread: a gateway to the bench behind a shared segment."""
 
-    def __init__(self, end: BenchEndpoint, timeout_s: float = 0.25) -> None:
+    def __init__(self, end: BenchEndpoint) -> None:
         self.arm = next(ARMS)
         self.segment = create_board_memory(self.arm)
         self.far = DirectBus(end)
         self.gateway = Gateway(self.far, self.segment.words, 250_000)
-        self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=timeout_s)
+        self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=PATIENCE_S)
         self._held, self._stop = threading.Event(), threading.Event()
         assert self.gateway.step(0)
         self._thread = threading.Thread(target=self._run)
@@ -71,11 +73,15 @@ class MemoryRoad:
             if not self._held.is_set():
                 self.gateway.step(time.monotonic_ns())
 
+    def hurry(self) -> None:
+        self.bus.timeout_s = MOMENT_S
+
     def cut(self) -> None:
         self._held.set()
         self.far.cut = True
 
     def restore(self) -> None:
+        self.bus.timeout_s = PATIENCE_S
         self.far.cut = False
         self._held.clear()
         while not self.gateway.connected:
@@ -92,17 +98,6 @@ class MemoryRoad:
         self.segment.close(unlink=True)
 
 
-@pytest.fixture(scope="module")
-def compiled() -> None:
-    """What an exchange calls: to compile it takes longer than any patience."""
-    road = MemoryRoad(BenchEndpoint(), timeout_s=300.0)
-    road.bus.connect()
-    road.bus.exchange(rows_of([(OP_WRITE, DISCRETE, 0)]), make_image())
-    road.bus.close()
-    road.close()
-
-
-@pytest.mark.usefixtures("compiled")
 class TestMemoryBus(BusContract):
     """Shared memory."""
 

@@ -10,10 +10,11 @@ from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.server import ModbusServer
 from tests.contract.bus_contract import BusContract, Road
 from tests.support.bus import BenchEndpoint, rows_of
+from tests.support.modbus_road import set_patience
+from tests.support.patience import MOMENT_S, PATIENCE_S
 from tests.support.relay import Relay, as_it_came
 
 HEAD = 7
-PATIENCE_S = 0.25
 
 
 class ModbusRoad:
@@ -21,12 +22,17 @@ class ModbusRoad:
 
     def __init__(self, relay: Relay) -> None:
         self._relay = relay
-        self.bus = ModbusBus(ModbusLine("127.0.0.1", relay.port, timeout_s=PATIENCE_S))
+        self._line = ModbusLine("127.0.0.1", relay.port, timeout_s=PATIENCE_S)
+        self.bus = ModbusBus(self._line)
+
+    def hurry(self) -> None:
+        set_patience(self._line, MOMENT_S)
 
     def cut(self) -> None:
         self._relay.break_now()
 
     def restore(self) -> None:
+        set_patience(self._line, PATIENCE_S)
         self._relay.cut = False
 
     def garbage(self) -> None:

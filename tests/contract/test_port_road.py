@@ -19,6 +19,9 @@ class PortRoad:
         self.card = FakeCard(end)
         self.bus = FakeCardBus(self.card)
 
+    def hurry(self) -> None:
+        """It waits for nothing."""
+
     def cut(self) -> None:
         self.card.pulled = True
 

@@ -17,7 +17,8 @@ from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
 from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import RobotMode
-from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.patience import wait_until
 from tests.support.puma import PARK
 
 
@@ -127,7 +128,7 @@ def test_a_trace_has_one_period(robot: FakeRobot) -> None:
 
 
 def test_in_real_time_the_connection_is_made_anew() -> None:
-    robot = FakeRobot(tuple(PARK), patience=1000)  # what is tested is not this machine's speed
+    robot = FakeRobot(tuple(PARK), patience=100_000)  # what is tested is not this machine's speed
     with ExitStack() as servers:
         made: list[SocketRobot] = []
 

@@ -17,13 +17,15 @@ from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
 from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import JointMode, RobotMode
-from tests.support.fake_robot import FakeRobot, SocketRobot, wait_until
+from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.patience import wait_until
 
 PARK = tuple(load_robot("puma560").poses["park"].tolist())
 PARK_DEG = np.degrees(PARK)
 DONE = Termination.COMPLETED
 QUICK = 60.0, 120.0  # ms of transition and segment
 MAX = 4
+PATIENCE = 100_000  # periods without a command: what is tested is not this machine's speed
 
 
 @contextmanager
@@ -38,9 +40,9 @@ def in_real_time(robot: FakeRobot) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(params=[in_lockstep, in_real_time])
+@pytest.fixture(params=[in_lockstep, pytest.param(in_real_time, marks=pytest.mark.realtime)])
 def robot(request) -> Iterator[FakeRobot]:
-    fake = FakeRobot(PARK, period_us=4_000, patience=100)  # patient: what is tested is not this machine's speed
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with request.param(fake):
         yield fake
         rccl.release()
@@ -257,7 +259,7 @@ def once(deed: Callable[[], object]) -> Callable[[int], None]:
 
 
 def test_an_error_nobody_waited_for_is_told_at_release() -> None:
-    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with in_real_time(fake):
         arm = rccl.control()
         fake.before_period = once(lambda: fake.break_down(FaultCode.ESTOP))
@@ -268,7 +270,7 @@ def test_an_error_nobody_waited_for_is_told_at_release() -> None:
 
 
 def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypatch) -> None:
-    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with in_real_time(fake):
         arm = rccl.control()
         monkeypatch.setattr(arm._task, "_track", lambda _robot: 1 / 0)
@@ -279,7 +281,7 @@ def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypa
 
 
 def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> None:
-    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with in_real_time(fake):
         arm = rccl.control()
 
@@ -294,7 +296,7 @@ def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> Non
 
 
 def test_a_lost_link_raises_where_the_program_waits() -> None:
-    fake = FakeRobot(PARK, period_us=4_000, patience=100)
+    fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with SocketRobot(fake) as server:
         with rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)):
             arm = rccl.control()
@@ -312,6 +314,7 @@ def test_a_function_that_is_called_at_each_sample_must_not_wait(robot) -> None:
     wait_until(lambda: robot.goodbyes)
 
 
+@pytest.mark.realtime
 def test_a_program_that_computes_without_a_pause_does_not_disturb_its_motion() -> None:
     """A-02. Robot and generator are threads of the interpreter that the program keeps busy."""
     fake = FakeRobot(PARK, period_us=28_000, patience=10)  # ten times a servo's, for a machine that is busy besides

@@ -69,19 +69,22 @@ def card() -> Iterator[Road]:
 @contextmanager
 def modbus() -> Iterator[Road]:
     with ExitStack() as stack:
-        far = Far(stack, watchdog_ms=50.0)
+        far = Far(stack)
         rig = RoadRig(ROBOT, SETTINGS, far.open_bus, new_emulator())
-        yield Road(rig, far.relay.break_now, lambda: setattr(far.relay, "cut", False), far.until_safe, "gave no answer")
+        yield Road(rig, far.cut, far.mend, far.until_safe, "gave no answer")
 
 
 @contextmanager
 def can() -> Iterator[Road]:
-    with RoadStack(watchdog_ms=1500.0, timeout_s=0.3) as roads:
+    with RoadStack() as roads:
         rig = RoadRig(ROBOT, SETTINGS, roads.open, new_emulator())
         road = roads.road
-        yield Road(
-            rig, road.cut, road.restore, lambda: roads.wait_until(lambda: road.node.expired == 1), "does not answer"
-        )
+
+        def cut() -> None:
+            road.hurry()
+            road.cut()
+
+        yield Road(rig, cut, road.restore, road.expire, "does not answer")
 
 
 @contextmanager
@@ -97,8 +100,8 @@ def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[R
         far = opened[0]
         yield Road(
             rig,
-            lambda: setattr(far, "cut", True),
-            lambda: setattr(far, "cut", False),
+            far.cut,
+            far.mend,
             far.far.lose_sync,  # their own time-out, which virtual time cannot bring about
             "does not answer",
         )

@@ -10,18 +10,19 @@ from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.server import precise_loop
 from qrobot.wire import ClientRole, Connection, Event, Hello, Side, Welcome
 from tests.support.fake_port import FakePort
+from tests.support.patience import PATIENCE_S
 
-PATIENCE_S = 5.0
 COMMANDER = Hello(ClientRole.COMMANDER, "puma560", "test", period_us=5_000)
+PATIENT = dict.fromkeys(("handshake_ns", "silence_ns", "blocked_ns"), round(PATIENCE_S * 1e9))
 OBSERVER = Hello(ClientRole.OBSERVER, "", "test", period_us=5_000)
 
 
 class Bridge:
-    """A bridge in a thread of this process."""
+    """A bridge in a thread of this process, patient with clients unless it is told not to be."""
 
     def __init__(self, **settings: int) -> None:
         self.port = FakePort()
-        self.server = BridgeServer(self.port, BridgeSettings(port=0, **settings))
+        self.server = BridgeServer(self.port, BridgeSettings(**{"port": 0, **PATIENT, **settings}))
         self._ready, self._loop = threading.Event(), precise_loop()
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run)

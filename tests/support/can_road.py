@@ -5,18 +5,17 @@ from __future__ import annotations
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import can
 
 from qrobot.hwif.bus import Endpoint
+from qrobot.hwif.canbus import link
 from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.node import BoardNode, run_node
 from qrobot.hwif.gateway import NO_OPERATIONS
-
-PATIENCE_S = 10.0
-PATIENCE_MS = 5000.0  # no watchdog while a test waits for something else
+from tests.support.patience import MOMENT_S, PATIENCE_MS, PATIENCE_S, wait_until
 
 
 class WeakWire:
@@ -42,48 +41,81 @@ class WeakWire:
         self.bus.shutdown()
 
 
+@contextmanager
+def patient_service() -> Iterator[None]:
+    """Answers to service data may take their time, for the node is a thread of ours; see `set_service_patience`."""
+    before = link.SDO_TIMEOUT_S
+    set_service_patience(PATIENCE_S)
+    try:
+        yield
+    finally:
+        set_service_patience(before)
+
+
+def set_service_patience(seconds: float) -> None:
+    """Wait so long for service data from now on."""
+    link.SDO_TIMEOUT_S = seconds  # type: ignore[misc]
+
+
 class CanRoad:
     """Near end, far end and the wire between them."""
 
-    def __init__(self, endpoint: Endpoint, watchdog_ms: float, timeout_s: float) -> None:
+    def __init__(self, endpoint: Endpoint) -> None:
         self.channel = uuid.uuid4().hex
         self.wire = WeakWire(self.interface())
-        self.lines: list[str] = []
-        self.node = BoardNode(self.wire, endpoint, watchdog_ms=watchdog_ms, report=self.lines.append)  # type: ignore[arg-type]
-        self.bus = CanBus("virtual", self.channel, timeout_s=timeout_s)
+        self._skipped_ns = 0
+        self.node = BoardNode(self.wire, endpoint, watchdog_ms=PATIENCE_MS, now_ns=self._now_ns)  # type: ignore[arg-type]
+        self.bus = CanBus("virtual", self.channel, timeout_s=PATIENCE_S)
+
+    def _now_ns(self) -> int:
+        return time.monotonic_ns() + self._skipped_ns
 
     def interface(self) -> can.BusABC:
         """Another place on the wire."""
         return can.Bus(interface="virtual", channel=self.channel)
 
+    def hurry(self) -> None:
+        self._set_patience(MOMENT_S)
+
     def cut(self) -> None:
         self.wire.cut = True
 
     def restore(self) -> None:
+        self._set_patience(PATIENCE_S)
         self.wire.cut = False
+
+    def expire(self) -> None:
+        """Let the time of the node's watchdog pass."""
+        self._skipped_ns += round(PATIENCE_MS * 1e6)
+        wait_until(lambda: self.node.expired, "the watchdog of the far end acts")
+
+    def _set_patience(self, seconds: float) -> None:
+        self.bus.timeout_s = seconds
+        set_service_patience(seconds)
 
     def garbage(self) -> None:
         self.wire.garbage = True
 
 
 @contextmanager
-def can_road(endpoint: Endpoint, watchdog_ms: float = PATIENCE_MS, timeout_s: float = 0.2) -> Iterator[CanRoad]:
+def can_road(endpoint: Endpoint) -> Iterator[CanRoad]:
     """A node that serves `endpoint` in a thread until the block ends; the near end is not connected."""
     endpoint.apply(NO_OPERATIONS)  # compile before somebody waits
-    road = CanRoad(endpoint, watchdog_ms, timeout_s)
+    road = CanRoad(endpoint)
     stop = threading.Event()
     booted = road.interface()
     thread = threading.Thread(target=run_node, args=(road.node, stop), daemon=True)
     thread.start()
-    assert booted.recv(60.0) is not None  # its boot-up message
+    assert booted.recv(PATIENCE_S) is not None  # its boot-up message
     booted.shutdown()
     try:
-        yield road
+        with patient_service():
+            yield road
     finally:
-        road.restore()
+        road.wire.cut = False
         road.bus.close()
         stop.set()
-        thread.join(10.0)
+        thread.join(PATIENCE_S)
         road.wire.shutdown()
         assert not thread.is_alive()
 
@@ -91,20 +123,13 @@ def can_road(endpoint: Endpoint, watchdog_ms: float = PATIENCE_MS, timeout_s: fl
 class RoadStack:
     """Opens a road to any endpoint, as `RoadRig` wants it, and tears it down with the block."""
 
-    def __init__(self, watchdog_ms: float = 0.0, timeout_s: float = 5.0) -> None:
-        self._options = watchdog_ms, timeout_s
+    def __init__(self) -> None:
         self._stack = ExitStack()
         self.road: CanRoad
 
     def open(self, endpoint: Endpoint) -> CanBus:
-        self.road = self._stack.enter_context(can_road(endpoint, *self._options))
+        self.road = self._stack.enter_context(can_road(endpoint))
         return self.road.bus
-
-    def wait_until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
 
     def __enter__(self) -> RoadStack:
         return self

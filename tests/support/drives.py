@@ -19,12 +19,13 @@ from qrobot.hwif.registers import ENC_COUNT, STATUS
 from qrobot.sim_board.can_drives import EmulatedDrives
 from qrobot.sim_board.drive_loop import PositionLoop
 from tests.support.bus import Row, rows_of
+from tests.support.can_road import patient_service, set_service_patience
+from tests.support.patience import MOMENT_S, PATIENCE_S
 
 NODES = (1, 2, 3, 4, 5, 6)
 TORQUE = (2048.0, -2048.0, 2048.0, 1024.0, -1024.0, 2048.0)
 INCREMENTS = (4.0, -16.0, 4.0, 131.072, 4.0, -4.0)
 FULL = 2048.0  # thousandths of the rated torque that stand for one count of a converter each
-PATIENCE_MS = 500.0
 DAC_SHARE = 0.97  # of the converter: what the arm's amplifiers are good for
 
 
@@ -47,8 +48,7 @@ class Drives:
     """Emulated drives in a thread, and the bus to them: in position mode when they are given loops of their own.
 
     Attributes:
-        far: the drives. bus: to them. silent: node numbers of which nothing is heard. cut: nothing goes
-            through the wire. image: the last one.
+        far: the drives. bus: to them. silent: node numbers of which nothing is heard. image: the last one.
     """
 
     def __init__(self, end: Endpoint, absolute: bool, torque: Sequence[float], loops: Sequence[PositionLoop]) -> None:
@@ -64,11 +64,11 @@ class Drives:
             increments_per_count=INCREMENTS,
             counts_at_zero=(0,) * 6,
             absolute=absolute,
-            timeout_ms=PATIENCE_MS,
         )
         self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
+        self.bus.timeout_s = PATIENCE_S
         self.silent: set[int] = set()
-        self.cut = False
+        self._cut = False
         self.image = make_image()
 
     def _send(self, can_id: int, data: bytes) -> None:
@@ -78,8 +78,26 @@ class Drives:
     def serve(self, stop: threading.Event) -> None:
         """Be the drives until `stop` is set."""
         while not stop.is_set():
-            if (message := self.interface.recv(0.01)) and not self.cut:
+            if (message := self.interface.recv(0.01)) and not self._cut:
                 self.far.take(message.arbitration_id, bytes(message.data))
+
+    def hurry(self) -> None:
+        """Wait a moment only, for what will not come."""
+        self._set_patience(MOMENT_S)
+
+    def cut(self) -> None:
+        """Let nothing through the wire."""
+        self.hurry()
+        self._cut = True
+
+    def mend(self) -> None:
+        """Let everything through again."""
+        self._set_patience(PATIENCE_S)
+        self._cut = False
+
+    def _set_patience(self, seconds: float) -> None:
+        self.bus.timeout_s = seconds
+        set_service_patience(seconds)
 
     def exchange(self, *rows: Row, times: int = 1) -> int:
         """Exchange; the STATUS word of the last image."""
@@ -102,7 +120,8 @@ def served(
     thread = threading.Thread(target=drives.serve, args=(stop,), daemon=True)
     thread.start()
     try:
-        yield drives
+        with patient_service():
+            yield drives
     finally:
         stop.set()
         thread.join()

@@ -17,16 +17,11 @@ import pytest
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.server import WRITE_BUFFER_BYTES
+from qrobot.rccl_bridge.settings import SECOND_NS
 from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, State, WireError
-from tests.support.bridge import COMMANDER, OBSERVER, PATIENCE_S, Bridge, Client
+from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
-
-
-def wait_until(condition, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.005)
+from tests.support.patience import PATIENCE_S, wait_until
 
 
 def move_to(q: float, seq: int) -> Command:
@@ -45,6 +40,7 @@ def test_a_program_moves_the_robot_by_answering_states() -> None:
         wait_until(lambda: bridge.port.stops == 1, "a BYE leaves a stop behind")
 
 
+@pytest.mark.realtime
 def test_states_keep_their_grid_over_a_second_at_one_kilohertz() -> None:
     with Bridge() as bridge, bridge.connect() as client:
         client.join(Hello(ClientRole.OBSERVER, "", period_us=1_000))
@@ -68,8 +64,9 @@ def test_a_socket_that_breaks_leaves_a_stop_and_a_free_lease() -> None:
             heir.join()
 
 
+@pytest.mark.realtime
 def test_a_half_open_commander_is_closed_after_a_second_of_silence() -> None:
-    with Bridge() as bridge, bridge.connect() as client:
+    with Bridge(silence_ns=SECOND_NS) as bridge, bridge.connect() as client:
         client.join().say(move_to(0.1, 1))
         start = time.monotonic()
         while isinstance(event := client.hear(), State):
@@ -115,6 +112,7 @@ def test_the_ninth_client_is_turned_away_and_a_place_that_falls_free_is_given() 
             tenth.join(OBSERVER)
 
 
+@pytest.mark.realtime
 def test_a_crowd_that_never_greets_is_gone_after_the_handshake_time() -> None:
     with Bridge(handshake_ns=200_000_000) as bridge, ExitStack() as crowd:
         silent = [crowd.enter_context(bridge.connect()) for _ in range(50)]

@@ -151,6 +151,7 @@ def test_a_drive_that_is_silent_is_named_with_what_it_complained_of(drives: Driv
     drives.exchange(ON, times=STEPS_UP)
     drives.far.fail(5, OVERCURRENT)
     drives.silent.add(5)
+    drives.hurry()
     image = drives.image.copy()
     with pytest.raises(LinkTimeout, match="node 5 does not answer; emergency messages: 0x2310 of node 5"):
         drives.exchange()

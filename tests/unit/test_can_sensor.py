@@ -28,6 +28,7 @@ from qrobot.hwif.registers import (
 )
 from tests.support.bench import Bench
 from tests.support.bus import BenchEndpoint, DirectBus, Row, rows_of
+from tests.support.patience import PATIENCE_MS
 
 FORCE, TORQUE, BOARD_CHANNEL = 6, 7, 2
 RESOLUTION = 16 * ADC_F_VOLT_PER_COUNT
@@ -38,13 +39,14 @@ def signal(channel: int = FORCE, **keys: object) -> CanSignal:
 
 
 class Desk:
-    def __init__(self, timeout_ms: float = 500.0, **options: object) -> None:
+    def __init__(self, timeout_ms: float = PATIENCE_MS, **options: object) -> None:
         name = uuid.uuid4().hex
         signals = (signal(), signal(TORQUE, first=2, big_endian=True, volt_per_count=-0.01, zero_v=1.0))
         self.end = BenchEndpoint(Bench(**options))  # type: ignore[arg-type]
         self.sensor = can.Bus(interface="virtual", channel=name)
-        config = CanSensor(interface="virtual", channel=name, timeout_ms=timeout_ms, signals=signals)
-        self.bus = SensorBus(DirectBus(self.end), config)
+        config = CanSensor(interface="virtual", channel=name, signals=signals)
+        patient = config.model_copy(update={"timeout_ms": timeout_ms})  # longer than a file may ask for
+        self.bus = SensorBus(DirectBus(self.end), patient)
         self.image = make_image()
 
     def close(self) -> None:

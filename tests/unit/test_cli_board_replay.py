@@ -18,17 +18,26 @@ from qrobot.hwif.registers import N_DACS
 from qrobot.hwif.roads import Road
 from tests.support.bus import BenchEndpoint, DirectBus
 
-RUN_S = 0.05
+EXCHANGES = 5
+
+
+class Soon(threading.Event):
+    """Somebody presses Ctrl-C after so many exchanges: the gateway waits once after each."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waits = 0
+
+    def wait(self, _timeout: float | None = None) -> bool:
+        self.waits += 1
+        if self.waits == EXCHANGES:
+            self.set()
+        return self.is_set()
 
 
 @contextlib.contextmanager
 def soon() -> Iterator[threading.Event]:
-    """Somebody presses Ctrl-C."""
-    done = threading.Event()
-    timer = threading.Timer(RUN_S, done.set)
-    timer.start()
-    yield done
-    timer.join()
+    yield Soon()
 
 
 def road_to_the_bench() -> Road:

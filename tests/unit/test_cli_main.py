@@ -14,6 +14,7 @@ from cyclopts import App
 from qrobot.cli.console import run_app, write_json
 from qrobot.cli.main import COMMANDS, make_app
 from qrobot.errors import ConfigError
+from tests.support.patience import PATIENCE_S, wait_until
 
 HEAVY = ("numpy", "numba", "mujoco", "matplotlib", "pydantic", "foxglove", "pyarrow")
 
@@ -21,7 +22,7 @@ HEAVY = ("numpy", "numba", "mujoco", "matplotlib", "pydantic", "foxglove", "pyar
 def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", code]
     return subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=60, env={**os.environ, **environment}
+        command, capture_output=True, text=True, check=False, timeout=PATIENCE_S, env={**os.environ, **environment}
     )
 
 
@@ -129,7 +130,7 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
         "sys.exit(run_app(app, []))"
     )
     piped = f"{sys.executable} -c '{code}' | head -1; exit ${{PIPESTATUS[0]}}"
-    found = subprocess.run(["bash", "-c", piped], capture_output=True, text=True, check=False, timeout=60)
+    found = subprocess.run(["bash", "-c", piped], capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert (found.returncode, found.stdout, found.stderr) == (0, "0\n", "")
 
 
@@ -146,7 +147,7 @@ def test_json_goes_to_stdout_or_to_a_file_whose_directory_is_made(
 PARENT = """
 import os, subprocess, sys
 code = "from qrobot.realtime.setup import die_with_parent; import time, os\\ndie_with_parent()\\n"
-code += "print(os.getpid(), os.environ.get('QROBOT_DIE_WITH_PARENT'), flush=True); time.sleep(60)"
+code += "print(os.getpid(), os.environ.get('QROBOT_DIE_WITH_PARENT'), flush=True); time.sleep(600)"
 env = {**os.environ, "QROBOT_DIE_WITH_PARENT": str(os.getpid())}
 child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=env, text=True)
 print(child.stdout.readline(), flush=True)
@@ -159,20 +160,13 @@ def test_a_child_ends_with_its_supervisor_even_after_kill_9() -> None:
     assert found.returncode == -9
     pid, inherited = found.stdout.split()
     assert inherited == "None"
-    assert wait_gone(int(pid))
+    wait_until(lambda: gone(int(pid)), "the child ends")
 
 
-def wait_gone(pid: int, patience_s: float = 10.0) -> bool:
-    """True when process `pid` ends in time."""
-    import time
-
-    deadline = time.monotonic() + patience_s
-    while time.monotonic() < deadline:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except FileNotFoundError:
-            return True
-        if state == "Z":
-            return True
-        time.sleep(0.01)
-    return False
+def gone(pid: int) -> bool:
+    """Process `pid` has ended."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    return state == "Z"

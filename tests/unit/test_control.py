@@ -52,6 +52,7 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.swap import SwapState
+from tests.support.patience import PATIENCE_S
 from tests.support.servo_bench import ServoBench, moving
 
 REQUESTS = (COMMAND_POWER, COMMAND_CLEARS, COMMAND_STOPS, COMMAND_OFFS)
@@ -90,6 +91,13 @@ class Bench:
 
     def say(self, message: str) -> None:
         self.said.append(message)
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The servo's loop is a thread of ours, which may stall."""
+    monkeypatch.setattr(control, "LOOP_PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(client_module, "STOP_PATIENCE_S", PATIENCE_S)
 
 
 @pytest.fixture(scope="module")
@@ -313,7 +321,7 @@ def test_without_a_servo_the_client_says_what_to_start() -> None:
 def exchange(servo: Bench, data: bytes) -> bytes:
     """What the servo says to raw bytes, until it hangs up."""
     with socket.socket(socket.AF_UNIX) as raw:
-        raw.settimeout(10.0)
+        raw.settimeout(PATIENCE_S)
         raw.connect(control_address(servo.arm))
         raw.sendall(data)
         raw.shutdown(socket.SHUT_WR)

@@ -19,6 +19,7 @@ from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, Recorder, write_log
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.setup import Step
+from tests.support.patience import PATIENCE_S
 
 
 @pytest.mark.parametrize("n", [1, 6, 9])
@@ -301,7 +302,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_kill_9_of_the_writer_costs_no_more_than_the_last_flush(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-c", KILLED, str(path), str(Path(__file__).parent)]
-    assert subprocess.run(command, check=False, timeout=60).returncode == -9
+    assert subprocess.run(command, check=False, timeout=PATIENCE_S).returncode == -9
     log = read_log(path)
     assert log.torn
     assert log.status.rows == 900

@@ -48,13 +48,14 @@ from qrobot.hwif.roads import modules_beside, open_road
 from tests.support.bus import DirectBus
 from tests.support.deployment import LEFT
 from tests.support.paper_board import PaperBoard
+from tests.support.patience import PATIENCE_MS, wait_until
 
 GRIPPER = DAC // 2
 OPEN, CLOSE = DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN  # active low: the solenoid whose bit is off is on
 RELAX = OPEN | CLOSE
 VALVE, PUMP = 3, GRIPPER + 3  # a coil that is a bit of DISCRETE, a register
 VALVE_1, PUMP_3 = 0b001, 0b100
-PATIENCE_S = 5.0
+AGE_NS = round(PATIENCE_MS + 1) * NS_PER_MS  # too old
 TWICE = '[[arm.board.io]]\nhost = "127.0.0.1"\ninputs = [{ address = 0, input = 1 }, { address = 9, input = 1 }]\n'
 IO = TWICE.replace("address = 9, input = 1", "address = 9, input = 2")
 
@@ -77,7 +78,7 @@ def table() -> Iterator[Table]:
     with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
         choice = ModbusIo.model_validate(
             {
-                "host": "127.0.0.1", "port": server.address[1], "period_ms": 1.0, "timeout_ms": 500.0,
+                "host": "127.0.0.1", "port": server.address[1], "period_ms": 1.0,
                 "inputs": [{"address": 15, "input": 2}, {"address": 0, "input": 4, "safe": True}],
                 "analog": [{"address": ENC_COUNT // 2, "channel": 6, "volt_per_count": 0.001, "zero_v": 0.5}],
                 "gripper": {"address": GRIPPER, "open": [1, 2], "close": [3, 4]},
@@ -87,7 +88,8 @@ def table() -> Iterator[Table]:
                 ],
             }
         )  # fmt: skip
-        table = Table(board, RemoteModule(choice, lines.append), lines)
+        patient = choice.model_copy(update={"timeout_ms": PATIENCE_MS})  # longer than a file may ask for
+        table = Table(board, RemoteModule(patient, lines.append), lines)
         yield table
         table.module.close()
 
@@ -106,7 +108,7 @@ def test_what_is_old_or_was_never_seen_reads_as_safe(table: Table) -> None:
     assert table.module.bits(time.monotonic_ns()) == 0b10000
     table.board.status = 1 << 15
     table.module.poll()
-    assert table.module.bits(time.monotonic_ns() + 501 * NS_PER_MS) == 0b10000
+    assert table.module.bits(time.monotonic_ns() + AGE_NS) == 0b10000
 
 
 def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_it_is_old(table: Table) -> None:
@@ -115,7 +117,7 @@ def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_i
     table.module.poll()
     now_ns = time.monotonic_ns()
     assert table.module.maybe_volt(6, now_ns) == pytest.approx(-2.0)
-    assert table.module.maybe_volt(6, now_ns + 501 * NS_PER_MS) is None
+    assert table.module.maybe_volt(6, now_ns + AGE_NS) is None
     assert table.module.maybe_volt(5, now_ns) is None
 
 
@@ -165,7 +167,7 @@ def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follo
     assert table.words() == [3, 4]
     table.board.gone = True
     table.module.poll()
-    panel.step(time.monotonic_ns() + 501 * NS_PER_MS)
+    panel.step(time.monotonic_ns() + AGE_NS)
     assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
     assert memory[PANEL_ANALOG + 6] == 0
     assert memory[BOARD_MODULE_LOSSES] == 1
@@ -177,13 +179,10 @@ def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until
     with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
         path = tmp_path / "here.toml"
         module = f'[[arm.board.io]]\nhost = "127.0.0.1"\nport = {server.address[1]}\n'
-        path.write_text(LEFT + module + "inputs = [{ address = 0, input = 3 }]\n")
+        path.write_text(LEFT + module + "timeout_ms = 10_000\ninputs = [{ address = 0, input = 3 }]\n")
         [arm] = load_deployment(path).arm
         with modules_beside(arm.board, memory, lines.append):
-            deadline = time.monotonic() + PATIENCE_S
-            while memory[PANEL_INPUTS] != 0b01000:
-                assert time.monotonic() < deadline, lines
-                time.sleep(0.002)
+            wait_until(lambda: memory[PANEL_INPUTS] == 0b01000, "the panel shows the input")
     assert [line.split()[-1] for line in lines] == ["found"]
 
 
@@ -191,9 +190,9 @@ def test_without_modules_nothing_is_beside_a_board(tmp_path: Path) -> None:
     path = tmp_path / "here.toml"
     path.write_text(LEFT)
     [arm] = load_deployment(path).arm
-    before = threading.active_count()
+    before = set(threading.enumerate())
     with modules_beside(arm.board, local_board_memory(), print):
-        assert threading.active_count() == before
+        assert set(threading.enumerate()) <= before
 
 
 def test_a_gripper_gets_each_command_once_and_again_after_it_was_away(table: Table) -> None:
@@ -302,11 +301,12 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
     table.board.status = 1
     bus, image = IoBus(DirectBus(main), [table.module]), make_image()
     assert bus.connect().joints == 6
-    deadline = time.monotonic() + PATIENCE_S
-    while not (table.lines and table.words() == [3, 4]):
-        assert time.monotonic() < deadline
+
+    def closed() -> bool:
         bus.exchange(np.array([(OP_WRITE, DISCRETE, CLOSE)], np.int64), image)
-        time.sleep(0.002)
+        return bool(table.lines) and table.words() == [3, 4]
+
+    wait_until(closed, "the gripper closes")
     assert image[IMAGE_INPUTS + STATUS // 2] == STATUS_POWER | 0b10010
     assert main.applied[-1] == (OP_WRITE, DISCRETE, CLOSE)
     bus.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import struct
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -20,10 +19,10 @@ from qrobot.hwif.modbus.map import IDENTITY, IMAGE, MAILBOX, ROBOT, WINDOW_WORDS
 from qrobot.hwif.modbus.server import ModbusServer, frames
 from qrobot.hwif.registers import DAC, ENC_COUNT, ENC_LOAD, STATUS_ESTOP_OK, STATUS_POWER
 from tests.support.paper_board import PaperBoard
+from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.relay import Relay, as_it_came
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE, DEVICE_BUSY = 1, 2, 3, 4, 6
-PATIENCE_S = 2.0
 
 
 class Far:
@@ -41,10 +40,7 @@ class Far:
         return socket.create_connection(self.server.address, timeout=PATIENCE_S)
 
     def until(self, counter: str, value: int) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while getattr(self.device, counter) < value:
-            assert time.monotonic() < deadline, f"{counter} stays at {getattr(self.device, counter)}"
-            time.sleep(0.001)
+        wait_until(lambda: getattr(self.device, counter) >= value, f"{counter} reaches {value}")
 
 
 @pytest.fixture(scope="module")
@@ -128,22 +124,26 @@ def test_a_second_writer_and_a_board_that_is_away_have_codes_of_their_own(far: F
 
 
 def test_a_client_is_told_that_another_keeps_the_control_and_may_wait_for_it(far: Far) -> None:
-    keeper, waiter = (ModbusBus(ModbusLine(*far.server.address, timeout_s=0.2)) for _ in range(2))
+    lines = [ModbusLine(*far.server.address, timeout_s=PATIENCE_S) for _ in range(2)]
+    keeper, waiter = map(ModbusBus, lines)
     keeper.connect()
     keeper.exchange(safe_operations(0), make_image())
+    lines[1].timeout_s = MOMENT_S  # with the control; the answers may take their time
     with pytest.raises(LinkBusy, match="another client"):
         waiter.connect()
+    lines[1].timeout_s = PATIENCE_S
     keeper.close()
     assert waiter.connect().joints == 6
     waiter.close()
 
 
 def test_the_watchdog_acts_between_requests() -> None:
-    board = PaperBoard()
-    with ModbusServer(ModbusDevice(board, watchdog_ms=20)) as server:
+    board, clock_ns = PaperBoard(), [0]
+    with ModbusServer(ModbusDevice(board, watchdog_ms=20, now_ns=lambda: clock_ns[0])) as server:
         far = Far(server, board)
         line = far.line()
         line.ask(line.client.write_register, address=DAC // 2, value=0)
+        clock_ns[0] = 21_000_000
         far.until("trips", 1)
         assert (OP_WRITE, DAC, 0x800) in board.applied
         line.ask(line.client.write_register, address=DAC // 2, value=1)
@@ -226,7 +226,7 @@ def _is_well(far: Far) -> bool:
 @given(st.binary(min_size=1, max_size=64), st.integers(0, 12))
 def test_an_answer_of_any_content_is_an_error_of_ours_or_an_image(far: Far, wild: bytes, at: int) -> None:
     with Relay(far.server.address) as relay:
-        bus = ModbusBus(ModbusLine("127.0.0.1", relay.port, timeout_s=0.05))
+        bus = ModbusBus(ModbusLine("127.0.0.1", relay.port, timeout_s=MOMENT_S))
         image = make_image()
         relay.spoil = lambda data: data[:at] + wild + data[at + len(wild) :]
         try:
@@ -251,7 +251,7 @@ def test_a_device_that_is_no_board_of_ours_is_told_by_its_exception(far: Far) ->
 
 
 def test_nobody_at_the_address_is_told_with_what_to_look_at() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as unused:
-        port = unused.getsockname()[1]
-    with pytest.raises(LinkError, match="is the server running"):
-        ModbusBus(ModbusLine("127.0.0.1", port)).connect()
+    with socket.socket() as deaf:  # has the port, so that nobody else listens there
+        deaf.bind(("127.0.0.1", 0))
+        with pytest.raises(LinkError, match="is the server running"):
+            ModbusBus(ModbusLine(*deaf.getsockname(), timeout_s=PATIENCE_S)).connect()

@@ -14,6 +14,7 @@ import pytest
 
 from qrobot.realtime import machine, setup
 from qrobot.realtime.setup import Step
+from tests.support.patience import PATIENCE_S
 
 # Acts on a process of its own: pinning, locking and SCHED_FIFO must not outlive the test.
 PROBE = """
@@ -46,7 +47,9 @@ print(json.dumps(found | {"allowed": allowed, "fifo": os.SCHED_FIFO}))
 
 
 def probe(how: str = "free") -> dict[str, Any]:
-    run = subprocess.run([sys.executable, "-c", PROBE, how], capture_output=True, text=True, check=True, timeout=60)
+    run = subprocess.run(
+        [sys.executable, "-c", PROBE, how], capture_output=True, text=True, check=True, timeout=PATIENCE_S
+    )
     found: dict[str, Any] = json.loads(run.stdout)
     return found
 

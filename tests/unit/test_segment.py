@@ -13,6 +13,7 @@ import pytest
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, OWNER_PID, Segment, segment_path
+from tests.support.patience import PATIENCE_S
 
 OWN_AND_WAIT = """
 import sys
@@ -89,7 +90,7 @@ def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str)
     assert peer.stdout is not None
     assert peer.stdout.readline() == "ready\n"
     with Segment.create(name, 1, 64):
-        peer.communicate(timeout=10)
+        peer.communicate(timeout=PATIENCE_S)
         assert peer.returncode == 0
 
 

@@ -1,0 +1,20 @@
+"""How long tests wait: what has to come may take its time, for any machine may stall."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+PATIENCE_S: Final = 60.0  # with what has to come; only a test that fails waits that long
+PATIENCE_MS: Final = 60_000.0
+MOMENT_S: Final = 0.05  # with what will not come
+_POLL_S: Final = 0.001
+
+
+def wait_until(condition: Callable[[], object], what: str = "it") -> None:
+    """Poll on the wall clock. Fails the test when the condition does not come true within PATIENCE_S."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {PATIENCE_S:g} s: {what}"
+        time.sleep(_POLL_S)
