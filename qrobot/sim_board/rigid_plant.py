@@ -11,19 +11,20 @@ of `drive`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import pickle
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from qrobot.codegen import QUICK_EXPRESSIONS, compile_function
+from qrobot.codegen import QUICK_EXPRESSIONS, CompiledFunction, compile_function
+from qrobot.codegen.compile import default_cache_dir
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.sim_board.plant import Floats, Plant, plant_step, step_plant
 
-if TYPE_CHECKING:
-    import casadi
-
 _ROUNDING: Final = 1e-9  # a flat body is on the bound
+_STEPS: Final[dict[tuple[Path, bytes], CompiledFunction]] = {}  # by cache folder and all that is known of the arm
 
 
 class RigidPlant:
@@ -42,11 +43,8 @@ class RigidPlant:
 
     def __init__(self, robot: Robot, dt: float, gravity_factor: float = 1.0, payload_kg: float = 0.0) -> None:
         _check_inertias(robot)
-        step = compile_function(
-            _expression(robot), in_place={"q_next": "q", "v_next": "v"}, expressions=QUICK_EXPRESSIONS
-        )
         self.plant: Plant = Plant(
-            step=plant_step(step.kernel),
+            step=plant_step(_step(robot).kernel),
             handles=np.zeros(0, np.int64),
             constants=np.array([dt, *(robot.geometry.gravity_m_s2 * gravity_factor), payload_kg]),
             q=np.zeros(robot.n),
@@ -68,10 +66,15 @@ class RigidPlant:
             raise ConfigError(f"{robot.name} cannot be simulated: its first step is not finite")
 
 
-def _expression(robot: Robot) -> casadi.Function:
-    from qrobot.codegen.rigid_body import euler_step  # loads CasADi
+def _step(robot: Robot) -> CompiledFunction:
+    """One step of the arm; that of an arm equal in everything is used again, for to write it down takes 50 ms."""
+    key = default_cache_dir(), pickle.dumps(robot)
+    if key not in _STEPS:
+        from qrobot.codegen.rigid_body import euler_step  # loads CasADi
 
-    return euler_step(robot)
+        overwritten = {"q_next": "q", "v_next": "v"}
+        _STEPS[key] = compile_function(euler_step(robot), in_place=overwritten, expressions=QUICK_EXPRESSIONS)
+    return _STEPS[key]
 
 
 def _check_inertias(robot: Robot) -> None:
