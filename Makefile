@@ -11,6 +11,9 @@ PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.
 # Matplotlib keeps its font list here instead of in the home directory.
 export MPLCONFIGDIR := $(CURDIR)/$(VENV)/matplotlib
 
+# Some containers forbid Python to keep what it compiled: the tests start some two hundred processes that would all do it again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help demo test lint kernels unit bench docs clean
