@@ -6,7 +6,7 @@ import difflib
 import json
 import os
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -54,13 +54,14 @@ def write_json(value: Any, path: Path | None = None) -> None:
         path.write_text(text + "\n")
 
 
-def run_app(app: App, tokens: Sequence[str]) -> int:
-    """Run one command; returns the exit status: the command's own when it returns an integer.
+def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lambda: None) -> int:
+    """Run `prepare` and one command; returns the exit status: the command's own when it returns an integer.
 
     Every QRobotError becomes one line; anything else is our mistake and keeps its traceback.
     """
     app.suppress_keyboard_interrupt = False  # it would exit from inside
     try:
+        prepare()
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:

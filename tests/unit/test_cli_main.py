@@ -61,6 +61,16 @@ def test_the_command_asked_for_shows_its_own_longer_help(command: str, capsys: p
     assert len(long) >= len(capsys.readouterr().out)
 
 
+def test_a_command_is_imported_without_a_look_for_garbage_and_then_garbage_is_looked_for_again() -> None:
+    found = python(
+        "import gc, sys; from qrobot.cli.main import import_command\n"
+        "looks = lambda: sum(generation['collections'] for generation in gc.get_stats())\n"
+        "before = looks(); import_command('guardian'); looked = looks() - before\n"
+        "print('numba' in sys.modules, looked, gc.isenabled(), gc.get_freeze_count() > len(sys.modules))"
+    )
+    assert found.stdout.split() == ["True", "0", "True", "True"], found.stderr
+
+
 def test_servo_ctl_is_another_name_of_ctl(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app("servo"), ["servo", "ctl", "--help"]) == 0
     assert "calibrate" in capsys.readouterr().out
