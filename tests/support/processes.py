@@ -41,6 +41,7 @@ GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine
 BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
+SERVING = ("board", "servo", "guardian", "bridge")  # processes of an arm, in the order they need each other
 
 ARM = """
 [[arm]]
@@ -180,6 +181,13 @@ class RunningArm:
         snapshot = self.snapshot()
         return snapshot.mode == Mode.TRACKING and bool(np.abs(snapshot.v).max() > rad_s)
 
+    def start_missing(self) -> None:
+        """Start again what has ended."""
+        running = self.running()
+        self.processes.start(*(command for command in SERVING if command not in running))
+        if "log" not in running:
+            self.processes.rig.start(self.processes.log("--output", self.arm.log.directory))
+
     # ------------------------------------------------------------------------------------------------ looking at it
 
     def snapshot(self) -> ServoSnapshot:
@@ -207,6 +215,10 @@ class RunningArm:
             while (block := reader.read()).size:
                 blocks.append(block)
             return np.concatenate(blocks)
+
+    def newest_log(self) -> Path:
+        """The file the recorder writes."""
+        return max(Path(self.arm.log.directory).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
 
     def trace(self) -> Any:
         """DAC and DISCRETE writes the board has stamped. Shape (k, 4): t_ns, lane, offset, value."""

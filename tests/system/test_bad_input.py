@@ -14,19 +14,13 @@ from qrobot.errors import LinkError
 from qrobot.rig.processes import Plan, ProcessRig
 from qrobot.servo.modes import Mode
 from qrobot.wire import Connection, ErrorCode, Side, WireError
-from tests.support.processes import PATIENCE_S, RunningArm, free_port, qrobot, running_arms
+from tests.support.processes import PATIENCE_S, RunningArm, free_port, qrobot
 
 pytestmark = pytest.mark.realtime
 
 STILL_COUNTS = 2
 
 # ---------------------------------------------------------------------------------------------------- beside a live arm
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("bad")) as arms:
-        yield arms[0]
 
 
 @pytest.fixture
@@ -100,7 +94,7 @@ def test_a_malformed_packet_is_answered_and_the_bridge_lives(arm: RunningArm) ->
 RAISES = """
 from qrobot import rccl
 
-arm = rccl.control("puma560")
+arm = rccl.control("puma560", period_ms=100)
 arm.move(arm.pose("end"))
 arm.waitas(lambda: max(map(abs, arm.how.v)) > 0.1)
 raise RuntimeError("mine")
@@ -123,7 +117,7 @@ def test_a_program_that_raises_ends_with_its_own_traceback_and_leaves_the_arm_at
 HOLDS = """
 from qrobot import rccl
 
-arm = rccl.control("puma560")
+arm = rccl.control("puma560", period_ms=100)
 print("ready", flush=True)
 arm.waitas(lambda: False)
 """

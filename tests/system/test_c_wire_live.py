@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from qrobot.servo.modes import Mode
-from tests.support.processes import running_arms, wait_until
+from tests.support.processes import RunningArm, wait_until
 
 ROOT = Path(__file__).parents[2]
 COMPILER = shutil.which("cc") or ""
@@ -20,18 +20,15 @@ COMPILER = shutil.which("cc") or ""
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")]
 
 
-def test_a_task_in_c_swings_a_joint_and_leaves_the_arm_at_rest(tmp_path: Path) -> None:
+def test_a_task_in_c_swings_a_joint_and_leaves_the_arm_at_rest(arm: RunningArm, tmp_path: Path) -> None:
     program = tmp_path / "swing"
     source = ROOT / "examples/c/swing_one_joint.c"
     subprocess.run([COMPILER, "-O2", "-I", ROOT / "qrobot/wire/c", "-o", program, source, "-lm"], check=True)
-    with running_arms(tmp_path, period_ms=28.0) as (arm,):
-        bridge = os.environ | {"QROBOT_BRIDGE": f"127.0.0.1:{arm.arm.bridge.port}"}
-        done = subprocess.run(
-            [program, "puma560"], capture_output=True, text=True, timeout=60.0, env=bridge, check=False
-        )
-        assert (done.returncode, done.stderr) == (0, "")
-        found = re.fullmatch(r"joint 6 of puma560 swung by (\d\.\d+) rad\n", done.stdout)
-        assert found is not None
-        assert float(found[1]) == pytest.approx(0.628, abs=0.02)
-        wait_until(lambda: arm.mode is Mode.HOLDING, "the arm holds")
-        assert np.abs(arm.snapshot().v).max() < 0.05
+    bridge = os.environ | {"QROBOT_BRIDGE": f"127.0.0.1:{arm.arm.bridge.port}"}
+    done = subprocess.run([program, "puma560"], capture_output=True, text=True, timeout=60.0, env=bridge, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = re.fullmatch(r"joint 6 of puma560 swung by (\d\.\d+) rad\n", done.stdout)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(0.628, abs=0.02)
+    wait_until(lambda: arm.mode is Mode.HOLDING, "the arm holds")
+    assert np.abs(arm.snapshot().v).max() < 0.05

@@ -6,7 +6,6 @@ import io
 import json
 import os
 import signal
-from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from qrobot.log.events import log_events
 from qrobot.log.read import read_log
 from qrobot.servo.authority import Authority
 from qrobot.servo.modes import Mode
-from tests.support.processes import PATIENCE_S, RunningArm, qrobot, running_arms, wait_until
+from tests.support.processes import PATIENCE_S, RunningArm, qrobot, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -27,16 +26,10 @@ HOLDER = """
 import time
 from qrobot import rccl
 
-arm = rccl.control("puma560", clear_fault=True)
+arm = rccl.control("puma560", period_ms=100, clear_fault=True)
 print("in command", flush=True)
 time.sleep(60)
 """
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("ctl")) as arms:
-        yield arms[0]
 
 
 def ctl(arm: RunningArm, *words: str) -> tuple[int, Any, str]:
@@ -66,8 +59,7 @@ def test_an_arm_is_powered_changed_and_put_away_by_hand(arm: RunningArm) -> None
 
 def in_the_log(arm: RunningArm) -> set[str]:
     """What the log of a running arm tells so far."""
-    (path,) = Path(arm.arm.log.directory).glob("*.mcap")
-    return {event.text for event in log_events(read_log(path))}
+    return {event.text for event in log_events(read_log(arm.newest_log()))}
 
 
 def test_a_program_in_command_keeps_the_hand_away_but_not_from_the_switch(arm: RunningArm, tmp_path: Any) -> None:

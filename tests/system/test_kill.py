@@ -2,7 +2,7 @@
 
 A program or bridge that dies leaves a stop on the path within two frames, a servo that dies loses torque and power to
 the guardian, and so on. After each of them the dead process alone is started again, nothing moves by itself, and the
-next program works. The tests share one arm and do not depend on their order.
+next program works. The tests do not depend on their order.
 """
 
 from __future__ import annotations
@@ -26,20 +26,19 @@ from qrobot.servo.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
 from qrobot.servo.telemetry import Rows
-from tests.support.processes import GUARDIAN_MS, PATIENCE_S, Killing, RunningArm, kill, running_arms, wait_until
+from tests.support.processes import GUARDIAN_MS, PATIENCE_S, Killing, RunningArm, kill, wait_until
+from tests.support.shared_arm import PERIOD_MS
 
 pytestmark = pytest.mark.realtime
 
 NS_PER_MS = 1_000_000
-FRAME_MS = 28.0
 TICK_MS = 1.0
 MARGIN_MS = 20.0  # of the scheduler, on a busy virtual machine
 FAST = 1.0  # rad/s; the legs cruise at 1.05
 BRAKED = slice(0, 3)  # the joints with brakes
 STILL_COUNTS = 40  # 0.4 degrees at most: joints settle under gravity and friction
 
-OUTPUTS = 'outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }]'
-BOTH, HELD, NONE = (0b11, 0x28), (0b10, 0x20), (0, 0)  # of the two outputs: as lines, and as bits of DISCRETE
+BOTH, HELD, NONE = (0b11, 0x28), (0b10, 0x20), (0, 0)  # of the arm's two outputs: as lines, and as bits of DISCRETE
 
 LEGS = """
 from qrobot import rccl
@@ -53,12 +52,6 @@ while True:
         arm.waitfor(arm.completed)
 """
 TIMID = LEGS.replace(", clear_fault=True", "")
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("kill"), period_ms=FRAME_MS, board=OUTPUTS) as arms:
-        yield arms[0]
 
 
 @pytest.fixture
@@ -105,7 +98,7 @@ def assert_it_begins_within_two_frames(stop: Rows, killing: Killing) -> None:
     """The last frame arrived before the sender was gone; the stop begins in the tick that finds it two frames old."""
     began_ns = stop["t_ns"][0]
     assert killing.before_ns < began_ns
-    assert ms_between(killing.after_ns, began_ns) <= 2 * FRAME_MS + TICK_MS
+    assert ms_between(killing.after_ns, began_ns) <= 2 * PERIOD_MS + TICK_MS
 
 
 def assert_a_stop_on_the_path(stop: Rows) -> None:
@@ -170,10 +163,6 @@ def assert_the_next_program_works(arm: RunningArm, legs: Path) -> None:
     arm.wait_for(Mode.HOLDING)
 
 
-def newest_log(arm: RunningArm) -> Path:
-    return max(Path(arm.arm.log.directory).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-
-
 def assert_log_reaches(path: Path, t_ns: int) -> None:
     """The log holds every cycle up to a time."""
     wait_until(lambda: read_log(path).rows["t_ns"][-1] >= t_ns, "the recorder writes down the last cycles")
@@ -222,7 +211,7 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
 ) -> None:
     before = arm.running()
     with fast_leg(arm, legs) as program:
-        log = newest_log(arm)
+        log = arm.newest_log()
         arm.kill("servo")
         beat_ns = arm.word(BEAT_T_NS)
         assert_safe_by_the_boards_stamps(arm, beat_ns)
@@ -294,7 +283,7 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
 def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: RunningArm, legs: Path) -> None:
     before = arm.running()
     with fast_leg(arm, legs):
-        path = newest_log(arm)
+        path = arm.newest_log()
         arm.kill("log")
         time.sleep(0.2)
         assert arm.mode is Mode.TRACKING
@@ -304,4 +293,4 @@ def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: Runnin
     assert log.rows.size
     assert np.all(np.diff(log.rows["tick"]) == 1)
     arm.processes.rig.start(arm.processes.log("--output", arm.arm.log.directory))
-    wait_until(lambda: newest_log(arm) != path, "a new log begins")
+    wait_until(lambda: arm.newest_log() != path, "a new log begins")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +16,15 @@ from qrobot.cli.motion_figures import path_of
 from qrobot.rccl import DataBase
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from qrobot.servo.modes import Mode
-from tests.support.processes import RunningArm, running_arms
-from tests.support.puma import ROBOT, arm, shift
+from tests.support import puma
+from tests.support.processes import RunningArm
+from tests.support.puma import ROBOT, shift
+from tests.support.shared_arm import PERIOD_MS
 
 pytestmark = pytest.mark.realtime
 
 BOX = Path(__file__).parents[2] / "examples" / "12_box.py"
-TABLE = 'scene = { kind = "table", position_m = [0.5, 0.0, -0.4] }'  # deep enough for the box to be traced above it
 TIP = shift(z=0.15625).value  # the end of the rod
-PERIOD_MS = 28.0
 
 PRESS = """
 from qrobot import rccl
@@ -66,22 +66,16 @@ with rccl.control("puma560") as arm:
 Say = Callable[..., tuple[str, str]]
 
 
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningArm]:
-    with running_arms(tmp_path_factory.mktemp("live"), period_ms=PERIOD_MS, board=TABLE) as (running,):
-        yield running
-
-
 @pytest.fixture
-def say(running: RunningArm, capsys, monkeypatch) -> Say:
+def say(arm: RunningArm, capsys, monkeypatch) -> Say:
     """A command that is well, and the servo after it; what it said on stdout and stderr."""
-    monkeypatch.setenv("QROBOT_BRIDGE", f"{running.arm.bridge.host}:{running.arm.bridge.port}")
+    monkeypatch.setenv("QROBOT_BRIDGE", f"{arm.arm.bridge.host}:{arm.arm.bridge.port}")
 
     def say(name: str, *words: str | Path) -> tuple[str, str]:
-        status = run_app(make_app(name), [name, "--deployment", str(running.deployment), *map(str, words)])
+        status = run_app(make_app(name), [name, "--deployment", str(arm.deployment), *map(str, words)])
         said = capsys.readouterr()
         assert status == 0, said.err
-        running.wait_for(Mode.HOLDING)
+        arm.wait_for(Mode.HOLDING)
         return said.out, said.err
 
     return say
@@ -118,7 +112,7 @@ def test_a_position_is_taught_on_a_running_arm(say: Say, tmp_path: Path) -> None
     said, _ = say("teach", "--script", script, tmp_path / "parts.db")
     assert "error" not in said
     taught = DataBase(tmp_path / "parts.db").get("PART").value
-    park = arm().forward(ROBOT.poses["park"])
+    park = puma.arm().forward(ROBOT.poses["park"])
     assert taught[:3, 3] == pytest.approx(park[:3, 3] + [0.020, 0.0, -0.030], abs=0.005)
     assert taught[:3, :3] == pytest.approx(park[:3, :3], abs=0.02)
 
@@ -128,5 +122,5 @@ def test_the_arm_comes_down_on_a_table_and_rests_there_while_it_complies(say: Sa
     program.write_text(PRESS)
     said, _ = say("run", program)
     joints = np.array([float(word) for word in said.partition("pressing at ")[2].split()])
-    tip = 1000.0 * (arm().forward(joints) @ TIP)[:3, 3]
+    tip = 1000.0 * (puma.arm().forward(joints) @ TIP)[:3, 3]
     assert tip == pytest.approx([500.0, 0.0, -400.0], abs=4.0)

@@ -1,0 +1,94 @@
+"""One running arm for every test that needs none of its own: starting its processes takes longer than most tests."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from qrobot.config import load_robot
+from qrobot.hwif.memory import attach_board_memory
+from qrobot.rccl.opening import open_channel
+from qrobot.rci import TcpLink
+from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.servo.modes import Mode
+from qrobot.sim_board.injection import FaultPanel
+from tests.support.processes import UNHURRIED_MS, RunningArm, running_arms, wait_until
+
+PERIOD_MS = 28.0
+BOARD = """outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }], \
+scene = { kind = "table", position_m = [0.5, 0.0, -0.4] }"""  # deep enough that only who means to touches it
+START = load_robot("puma560").poses["park"]
+THERE_RAD = 0.01
+
+
+class SharedArm:
+    """Starts when it is first asked for. What leaves it in disorder is told, and the next test gets a new one."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._processes = ExitStack()
+        self._arm: RunningArm | None = None
+        self._starts = 0
+
+    def running(self) -> RunningArm:
+        """The arm, started if need be."""
+        if self._arm is None:
+            self._starts += 1
+            directory = self._directory / str(self._starts)
+            directory.mkdir()
+            (self._arm,) = self._processes.enter_context(running_arms(directory, period_ms=PERIOD_MS, board=BOARD))
+        return self._arm
+
+    def put_in_order(self) -> None:
+        """Everything runs, nothing is broken, no fault, no power. Raises what it fails by; the arm is given up then."""
+        with self._or_give_up():
+            settle(self.running())
+
+    def park(self) -> None:
+        """The same, and the arm stands where it was when it started."""
+        with self._or_give_up():
+            settle(self.running())
+            if np.abs(self.running().snapshot().q - START).max() > THERE_RAD:
+                return_to_start(self.running())
+
+    def close(self) -> None:
+        """End the processes."""
+        self._arm = None
+        self._processes.close()
+
+    def _or_give_up(self) -> ExitStack:
+        stack = ExitStack()
+        stack.push(lambda kind, _error, _trace: self.close() if kind else None)
+        return stack
+
+
+def settle(arm: RunningArm) -> None:
+    """Start what has ended, repair the board, clear the fault, take power away."""
+    arm.start_missing()
+    with attach_board_memory(arm.name) as board:
+        FaultPanel(board.words).clear()
+    wait_until(lambda: _off(arm), "the arm is off, without a fault")
+    wait_until(lambda: not arm.powered, "brakes closed")
+
+
+def _off(arm: RunningArm) -> bool:
+    """Ask again: a fault stays while its cause does."""
+    if arm.mode is Mode.OFF:
+        return True
+    with attach_servo_memory(arm.name) as servo:
+        ServoMailbox(servo.words).request_power_off()
+        ServoMailbox(servo.words).request_clear()
+    return False
+
+
+def return_to_start(arm: RunningArm) -> None:
+    """Move to the pose it started in, and take power away."""
+    address = (arm.arm.bridge.host, arm.arm.bridge.port)
+    with open_channel(lambda hello: TcpLink(hello, address), arm.arm.robot, UNHURRIED_MS) as channel:
+        channel.move(channel.pose("park"))
+        channel.waitfor(channel.completed)
+        channel.release(power_off=True)
+    arm.wait_for(Mode.OFF)
+    assert np.abs(arm.snapshot().q - START).max() < THERE_RAD

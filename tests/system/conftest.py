@@ -1,0 +1,30 @@
+"""The running arm that tests on the wall clock share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.support.processes import RunningArm
+from tests.support.shared_arm import SharedArm
+
+
+@pytest.fixture(scope="session")
+def shared_arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedArm]:
+    shared = SharedArm(tmp_path_factory.mktemp("arm"))
+    yield shared
+    shared.close()
+
+
+@pytest.fixture(scope="module")
+def parked(shared_arm: SharedArm) -> None:
+    """Every file finds the arm as if it had just been started."""
+    shared_arm.park()
+
+
+@pytest.fixture
+def arm(shared_arm: SharedArm, parked: None) -> Iterator[RunningArm]:
+    """An arm whose processes all run, off and without a fault; so it is again for the next test."""
+    yield shared_arm.running()
+    shared_arm.put_in_order()
