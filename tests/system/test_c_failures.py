@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -37,6 +38,15 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture(autouse=True)
+def hearing() -> Iterator[None]:
+    """Programs hear every signal, though this process was started by `nohup` or in the background of a script."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGHUP, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
@@ -81,11 +91,11 @@ def test_however_a_program_ends_its_arm_comes_to_rest_on_its_way(last: str, stat
 
 
 @needs_compiler
-@pytest.mark.parametrize(("signal", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+@pytest.mark.parametrize(("name", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 def test_a_program_in_an_endless_loop_is_ended_by_a_signal_and_says_its_mess(
-    signal: str, status: int, run: Run, robot, capfd
+    name: str, status: int, run: Run, robot, capfd
 ) -> None:
-    loop = f'mess = "taken apart"; {MOVING} kill(getpid(), {signal}); for (;;);'
+    loop = f'mess = "taken apart"; {MOVING} kill(getpid(), {name}); for (;;);'
     assert run(f"#include <signal.h>\nmain() {{ {loop} }}") == status
     assert at_rest(robot)
     assert part_of_the_way(robot)
