@@ -15,14 +15,17 @@ import threading
 from contextlib import suppress
 from typing import Final
 
+import numpy as np
+
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
+from qrobot.rccl.c.cell import CELL_WORDS, DONE, UNSEEN, Cell
 from qrobot.rccl.c.desk import Desk, Talk
 from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, Message, Op, decode, encode_call
 from qrobot.rccl.c.shared import SharedMemory
 
 ROBOT: Final = "QROBOT_ROBOT"  # environment: rules over whoever starts the program
 DEFAULT_ROBOT: Final = "puma560"
-GLOBALS: Final = 13  # places that the greeting names
+GLOBALS: Final = 13  # places that the greeting names before that of the cell
 CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
 _LOOKS: Final = 40  # some 50 us
 
@@ -99,6 +102,7 @@ class Background:
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
         self.desk: Desk | None = None
+        self.cell = Cell(np.zeros(CELL_WORDS, np.int64))
 
     def call(self, op: Op, place: int) -> None:
         """Have a function called; it may ask meanwhile.
@@ -108,7 +112,11 @@ class Background:
             LinkTimeout: the function does not come back.
         """
         with self._calling:
-            _send(self._channel, encode_call(op, place))
+            progress = self.cell.call(op, place)
+            if progress == DONE:
+                return
+            if progress == UNSEEN:
+                _send(self._channel, encode_call(op, self.cell.number, place))
             while len(data := self._receive()) != BRIEF:
                 _send(self._channel, self._answer(decode(data)).encode())
 
@@ -129,7 +137,6 @@ class Background:
         for _ in range(_LOOKS):
             with suppress(BlockingIOError):
                 return _receive(self._channel, socket.MSG_DONTWAIT)
-            os.sched_yield()  # the program may stand on our processor although another one is idle
         return b""
 
     def _answer(self, message: Message) -> Message:
@@ -167,6 +174,7 @@ def _converse(front: Foreground, back: Background, robot: str) -> None:
         raise
     sys.argv[0] = hello.text  # how links greet
     talk = Talk(back.call, back.signal, front.ask, front.say, front.listen)
+    back.cell = Cell(memory.words(hello.refs[GLOBALS], CELL_WORDS))
     back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk, robot)
     front.send(Message(Op.REPLY))
     try:

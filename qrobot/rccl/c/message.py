@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 2
+VERSION: Final = 3
 REFS: Final = 24
 NUMBERS: Final = 32
 TEXT: Final = 256
@@ -90,9 +90,9 @@ class Message:
         return _LAYOUT.pack(self.op, self.n, *refs, *numbers, self.text.encode()[: TEXT - 1])
 
 
-def encode_call(op: Op, place: int) -> bytes:
+def encode_call(op: Op, number: int, place: int) -> bytes:
     """The `BRIEF` bytes that have a function called."""
-    return _BRIEF.pack(op, 0, place)
+    return _BRIEF.pack(op, number, place)
 
 
 def decode(data: bytes) -> Message:

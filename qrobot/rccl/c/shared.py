@@ -56,6 +56,10 @@ class SharedMemory:
         """Integers at `place`. Shape (count,)."""
         return np.frombuffer(self._map, np.int32, count, place)
 
+    def words(self, place: int, count: int) -> npt.NDArray[np.int64]:
+        """Words of 8 bytes at `place`, a multiple of 8. Shape (count,)."""
+        return np.frombuffer(self._map, np.int64, count, place)
+
     def reals(self, place: int, count: int) -> Reals:
         """Single-precision numbers at `place`. Shape (count,)."""
         return np.frombuffer(self._map, np.float32, count, place)

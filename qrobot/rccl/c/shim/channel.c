@@ -18,10 +18,25 @@
 #define EARLY_SHARE 32         /* and no more than this part of the period */
 #define SAME_SHARE 4           /* what comes within this part of the period belongs to the same sample */
 #define LONGEST_NS 110000000   /* between two samples; what takes longer is a pause */
+#define SPINS 50               /* some 1 us */
+
+#if defined __x86_64__ || defined __i386__
+#define PAUSE() __builtin_ia32_pause()
+#elif defined __aarch64__
+#define PAUSE() __asm__ volatile("yield")
+#else
+#define PAUSE() ((void) 0)
+#endif
+
+enum heard { NOTHING = -1, END = 0, HEARD = 1 };
 
 static int foreground = -1;
 static pthread_mutex_t calling = PTHREAD_MUTEX_INITIALIZER; /* a program may have threads of its own */
 static __thread int served = -1; /* in functions that the engine calls: its channel */
+static int by_message;           /* the call under way is to be answered by a message */
+static int64_t newest;           /* number of the newest call that was obeyed, or is being */
+static cpu_set_t allowed;        /* for the thread that serves calls */
+static int processors;           /* so many */
 
 void shim_open(int channel)
 {
@@ -48,13 +63,28 @@ static int say(int channel, const struct message *m, size_t size)
 }
 
 /* False at the end of the conversation. */
-static int hear(int channel, struct message *m, int flags)
+static int hear(int channel, struct message *m)
 {
     ssize_t got;
     do
-        got = recv(channel, m, sizeof *m, flags);
+        got = recv(channel, m, sizeof *m, 0);
     while (got < 0 && errno == EINTR);
     return got >= (ssize_t) SHIM_BRIEF;
+}
+
+static long now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * 1000000000L + now.tv_nsec;
+}
+
+/* True when something can be heard within `ns`; we sleep meanwhile. */
+static int doze(int channel, long ns)
+{
+    struct pollfd wanted = {channel, POLLIN, 0};
+    struct timespec timeout = {0, ns > 0 ? ns : 0};
+    return ppoll(&wanted, 1, &timeout, NULL) > 0;
 }
 
 /* The engine asks the person at the terminal; the end of the input is an answer with n = 0. */
@@ -65,18 +95,33 @@ static void ask_person(struct message *m)
     m->n = fgets(m->text, SHIM_TEXT, stdin) != NULL;
 }
 
-/* Until the engine has answered; meanwhile it may talk to the person at the terminal. */
+/* Not the answer yet: the engine talks to the person at the terminal, or repeats the call that we are in. */
+static int is_between(const struct message *m)
+{
+    return m->op == OP_SAY || m->op == OP_ASK || (m->op >= OP_CALL_TRANSFORM && m->op <= OP_SIGNAL);
+}
+
+/* The engine answers a function soon, and to wake us would cost as much as the answer. */
+static int hear_answer(int channel, struct message *m)
+{
+    long until = now_ns() + (processors > 1 && channel == served ? AWAKE_NS : 0);
+    while (now_ns() < until && !doze(channel, 0))
+        ;
+    return hear(channel, m);
+}
+
+/* Until the engine has answered. */
 static void converse(int channel, struct message *m)
 {
-    int heard = say(channel, m, sizeof *m) && hear(channel, m, 0);
-    while (heard && (m->op == OP_SAY || m->op == OP_ASK)) {
+    int heard = say(channel, m, sizeof *m) && hear_answer(channel, m);
+    while (heard && is_between(m)) {
         if (m->op == OP_SAY) {
             printf("%s\n", m->text);
-        } else {
+        } else if (m->op == OP_ASK) {
             ask_person(m);
             heard = say(channel, m, sizeof *m);
         }
-        heard = heard && hear(channel, m, 0);
+        heard = heard && hear_answer(channel, m);
     }
     if (!heard)
         shim_die(GONE);
@@ -86,6 +131,8 @@ struct message *shim_call(struct message *m)
 {
     shim_start();
     if (served >= 0) {
+        by_message = 1;
+        __atomic_store_n(&shim_cell.asking, newest, __ATOMIC_RELEASE);
         converse(served, m);
     } else {
         pthread_mutex_lock(&calling);
@@ -106,37 +153,74 @@ static void obey(struct message *m)
         ((int (*)()) (intptr_t) m->refs[0])();
     else if (m->op == OP_SIGNAL)
         __atomic_fetch_add((event *) t, 1, __ATOMIC_ACQ_REL);
+}
+
+/* Once, though a call may come twice: in the cell, and by a message when the engine has waited for a while. Number 0 is
+ * no number: it comes by a message alone. */
+static int serve(int channel, struct message *m)
+{
+    if (m->n == 0 || m->n != newest) {
+        newest = m->n ? m->n : newest;
+        obey(m);
+        __atomic_store_n(&shim_cell.done, newest, __ATOMIC_RELEASE);
+    }
     m->op = OP_REPLY;
+    return !by_message || say(channel, m, SHIM_BRIEF);
 }
 
-static long now_ns(void)
+static int hear_call(int channel, struct message *m)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * 1000000000L + now.tv_nsec;
+    by_message = 1;
+    return hear(channel, m);
 }
 
-/* True when something can be heard within `ns`; we sleep meanwhile. */
-static int doze(int channel, long ns)
+/* True when there is a new call in the cell. */
+static int take_call(struct message *m)
 {
-    struct pollfd wanted = {channel, POLLIN, 0};
-    struct timespec timeout = {0, ns > 0 ? ns : 0};
-    return ppoll(&wanted, 1, &timeout, NULL) > 0;
+    int64_t called = __atomic_load_n(&shim_cell.called, __ATOMIC_ACQUIRE);
+    if (called == newest)
+        return 0;
+    m->op = (int32_t) shim_cell.op;
+    m->n = (int32_t) called;
+    m->refs[0] = shim_cell.ref;
+    by_message = 0;
+    return 1;
 }
 
-/* The same, and we stay awake: on a second processor, for on a single one the engine would wait for us. */
-static int look(int channel, long ns)
+/* Stay awake for `ns`, on a second processor: on a single one the engine would wait for us. */
+static enum heard look(int channel, struct message *m, long ns)
 {
-    static long processors = 0;
-    if (!processors)
-        processors = sysconf(_SC_NPROCESSORS_ONLN);
     long until = now_ns() + ns;
     while (processors > 1 && now_ns() < until) {
+        for (int i = 0; i < SPINS; i++) {
+            if (take_call(m))
+                return HEARD;
+            PAUSE();
+        }
         if (doze(channel, 0))
-            return 1;
-        sched_yield(); /* a message may have put the engine on our processor although another one is idle */
+            return hear_call(channel, m) ? HEARD : END;
     }
-    return 0;
+    return NOTHING;
+}
+
+static enum heard look_and_say_so(int channel, struct message *m, long ns)
+{
+    __atomic_store_n(&shim_cell.looking, 1, __ATOMIC_RELEASE);
+    enum heard heard = look(channel, m, ns);
+    __atomic_store_n(&shim_cell.looking, 0, __ATOMIC_RELEASE);
+    return heard;
+}
+
+/* Linux may put who is woken on the processor of who wakes, though another one is idle. Two that both stay awake would
+ * wait there for each other, so we leave the engine's. */
+static void keep_apart(void)
+{
+    int theirs = (int) shim_cell.processor;
+    if (processors < 2 || theirs != sched_getcpu())
+        return;
+    cpu_set_t others = allowed;
+    CPU_CLR(theirs, &others);
+    sched_setaffinity(0, sizeof others, &others); /* of this thread; where that is refused, calls take longer */
 }
 
 /* To wake us would cost the engine more than the call itself, and in the middle of a sample. So we stay awake between
@@ -144,12 +228,14 @@ static int look(int channel, long ns)
 static int hear_next(int channel, struct message *m)
 {
     static long began = 0, period = LONGEST_NS; /* of the newest sample */
-    if (look(channel, AWAKE_NS))
-        return hear(channel, m, 0);
+    enum heard heard = look_and_say_so(channel, m, AWAKE_NS);
+    if (heard != NOTHING)
+        return heard;
     long early = period / EARLY_SHARE < EARLY_NS ? period / EARLY_SHARE : EARLY_NS;
     if (period < LONGEST_NS && !doze(channel, began + period - early - now_ns()))
-        look(channel, 2 * early);
-    int heard = hear(channel, m, 0);
+        heard = look_and_say_so(channel, m, 3 * early);
+    if (heard == NOTHING)
+        heard = hear_call(channel, m);
     long since = now_ns() - began;
     if (since > period / SAME_SHARE) {
         period = since < LONGEST_NS ? since : LONGEST_NS;
@@ -163,10 +249,13 @@ void shim_serve(int channel)
 {
     struct message m;
     served = channel;
-    int on = hear(channel, &m, 0);
+    if (!sched_getaffinity(0, sizeof allowed, &allowed))
+        processors = CPU_COUNT(&allowed);
+    int on = hear_call(channel, &m);
     while (on) {
-        obey(&m);
-        on = say(channel, &m, SHIM_BRIEF) && hear_next(channel, &m);
+        on = serve(channel, &m);
+        keep_apart();
+        on = on && hear_next(channel, &m);
     }
 }
 

@@ -24,6 +24,7 @@ SHARED volatile int nbrequest = 0;
 SHARED volatile int terminate = 0;
 SHARED volatile struct rccl_how how = {0};
 SHARED volatile struct rccl_chg chg = {0};
+SHARED __attribute__((aligned(64))) struct shim_cell shim_cell = {0};
 static SHARED TRSF last_link = {"T6", NULL, 0, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}};
 static SHARED POS park_pose = {"park", 0, 0, 0};
 static SHARED POS present = {"there", 0, 0, 0};
@@ -151,4 +152,5 @@ void shim_globals(int64_t *refs)
     refs[count++] = offsetof(POS, code);
     refs[count++] = offsetof(POS, scal);
     refs[count++] = offsetof(POS, end);
+    refs[count++] = shim_ref(&shim_cell);
 }

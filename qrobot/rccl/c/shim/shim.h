@@ -11,7 +11,7 @@
 
 #include "rccl.h"
 
-#define SHIM_VERSION 2
+#define SHIM_VERSION 3
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 32
 #define SHIM_TEXT 256
@@ -78,10 +78,19 @@ struct message {
     char text[SHIM_TEXT];
 };
 
-/* Calls of functions and their answers are short: op, n and one reference. */
+/* Calls of functions and their answers are short: op, number of the call and one reference. */
 #define SHIM_BRIEF (offsetof(struct message, refs) + sizeof(int64_t))
 
+/* How the engine calls a function while the thread that serves it is awake: who looks here is not woken up by a message.
+ * Each word has one writer. Calls are numbered; a call that is not done soon is repeated by a message with its number. */
+struct shim_cell {
+    int64_t called, op, ref, processor; /* by the engine, `called` last: the newest call, and where it was made */
+    int64_t done, asking, looking; /* by the program: the newest call that is done, or asks the engine; it looks here */
+};
+#define SHIM_CELL_WORDS 7
+
 /* shared.c */
+extern struct shim_cell shim_cell;
 int shim_share(void); /* Share the memory; its file. */
 int64_t shim_ref(const volatile void *p); /* Place of p in it, -1 when it lies elsewhere. */
 void *shim_at(int64_t ref);

@@ -1,0 +1,77 @@
+"""Functions of a C program that the engine calls: each call runs once, in shared memory or by a message."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from qrobot.rccl.c import cell, engine
+from qrobot.rccl.c.message import Op
+from qrobot.rccl.c.program import run_executable
+from tests.support.c_programs import compiled_text, needs_compiler, offline
+
+pytestmark = needs_compiler
+
+TEXT = """
+    #include <unistd.h>
+    int quick, slow, asked;
+    TRSF_PTR turned;
+
+    is_quick() { quick++; }
+    takes_long() { slow++; usleep(300); }
+    asks() { asked++; rot(turned, yunit, asked); }
+
+    main()
+    {
+        turned = gentr_rot("TURNED", 0., 0., 0., yunit, 0.);
+        control(is_quick, takes_long);
+        setime(100., 2000.);
+        evalfn(asks);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        waitfor(completed)
+        release("done");
+        printf("%d %d %d\\n", quick, slow, asked);
+        return 0;
+    }
+"""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("calls")
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        return compiled_text(TEXT, folder)
+
+
+def counts(program: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> tuple[list[int], list[int]]:
+    """How often the engine has called each function, and how often each was run."""
+    called: Counter[int] = Counter()
+
+    class Counting(engine.Background):
+        def call(self, op: Op, place: int) -> None:
+            if op is Op.CALL_FUNCTION:
+                called[place] += 1
+            super().call(op, place)
+
+    monkeypatch.setattr(engine, "Background", Counting)
+    status, _ = offline(lambda: run_executable(program))
+    assert status == 0
+    ran = capfd.readouterr().out.splitlines()[-1].split()
+    return sorted(called.values()), sorted(map(int, ran))
+
+
+def test_however_long_a_function_takes_each_call_runs_it_once(program: Path, monkeypatch, capfd) -> None:
+    called, ran = counts(program, monkeypatch, capfd)
+    assert called == ran
+    assert len(ran) == 3
+    assert ran[0] > 50
+
+
+def test_calls_by_messages_alone_run_once_as_well(program: Path, monkeypatch, capfd) -> None:
+    monkeypatch.setattr(cell, "jit_disabled", lambda: True)
+    called, ran = counts(program, monkeypatch, capfd)
+    assert called == ran
+    assert ran[0] > 50
