@@ -56,9 +56,10 @@ def load_law(name: str, robot: Robot) -> Law:
 def _module(file: Path) -> ModuleType:
     """The file as a module; one that has changed since is run anew."""
     try:
-        digest = hashlib.sha256(file.resolve().as_posix().encode() + file.read_bytes()).hexdigest()[:16]
+        text = file.read_bytes()
     except OSError as error:
         raise ConfigError(f"no law file {file}: {error.strerror or error}") from error
+    digest = hashlib.sha256(file.resolve().as_posix().encode() + text).hexdigest()[:16]
     name = f"qrobot_user_laws.{file.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
@@ -70,7 +71,8 @@ def _module(file: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # where Numba finds the functions of a cached law
     try:
-        spec.loader.exec_module(module)
+        # not by the loader, which takes a file of the same size and second for the one it has compiled
+        exec(compile(text, str(file.resolve()), "exec"), vars(module))
     except Exception as error:  # whatever a user's file raises
         del sys.modules[name]
         raise ConfigError(f"{_place(file, error)}: {type(error).__name__}: {error}") from error
