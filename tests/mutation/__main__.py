@@ -27,7 +27,7 @@ from tests.mutation.mutants import Mutant, mutants
 
 GATES: Final = ("guard", "guard_motion", "guard_timing")
 PATIENCE_S: Final = 30  # a mutant that never ends is noticed
-NOTICED, SURVIVED = 0, 1
+SURVIVED = 255  # of a process that ends; else the place of the test that has noticed, or a signal
 
 
 def gate_modules() -> dict[str, ModuleType]:
@@ -57,40 +57,49 @@ class MutationRun:
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """In place of pytest's own. Ends the session when they fail on the modules as they are."""
-        if session.testsfailed or noticed(session.items, None, None):
+        if session.testsfailed or noticed_by(session.items, None, None) is not None:
             raise session.Failed("the tests fail without any mutation: run them first")
         gc.freeze()  # pages that no collection touches stay shared with the children
         for gate, module in gate_modules().items():
             own = [item for item in session.items if item.path.stem == f"test_{gate}"]
             for mutant in mutants(Path(str(module.__file__)).read_text()):
                 self.count += 1
-                if not noticed(own, module, mutant):
+                place = noticed_by(own, module, mutant)
+                if place is None:
                     self.survivors.append((gate, mutant))
+                else:
+                    own.insert(0, own.pop(place))  # is likely to notice the next mutant, in the same line, as well
         return True
 
 
-def noticed(items: list[pytest.Item], module: ModuleType | None, mutant: Mutant | None) -> bool:
-    """Whether a test fails on the mutant, in a process of its own; a crash and an endless loop are noticed too."""
+def noticed_by(items: list[pytest.Item], module: ModuleType | None, mutant: Mutant | None) -> int | None:
+    """Place of the first test that fails on the mutant, in a process of its own; None when none does.
+
+    A crash and an endless loop are noticed too, by nobody in particular: 0.
+    """
+    assert len(items) < SURVIVED
     child = os.fork()
     if child == 0:
         signal.alarm(PATIENCE_S)
         gc.disable()
         os._exit(verdict(items, module, mutant))  # never back into the parent's tests
     _, status = os.waitpid(child, 0)
-    return status != SURVIVED << 8
+    if not os.WIFEXITED(status):
+        return 0
+    return None if os.WEXITSTATUS(status) == SURVIVED else os.WEXITSTATUS(status)
 
 
 def verdict(items: list[pytest.Item], module: ModuleType | None, mutant: Mutant | None) -> int:
-    """Run the tests on the mutant, or without one on what is there, until one fails."""
+    """Run the tests on the mutant, or without one on what is there, until one fails: its place, or SURVIVED."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     try:
         if module is not None and mutant is not None:
             become(module, mutant)
     except Exception:  # it does not even load
-        return NOTICED
-    for item, following in zip(items, [*items[1:], None], strict=True):
+        return 0
+    for place, (item, following) in enumerate(zip(items, [*items[1:], None], strict=True)):
         if any(report.failed for report in runtestprotocol(item, nextitem=following, log=False)):
-            return NOTICED
+            return place
     return SURVIVED
 
 
