@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.model.transmission import joint_to_counts, transmission_params
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.record import block_of
 from qrobot.servo.law import Law
 from qrobot.servo.laws import find_law
@@ -79,6 +80,19 @@ def take_lane(board: Any, lane: int, operations: Any) -> int:
     while taken < operations.shape[0] and take_operation(board, lane, operations[taken]):
         taken += 1
     return taken
+
+
+def callable_block(record: Any) -> Any:
+    """A block for `cycle_of_blocks`; without the JIT a list of views, for Python finds a record's fields slowly."""
+    return [views_of(record)] if jit_disabled() else block_of(record)
+
+
+def views_of(record: Any) -> SimpleNamespace:
+    """The fields of a record by name: its arrays themselves, and its numbers, which no cycle changes."""
+    fields = {name: getattr(record, name) for name in record.dtype.names}
+    return SimpleNamespace(
+        **{name: views_of(field) if isinstance(field, np.record) else field for name, field in fields.items()}
+    )
 
 
 class Write(NamedTuple):
@@ -163,7 +177,7 @@ class ServoBench:
         self._transmission = transmission_params(self.robot)
         self._counts = np.zeros(n, dtype=np.int64)
         self._operations = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
-        self._blocks = block_of(self.params), block_of(self.state)
+        self._blocks = callable_block(self.params), callable_block(self.state)
         # Views, taken once: to find a field of a record by its name takes Python longer than a cycle takes.
         self._row, self._q_ref, self._i = self.state.row, self.state.q_ref, self.state.i
 
