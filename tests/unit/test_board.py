@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.hwif.memory import (
@@ -334,6 +334,7 @@ def test_a_brake_that_was_told_to_release_and_to_close_again_has_never_opened() 
 # --- DACs --------------------------------------------------------------------------------------------------------
 
 
+@settings(max_examples=25)
 @given(st.integers(0, N_DACS - 1), st.integers(0, 0xFFFF))
 def test_a_dac_keeps_the_low_twelve_bits_for_ever(channel: int, word: int) -> None:
     bench = Bench()

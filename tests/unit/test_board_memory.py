@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.hwif.memory import (
@@ -73,6 +73,7 @@ def test_the_blocks_of_the_layout_do_not_overlap() -> None:
     assert read_trace(memory)[-1].tolist() == [7, 7, DAC, TRACE_CAPACITY - 1]
 
 
+@settings(max_examples=30)
 @given(st.lists(st.one_of(st.integers(1, LANE_CAPACITY + 3), st.integers(-LANE_CAPACITY, -1)), max_size=12))
 def test_a_lane_is_a_queue_that_accepts_all_or_none(steps: list[int]) -> None:
     memory, model, count = local_board_memory(), [], 0
