@@ -34,10 +34,11 @@ kernels: $(VENV)/dev.stamp
 	@echo "compiling ..."
 	@$(BIN)/python -m tests.support.kernels
 
-# Tests on virtual time share out the processors. Those on the wall clock run alone: the processes of one arm, which start
-# together, keep two processors busy, and two arms at a time took longer.
+# Tests on virtual time share out the processors, file by file and in order: the longest files are not the last. Those on
+# the wall clock run alone: the processes of one arm, which start together, keep two processors busy, and two arms at a
+# time took longer.
 unit: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile
+	$(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m realtime
 
 lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
