@@ -15,6 +15,8 @@ from qrobot.hwif.memory import (
     post_operations,
 )
 from qrobot.hwif.registers import N_ENCODERS, STATUS
+from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.record import record_of
 from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import make_analog
 from qrobot.sim_board.board import BoardOptions, accept_operations, make_board, publish_sample
@@ -54,7 +56,9 @@ class Bench:
     ) -> None:
         analog = make_analog(POT_ZERO[:n_pots], POT_SLOPE, seed, noise, wave, backlash)
         encoders = make_encoders(COUNTS_PER_REV, PHASE)
-        self.board = make_board(encoders, analog, BoardOptions(**options))  # type: ignore[arg-type]
+        board = make_board(encoders, analog, BoardOptions(**options))  # type: ignore[arg-type]
+        # a record, as of an emulator, whose kernels then do here too; plain Python finds its fields slowly
+        self.board = board if jit_disabled() else record_of(board)
         self.memory = local_board_memory()
         self.shaft = np.zeros(N_ENCODERS)
         self.t_ns = 1_000_000_000
