@@ -54,7 +54,7 @@ def test_every_program_ends_exactly_at_its_last_target_within_the_limits(moves, 
 
 
 @given(PROGRAMS, st.integers(1, 120), st.sampled_from(["interrupt", "stop", "push"]), BLENDS)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_interference_at_any_instant_leaves_position_velocity_and_acceleration_continuous(
     moves, when, interference, blend
 ) -> None:
@@ -109,7 +109,7 @@ def test_start_interruption_stop_and_resumption_are_requests_in_one_queue(first,
 
 
 @given(MOVES, MOVES)
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_replanning_from_every_intermediate_state_of_a_motion_keeps_the_limits(first, second) -> None:
     length = sum(1 for _ in run(with_moves(first)))
     for when in range(2, length, max(1, length // 20)):
