@@ -19,7 +19,7 @@ from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.canbus.node import BoardNode
 
 GROUP: Final = "239.74.163.2"
-PATIENCE_S: Final = 5.0
+PATIENCE_S: Final = 60.0
 FRAMES_BACK: Final = len(TPDO)
 _ASK, _ANSWER = 0x100, 0x200
 

@@ -137,7 +137,7 @@ def our_bus(port: int) -> Iterator[Callable[[], object]]:
     """What a gateway does each cycle."""
     from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 
-    bus, operations, image = ModbusBus(ModbusLine("127.0.0.1", port, timeout_s=5.0)), safe_operations(0), make_image()
+    bus, operations, image = ModbusBus(ModbusLine("127.0.0.1", port, timeout_s=60.0)), safe_operations(0), make_image()
     bus.connect()
     yield lambda: bus.exchange(operations, image)
     bus.close()

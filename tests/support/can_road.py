@@ -11,7 +11,6 @@ from contextlib import ExitStack, contextmanager
 import can
 
 from qrobot.hwif.bus import Endpoint
-from qrobot.hwif.canbus import link
 from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.node import BoardNode, run_node
 from qrobot.hwif.gateway import NO_OPERATIONS
@@ -41,22 +40,6 @@ class WeakWire:
         self.bus.shutdown()
 
 
-@contextmanager
-def patient_service() -> Iterator[None]:
-    """Answers to service data may take their time, for the node is a thread of ours; see `set_service_patience`."""
-    before = link.SDO_TIMEOUT_S
-    set_service_patience(PATIENCE_S)
-    try:
-        yield
-    finally:
-        set_service_patience(before)
-
-
-def set_service_patience(seconds: float) -> None:
-    """Wait so long for service data from now on."""
-    link.SDO_TIMEOUT_S = seconds  # type: ignore[misc]
-
-
 class CanRoad:
     """Near end, far end and the wire between them."""
 
@@ -75,23 +58,19 @@ class CanRoad:
         return can.Bus(interface="virtual", channel=self.channel)
 
     def hurry(self) -> None:
-        self._set_patience(MOMENT_S)
+        self.bus.link.timeout_s = MOMENT_S
 
     def cut(self) -> None:
         self.wire.cut = True
 
     def restore(self) -> None:
-        self._set_patience(PATIENCE_S)
+        self.bus.link.timeout_s = PATIENCE_S
         self.wire.cut = False
 
     def expire(self) -> None:
         """Let the time of the node's watchdog pass."""
         self._skipped_ns += round(PATIENCE_MS * 1e6)
         wait_until(lambda: self.node.expired, "the watchdog of the far end acts")
-
-    def _set_patience(self, seconds: float) -> None:
-        self.bus.timeout_s = seconds
-        set_service_patience(seconds)
 
     def garbage(self) -> None:
         self.wire.garbage = True
@@ -109,8 +88,7 @@ def can_road(endpoint: Endpoint) -> Iterator[CanRoad]:
     assert booted.recv(PATIENCE_S) is not None  # its boot-up message
     booted.shutdown()
     try:
-        with patient_service():
-            yield road
+        yield road
     finally:
         road.wire.cut = False
         road.bus.close()

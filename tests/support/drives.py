@@ -19,7 +19,6 @@ from qrobot.hwif.registers import ENC_COUNT, STATUS
 from qrobot.sim_board.can_drives import EmulatedDrives
 from qrobot.sim_board.drive_loop import PositionLoop
 from tests.support.bus import Row, rows_of
-from tests.support.can_road import patient_service, set_service_patience
 from tests.support.patience import MOMENT_S, PATIENCE_S
 
 NODES = (1, 2, 3, 4, 5, 6)
@@ -66,7 +65,7 @@ class Drives:
             absolute=absolute,
         )
         self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
-        self.bus.timeout_s = PATIENCE_S
+        self.bus.link.timeout_s = PATIENCE_S
         self.silent: set[int] = set()
         self._cut = False
         self.image = make_image()
@@ -83,7 +82,7 @@ class Drives:
 
     def hurry(self) -> None:
         """Wait a moment only, for what will not come."""
-        self._set_patience(MOMENT_S)
+        self.bus.link.timeout_s = MOMENT_S
 
     def cut(self) -> None:
         """Let nothing through the wire."""
@@ -92,12 +91,8 @@ class Drives:
 
     def mend(self) -> None:
         """Let everything through again."""
-        self._set_patience(PATIENCE_S)
+        self.bus.link.timeout_s = PATIENCE_S
         self._cut = False
-
-    def _set_patience(self, seconds: float) -> None:
-        self.bus.timeout_s = seconds
-        set_service_patience(seconds)
 
     def exchange(self, *rows: Row, times: int = 1) -> int:
         """Exchange; the STATUS word of the last image."""
@@ -120,8 +115,7 @@ def served(
     thread = threading.Thread(target=drives.serve, args=(stop,), daemon=True)
     thread.start()
     try:
-        with patient_service():
-            yield drives
+        yield drives
     finally:
         stop.set()
         thread.join()

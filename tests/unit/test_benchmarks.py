@@ -74,7 +74,7 @@ def test_contenders_take_turns_and_the_order_rotates() -> None:
     order: list[str] = []
     best = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
     assert order == ["a", "b", "b", "a", "a", "b"]
-    assert all(0.0 <= seconds < 1.0 for seconds in best.values())
+    assert all(seconds >= 0.0 for seconds in best.values())
 
 
 def test_a_quick_run_makes_a_share_of_the_iterations_and_at_least_one() -> None:

@@ -38,21 +38,24 @@ class CanBus:
     Args:
         interface: of python-can. channel: of the interface. bitrate: of the wire, where the interface has one.
         node_id: number of the board's node, 1 to 95.
-        timeout_s: how long an answer may take; may be changed.
+        timeout_s: how long an answer may take.
+
+    Attributes:
+        link: its `timeout_s` may be changed.
     """
 
     def __init__(
         self, interface: str, channel: str, *, bitrate: int = 1_000_000, node_id: int = 1, timeout_s: float = TIMEOUT_S
     ) -> None:
         self.name = f"CAN {interface}:{channel}, node {node_id}"
-        self._link = CanLink(interface, channel, bitrate, (node_id,))
-        self._node, self.timeout_s = node_id, timeout_s
+        self.link = CanLink(interface, channel, bitrate, (node_id,), timeout_s)
+        self._node = node_id
         self._tpdo = {base + node_id: number for number, base in enumerate(TPDO)}
         self._counter, self._lists, self._count = 0, 0, 0
 
     def connect(self) -> BoardFacts:
         """Find the node, learn what it is, and let it operate. Raises LinkTimeout when it does not answer."""
-        self._link.open()
+        self.link.open()
         facts = BoardFacts(
             revision=chr(self._upload(FACTS_OBJECT, FACTS_REVISION) & 0xFF),
             joints=self._upload(FACTS_OBJECT, FACTS_JOINTS),
@@ -62,7 +65,7 @@ class CanBus:
             raise RemoteProtocolError(f"node {self._node} is no board of revision E or F")
         self._lists = self._upload(IMAGE_OBJECT, IMAGE_LISTS)
         self._count = self._upload(IMAGE_OBJECT, IMAGE_COUNT)
-        self._link.start(self._node)
+        self.link.start(self._node)
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
@@ -73,16 +76,16 @@ class CanBus:
 
     def close(self) -> None:
         """Let go of the interface; the node stays as it is."""
-        self._link.close()
+        self.link.close()
 
     # ------------------------------------------------------------------------------------------------------ inside
 
     def _exchange(self, frames: list[bytes], image: Words) -> None:
-        self._link.drain()
+        self.link.drain()
         self._counter = self._counter % SYNC_COUNTERS + 1
         for frame in frames:
-            self._link.send(RPDO[0] + self._node, frame)
-        self._link.send(SYNC, bytes((self._counter,)))
+            self.link.send(RPDO[0] + self._node, frame)
+        self.link.send(SYNC, bytes((self._counter,)))
         answer = self._collect(Collector(self._counter))
         self._lists = self._lists + bool(frames) & 0xFF
         if answer.lists != self._lists:
@@ -93,15 +96,15 @@ class CanBus:
         self._count = int(image[COUNT_WORD])
 
     def _collect(self, answer: Collector) -> Collector:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = time.monotonic() + self.link.timeout_s
         while not answer.whole:
-            message = self._link.receive(deadline, f"node {self._node}")
+            message = self.link.receive(deadline, f"node {self._node}")
             if message.arbitration_id in self._tpdo:
                 answer.put(self._tpdo[message.arbitration_id], bytes(message.data))
         return answer
 
     def _upload(self, index: int, sub: int) -> int:
-        return self._link.upload(self._node, index, sub)
+        return self.link.upload(self._node, index, sub)
 
 
 def can_bus(road: CanRoad) -> CanBus:

@@ -67,13 +67,15 @@ class DrivesBus:
     Args:
         road: where they are, and what their numbers mean.
         clock: time of an image, ns; by default the middle between asking and answer.
+
+    Attributes:
+        link: its `timeout_s` may be changed.
     """
 
     def __init__(self, road: DrivesRoad, clock: Callable[[], int] | None = None) -> None:
         self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
         self._road, self._clock = road, clock
-        self.timeout_s = road.timeout_ms / MS_PER_S
-        self._link = CanLink(road.interface, road.channel, road.bitrate, road.nodes)
+        self.link = CanLink(road.interface, road.channel, road.bitrate, road.nodes, road.timeout_ms / MS_PER_S)
         self._setpoints = setpoints_of(road)
         self._drives = [Drive(counts) for counts in road.counts_at_zero]
         self._discrete = DISCRETE_CALIBRATED if road.absolute else 0
@@ -87,12 +89,12 @@ class DrivesBus:
         Raises:
             LinkTimeout: one does not answer. RemoteProtocolError: one is no drive, or does not have the mode.
         """
-        self._link.open()
+        self.link.open()
         for node in self._road.nodes:
-            if self._link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
+            if self.link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
                 raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
             self._choose_mode(node)
-            self._link.start(node)
+            self.link.start(node)
         self._switch_off()
         return BoardFacts("F", len(self._drives), references=self._setpoints.mode == CYCLIC_POSITION)
 
@@ -111,7 +113,7 @@ class DrivesBus:
 
     def close(self) -> None:
         """Let go of the interface; the drives notice by their own time-out."""
-        self._link.close()
+        self.link.close()
 
     # ------------------------------------------------------------------------------------------------------ inside
 
@@ -137,8 +139,8 @@ class DrivesBus:
         self._setpoints.begin(driven)
         for channel, (node, drive) in enumerate(zip(self._road.nodes, self._drives, strict=True)):
             setpoint = self._setpoints.value(channel, drive, driven)
-            self._link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(drive, wanted), setpoint))
-        self._link.send(SYNC, b"")
+            self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(drive, wanted), setpoint))
+        self.link.send(SYNC, b"")
 
     def _control(self, drive: Drive, wanted: bool) -> int:
         if self._setpoints.silent:
@@ -147,9 +149,9 @@ class DrivesBus:
 
     def _collect(self) -> None:
         waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
-        deadline = time.monotonic() + self.timeout_s
+        deadline = time.monotonic() + self.link.timeout_s
         while waiting:
-            message = self._link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
+            message = self.link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
             channel = waiting.pop(message.arbitration_id, None)
             if channel is None:
                 continue
@@ -170,8 +172,8 @@ class DrivesBus:
 
     def _choose_mode(self, node: int) -> None:
         mode = self._setpoints.mode
-        self._link.download(node, MODE_WANTED, 0, mode, 1)
-        if self._link.upload(node, MODE_SHOWN, 0) & 0xFF != mode:
+        self.link.download(node, MODE_WANTED, 0, mode, 1)
+        if self.link.upload(node, MODE_SHOWN, 0) & 0xFF != mode:
             raise RemoteProtocolError(f"the drive of node {node} has no {self._setpoints.mode_name} mode")
 
     def _switch_off(self) -> None:
@@ -180,7 +182,7 @@ class DrivesBus:
         self._setpoints = setpoints_of(self._road)
         for drive in self._drives:
             drive.status = 0
-        self._link.drain()
+        self.link.drain()
 
     def _turned(self, channel: int) -> int:
         return round(self._drives[channel].position / self._road.increments_per_count[channel])

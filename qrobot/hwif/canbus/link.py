@@ -14,7 +14,7 @@ from qrobot.hwif.canbus.interface import load_can, open_interface
 if TYPE_CHECKING:
     import can
 
-SDO_TIMEOUT_S: Final = 0.5
+SDO_TIMEOUT_S: Final = 0.5  # at least
 START: Final = 1  # NMT command
 SDO: Final = struct.Struct("<BHBL")  # of at most four bytes (CiA 301, 7.2.4.3)
 UPLOAD: Final = 0x40
@@ -32,10 +32,16 @@ class CanLink:
     Args:
         interface, channel, bitrate: of python-can.
         nodes: whose emergency and boot-up messages are listened to.
+
+    Attributes:
+        timeout_s: how long an answer may take; one with service data, for which a node takes its time, longer.
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int, nodes: Sequence[int]) -> None:
+    def __init__(
+        self, interface: str, channel: str, bitrate: int, nodes: Sequence[int], timeout_s: float = SDO_TIMEOUT_S
+    ) -> None:
         self._where = interface, channel, bitrate
+        self.timeout_s = timeout_s
         self._nodes = frozenset(nodes)
         self._bus: can.BusABC | None = None
         self._emergencies: dict[int, int] = {}
@@ -109,7 +115,7 @@ class CanLink:
 
     def _ask(self, node: int, command: int, index: int, sub: int, value: int) -> int:
         self.send(SDO_ASK + node, SDO.pack(command, index, sub, value))
-        deadline = time.monotonic() + SDO_TIMEOUT_S
+        deadline = time.monotonic() + max(SDO_TIMEOUT_S, self.timeout_s)
         while True:
             message = self.receive(deadline, f"node {node}")
             if message.arbitration_id != SDO_ANSWER + node or len(message.data) != SDO.size:
