@@ -1,4 +1,4 @@
-"""The running arm that tests on the wall clock share."""
+"""The running arm that tests on the wall clock share, and a cache for programs in C."""
 
 from __future__ import annotations
 
@@ -28,3 +28,11 @@ def arm(shared_arm: SharedArm, parked: None) -> Iterator[RunningArm]:
     """An arm whose processes all run, off and without a fault; so it is again for the next test."""
     yield shared_arm.running()
     shared_arm.put_in_order()
+
+
+@pytest.fixture(scope="module")
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The library of C programs is made anew, in a folder whose name has blanks; the user's cache stays as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("a cache of its own")))
+        yield

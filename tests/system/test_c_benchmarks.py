@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +11,11 @@ from benchmarks.c_moves import MEMORY_BOUND, Held, Moves, c_moves
 from benchmarks.c_programs import CALLS, bare_exchange_us, call_times_us, made
 from tests.support.c_programs import needs_compiler
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 HELD = Held(
     samples=100, engine_bytes=1 << 27, program_bytes=1 << 20, blocks=10**6, descriptors=(9, 5), mappings=(99, 9)
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @needs_compiler

@@ -12,7 +12,7 @@ from qrobot.rccl.c.message import Op
 from qrobot.rccl.c.program import run_executable
 from tests.support.c_programs import compiled_text, needs_compiler, offline
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 TEXT = """
     #include <unistd.h>
@@ -39,11 +39,8 @@ TEXT = """
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("calls")
-        patch.setenv("XDG_CACHE_HOME", str(folder))
-        return compiled_text(TEXT, folder)
+def program(own_cache: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled_text(TEXT, tmp_path_factory.mktemp("calls"))
 
 
 def counts(program: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> tuple[list[int], list[int]]:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from qrobot import rccl
 from qrobot.config.scene import Scene
@@ -19,7 +20,7 @@ from tests.support.c_programs import CHECKED, EXAMPLES, compiled, needs_compiler
 from tests.support.puma import ROBOT
 from tests.support.tables import crank_angle
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 SAMPLE_US = 28_000
 TOUCHED_S = 3.3  # the rod has come into the hole
@@ -36,9 +37,8 @@ def rig_after(program: Callable[[], object]) -> LockstepRig:
 
 
 def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_contact_nearly_so_s06(
-    tmp_path: Path, capfd, monkeypatch
+    tmp_path: Path, capfd
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     program = compiled(EXAMPLES / "c" / "s06_crank.c", tmp_path, *CHECKED)
     status: list[int] = []
     in_c = rig_after(lambda: status.append(run_executable(program)))
@@ -58,8 +58,7 @@ def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_cont
 
 
 @needs_valgrind
-def test_valgrind_finds_nothing_while_the_crank_is_turned_s06(tmp_path: Path, capfd, monkeypatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+def test_valgrind_finds_nothing_while_the_crank_is_turned_s06(tmp_path: Path, capfd) -> None:
     program = under_valgrind(compiled(EXAMPLES / "c" / "s06_crank.c", tmp_path, "-O2", "-gdwarf-4"))
     status: list[int] = []
     rig_after(lambda: status.append(run_executable(program)))

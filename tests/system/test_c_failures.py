@@ -25,19 +25,14 @@ from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 MOVING = """
     POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
     setime(100, 4000);
     move(p);
     waitas(p->scal > .3)
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(autouse=True)

@@ -38,7 +38,7 @@ from tests.support.c_programs import (
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import ROBOT
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 TWINS = {
     "s01_four_corners": ("02_four_corners.py", "starting fourth square\ndone; corners passed 0 4 4 4 times"),
@@ -49,13 +49,6 @@ TWINS = {
     "s07_stack_blocks": ("11_stack_blocks.py", "two blocks stacked"),
 }
 ROUNDING = 2e-6  # rad: fields of C programs are single precision, a part in 1e7 of some hundred millimetres or degrees
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.mark.parametrize("name", TWINS)

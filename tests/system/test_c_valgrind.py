@@ -6,7 +6,6 @@ S-06 moves in contact, hence not off line: see test_c_crank.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -36,14 +35,7 @@ SAID = {
 LEVELS = zip(SAID, ("-O0", "-O2") * len(SAID), strict=False)
 MADE = [made for name, level in LEVELS for made in ((name, "gcc", "-O2"), (name, "clang", level))]
 
-pytestmark = [needs_compiler, needs_valgrind]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
+pytestmark = [needs_compiler, needs_valgrind, pytest.mark.usefixtures("own_cache")]
 
 
 @pytest.mark.parametrize(("name", "compiler", "level"), MADE)

@@ -6,7 +6,6 @@ import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,14 +18,7 @@ from tests.support.c_programs import needs_compiler
 HELLO = '#include "rccl.h"\nmain() { printf("%g\\n", rot(newtrans("T", varb), zunit, 90.)->n.y); return 7; }\n'
 WIRE = '#include "qrobot_wire.h"\nint main(void) { return QROBOT_OK; }\n'
 
-pytestmark = needs_compiler
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("with a blank")))
-        yield
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 
 @pytest.fixture
