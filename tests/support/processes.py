@@ -14,6 +14,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +31,9 @@ from qrobot.hwif.memory import (
     read_trace,
 )
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
+from qrobot.rccl.channel import Channel
+from qrobot.rccl.opening import open_channel
+from qrobot.rci import TcpLink
 from qrobot.realtime.segment import DIRECTORY
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
@@ -41,6 +45,7 @@ GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine
 BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
+LEG_RAD_S = 1.05
 SERVING = ("board", "servo", "guardian", "bridge")  # processes of an arm, in the order they need each other
 
 ARM = """
@@ -176,6 +181,24 @@ class RunningArm:
             wait_until(lambda: process.poll() is not None or self._faster_than(rad_s), f"{rad_s} rad/s")
             assert process.poll() is None, process.communicate()[1]
             yield process
+
+    @contextmanager
+    def control(self) -> Iterator[Channel]:
+        """This process commands the arm, a fault cleared: it does so sooner than a program that has to be started."""
+        address = (self.arm.bridge.host, self.arm.bridge.port)
+        link = partial(TcpLink, address=address)
+        with open_channel(link, self.arm.robot, UNHURRIED_MS, clear_fault=True) as channel:
+            yield channel
+
+    @contextmanager
+    def swinging(self, rad_s: float) -> Iterator[None]:
+        """The same, and it has brought a joint to this speed."""
+        with self.control() as channel:
+            channel.setjvel(LEG_RAD_S)
+            for name in ("end", "park"):
+                channel.move(channel.pose(name))
+            wait_until(lambda: self._faster_than(rad_s), f"{rad_s} rad/s")
+            yield
 
     def _faster_than(self, rad_s: float) -> bool:
         snapshot = self.snapshot()

@@ -9,12 +9,10 @@ import numpy as np
 
 from qrobot.config import load_robot
 from qrobot.hwif.memory import attach_board_memory
-from qrobot.rccl.opening import open_channel
-from qrobot.rci import TcpLink
 from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel
-from tests.support.processes import UNHURRIED_MS, RunningArm, running_arms, wait_until
+from tests.support.processes import RunningArm, running_arms, wait_until
 
 PERIOD_MS = 28.0
 BOARD = """outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }], \
@@ -85,8 +83,7 @@ def _off(arm: RunningArm) -> bool:
 
 def return_to_start(arm: RunningArm) -> None:
     """Move to the pose it started in, and take power away."""
-    address = (arm.arm.bridge.host, arm.arm.bridge.port)
-    with open_channel(lambda hello: TcpLink(hello, address), arm.arm.robot, UNHURRIED_MS) as channel:
+    with arm.control() as channel:
         channel.move(channel.pose("park"))
         channel.waitfor(channel.completed)
         channel.release(power_off=True)

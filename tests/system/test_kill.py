@@ -157,8 +157,8 @@ def assert_refused(arm: RunningArm, program: Path, reason: str) -> None:
     assert_nothing_moves(arm)
 
 
-def assert_the_next_program_works(arm: RunningArm, legs: Path) -> None:
-    with arm.moving(legs, rad_s=0.1):
+def assert_the_next_program_works(arm: RunningArm) -> None:
+    with arm.swinging(rad_s=0.1):
         pass
     arm.wait_for(Mode.HOLDING)
 
@@ -186,7 +186,7 @@ def test_a_killed_program_leaves_a_stop_on_the_path_within_two_frames(arm: Runni
     assert_a_stop_on_the_path(stop)
     assert_the_rest_runs(arm, before)
     assert_nothing_moves(arm)
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: RunningArm, legs: Path) -> None:
@@ -203,7 +203,7 @@ def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: Runnin
     assert_a_stop_on_the_path(stop)
     arm.processes.start("bridge")
     assert_nothing_moves(arm)
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
@@ -224,7 +224,7 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
     arm.wait_for(Mode.FAULT)  # it finds the board taken
     wait_until(lambda: arm.lamps == NONE, "a servo that starts switches everything off")
     assert_refused(arm, timid, "GUARD_TRIP")
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_servo_that_was_stopped_finds_the_board_taken_and_writes_nothing_more(arm: RunningArm, legs: Path) -> None:
@@ -242,7 +242,7 @@ def test_a_servo_that_was_stopped_finds_the_board_taken_and_writes_nothing_more(
     trace = arm.trace()
     assert (trace[trace[:, 0] > awake_ns, 1] == Lane.GUARDIAN).all()
     assert arm.snapshot().fault == FaultCode.GUARD_TRIP
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_killed_guardian_makes_the_servo_stop_drop_power_and_refuse_it(arm: RunningArm, legs: Path) -> None:
@@ -261,7 +261,7 @@ def test_a_killed_guardian_makes_the_servo_stop_drop_power_and_refuse_it(arm: Ru
     assert_refused(arm, legs, "GUARD_LOST")  # it clears, but there still is no guardian
     arm.processes.start("guardian")
     assert_nothing_moves(arm)
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: RunningArm, legs: Path) -> None:
@@ -277,7 +277,7 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
     assert_nothing_moves(arm)
     assert arm.mode is Mode.FAULT
     assert not arm.powered
-    assert_the_next_program_works(arm, legs)
+    assert_the_next_program_works(arm)
 
 
 def test_a_killed_log_disturbs_nothing_and_what_it_wrote_can_be_read(arm: RunningArm, legs: Path) -> None:

@@ -40,19 +40,19 @@ def program(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm], program: Path) -> None:
+def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm]) -> None:
     left, right = arms
     stood = right.encoders()
-    with left.moving(program, rad_s=0.2):
+    with left.swinging(rad_s=0.2):
         assert right.encoders() == stood
         assert right.mode is Mode.OFF
         assert not right.powered
 
 
-def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm], program: Path) -> None:
+def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm]) -> None:
     directory = Path(arms[0].arm.log.directory)
     for arm in arms:
-        with arm.moving(program, rad_s=0.2):
+        with arm.swinging(rad_s=0.2):
             pass
         paths = sorted(directory.glob(f"{arm.name}-*.mcap"))
         assert paths
