@@ -36,6 +36,7 @@ from qrobot.servo.state import (
     STOP_SECONDS,
     STOP_SINCE_NS,
     TICK,
+    UNSEEN,
     ServoState,
 )
 from qrobot.servo.stream import advance_phase, frame_is_over, take_frame
@@ -48,6 +49,7 @@ from qrobot.servo.supervisor import (
     watch_surroundings,
 )
 from qrobot.servo.tell import tell
+from qrobot.servo.unseen import keep_pace
 from qrobot.servo.watch import watch_brakes, watch_modules, watch_motors, watch_timing
 
 CALIBRATING: Final = int(Mode.CALIBRATING)
@@ -77,6 +79,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     watch_modules(state)
     obey_requests(params, state, mail, now_ns)
     refer(params, state, mail, now_ns)
+    keep_pace(state)
     react(params, state, mail, now_ns)
     drive(params, state)
     react(params, state, mail, now_ns)
@@ -141,6 +144,7 @@ def follow_path(params: ServoParameters, state: ServoState, rate_slope: float) -
 @lean_kernel
 def follow_torque_joints(state: ServoState) -> None:
     """The reference of a torque-driven joint is where it is, so its feedback vanishes and only compensation is left."""
+    unseen_s = state.f[DT] if state.i[UNSEEN] != 0 else 0.0
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT:
-            state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], state.v[j], 0.0
+            state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j] + unseen_s * state.v[j], state.v[j], 0.0

@@ -114,6 +114,7 @@ FLAG_CALIBRATED: Final = 2
 FLAG_ESTOP_OK: Final = 4
 FLAG_GUARDED: Final = 8
 FLAG_AT_REST: Final = 16
+FLAG_UNSEEN: Final = 32  # in telemetry only
 
 
 def frame_words(n: int) -> int:

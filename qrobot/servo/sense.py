@@ -55,6 +55,7 @@ from qrobot.servo.state import (
     ServoState,
 )
 from qrobot.servo.supervisor import narrow_range, raise_code
+from qrobot.servo.unseen import lose_sight, see_again
 from qrobot.servo.velocity import Estimator, difference, observe, start_observer
 from qrobot.servo.watch import follow_counts
 from qrobot.servo.watch_state import UNPOWERED_S
@@ -141,12 +142,17 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
     """Joint positions from counts, and velocities by the estimator chosen.
 
     The time between two samples is the board's: a board or a servo that stalled and caught up shows no false speed.
-    Without a new sample, or with a joint held back, the velocity stays and the time goes on counting.
+    Without a new sample, or with a joint held back, that time goes on counting, and joints under torque are carried on.
     """
     if state.i[STARTED] == 0:
         return
+    sampled = state.i[GLITCHES] == 0 and state.f[SAMPLE_DT] > 0.0
+    if not sampled and gives_torque(state.i[MODE]):
+        lose_sight(state)
+        return
+    see_again(state)
     counts_to_joint(state.counts, params.transmission, state.q)
-    if state.i[GLITCHES] != 0 or not state.f[SAMPLE_DT] > 0.0:
+    if not sampled:
         return
     dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
     if params.estimator == OBSERVER:

@@ -64,6 +64,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     FLAGS,
     IMAGE_SEEN,  # count of the newest image
     UNCHANGED,  # cycles in a row that have seen no newer one
+    UNSEEN,  # 1: no image says where the joints are, and they are carried on, see `servo.unseen`
     READ_NS,  # when encoder words were last taken from an image
     ADOPT,  # what to take over from the next good image
     REVISION,  # of the board, as it says itself
@@ -74,7 +75,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     OUTPUTS_SENT,  # last ones posted
     OUTPUT_STOPS_SEEN,
     N_INTEGERS,
-) = range(48)
+) = range(49)
 
 # indexes into `f`
 (
@@ -108,6 +109,9 @@ class ServoState(NamedTuple):
     q: Any
     q_before: Any
     v: Any
+    v_seen: Any  # `v` of the newest sample, while the joints are carried on
+    lag: Any  # of the joints behind their reference when they were last seen, and its rate of change
+    lag_rate: Any
     observed: Any  # the observer's position
     unmodelled: Any  # the acceleration it finds that the torques do not explain
     range_min: Any  # range in force: the robot's, or wider where the arm was powered up outside it
@@ -160,7 +164,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
-        q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
+        q=vector(), q_before=vector(), v=vector(), v_seen=vector(), lag=vector(), lag_rate=vector(), observed=vector(), unmodelled=vector(),
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),

@@ -83,6 +83,7 @@ from qrobot.servo.state import (
 )
 from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
 from qrobot.servo.swap import forget_bias
+from qrobot.servo.unseen import note_lag
 from qrobot.servo.watch_state import YIELDS
 
 OFF: Final = int(Mode.OFF)
@@ -144,6 +145,7 @@ def hold_here(state: ServoState) -> None:
         state.joint_modes[j] = POSITION_SETPOINT
         state.torque_setpoint[j] = 0.0
     rest_at(state.knots, state.q_ref)
+    note_lag(state)
 
 
 @lean_kernel

@@ -22,6 +22,7 @@ from qrobot.servo.mailbox import (
     FLAG_ESTOP_OK,
     FLAG_GUARDED,
     FLAG_POWERED,
+    FLAG_UNSEEN,
     STATE_EVENT,
     STATE_FAULT,
     STATE_FLAGS,
@@ -57,6 +58,7 @@ from qrobot.servo.state import (
     OUTPUTS,
     STATUS,
     TICK,
+    UNSEEN,
     ServoState,
 )
 from qrobot.servo.supervisor import (
@@ -116,7 +118,8 @@ def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     row, n = state.row, state.q.size
     row[0], row[1], row[2], row[3] = state.i[TICK], now_ns, late_ns, state.i[BUSY_NS]
     row[4], row[5] = state.i[MODE], state.i[EVENT]
-    row[6], row[7] = state.i[NEXT_SEQ] - 1, state.i[FLAGS] | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
+    row[6] = state.i[NEXT_SEQ] - 1
+    row[7] = state.i[FLAGS] | state.i[UNSEEN] * FLAG_UNSEEN | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
     for j in range(n):
         row[8 + j] = float_bits(state.q_ref[j])
         row[8 + n + j] = float_bits(state.v_ref[j])

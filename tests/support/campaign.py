@@ -125,11 +125,13 @@ class FastLeg:
     Args:
         rate_hz: of the servo.
         faults: what is broken from the start.
+        board_timeout_ms: of the servo.
     """
 
-    def __init__(self, rate_hz: float, *faults: str) -> None:
+    def __init__(self, rate_hz: float, *faults: str, board_timeout_ms: float = 1.0) -> None:
         emulator = Emulator(PUMA, start="end", physics="rigid", faults=FaultPlan.parse(faults))
-        self.rig = LockstepRig(PUMA, ServoSettings(rate_hz=rate_hz), emulator)
+        settings = ServoSettings(rate_hz=rate_hz, board_timeout_ms=board_timeout_ms)
+        self.rig = LockstepRig(PUMA, settings, emulator)
         self.seq = self.first = 0
         self.stream = 1
         self.offset = np.zeros(N)

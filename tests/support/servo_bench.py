@@ -138,6 +138,7 @@ class ServoBench:
         obeys_model: bool = False,
         position_drives: bool = False,
         outputs: tuple[OutputWire, ...] = (),
+        board_timeout_ms: float = 1.0,
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
@@ -150,6 +151,7 @@ class ServoBench:
             overrun=overrun,
             position_drives=position_drives,
             outputs=outputs,
+            board_timeout_ms=board_timeout_ms,
         )
         self.params = servo_parameters(self.robot, self.settings)
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves
