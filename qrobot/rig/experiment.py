@@ -18,6 +18,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from qrobot import rccl
 from qrobot.config import Robot, load_robot
 from qrobot.errors import QRobotError, Stalled
@@ -30,8 +32,10 @@ from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.forms import DEFAULT_FORM
 from qrobot.servo.laws import DEFAULT_LAW, law_label
+from qrobot.servo.mailbox import FLAG_UNSEEN
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.telemetry import Rows
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
@@ -54,6 +58,9 @@ STALLS: Final = frozenset(
         FaultCode.GUARD_LOST,
     )
 )
+# A fault of any other name may be the machine's work too: what comes so soon after so long without a cycle or an image.
+STALL_NS: Final = 5_000_000
+AFTERMATH_NS: Final = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,7 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
     log = read_log(path)
     result = _result(run, log, 1.0)
     if status != 0:
-        reason = Stalled if result.fault in STALLS else QRobotError
+        reason = Stalled if result.fault in STALLS or stalled_before_fault(log) else QRobotError
         raise reason(f"the program failed after {wall_s:.1f} s: {program.complaint()}")
     return result
 
@@ -193,10 +200,29 @@ def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[Non
 
 
 def _result(run: Run, log: Log, factor: float, digest: str = "") -> Result:
-    powered = (log.rows["mode"] >= Mode.HOLDING) & (log.rows["fault"] != 0)
-    code = int(log.rows["fault"][powered][0]) if powered.any() else 0
-    fault = FaultCode(code).name if code else ""
+    faults = _rows_with_fault(log)
+    fault = FaultCode(int(faults["fault"][0])).name if faults.size else ""
     return Result(run, log, tracking_summary(log), factor, fault, digest)
+
+
+def _rows_with_fault(log: Log) -> Rows:
+    """From the first fault of the powered arm on."""
+    return np.asarray(log.rows[(log.rows["mode"] >= Mode.HOLDING) & (log.rows["fault"] != 0)])
+
+
+def stalled_before_fault(log: Log) -> bool:
+    """Whether the first fault of the powered arm came within `AFTERMATH_NS` of a stall.
+
+    A stall is a time of `STALL_NS` or more without a cycle that saw a new image: servo or board had no processor. On a
+    punctual machine there is none, and whatever the arm does is its own fault.
+    """
+    faults = _rows_with_fault(log)
+    if not faults.size:
+        return False
+    fault_ns, seen = faults["t_ns"][0], log.rows["flags"] & FLAG_UNSEEN == 0
+    seen_ns = log.rows["t_ns"][seen & (log.rows["t_ns"] <= fault_ns)]
+    stalls = np.diff(seen_ns) >= STALL_NS
+    return bool(np.any(stalls & (seen_ns[1:] > fault_ns - AFTERMATH_NS)))
 
 
 def plan(

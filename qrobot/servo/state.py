@@ -164,7 +164,8 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
-        q=vector(), q_before=vector(), v=vector(), v_seen=vector(), lag=vector(), lag_rate=vector(), observed=vector(), unmodelled=vector(),
+        q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
+        v_seen=vector(), lag=vector(), lag_rate=vector(),
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),

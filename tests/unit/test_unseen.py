@@ -47,7 +47,7 @@ def counted(bench: ServoBench) -> Floats:
 
 @RATES
 @pytest.mark.parametrize("joint", [0, WRIST])
-def test_the_torque_of_a_joint_under_way_stays_what_it_was_while_the_board_is_silent(joint: int, rate_hz: float) -> None:
+def test_the_torque_of_a_moving_joint_stays_what_it_was_while_the_board_is_silent(joint: int, rate_hz: float) -> None:
     bench = patient(rate_hz)
     moving(bench, speed=1.0, joint=joint)
     tau = silence(bench, STALL_S)
@@ -91,7 +91,7 @@ def test_an_arm_whose_board_is_silent_for_fifteen_milliseconds_goes_on_as_if_not
     assert np.abs(rows["q_ref"] - rows["q"]).max() < 0.005
 
 
-# ---------------------------------------------------------------------------------------------------------- the position
+# --------------------------------------------------------------------------------------------------------- the position
 
 
 @RATES
