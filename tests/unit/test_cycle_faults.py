@@ -101,10 +101,10 @@ def test_an_image_that_is_torn_for_some_cycles_is_no_fault_but_one_that_stays_to
     tracking(bench)
     bench.frozen = True
     bench.board[IMAGE_SEQ] += 1  # a writer is inside
-    before = bench.snapshot.q.copy()
+    before = np.array(bench.state.counts)
     bench.tick(3)
     assert bench.mode is Mode.TRACKING
-    np.testing.assert_array_equal(bench.snapshot.q, before)
+    np.testing.assert_array_equal(bench.state.counts, before)
     bench.board[IMAGE_SEQ] += 1
     bench.frozen = False
     bench.run(0.2)
