@@ -4,8 +4,8 @@
     lag += lag' dt         q = q_ref - lag        v = v_ref - lag'        in every cycle without a sample
 
 So q goes on with v, and v changes as the reference's does: the feedback of a law stays what it was. Positions that
-stood still while the reference goes on would wind it up, for nothing that the arm does. BOARD_GONE ends it, or a glitch
-that is none. What was counted stays as it was counted, and the estimators of velocity go by that alone.
+stood still while the reference goes on would wind it up, for nothing that the arm does. A good image ends it, or
+BOARD_GONE, or ENC_JUMP. Counts stay what was counted, and the estimators of velocity go by them alone.
 """
 
 from __future__ import annotations
