@@ -37,10 +37,44 @@ TEXT = """
     }
 """
 
+NESTED = """
+    TRSF_PTR tool, turned, table;
+    POS_PTR goal;
+    int turns_called, samples;
+
+    turns() { turns_called++; }
+    each() { if (++samples == 5) update(table, goal); }
+
+    main()
+    {
+        tool = gentr_trsl("TOOL", 0., 0., 100.);
+        turned = newtrans("TURNED", turns);
+        table = gentr_trsl("TABLE", 0., 400., 200.);
+        goal = makeposition("GOAL", t6, tool, EQ, table, turned, TL, tool);
+        control(each);
+        setime(100., 1000.);
+        move(jposition("P", 40., -90., 180., 0., 0., 0.));
+        waitfor(completed)
+        release("done");
+        printf("%d %d\\n", turns_called, samples);
+        return 0;
+    }
+"""
+
 
 @pytest.fixture(scope="module")
-def program(own_cache: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled_text(TEXT, tmp_path_factory.mktemp("calls"))
+def folder(own_cache: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("calls")
+
+
+@pytest.fixture(scope="module")
+def program(folder: Path) -> Path:
+    return compiled_text(TEXT, folder)
+
+
+@pytest.fixture(scope="module")
+def nested(folder: Path) -> Path:
+    return compiled_text(NESTED, folder, name="nested")
 
 
 def counts(program: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> tuple[list[int], list[int]]:
@@ -49,7 +83,7 @@ def counts(program: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> tuple[list[
 
     class Counting(engine.Background):
         def call(self, op: Op, place: int) -> None:
-            if op is Op.CALL_FUNCTION:
+            if op in (Op.CALL_FUNCTION, Op.CALL_TRANSFORM):
                 called[place] += 1
             super().call(op, place)
 
@@ -72,3 +106,18 @@ def test_calls_by_messages_alone_run_once_as_well(program: Path, monkeypatch, ca
     called, ran = counts(program, monkeypatch, capfd)
     assert called == ran
     assert ran[0] > 50
+
+
+def test_calls_run_once_when_their_numbers_have_come_round(program: Path, monkeypatch, capfd) -> None:
+    monkeypatch.setattr(cell, "_NUMBERS", 2)  # takes_long has that of asks
+    called, ran = counts(program, monkeypatch, capfd)
+    assert called == ran
+    assert ran[0] > 50
+
+
+@pytest.mark.parametrize("by_messages_alone", [False, True])
+def test_a_function_may_ask_what_takes_another_function(by_messages_alone, nested: Path, monkeypatch, capfd) -> None:
+    monkeypatch.setattr(cell, "jit_disabled", lambda: by_messages_alone)
+    called, ran = counts(nested, monkeypatch, capfd)
+    assert called == ran
+    assert ran[0] > 0

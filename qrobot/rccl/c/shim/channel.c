@@ -87,6 +87,37 @@ static int doze(int channel, long ns)
     return ppoll(&wanted, 1, &timeout, NULL) > 0;
 }
 
+static void obey(struct message *m)
+{
+    TRSF_PTR t = shim_at(m->refs[0]);
+    if (m->op == OP_CALL_TRANSFORM && t->fn)
+        t->fn(t);
+    else if (m->op == OP_CALL_FUNCTION)
+        ((int (*)()) (intptr_t) m->refs[0])();
+    else if (m->op == OP_SIGNAL)
+        __atomic_fetch_add((event *) t, 1, __ATOMIC_ACQ_REL);
+}
+
+/* A call may come twice: in the cell, and by a message when the engine has waited for a while. Number 0 is no number: it
+ * comes by a message alone. */
+static int is_new(const struct message *m)
+{
+    return m->n == 0 || m->n != newest;
+}
+
+/* Obey it once. False when nobody listens any more. */
+static int serve(int channel, struct message *m)
+{
+    if (is_new(m)) {
+        newest = m->n ? m->n : newest;
+        obey(m);
+        __atomic_store_n(&shim_cell.asking, 0, __ATOMIC_RELAXED); /* numbers come round */
+        __atomic_store_n(&shim_cell.done, newest, __ATOMIC_RELEASE);
+    }
+    m->op = OP_REPLY;
+    return !by_message || say(channel, m, SHIM_BRIEF);
+}
+
 /* The engine asks the person at the terminal; the end of the input is an answer with n = 0. */
 static void ask_person(struct message *m)
 {
@@ -95,7 +126,8 @@ static void ask_person(struct message *m)
     m->n = fgets(m->text, SHIM_TEXT, stdin) != NULL;
 }
 
-/* Not the answer yet: the engine talks to the person at the terminal, or repeats the call that we are in. */
+/* Not the answer yet: the engine talks to the person at the terminal, needs another function for it, or repeats the call
+ * that we are in. */
 static int is_between(const struct message *m)
 {
     return m->op == OP_SAY || m->op == OP_ASK || (m->op >= OP_CALL_TRANSFORM && m->op <= OP_SIGNAL);
@@ -104,7 +136,7 @@ static int is_between(const struct message *m)
 /* The engine answers a function soon, and to wake us would cost as much as the answer. */
 static int hear_answer(int channel, struct message *m)
 {
-    long until = now_ns() + (processors > 1 && channel == served ? AWAKE_NS : 0);
+    long until = now_ns() + (channel == served && processors > 1 ? AWAKE_NS : 0);
     while (now_ns() < until && !doze(channel, 0))
         ;
     return hear(channel, m);
@@ -120,6 +152,8 @@ static void converse(int channel, struct message *m)
         } else if (m->op == OP_ASK) {
             ask_person(m);
             heard = say(channel, m, sizeof *m);
+        } else if (is_new(m)) {
+            heard = serve(channel, m);
         }
         heard = heard && hear_answer(channel, m);
     }
@@ -142,30 +176,6 @@ struct message *shim_call(struct message *m)
     if (m->op == OP_ERROR)
         shim_die(m->text);
     return m;
-}
-
-static void obey(struct message *m)
-{
-    TRSF_PTR t = shim_at(m->refs[0]);
-    if (m->op == OP_CALL_TRANSFORM && t->fn)
-        t->fn(t);
-    else if (m->op == OP_CALL_FUNCTION)
-        ((int (*)()) (intptr_t) m->refs[0])();
-    else if (m->op == OP_SIGNAL)
-        __atomic_fetch_add((event *) t, 1, __ATOMIC_ACQ_REL);
-}
-
-/* Once, though a call may come twice: in the cell, and by a message when the engine has waited for a while. Number 0 is
- * no number: it comes by a message alone. */
-static int serve(int channel, struct message *m)
-{
-    if (m->n == 0 || m->n != newest) {
-        newest = m->n ? m->n : newest;
-        obey(m);
-        __atomic_store_n(&shim_cell.done, newest, __ATOMIC_RELEASE);
-    }
-    m->op = OP_REPLY;
-    return !by_message || say(channel, m, SHIM_BRIEF);
 }
 
 static int hear_call(int channel, struct message *m)
@@ -216,7 +226,7 @@ static enum heard look_and_say_so(int channel, struct message *m, long ns)
 static void keep_apart(void)
 {
     int theirs = (int) shim_cell.processor;
-    if (processors < 2 || theirs != sched_getcpu())
+    if (processors < 2 || !newest || theirs != sched_getcpu()) /* calls without numbers do not say where they are made */
         return;
     cpu_set_t others = allowed;
     CPU_CLR(theirs, &others);
