@@ -230,8 +230,14 @@ class Channel:
         Raises:
             MotionError: the position has no equation, or that does not name the transform once.
         """
-        require_position("update", position).equation.solve(trsf, np.eye(4), self._task.tick)
+        self.check_update(trsf, position)
         self._say(update=Update(trsf, position.equation))
+
+    def check_update(self, trsf: Trsf, position: Position) -> None:
+        """Raise what `update` would, and do nothing else."""
+        equation = require_position("update", position).equation
+        with self._hold.task():  # functions of transforms are called, which samples call too
+            equation.solve(trsf, np.eye(4), self._task.tick)
 
     def comply(self, dirs: str, *values: float) -> None:
         """Give way along or about `dirs` from the next motion on, exerting `values` there, until they are locked.

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-
 from qrobot.rccl.channel import NO, YES, Channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.position import Position
@@ -96,7 +94,7 @@ def teach(
     """
     if database is not None and database.read(trans):
         return YES
-    position.equation.solve(trans, np.eye(4), 0)  # better refused now than when everything is in place
+    arm.check_update(trans, position)  # better refused now than when everything is in place
     before = trans.value.copy()
     say(f"teach mode V1.0, transform {trans.name}, position {position.name}")
     if not _lesson(Lesson(arm, trans, position, ask), ask, say):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -123,6 +124,25 @@ def test_what_a_function_of_every_sample_raises_reaches_the_program(robot) -> No
         with pytest.raises(LookupError, match="no sensor"):
             arm.waitas(lambda: False)
     assert robot.goodbyes
+
+
+def test_no_sample_passes_while_update_calls_functions() -> None:
+    """Whoever calls functions in two orders, or beside each other, may wait for ever."""
+    alone: list[bool] = []
+
+    def look(_: rccl.Transform) -> None:
+        other = Thread(target=lambda: arm.nbrequest, daemon=True)  # needs what a sample needs
+        other.start()
+        other.join(0.02)
+        alone.append(other.is_alive())
+
+    fake = FakeRobot(PARK, name="puma560", period_us=4_000, patience=100_000)
+    with SocketRobot(fake) as server:
+        with rccl.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)), rccl.control() as arm:
+            start = gentr_trsl("START", 0, 0, 0)
+            arm.update(start, makeposition("HERE", t6, EQ, start, newtrans("LOOKS", look), TL, start))
+        wait_until(lambda: fake.goodbyes)
+    assert alone == [True]
 
 
 def test_one_program_moves_two_arms_at_the_same_time_in_step_by_events() -> None:
