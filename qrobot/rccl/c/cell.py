@@ -18,7 +18,15 @@ _CALLED, _OP, _REF, _PROCESSOR, _DONE, _ASKING, _LOOKING = range(CELL_WORDS)  # 
 _NUMBERS: Final = (1 << 31) - 1
 _PATIENCE_NS: Final = 50_000  # for a function; then we sleep until it comes back
 _SPINS: Final = 50  # some 1 us
-_processor = types.ExternalFunction("sched_getcpu", types.int32())
+
+if jit_disabled():
+
+    def _processor() -> int:
+        """An interpreter does not know."""
+        return -1
+
+else:
+    _processor = types.ExternalFunction("sched_getcpu", types.int32())
 
 
 # What has become of a call; plain numbers, as this is on the way of every call.
