@@ -67,7 +67,7 @@ def _module(file: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ConfigError(f"{file} is no Python file")
     forget_stamps()  # the file may have changed while we run: neither its old code nor its old text will do
-    linecache.checkcache(str(file.resolve()))
+    linecache.cache.pop(str(file.resolve()), None)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # where Numba finds the functions of a cached law
     try:
