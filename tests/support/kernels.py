@@ -14,8 +14,10 @@ from qrobot import rccl
 from qrobot.config import load_robot
 from qrobot.hwif.memory import local_board_memory
 from qrobot.rci import VirtualLink
+from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.law_trial import prove_finite
 from qrobot.servo.laws import LAWS, find_law
+from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from tests.support.fake_robot import FakeRobot
 from tests.support.servo_bench import ServoBench
@@ -34,6 +36,11 @@ def board() -> None:
     emulator, memory = Emulator(load_robot(ROBOT)), local_board_memory()
     emulator.connect(memory)
     emulator_run(emulator.bundle, memory, PERIOD_NS, 1)
+
+
+def both() -> None:
+    """Cycle and board in one loop, as every test in lock-step runs them."""
+    LockstepRig(load_robot(ROBOT), ServoSettings()).ticks(1)
 
 
 def laws() -> None:
@@ -58,7 +65,7 @@ def tests() -> None:
         pytest.main(["--collect-only", "-q"])
 
 
-PARTS: Final[tuple[Callable[[], None], ...]] = servo, laws, motion, board, tests
+PARTS: Final[tuple[Callable[[], None], ...]] = servo, laws, motion, board, tests, both
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2) as pool:
