@@ -26,6 +26,7 @@ from qrobot.servo.telemetry import TelemetryReader
 POLL_S: Final = 0.01
 LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
 REPORT_NS: Final = 1_000_000_000
+LEFT_OUT: Final = 16  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read
 
 OpenLog = Callable[[ServoInfo, int], LogWriter]  # the servo and its process id
 Report = Callable[[str], None]
@@ -39,6 +40,14 @@ class _Session:
     generation: int
     recorder: Recorder
     name: str
+
+
+def _reader(segment: Segment, info: ServoInfo) -> TelemetryReader:
+    """From the oldest row that will still be there when the log is open."""
+    reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
+    most = info.telemetry_capacity - info.telemetry_capacity // LEFT_OUT
+    reader.next_row += max(0, reader.waiting - most)
+    return reader
 
 
 class ServoFollower:
@@ -93,7 +102,7 @@ class ServoFollower:
             segment.close()
             return
         writer = self._open_log(info, int(segment.words[OWNER_PID]))
-        reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
+        reader = _reader(segment, info)
         journal = JournalReader(segment.words, journal_base(info.n), info.n)
         self._session = _Session(segment, info.generation, Recorder(reader, writer, journal), str(writer.path))
         self._reported = LogStatus()

@@ -32,7 +32,7 @@ def under_way(program: Path, arm: RunningArm) -> subprocess.Popen[str]:
 def _away(arm: RunningArm, far: bool) -> bool:
     seen = arm.snapshot()
     off = np.abs(np.asarray(seen.q) - PARK).max()
-    return seen.mode == Mode.TRACKING and bool(off > 0.1 if far else off < 0.02)
+    return seen.mode == Mode.TRACKING and bool(off > 0.05 if far else off < 0.02)
 
 
 def test_the_arm_stops_when_return_is_hit_and_when_the_program_is_interrupted_s04(

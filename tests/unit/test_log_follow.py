@@ -139,6 +139,21 @@ def test_a_restarted_servo_gets_a_log_of_its_own(bench: Bench, how: str) -> None
     servo.end()
 
 
+def test_a_log_that_begins_beside_an_old_servo_has_lost_nothing(bench: Bench) -> None:
+    rows = make_rows(CAPACITY + CAPACITY // 20, N)
+    servo = FakeServo(bench.arm)
+    servo.cycles(rows[:CAPACITY])
+    bench.step()  # finds it; the servo goes on while the log is opened
+    servo.cycles(rows[CAPACITY:])
+    bench.step()
+    servo.end()
+    bench.step()
+    log = bench.log(0)
+    assert log.status.lost == 0
+    np.testing.assert_array_equal(log.rows, rows[-log.rows.size :])
+    assert log.rows.size > 0.9 * CAPACITY
+
+
 def test_lost_cycles_are_reported_in_one_line_a_second_at_most(bench: Bench) -> None:
     servo = FakeServo(bench.arm)
     for _ in range(20):
