@@ -10,6 +10,11 @@ from tests.support.processes import RunningArm
 from tests.support.shared_arm import SharedArm
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Those that share the arm come last: it keeps a third of a processor busy, which would slow down the others."""
+    items.sort(key=lambda item: "shared_arm" in getattr(item, "fixturenames", ()))
+
+
 @pytest.fixture(scope="session")
 def shared_arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedArm]:
     shared = SharedArm(tmp_path_factory.mktemp("arm"))
