@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,13 @@ class SharedArm:
         self._arm = None
         self._processes.close()
 
-    def _or_give_up(self) -> ExitStack:
-        stack = ExitStack()
-        stack.push(lambda kind, _error, _trace: self.close() if kind else None)
-        return stack
+    @contextmanager
+    def _or_give_up(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
 
 
 def settle(arm: RunningArm) -> None:
