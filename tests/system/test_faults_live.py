@@ -82,6 +82,7 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     assert 0 <= safe_ns - injected_ns < SOON_NS
     assert repair(arm).acted > 0
     wait_until(lambda: not arm.powered, "power off")
+    wait_until(lambda: _saved(arm, code, injected_ns), "the flight recorder's file")
     before = np.array(arm.encoders())
     with attach_servo_memory(arm.name) as segment:
         ServoMailbox(segment.words).request_power(False)
@@ -91,7 +92,6 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     assert np.abs(np.array(arm.encoders())[:3] - before[:3]).max() <= 2
     with arm.swinging(FAST):
         assert arm.mode is Mode.TRACKING
-    wait_until(lambda: _saved(arm, code, injected_ns), "the flight recorder's file")
 
 
 def _saved(arm: RunningArm, code: FaultCode, since_ns: int) -> bool:
