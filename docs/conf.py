@@ -24,7 +24,7 @@ release = version = _PROJECT["version"]
 extensions = ["myst_parser", "autoapi.extension", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 myst_enable_extensions = ["colon_fence"]
-myst_heading_anchors = 3
+myst_heading_anchors = 4
 smartquotes_action = "qe"  # quotes and ellipses; -- stays what one types
 html_theme = "furo"
 html_title = f"QRobot {release}"
@@ -35,8 +35,12 @@ autoapi_root = "api"
 autoapi_add_toctree_entry = False
 autoapi_options = ["members", "show-module-summary"]
 autoapi_keep_files = False
-# Names bound by unpacking (A, B = range(2)) and by compiled intrinsics: a static reader cannot follow them.
-suppress_warnings = ["autoapi.python_import_resolution"]
+suppress_warnings = [
+    # Names bound by unpacking (A, B = range(2)) and by compiled intrinsics: a static reader cannot follow them.
+    "autoapi.python_import_resolution",
+    # Two modules may have a class of one name, and an annotation says it without its module.
+    "ref.python",
+]
 
 
 def setup(app: Any) -> None:
