@@ -46,6 +46,7 @@ BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 PATIENCE_S = 30.0
 LEG_RAD_S = 1.05
+REST_S, REST_COUNTS = 0.1, 2
 SERVING = ("board", "servo", "guardian", "bridge")  # processes of an arm, in the order they need each other
 
 ARM = """
@@ -185,6 +186,7 @@ class RunningArm:
     @contextmanager
     def control(self) -> Iterator[Channel]:
         """This process commands the arm, a fault cleared: it does so sooner than a program that has to be started."""
+        self.wait_for_rest()  # that a program's start leaves time for
         address = (self.arm.bridge.host, self.arm.bridge.port)
         link = partial(TcpLink, address=address)
         with open_channel(link, self.arm.robot, UNHURRIED_MS, clear_fault=True) as channel:
@@ -223,6 +225,15 @@ class RunningArm:
 
     def wait_for(self, *modes: Mode) -> None:
         wait_until(lambda: self.mode in modes, "/".join(mode.name for mode in modes))
+
+    def wait_for_rest(self) -> None:
+        """Until what falls without power has come to rest: the servo powers no arm that moves."""
+        wait_until(self._rests, "the arm stands still")
+
+    def _rests(self) -> bool:
+        before = self.encoders()
+        time.sleep(REST_S)
+        return bool(np.abs(np.subtract(self.encoders(), before)).max() <= REST_COUNTS)
 
     def word(self, index: int) -> int:
         """A word of the servo's memory."""

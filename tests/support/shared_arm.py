@@ -67,12 +67,13 @@ class SharedArm:
 
 
 def settle(arm: RunningArm) -> None:
-    """Start what has ended, repair the board, clear the fault, take power away."""
+    """Start what has ended, repair the board, clear the fault, take power away, let the wrist fall."""
     arm.start_missing()
     with attach_board_memory(arm.name) as board:
         FaultPanel(board.words).clear()
     wait_until(lambda: _off(arm), "the arm is off, without a fault")
     wait_until(lambda: not arm.powered, "brakes closed")
+    arm.wait_for_rest()
 
 
 def _off(arm: RunningArm) -> bool:
