@@ -26,7 +26,7 @@ from qrobot.servo.telemetry import TelemetryReader
 POLL_S: Final = 0.01
 LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
 REPORT_NS: Final = 1_000_000_000
-LEFT_OUT: Final = 16  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read
+LEFT_OUT: Final = 4  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read
 
 OpenLog = Callable[[ServoInfo, int], LogWriter]  # the servo and its process id
 Report = Callable[[str], None]
