@@ -12,9 +12,9 @@ MOMENT_S: Final = 0.05  # with what will not come
 _POLL_S: Final = 0.001
 
 
-def wait_until(condition: Callable[[], object], what: str = "it") -> None:
-    """Poll on the wall clock. Fails the test when the condition does not come true within PATIENCE_S."""
-    deadline = time.monotonic() + PATIENCE_S
+def wait_until(condition: Callable[[], object], what: str = "it", seconds: float = PATIENCE_S) -> None:
+    """Poll on the wall clock. Fails the test when the condition does not come true within `seconds`."""
+    deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, f"not within {PATIENCE_S:g} s: {what}"
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
         time.sleep(_POLL_S)

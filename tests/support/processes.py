@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -40,11 +40,11 @@ from qrobot.rig.processes import ProcessRig
 from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows, TelemetryReader
+from tests.support.patience import PATIENCE_S, wait_until
 
 GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it
 BOARD_MS = 500.0
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
-PATIENCE_S = 30.0
 LEG_RAD_S = 1.05
 REST_S, REST_COUNTS = 0.1, 2
 SERVING = ("board", "servo", "guardian", "bridge")  # processes of an arm, in the order they need each other
@@ -90,14 +90,6 @@ def qrobot(*arguments: str | Path, stderr: Any = subprocess.PIPE) -> subprocess.
     """Start a `qrobot` command; stdout is a pipe."""
     command = [sys.executable, "-m", "qrobot", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
-
-
-def wait_until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
-    """Poll every millisecond; fail the test when it does not come true."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.001)
 
 
 def left_behind(arm: str) -> list[str]:

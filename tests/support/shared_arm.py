@@ -13,7 +13,8 @@ from qrobot.hwif.memory import attach_board_memory
 from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel
-from tests.support.processes import RunningArm, running_arms, wait_until
+from tests.support.patience import wait_until
+from tests.support.processes import RunningArm, running_arms
 
 PERIOD_MS = 28.0
 BOARD = """outputs = [{ output = 1, bit = 3, name = "glue" }, { output = 2, bit = 5, on_stop = "hold" }], \

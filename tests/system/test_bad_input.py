@@ -14,7 +14,8 @@ from qrobot.errors import LinkError
 from qrobot.rig.processes import Plan, ProcessRig
 from qrobot.servo.modes import Mode
 from qrobot.wire import Connection, ErrorCode, Side, WireError
-from tests.support.processes import PATIENCE_S, RunningArm, free_port, qrobot
+from tests.support.patience import PATIENCE_S
+from tests.support.processes import RunningArm, free_port, qrobot
 
 pytestmark = pytest.mark.realtime
 

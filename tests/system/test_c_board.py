@@ -21,7 +21,7 @@ from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, 
 from qrobot.realtime import segment
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import BoardServer
-from tests.support.processes import wait_until
+from tests.support.patience import wait_until
 
 SOURCES = Path(__file__).parents[2] / "examples" / "c"
 COMPILER = shutil.which("cc") or ""

@@ -12,10 +12,11 @@ import pytest
 
 from qrobot.servo.modes import Mode
 from tests.support.c_programs import EXAMPLES, compiled, needs_compiler
-from tests.support.processes import RunningArm, wait_until
+from tests.support.patience import wait_until
+from tests.support.processes import RunningArm
 from tests.support.puma import PARK
 
-pytestmark = [pytest.mark.realtime, needs_compiler]
+pytestmark = [pytest.mark.realtime, needs_compiler, pytest.mark.usefixtures("own_cache")]
 
 
 def under_way(program: Path, arm: RunningArm) -> subprocess.Popen[str]:
@@ -36,9 +37,8 @@ def _away(arm: RunningArm, far: bool) -> bool:
 
 
 def test_the_arm_stops_when_return_is_hit_and_when_the_program_is_interrupted_s04(
-    arm: RunningArm, tmp_path: Path, monkeypatch
+    arm: RunningArm, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     program = compiled(EXAMPLES / "c" / "s04_stop_on_keyboard.c", tmp_path, "-O2")
     with under_way(program, arm) as process:
         said, complaint = process.communicate("\n")

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from qrobot.servo.modes import Mode
-from tests.support.processes import RunningArm, wait_until
+from tests.support.patience import wait_until
+from tests.support.processes import RunningArm
 
 ROOT = Path(__file__).parents[2]
 COMPILER = shutil.which("cc") or ""

@@ -13,7 +13,8 @@ from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.mailbox import FLAG_CALIBRATED, ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
-from tests.support.processes import left_behind, qrobot, wait_until, write_deployment
+from tests.support.patience import wait_until
+from tests.support.processes import left_behind, qrobot, write_deployment
 
 pytestmark = pytest.mark.realtime
 

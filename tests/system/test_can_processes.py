@@ -18,7 +18,8 @@ from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
 from qrobot.hwif.registers import ENC_COUNT, STATUS_POWER
 from qrobot.rig.processes import board_ready
-from tests.support.processes import PATIENCE_S, free_port, qrobot, wait_until
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import free_port, qrobot
 
 pytestmark = pytest.mark.realtime
 

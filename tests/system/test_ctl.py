@@ -18,7 +18,8 @@ from qrobot.log.events import log_events
 from qrobot.log.read import read_log
 from qrobot.servo.authority import Authority
 from qrobot.servo.modes import Mode
-from tests.support.processes import PATIENCE_S, RunningArm, qrobot, wait_until
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import RunningArm, qrobot
 
 pytestmark = pytest.mark.realtime
 

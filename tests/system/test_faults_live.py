@@ -18,7 +18,8 @@ from qrobot.log.read import read_log
 from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel, Injected
-from tests.support.processes import PATIENCE_S, RunningArm, qrobot, wait_until, write_deployment
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import RunningArm, qrobot, write_deployment
 
 pytestmark = pytest.mark.realtime
 

@@ -26,7 +26,8 @@ from qrobot.servo.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
 from qrobot.servo.telemetry import Rows
-from tests.support.processes import GUARDIAN_MS, PATIENCE_S, Killing, RunningArm, kill, wait_until
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import GUARDIAN_MS, Killing, RunningArm, kill
 from tests.support.shared_arm import PERIOD_MS
 
 pytestmark = pytest.mark.realtime

@@ -18,7 +18,8 @@ from qrobot.config.deployment import load_deployment
 from qrobot.log.read import read_log
 from qrobot.rig.experiment import program_path
 from qrobot.rig.processes import board_ready, guardian_ready, servo_ready
-from tests.support.processes import PATIENCE_S, left_behind, processes_of, qrobot, wait_until, write_deployment
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import left_behind, processes_of, qrobot, write_deployment
 
 pytestmark = pytest.mark.realtime
 

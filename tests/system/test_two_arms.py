@@ -11,7 +11,8 @@ import pytest
 from qrobot.hwif.memory import Lane
 from qrobot.log.read import read_log
 from qrobot.servo.modes import Mode
-from tests.support.processes import RunningArm, running_arms, wait_until
+from tests.support.patience import wait_until
+from tests.support.processes import RunningArm, running_arms
 
 pytestmark = pytest.mark.realtime
 

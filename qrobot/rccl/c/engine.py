@@ -2,6 +2,7 @@
 
 Two channels, so that a call of the program that waits does not keep its functions from being called: the foreground
 asks on the first; on the second we have functions called at the samples, within which the program may ask again.
+While the program's thread for them is awake it is called without a message (`qrobot.rccl.c.cell`).
 """
 
 from __future__ import annotations

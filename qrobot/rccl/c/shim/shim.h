@@ -87,7 +87,6 @@ struct shim_cell {
     int64_t called, op, ref, processor; /* by the engine, `called` last: the newest call, and where it was made */
     int64_t done, asking, looking; /* by the program: the newest call that is done, or asks the engine; it looks here */
 };
-#define SHIM_CELL_WORDS 7
 
 /* shared.c */
 extern struct shim_cell shim_cell;
