@@ -34,10 +34,15 @@ class FaultCode(IntEnum):
     # timing and processes
     OVERRUN = 21
     GUARD_TRIP = 22
+    RT_BUDGET = 25
+    PAGEFAULT = 26
     GUARD_LOST = 36
     MOVING_AT_START = 39
     LAW_NAN = 41
     LAW_SLOW = 42
+    RATE = 46
+    # configuration
+    CFG_GAIN = 44
     # the stream of setpoints
     STREAM_LOST = 28
     SP_INVALID = 53
@@ -48,6 +53,7 @@ class FaultCode(IntEnum):
     JOINT_LIMIT = 65
     FOLLOWING = 66
     TORQUE_LIMIT = 67
+    T1_LIMIT = 52
     # calibration, beside 5, 6 and 7
     CAL_BLOCKED = 70
     CAL_ROOM = 71
@@ -58,6 +64,7 @@ class FaultCode(IntEnum):
     IO_LOST = 75
     # operator
     ESTOP = 47
+    HOLD_TO_RUN = 51
     RESET_DENIED = 49
 
 
@@ -67,9 +74,11 @@ class Quantity(Enum):
     NOTHING = "nothing"
     POSITION = "position"
     SPEED = "speed"
+    TOOL_SPEED = "tool speed"
     TORQUE = "torque"
     CYCLES = "cycles"
     SECONDS = "seconds"
+    FAULTS = "page faults"
 
 
 _QUANTITY: dict[FaultCode, Quantity] = {
@@ -87,6 +96,9 @@ _QUANTITY: dict[FaultCode, Quantity] = {
     FaultCode.SATURATED: Quantity.SECONDS,
     FaultCode.LAW_SLOW: Quantity.SECONDS,
     FaultCode.OVERRUN: Quantity.CYCLES,
+    FaultCode.T1_LIMIT: Quantity.TOOL_SPEED,
+    FaultCode.HOLD_TO_RUN: Quantity.SECONDS,
+    FaultCode.PAGEFAULT: Quantity.FAULTS,
 }
 
 
@@ -160,6 +172,22 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "the cycle with its law took more than half its period (a warning) or all of it (a stop with the built-in law)",
         "make the law faster or lower the rate",
     ),
+    FaultCode.RT_BUDGET: (
+        "the loop would use more processor time than the kernel leaves real-time threads",
+        "lower the rate, or raise kernel.sched_rt_runtime_us (see `qrobot doctor`)",
+    ),
+    FaultCode.PAGEFAULT: (
+        "the loop had to wait for a page of memory",
+        "let it lock its memory (see `qrobot doctor`); nothing is stopped",
+    ),
+    FaultCode.RATE: (
+        "this machine does not keep the servo rate",
+        "lower rate_hz to the rate that the message names, or free the processor of other work",
+    ),
+    FaultCode.CFG_GAIN: (
+        "gains outside the range in which the loop is stable at this rate",
+        "use gains inside the range that the message names, or sign them off with `unchecked_gains`",
+    ),
     FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
     FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),
     FaultCode.SP_LIMIT: ("a setpoint lies outside the joint's range", "correct the program"),
@@ -171,6 +199,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.FOLLOWING: ("a joint lags behind its setpoint by more than allowed", "clear obstacles, then reset"),
     FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then reset"),
+    FaultCode.T1_LIMIT: (
+        "the tool would move faster than the reduced speed allows",
+        "lower the speed of the program, or start the servo without reduced speed",
+    ),
     FaultCode.CAL_BLOCKED: (
         "a joint needed too much torque to creep",
         "clear what is in its way, then calibrate again",
@@ -193,6 +225,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "check the module and its cable; it is used again as soon as it answers",
     ),
     FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
+    FaultCode.HOLD_TO_RUN: (
+        "the key that lets the arm move was released, or its signal stayed away",
+        "hold the key to go on",
+    ),
     FaultCode.RESET_DENIED: ("the cause of the fault persists", "remove the cause first"),
 }
 

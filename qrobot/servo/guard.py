@@ -51,6 +51,12 @@ _CATEGORY: Final[dict[FaultCode, Stop]] = {
     FaultCode.SATURATED: Stop.CATEGORY_2,
     FaultCode.IO_LOST: Stop.CATEGORY_2,
     FaultCode.COLLISION: Stop.CATEGORY_2,
+    FaultCode.CFG_GAIN: Stop.CATEGORY_2,
+    FaultCode.RATE: Stop.CATEGORY_2,
+    FaultCode.RT_BUDGET: Stop.CATEGORY_2,
+    FaultCode.PAGEFAULT: Stop.CATEGORY_2,
+    FaultCode.HOLD_TO_RUN: Stop.CATEGORY_2,
+    FaultCode.T1_LIMIT: Stop.CATEGORY_2,
 }
 
 

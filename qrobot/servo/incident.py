@@ -23,11 +23,14 @@ from qrobot.servo.modes import mode_name
 _UNITS: Final = {
     Quantity.POSITION: ("rad", "m"),
     Quantity.SPEED: ("rad/s", "m/s"),
+    Quantity.TOOL_SPEED: ("m/s", "m/s"),
     Quantity.TORQUE: ("N m", "N"),
     Quantity.CYCLES: ("cycles", "cycles"),
     Quantity.SECONDS: ("s", "s"),
+    Quantity.FAULTS: ("page faults", "page faults"),
     Quantity.NOTHING: ("", ""),
 }
+_OF_A_JOINT: Final = (Quantity.POSITION, Quantity.SPEED, Quantity.TORQUE)
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Incident:
         quantity = quantity_of(self.code)
         if quantity is Quantity.NOTHING or self.value == self.limit == 0.0:
             return ""
-        per_joint = quantity not in (Quantity.CYCLES, Quantity.SECONDS)
+        per_joint = quantity in _OF_A_JOINT
         slides = per_joint and len(prismatic) > 0 and prismatic[self.joint]
         unit = _UNITS[quantity][int(slides)]
         where = f"joint {self.joint + 1}: " if per_joint else ""
