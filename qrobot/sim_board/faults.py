@@ -55,7 +55,7 @@ class Kind(NamedTuple):
         return f"{self.component}:JOINT" if self.per_joint else self.component
 
 
-ENC_STUCK, ENC_JUMP, ENC_GARBAGE, ENC_REVERSED, ENC_SCALE, ENC_LOST, ENC_WRONG = range(10, 17)
+ENC_STUCK, ENC_JUMP, ENC_GARBAGE, ENC_REVERSED, ENC_SCALE, ENC_LOST, ENC_WRONG, ENC_OFF = range(10, 18)
 INDEX_MISSING, INDEX_DOUBLE = 20, 21
 POT_NOISY, POT_DEAD, POT_WRONG = 30, 31, 32
 ADC_STOPPED: Final = 40
@@ -74,6 +74,7 @@ KINDS: Final = (
     Kind(ENC_SCALE, "encoder", "scale", "counts so many times what it should", True, 1.01, -10, 10, "times"),
     Kind(ENC_LOST, "encoder", "lost", "loses one of so many rising counts", True, 1000, 1, 1e6, "counts"),
     Kind(ENC_WRONG, "encoder", "wrong", "reads so much more while it lasts", True, 500, -32000, 32000, "counts"),
+    Kind(ENC_OFF, "encoder", "off", "gives neither counts nor index pulses, as with its cable pulled out"),
     Kind(INDEX_MISSING, "index", "missing", "gives no index pulse"),
     Kind(INDEX_DOUBLE, "index", "double", "gives a second index pulse half a revolution off"),
     Kind(POT_NOISY, "pot", "noise", "is so many times as noisy", True, 10, 0, 10000, "times"),

@@ -97,7 +97,9 @@ def _upset_encoder(board: Board, kind: int, channel: int, value: float, first: b
         knob[ENC_RATE_UP, channel] = 1.0 - 1.0 / value
         return bool(step > _MOVES)
     rate = 0.0
-    if kind == kinds.ENC_REVERSED:
+    if kind == kinds.ENC_OFF:
+        board.encoders.pulses[channel] = 0
+    elif kind == kinds.ENC_REVERSED:
         rate = -1.0
     elif kind == kinds.ENC_SCALE:
         rate = value

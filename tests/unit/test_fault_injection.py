@@ -227,6 +227,19 @@ def test_a_dead_pot_reads_zero_a_wrong_one_is_off_and_a_noisy_one_scatters() -> 
     assert rig.report().acted > 0
 
 
+@pytest.mark.parametrize(("fault", "indexed"), [("encoder:1 off", False), ("encoder:1 stuck", True)])
+def test_a_cable_that_is_out_gives_no_index_pulse_either(fault: str, indexed: bool) -> None:
+    rig = Rig(fault)
+    rig.write((DISCRETE, DISCRETE_POWER), (DISCRETE, DISCRETE_POWER | DISCRETE_INDEX))
+    rig.step()
+    rig.spin(joint=0)
+    before = read_word(rig.memory, ENC_COUNT)
+    rig.step(STEPS_PER_S // 4)  # more than a motor turn
+    assert read_word(rig.memory, ENC_COUNT) == before
+    assert (read_word(rig.memory, STATUS) & INDEX_BIT_0 == 0) == indexed
+    assert rig.emulator.faults.report(0).acted > 0
+
+
 def test_a_stuck_converter_shows_its_last_code_for_every_channel() -> None:
     rig = Rig()
     first, second = convert(rig, 0), convert(rig, 5)
