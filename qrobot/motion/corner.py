@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.motion.course import Course
-from qrobot.motion.errand import Errand
+from qrobot.motion.errand import NOTHING, Errand
 from qrobot.motion.path import Segment
 from qrobot.motion.planner import Planner
 from qrobot.motion.progress import Progress
@@ -26,7 +26,8 @@ class WayRound:
 
 
 class Corner:
-    """Where the present segment ends. The way round it is planned once for each request that is to follow.
+    """Where the present segment ends. The way round it is planned when a request comes that is to follow, and again
+    when another one comes behind that.
 
     Args:
         planner: of the arm.
@@ -34,26 +35,28 @@ class Corner:
 
     def __init__(self, planner: Planner) -> None:
         self._planner = planner
-        self._errand: Errand | None = None
+        self._planned: tuple[Errand, Errand | None] | None = None
         self._way: WayRound | None = None
 
     def forget(self) -> None:
         """Plan anew: the arm turned elsewhere."""
-        self._errand = self._way = None
+        self._planned = self._way = None
 
-    def way_round(self, segment: Segment, errand: Errand, at: Progress, following: int) -> WayRound | None:
+    def way_round(self, segment: Segment, errand: Errand, at: Progress, behind: Errand | None) -> WayRound | None:
         """How to turn into `errand` at the end of `segment`, the present one; None when it came too late for that.
 
-        `following` is Ta of the request behind it, 0 for none. Raises what `Planner.lay` raises.
+        `behind` is the request behind it: when that comes too late, the way that was planned without it stays.
+        Raises what `Planner.lay` raises.
         """
-        if self._errand is not errand:
-            self._way = self._plan(segment, errand, at, following)
-            self._errand = errand
+        if self._planned != (errand, behind):
+            known = self._way if self._planned is not None and self._planned[0] is errand else None
+            self._way = self._plan(segment, errand, at, behind) or known
+            self._planned = errand, behind
         return self._way
 
-    def _plan(self, segment: Segment, errand: Errand, at: Progress, following: int) -> WayRound | None:
+    def _plan(self, segment: Segment, errand: Errand, at: Progress, behind: Errand | None) -> WayRound | None:
         room = segment.end - max(at.clock, at.path.leg.end)
         course = self._planner.lay(errand, at.goal_joints())
-        bounds = segment.schedule.braking, int(room), following
+        bounds = segment.schedule.braking, int(room), NOTHING if behind is None else behind.asks
         schedule = self._planner.scheduler.plan(errand.request, course, segment.arriving, *bounds)
         return WayRound(course, schedule) if schedule.transition <= room else None

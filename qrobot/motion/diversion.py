@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.motion.course import Course
+from qrobot.motion.errand import Following
 from qrobot.motion.leg import Shape, leg_from
 from qrobot.motion.limits import Floats
 from qrobot.motion.path import Segment, segment_of
@@ -31,7 +32,7 @@ def divert(
     clock: float,
     scheduler: Scheduler,
     shape: Shape,
-    following: int,
+    following: Following,
 ) -> Segment | None:
     """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` into `request`.
 

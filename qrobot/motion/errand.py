@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,22 @@ from qrobot.motion.request import HERE, Mode, MoveRequest
 
 
 @dataclass(frozen=True, eq=False)
+class Following:
+    """What the request behind one in the queue asks of its far end.
+
+    Attributes:
+        transition: Ta, samples; 0 when there is no such request.
+        leaving: joint velocity with which it leaves the corner, None when that is not known. Shape (n,).
+    """
+
+    transition: int = 0
+    leaving: Floats | None = None
+
+
+NOTHING: Final = Following()
+
+
+@dataclass(frozen=True, eq=False)
 class Errand:
     """A request that waits.
 
@@ -23,12 +40,14 @@ class Errand:
         aim: the goal of an equation, followed; None for joint positions and for HERE.
         target: joint positions of a goal that stands still and is gone to in joint mode. Shape (n,).
         end: where the joints will be in the end, as far as that can be known. Shape (n,).
+        asks: what it asks of the far end of the request before it.
     """
 
     request: MoveRequest
     aim: Aim | None = None
     target: Floats | None = None
     end: Floats | None = None
+    asks: Following = NOTHING
 
     @property
     def here(self) -> bool:

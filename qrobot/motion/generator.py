@@ -19,7 +19,7 @@ from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.chart import JOINTS
 from qrobot.motion.corner import Corner, WayRound
 from qrobot.motion.equation import Goal
-from qrobot.motion.errand import Errand
+from qrobot.motion.errand import NOTHING, Errand, Following
 from qrobot.motion.events import Termination
 from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
@@ -215,9 +215,7 @@ class Generator:
             return self._start()
         if self._path.ending:
             return self._arrive(segment)
-        if self._stop is None and self._pass_corner(segment):
-            return True
-        return self._approach_rest(segment)
+        return self._leave_segment(segment)
 
     def _start(self) -> bool:
         """From rest, or from the goal that is being followed, into the oldest request."""
@@ -226,26 +224,36 @@ class Generator:
             return False
         if errand.here:
             return self._begin_here()
-        return self._depart(errand, self._at.goal_joints(), Room(following=self._ta_after()))
+        return self._depart(errand, self._at.goal_joints(), Room(following=self._asked_behind()))
 
-    def _pass_corner(self, segment: Segment) -> bool:
-        """Into the transition to the request that follows, once it is time for it."""
+    def _leave_segment(self, segment: Segment) -> bool:
+        """Into the transition to the request that follows, or to rest, once it is time for it."""
         errand = self._queue.peek()
-        if errand is None or not errand.settled:
+        if self._stop is not None or errand is None or not errand.settled:
+            return self._approach_rest(segment)
+        if errand.here and not segment.chart.fixed:
+            return self._at.clock >= segment.rest_begin and self._begin_here()
+        way = None if errand.here else self._way_round(segment, errand)  # where it stands still it rests anyhow
+        if way is None:
+            return self._approach_rest(segment)
+        if self._at.clock < segment.end - way.schedule.transition:
             return False
-        if errand.here:  # at a goal that stands still the arm comes to an absolute rest anyhow
-            return not segment.chart.fixed and self._at.clock >= segment.rest_begin and self._begin_here()
+        return self._pass_corner(segment, errand, way) or self._approach_rest(segment)
+
+    def _way_round(self, segment: Segment, errand: Errand) -> WayRound | None:
+        """How to turn into `errand`, the oldest request; None when it came too late, or cannot be served at all."""
         try:
-            way = self._corner.way_round(segment, errand, self._at, self._ta_after())
+            return self._corner.way_round(segment, errand, self._at, self._queue.peek(1))
         except MotionError as error:
             self._refuse(error)
-            return False
-        if way is None or self._at.clock < segment.end - way.schedule.transition:
-            return False
+            return None
+
+    def _pass_corner(self, segment: Segment, errand: Errand, way: WayRound) -> bool:
+        """Into the transition to `errand` now; False when there turned out to be no way."""
         if way.course.chart is JOINTS and segment.chart is JOINTS:
             self._round_exactly(segment, errand, way)
             return True
-        room = Room(way.schedule.transition, following=self._ta_after())
+        room = Room(way.schedule.transition, following=self._asked_behind())
         return self._depart(errand, self._at.goal_joints(), room, Termination.COMPLETED)
 
     def _round_exactly(self, segment: Segment, errand: Errand, way: WayRound) -> None:
@@ -258,7 +266,7 @@ class Generator:
         """Into the transition to rest, once it is time for it."""
         if self._at.clock < segment.rest_begin:
             return False
-        self._path.end_segment(segment, segment.rest_begin)
+        self._at.approach_rest(segment)
         return True
 
     def _arrive(self, segment: Segment) -> bool:
@@ -326,12 +334,12 @@ class Generator:
         if self._at.on_joint_path and errand.target is not None:
             return self._divert(errand, code)
         corner = self._planner.ahead(errand.request, self._at.points())
-        return self._depart(errand, corner, Room(following=self._ta_after()), code)
+        return self._depart(errand, corner, Room(following=self._asked_behind()), code)
 
     def _divert(self, errand: Errand, code: int) -> bool:
         """As `_leave_for`, from one joint path to another."""
         clock = self._at.clock
-        departure = self._planner.divert(errand, self._path.state(clock), clock, self._ta_after())
+        departure = self._planner.divert(errand, self._path.state(clock), clock, self._asked_behind())
         if departure is None:
             return False
         self._enter(departure, clock, code)
@@ -388,10 +396,10 @@ class Generator:
         segment = self._path.segment
         return 1.0 if segment is None else segment.scal(self._at.clock, self._shape.blend, self._path.ending)
 
-    def _ta_after(self) -> int:
-        """Ta that the request behind the oldest asks for, 0 when there is none."""
+    def _asked_behind(self) -> Following:
+        """What the request behind the oldest asks for."""
         errand = self._queue.peek(1)
-        return 0 if errand is None else self._scheduler.preferred(errand.request)
+        return NOTHING if errand is None else errand.asks
 
     def _last_end(self) -> Floats | None:
         """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -14,7 +14,7 @@ from qrobot.errors import MotionError
 from qrobot.motion.chart import JOINTS, measured
 from qrobot.motion.course import Course, lay_course
 from qrobot.motion.diversion import divert
-from qrobot.motion.errand import Errand, errand_of
+from qrobot.motion.errand import NOTHING, Errand, Following, errand_of
 from qrobot.motion.leg import Leg, Shape, leg_from, leg_round
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.path import Segment, segment_of
@@ -43,11 +43,11 @@ class Departure:
 
 @dataclass(frozen=True)
 class Room:
-    """Bounds of a transition, samples: `least`, wished `most`, and Ta of the request that follows, 0 for none."""
+    """Bounds of a transition, samples: `least` and wished `most`; and what the request that follows asks for."""
 
     least: int = 1
     most: int = MANY
-    following: int = 0
+    following: Following = NOTHING
 
 
 class Planner:
@@ -86,11 +86,14 @@ class Planner:
             errand = errand_of(request, near if start is None else start, self._reach, tick)
         if errand.end is not None:
             self._limits.check_position(errand.end, what)
-        if errand.end is not None and start is not None:
-            with _told(what):
-                course = self.lay(errand, start)
-            self.scheduler.check(request, course)
-        return errand
+        if errand.here:
+            return errand
+        if errand.end is None or start is None:
+            return replace(errand, asks=Following(self.scheduler.preferred(request)))
+        with _told(what):
+            course = self.lay(errand, start)
+        self.scheduler.check(request, course)
+        return replace(errand, asks=self.scheduler.alone(request, course))
 
     def lay(self, errand: Errand, corner: Floats) -> Course:
         """The way from the joint positions `corner` (n,); raises what `lay_course` raises."""
@@ -120,7 +123,7 @@ class Planner:
             least = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
         return Departure(segment, state)
 
-    def divert(self, errand: Errand, state: Floats, clock: float, following: int) -> Departure | None:
+    def divert(self, errand: Errand, state: Floats, clock: float, following: Following) -> Departure | None:
         """Out of a joint path, at `state` (3, n), into the joint path of `errand`; None when no such way is safe."""
         lay = partial(self.lay, errand)
         segment = divert(errand.request, lay, state, clock, self.scheduler, self._shape, following)

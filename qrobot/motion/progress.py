@@ -122,10 +122,14 @@ class Progress:
         self.path.hold(x, self.clock)
         self._brake, self._halting = None, False
 
+    def approach_rest(self, segment: Segment) -> None:
+        """Turn into the transition to rest; late, when a request that was to follow is gone."""
+        self.path.end_segment(segment, max(segment.rest_begin, self._told_clock))
+
     def brake(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
-        if not self.path.ending and self.clock > segment.rest_begin:  # a request that was to follow is gone
-            self.path.end_segment(segment, self.clock)
+        if not self.path.ending and self.clock > segment.rest_begin:
+            self.approach_rest(segment)
         self._brake = fitting_brake(self.path, self.clock, seconds, scheduler)
         self._brake_tick = self.tick
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from qrobot.motion.blend import PEAK, Blend
 from qrobot.motion.course import Course
+from qrobot.motion.errand import NOTHING, Following
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
 
@@ -75,7 +76,13 @@ class Scheduler:
             self.limits.check_acceleration(entering, what, f"give the transition {needed} or more")
 
     def plan(
-        self, request: MoveRequest, course: Course, v0: Floats, least: int = 1, most: int = MANY, following: int = 0
+        self,
+        request: MoveRequest,
+        course: Course,
+        v0: Floats,
+        least: int = 1,
+        most: int = MANY,
+        following: Following = NOTHING,
     ) -> Schedule:
         """A schedule that keeps the limits, stretching times where needed.
 
@@ -84,18 +91,28 @@ class Scheduler:
             course: the way from corner to corner.
             v0: joint velocity before the transition. Shape (n,).
             least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
-            following: Ta of the request behind it in the queue, 0 when there is none.
+            following: what the request behind it asks for, when there is one.
         """
         asked = max(self._asked(request, course), self._least(course))
-        resting = self.preferred(request)
+        resting, turning = self.preferred(request), following.transition
         transition = max(min(resting, most), least)
-        while True:  # both transitions only grow, and what they need is bounded by the speed asked for
-            length = max(asked, transition + max(resting, following))
+        while True:  # all transitions only grow, and what they need is bounded by the speed asked for
+            length = max(asked, transition + max(resting, turning))
             seconds = length * self.period_s
             entering, braking = self.needed(course.leaving(seconds) - v0), self.needed(course.arriving(seconds))
-            if entering <= transition and braking <= resting:
+            turn = self._turning(course.arriving(seconds), following)
+            if entering <= transition and braking <= resting and turn <= turning:
                 return Schedule(transition, length, braking, resting)
-            transition, resting = max(transition, entering), max(resting, braking)
+            transition, resting, turning = max(transition, entering), max(resting, braking), max(turning, turn)
+
+    def _turning(self, arriving: Floats, following: Following) -> int:
+        """Least Ta, in samples, of the transition into what follows."""
+        return 0 if following.leaving is None else self.needed(following.leaving - arriving)
+
+    def alone(self, request: MoveRequest, course: Course) -> Following:
+        """What a request asks of the one before it, from the times it would have from rest to rest."""
+        schedule = self.plan(request, course, np.zeros(self.limits.n))
+        return Following(self.preferred(request), course.leaving(schedule.length * self.period_s))
 
     def preferred(self, request: MoveRequest) -> int:
         """Ta as asked for, in samples."""
