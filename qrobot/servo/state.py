@@ -74,8 +74,9 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     OUTPUTS_LOCKED,  # switched off by a stop, and not let go of since
     OUTPUTS_SENT,  # last ones posted
     OUTPUT_STOPS_SEEN,
+    BRIDGED,  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
     N_INTEGERS,
-) = range(49)
+) = range(50)
 
 # indexes into `f`
 (

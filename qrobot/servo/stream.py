@@ -2,8 +2,11 @@
 
 A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
 late. From then on one frame is taken per frame period. A frame that is not there, or is refused, is replaced by going
-on at constant velocity; silence for two periods, a second missing frame in a row, or a refused one ends the stream in a
-stop on the path. After any stop the servo follows only a new stream.
+on at constant velocity; a second missing frame in a row, silence for two periods and a margin, or a refused frame ends
+the stream in a stop on the path. After any stop the servo follows only a new stream.
+
+After one lost frame the next one is due exactly two periods after the last one that came. The margin lets it be late:
+by a quarter of a period, and by one cycle of the servo at least.
 
 The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows
 it by at most `MAX_RATE_SHIFT`.
@@ -12,6 +15,8 @@ it by at most `MAX_RATE_SHIFT`.
 from __future__ import annotations
 
 from typing import Any, Final
+
+import numpy as np
 
 from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import lean_kernel
@@ -32,6 +37,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
+    BRIDGED,
     DEAD_STREAM,
     DT,
     FRAME_NS,
@@ -49,6 +55,10 @@ from qrobot.servo.state import (
 
 PLAYOUT_FRAMES: Final = 0.5
 LOST_AFTER_FRAMES: Final = 2
+SILENCE_MARGIN: Final = 0.25  # of a period: how late the frame after a lost one may be [A]
+# How much larger a bend of the setpoints shows when one of the knots before it was extrapolated: none, the newest, the
+# one before the newest. With second differences d1, d2 <= a T^2 around the missing knot they are d2 + 2 d1 and d3 - d1.
+BEND_SLACK: Final = np.array([1.0, 3.0, 2.0])
 MAX_RATE_SHIFT: Final = 0.02
 PHASE_GAIN: Final = 0.05
 _PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever the sum of k rounded fractions
@@ -114,7 +124,7 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     state.i[STREAM] = state.frame[FRAME_STREAM]
     state.i[NEXT_SEQ] = state.frame[FRAME_SEQ]
     state.i[LAST_ARRIVAL_NS] = now_ns
-    state.i[MISSES] = 0
+    state.i[MISSES] = state.i[BRIDGED] = 0
     rest_at(state.knots, state.q_ref)
     overdue_s = min(now_ns - state.i[PLAY_AT_NS], params.period_ns) * 1e-9
     state.f[RATE] = 1e9 / state.i[FRAME_NS]
@@ -159,6 +169,7 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.i[NEXT_SEQ] += 1
     state.i[MISSES] += 1
     state.i[MISSED] += 1
+    state.i[BRIDGED] = 1
     shift_extrapolated(state.knots)
     return (STREAM_LOST, 0) if state.i[MISSES] >= LOST_AFTER_FRAMES else (0, 0)
 
@@ -179,7 +190,7 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     return check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.i[FRAME_NS] * 1e-9,
-        1.0 if state.i[MISSES] == 0 else 3.0,
+        BEND_SLACK[state.i[BRIDGED]],
     )  # fmt: skip
 
 
@@ -196,15 +207,22 @@ def _accept_frame(state: ServoState, now_ns: int) -> None:
     _follow_phase(state, now_ns)
     state.i[LAST_ARRIVAL_NS] = state.frame[FRAME_T_NS]
     state.i[MISSES] = 0
+    state.i[BRIDGED] = 2 if state.i[BRIDGED] == 1 else 0
 
 
 @lean_kernel
-def stream_silent(state: ServoState, mail: Any, now_ns: int) -> bool:
-    """True when nothing has arrived for two frame periods."""
+def longest_silence(frame_ns: int, cycle_ns: int) -> int:
+    """Nanoseconds after a frame at which its stream is lost: one frame may be missing, and the next one be late."""
+    return LOST_AFTER_FRAMES * frame_ns + max(int(SILENCE_MARGIN * frame_ns), cycle_ns)
+
+
+@lean_kernel
+def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
+    """True when nothing has arrived for longer than one lost frame explains."""
     newest = state.i[LAST_ARRIVAL_NS]
     if peek_frame(mail, state.frame, state.frame.size):
         newest = max(newest, state.frame[FRAME_T_NS])
-    return bool(now_ns - newest >= LOST_AFTER_FRAMES * state.i[FRAME_NS])
+    return bool(now_ns - newest > longest_silence(state.i[FRAME_NS], params.period_ns))
 
 
 @lean_kernel

@@ -389,7 +389,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     elif mode == TRACKING:
         if stopped:
             begin_stop(params, state, mail, now_ns, HOLDING)
-        elif stream_silent(state, mail, now_ns):
+        elif stream_silent(params, state, mail, now_ns):
             raise_code(state, STREAM_LOST, 0)
     elif mode == FAULTED:
         if cleared:

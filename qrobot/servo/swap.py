@@ -20,6 +20,7 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import function_at
 from qrobot.servo.law import LAW_SIGNATURE, MEMORY_WORDS, N_GAINS, N_SETTINGS, Law
+from qrobot.servo.velocity import at_rest
 
 FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
 
@@ -106,7 +107,7 @@ def fade_bias(swap: Any, dt: float) -> None:
     """Let the bias decay for `dt` seconds."""
     share = math.exp(-dt / FADE_S)
     for j in range(swap.bias.size):
-        swap.bias[j] *= share
+        swap.bias[j] = at_rest(swap.bias[j] * share)
 
 
 @lean_kernel

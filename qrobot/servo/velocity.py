@@ -31,6 +31,7 @@ class Estimator(IntEnum):
 
 ESTIMATORS: Final = {kind.name.lower(): kind for kind in Estimator}
 DEFAULT_ESTIMATOR: Final = Estimator.DIFFERENCE.name.lower()
+REST: Final = 1e-12  # rad/s, m/s, rad/s^2, m/s^2: less is rest, for what decays for ever ends in denormal numbers [A]
 STALE: Final = 1.0  # memories 1/w old: after a longer gap the observer begins anew instead of believing its prediction
 
 
@@ -43,6 +44,12 @@ def find_estimator(name: str) -> Estimator:
 
 
 @lean_kernel
+def at_rest(rate: float) -> float:
+    """Return `rate`, or zero when it is below `REST`: denormal numbers are slow to compute with and hard to read."""
+    return 0.0 if abs(rate) < REST else rate
+
+
+@lean_kernel
 def difference(q: Any, q_before: Any, dt: float, bandwidth: float, v: Any) -> None:
     """Backward difference through a first-order low pass of `bandwidth` rad/s, into `v`. Shapes (n,).
 
@@ -50,7 +57,7 @@ def difference(q: Any, q_before: Any, dt: float, bandwidth: float, v: Any) -> No
     """
     share = 1.0 - math.exp(-bandwidth * dt)
     for j in range(q.size):
-        v[j] += share * ((q[j] - q_before[j]) / dt - v[j])
+        v[j] = at_rest(v[j] + share * ((q[j] - q_before[j]) / dt - v[j]))
 
 
 @lean_kernel
@@ -80,5 +87,5 @@ def observe(q: Any, q_before: Any, push: Any, dt: float, bandwidth: float, x: An
         a = push[j] + d[j]
         residual = q[j] - (x[j] + dt * (v[j] + 0.5 * dt * a))
         x[j] = q[j] - (1.0 - to_x) * residual
-        v[j] += dt * a + to_v * residual
-        d[j] += to_d * residual
+        v[j] = at_rest(v[j] + dt * a + to_v * residual)
+        d[j] = at_rest(d[j] + to_d * residual)

@@ -21,6 +21,7 @@ from qrobot.sim_board.analog import Analog
 from qrobot.sim_board.lehmer import first_state, normal
 
 _N_FORCES: Final = 3
+NO_VOLTS: Final = 1e-12  # less is none: without noise the filter would decay into denormal numbers [A]
 
 
 class Wrist(NamedTuple):
@@ -76,3 +77,5 @@ def sense_wrist(wrist: Wrist, external: NDArray[np.float64]) -> None:
         volts = wrist.zero + wrist.gain[i] * wrist.load[wrist.axis[i]] + wrist.noise * normal(wrist.random)
         channel = wrist.channel[i]
         external[channel] += (volts - external[channel]) * wrist.share
+        if abs(external[channel]) < NO_VOLTS:
+            external[channel] = 0.0

@@ -20,6 +20,7 @@ from qrobot.hwif.memory import load_head
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.servo.guard import stop_category
 from qrobot.servo.modes import Mode, Stop
+from qrobot.servo.stream import SILENCE_MARGIN
 from tests.support.campaign import FRAME_S, PUMA, SAMPLE_S, FastLeg, Outcome, fast_leg, writes_since
 
 RATES = pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
@@ -200,6 +201,15 @@ def _spoil(change: Callable[[np.ndarray], object]) -> Callable[[FastLeg], object
     return act
 
 
+def _skip_late(leg: FastLeg) -> None:
+    """One frame is lost, and those behind it come a seventh of a period late."""
+    leg.seq += 1
+    leg.frames(1)
+    leg.true_q.append(leg.rig.emulator.q)
+    leg.rig.run_for(SAMPLE_S)
+    leg.fly(12)
+
+
 def _set(joint: int, value: float) -> Callable[[np.ndarray], object]:
     def change(q: np.ndarray) -> None:
         q[joint] = value
@@ -210,9 +220,10 @@ def _set(joint: int, value: float) -> Callable[[np.ndarray], object]:
 LATE_MS = 1e3 * FRAME_S
 MISHAPS = (
     Mishap("one frame lost", _skip(1), F.NONE),
+    Mishap("one frame lost, the others late", _skip_late, F.NONE),
     Mishap("frames twice", _repeat, F.NONE),
-    Mishap("two frames lost", _skip(2), F.STREAM_LOST, 2 * LATE_MS),
-    Mishap("the program is gone", lambda leg: leg.frames(12), F.STREAM_LOST, 2 * LATE_MS),
+    Mishap("two frames lost", _skip(2), F.STREAM_LOST, (2 + SILENCE_MARGIN) * LATE_MS),
+    Mishap("the program is gone", lambda leg: leg.frames(12), F.STREAM_LOST, (2 + SILENCE_MARGIN) * LATE_MS),
     Mishap("not a number", _spoil(_set(2, math.nan)), F.SP_INVALID, 2 * LATE_MS),
     Mishap("infinity", _spoil(_set(0, -math.inf)), F.SP_INVALID, 2 * LATE_MS),
     Mishap("out of range", _spoil(_set(1, PUMA.limits.q_max[1] + 0.01)), F.SP_LIMIT, 2 * LATE_MS),

@@ -1,8 +1,8 @@
 """Processes die while the arm is on its fast leg; telemetry and the board's stamps tell what the others do.
 
-A program or bridge that dies leaves a stop on the path within two frames, a servo that dies loses torque and power to
-the guardian, and so on. After each of them the dead process alone is started again, nothing moves by itself, and the
-next program works. The tests do not depend on their order.
+A program or bridge that dies leaves a stop on the path within two frames and a quarter, a servo that dies loses torque
+and power to the guardian, and so on. After each of them the dead process alone is started again, nothing moves by
+itself, and the next program works. The tests do not depend on their order.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from qrobot.log.read import read_log
 from qrobot.servo.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
+from qrobot.servo.stream import SILENCE_MARGIN
 from qrobot.servo.telemetry import Rows
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import GUARDIAN_MS, Killing, RunningArm, kill
@@ -95,11 +96,11 @@ def stop_of(rows: Rows, t_ns: int) -> Rows:
     return rows[stopping[0] : stopping[0] + ends[0]]
 
 
-def assert_it_begins_within_two_frames(stop: Rows, killing: Killing) -> None:
-    """The last frame arrived before the sender was gone; the stop begins in the tick that finds it two frames old."""
+def assert_it_begins_in_time(stop: Rows, killing: Killing) -> None:
+    """The last frame arrived before the sender was gone; the stop begins in the tick that finds it too old."""
     began_ns = stop["t_ns"][0]
     assert killing.before_ns < began_ns
-    assert ms_between(killing.after_ns, began_ns) <= 2 * PERIOD_MS + TICK_MS
+    assert ms_between(killing.after_ns, began_ns) <= (2 + SILENCE_MARGIN) * PERIOD_MS + TICK_MS
 
 
 def assert_a_stop_on_the_path(stop: Rows) -> None:
@@ -183,7 +184,7 @@ def test_a_killed_program_leaves_a_stop_on_the_path_within_two_frames(arm: Runni
         arm.wait_for(Mode.HOLDING)
         assert arm.lamps == HELD
     stop = stop_of(arm.telemetry(), killing.before_ns)
-    assert_it_begins_within_two_frames(stop, killing)
+    assert_it_begins_in_time(stop, killing)
     assert_a_stop_on_the_path(stop)
     assert_the_rest_runs(arm, before)
     assert_nothing_moves(arm)
@@ -199,7 +200,7 @@ def test_a_killed_bridge_leaves_a_stop_on_the_path_within_two_frames(arm: Runnin
         assert_the_rest_runs(arm, before, "bridge")
         assert program.wait(PATIENCE_S) == 1
     stop = stop_of(arm.telemetry(), killing.before_ns)
-    assert_it_begins_within_two_frames(stop, killing)
+    assert_it_begins_in_time(stop, killing)
     assert stop["fault"][0] == FaultCode.STREAM_LOST
     assert_a_stop_on_the_path(stop)
     arm.processes.start("bridge")

@@ -16,6 +16,7 @@ from qrobot.servo.modes import Mode
 from qrobot.servo.velocity import (
     DEFAULT_ESTIMATOR,
     ESTIMATORS,
+    REST,
     STALE,
     difference,
     find_estimator,
@@ -54,6 +55,20 @@ def fading_parabola(q: Floats, dt: float, bandwidth: float) -> float:
 
 
 # ----------------------------------------------------------------------------------------------------------- kernels
+
+
+def test_an_arm_that_has_come_to_rest_has_no_velocity_at_all_and_no_denormal_number_is_made_of_it() -> None:
+    """1e-300 a second is no speed; numbers that small cost a hundred times the arithmetic."""
+    q, v = np.zeros(1), np.array([1.0])
+    observer = Observer()
+    for k in range(50):
+        observer.feed(1e-3 * k)
+    seen = []
+    for _ in range(4000):
+        difference(q, q, DT, W, v)
+        seen += [abs(v[0]), abs(observer.feed(1e-3 * 49)), abs(observer.d[0])]
+    assert v[0] == observer.v[0] == observer.d[0] == 0.0
+    assert all(value == 0.0 or value >= REST for value in seen)
 
 
 @pytest.mark.parametrize("bandwidth", [60.0, W, 400.0])
