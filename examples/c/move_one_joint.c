@@ -1,6 +1,6 @@
 /* Drive one joint of a PUMA 560 by register reads and writes, as a program for the TRC004 board does.
  *
- *     cc -O2 -o move_one_joint examples/c/move_one_joint.c -lm
+ *     cc -O2 -I qrobot/wire/c -o move_one_joint examples/c/move_one_joint.c -lm
  *     qrobot board &                                  # the emulated board of the arm puma560
  *     ./move_one_joint puma560
  *

@@ -7,7 +7,8 @@
  *
  * It stands for inw(base + offset) and outw(value, base + offset) on the ISA card. What is written takes effect in the
  * order of the calls, at the board's next sample (a quarter of a millisecond); a read waits until everything written
- * before has taken effect. One program at a time: it has the board's tool lane. GNU C11 and Linux; no library is needed.
+ * before has taken effect. One program at a time: it has the board's tool lane. GNU C11 and Linux; no library is needed,
+ * and compiled is with -I qrobot/wire/c.
  *
  * SPDX-License-Identifier: Apache-2.0
  */
@@ -22,6 +23,8 @@
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "qrobot_runtime.h" /* of qrobot/wire/c: where the board's memory is */
 
 /* Registers: byte offsets from the base. */
 #define TRC004_ENC_INDEX 0x00
@@ -91,16 +94,24 @@ static inline void trc004_close(struct trc004 *board)
 /* Find the board of an arm. Returns 0, or -1 with a line on stderr that says why not. */
 static inline int trc004_open(struct trc004 *board, const char *arm)
 {
-    char path[128];
+    char name[128];
     struct stat file;
     int fd;
 
     *board = (struct trc004){0};
-    snprintf(path, sizeof path, "/dev/shm/qrobot-%s-board", arm);
-    if ((fd = open(path, O_RDWR)) < 0 || fstat(fd, &file) != 0) {
-        fprintf(stderr, "no board of %s: start one with `qrobot board`\n", arm);
+    snprintf(name, sizeof name, "%s-board", arm);
+    if ((fd = qrobot_runtime_open(name, O_RDWR)) < 0 || fstat(fd, &file) != 0) {
+        if (errno == ENOENT)
+            fprintf(stderr, "no board of %s: start one with `qrobot board`\n", arm);
+        else
+            fprintf(stderr, "the board of %s is not this account's: %s\n", arm, strerror(errno));
         if (fd >= 0)
             close(fd);
+        return -1;
+    }
+    if (file.st_size < (TRC004_LANE + TRC004_LANE_RING + TRC004_LANE_CAPACITY * TRC004_OP_FIELDS) * 8) {
+        fprintf(stderr, "the board of %s is just starting: try again\n", arm);
+        close(fd);
         return -1;
     }
     board->bytes = (size_t)file.st_size;
@@ -108,7 +119,7 @@ static inline int trc004_open(struct trc004 *board, const char *arm)
     close(fd);
     if ((void *)board->words == MAP_FAILED) {
         board->words = NULL;
-        perror(path);
+        perror(name);
         return -1;
     }
     if (board->words[0] != TRC004_MAGIC || board->words[1] != TRC004_LAYOUT) {

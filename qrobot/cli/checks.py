@@ -16,9 +16,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.port.permission import allow_ports
 from qrobot.realtime.machine import machine_steps
-from qrobot.realtime.segment import DIRECTORY
+from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
 from qrobot.realtime.setup import DMA_LATENCY, Step, hold_dma_latency, may_lock_all, set_fifo
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "mujoco-core", "pydantic", "foxglove-sdk", "mcap", "matplotlib")
@@ -52,7 +53,7 @@ class Finding:
 def all_findings(ports: dict[str, tuple[str, int]], bases: Sequence[int] = ()) -> Iterator[Finding]:
     """Everything, group by group; `ports` are the addresses bridges want, by arm, `bases` those of ISA cards."""
     yield from software()
-    yield from shared_memory(DIRECTORY)
+    yield from shared_memory(runtime_path())
     yield from (Finding("network", look_at_port(arm, *address), Weight.NEEDED) for arm, address in ports.items())
     yield from (Finding("board", step, Weight.NEEDED) for step in map(look_at_card, bases))
     yield from (Finding("real time", step, Weight.TIMING) for step in realtime_rights())
@@ -104,14 +105,27 @@ def writable(place: Path) -> bool:
 
 
 def shared_memory(directory: Path) -> Iterator[Finding]:
-    """Where servo and board meet, and what earlier processes left there."""
-    yield Finding("shared memory", look_at_room(directory), Weight.NEEDED)
+    """The runtime folder, where servo and board meet, and what earlier processes left there."""
+    yield Finding("shared memory", look_at_folder(), Weight.NEEDED)
+    existing = next((place for place in (directory, directory.parent) if place.is_dir()), MEMORY_FOLDER)
+    yield Finding("shared memory", look_at_room(existing), Weight.NEEDED)
     if directory.is_dir():
         yield from (Finding("shared memory", step, Weight.OPTIONAL) for step in look_at_segments(directory))
 
 
+def look_at_folder() -> Step:
+    """Whether the runtime folder is ours alone, and in memory."""
+    try:
+        with serve_in_folder() as folder:
+            detail = str(folder.path)
+    except (LinkError, ConfigError, OSError) as error:
+        return Step("runtime folder", False, str(error), "see docs/how-to/install.md, What is written where")
+    tidy_folder(folder.path)
+    return Step("runtime folder", True, detail)
+
+
 def look_at_room(directory: Path) -> Step:
-    """Size and rights of /dev/shm."""
+    """Room in shared memory, and the right to write there."""
     name = str(directory)
     if not (directory.is_dir() and os.access(directory, os.W_OK | os.X_OK)):
         return Step(name, False, "missing or not writable", f"mount a tmpfs on {directory} (docker: --shm-size=256m)")
@@ -123,10 +137,14 @@ def look_at_room(directory: Path) -> Step:
 
 def look_at_segments(directory: Path) -> Iterator[Step]:
     """Segments of this program: in use, or left by a process that was killed."""
-    for path in sorted(directory.glob("qrobot-*")):
+    for path in sorted(filter(_is_segment, directory.iterdir())):
         living = _is_locked(path)
         detail = "in use" if living else "left behind by a process that was killed (the next one reuses it)"
         yield Step(path.name, living, detail, "" if living else f"rm {path}, or leave it")
+
+
+def _is_segment(path: Path) -> bool:
+    return path.name.endswith(("-board", "-servo", "-commander"))
 
 
 def _is_locked(path: Path) -> bool:
@@ -141,7 +159,7 @@ def _is_locked(path: Path) -> bool:
     return False
 
 
-def look_at_port(arm: str, host: str, port: int, directory: Path = DIRECTORY) -> Step:
+def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) -> Step:
     """The address the bridge of an arm listens on; that it is taken is right when the arm runs."""
     name = f"bridge of {arm}"
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
@@ -149,7 +167,7 @@ def look_at_port(arm: str, host: str, port: int, directory: Path = DIRECTORY) ->
         try:
             probe.bind((host, port))
         except OSError as error:
-            if _is_locked(directory / f"qrobot-{arm}-servo"):
+            if _is_locked((directory or runtime_path()) / f"{arm}-servo"):
                 return Step(name, True, f"{host}:{port} is in use, and so is the arm")
             remedy = "stop what listens there, or choose another port in the deployment file"
             return Step(name, False, f"{host}:{port}: {error.strerror}", remedy)

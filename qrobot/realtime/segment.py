@@ -1,4 +1,4 @@
-"""Named shared memory: a file of 64-bit words in /dev/shm, with one living owner.
+"""Named shared memory: a file of 64-bit words in the runtime folder, with one living owner.
 
 The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and
 a crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
 
-DIRECTORY: Final = Path("/dev/shm")
 WORD_BYTES: Final = 8
 _LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
 _LOCK_PAUSE_S: Final = 0.005
@@ -36,9 +36,14 @@ Words = NDArray[np.int64]
 
 def segment_path(name: str) -> Path:
     """File behind segment `name`. Raises ConfigError for a name that is no plain file name."""
+    return runtime_path() / checked_name(name)
+
+
+def checked_name(name: str) -> str:
+    """`name`, when it can name a file in the runtime folder. Raises ConfigError."""
     if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith("."):
         raise ConfigError(f"{name!r} cannot name shared memory: use letters, digits, '-', '_' and '.'")
-    return DIRECTORY / f"qrobot-{name}"
+    return name
 
 
 class Segment:
@@ -62,7 +67,7 @@ class Segment:
 
         Raises:
             LinkBusy: a living process owns it.
-            LinkError: there is no room for it in shared memory.
+            LinkError: there is no room for it in shared memory, or the folder or the file is not ours alone.
         """
         path = segment_path(name)
         fd = _open_locked(path, n_words)
@@ -76,10 +81,11 @@ class Segment:
 
     @classmethod
     def attach(cls, name: str, layout: int) -> Segment:
-        """Map an existing segment. Raises LinkError when it is missing or has another layout."""
+        """Map an existing segment. Raises LinkError when it is missing, has another layout or is another account's."""
         path = segment_path(name)
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            with look_into_folder() as folder:
+                fd = folder.open_file(path.name, os.O_RDWR)
         except FileNotFoundError:
             raise LinkError(f"no shared memory {path.name!r}: is the process that serves it running?") from None
         n_words = os.fstat(fd).st_size // WORD_BYTES
@@ -109,7 +115,7 @@ class Segment:
         if self.owner:
             return self._fd is not None
         try:
-            fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+            fd = os.open(self.path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
         except FileNotFoundError:
             return False
         try:
@@ -126,6 +132,7 @@ class Segment:
             return
         if unlink and self.owner and self.is_current:
             self.path.unlink(missing_ok=True)
+            tidy_folder(self.path.parent)
         if self.owner:
             fcntl.flock(self._fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
@@ -142,7 +149,7 @@ class Segment:
 
 def _open_locked(path: Path, n_words: int) -> int:
     while True:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        fd = open_served(path.name, os.O_RDWR)
         if not _lock(fd):
             os.close(fd)
             raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name")
@@ -171,7 +178,7 @@ def _lock(fd: int) -> bool:
 
 
 def _reserve(fd: int, path: Path, n_words: int) -> None:
-    """Claim the pages now: a full /dev/shm would otherwise kill the owner with SIGBUS at some later store."""
+    """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store."""
     try:
         os.posix_fallocate(fd, 0, n_words * WORD_BYTES)
     except OSError as error:

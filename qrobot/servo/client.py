@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
+from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.servo.control_messages import (
     MAX_LINE_BYTES,
     Calibrate,
@@ -24,7 +25,7 @@ from qrobot.servo.control_messages import (
     decode_reply,
     encode,
 )
-from qrobot.servo.control_socket import control_address
+from qrobot.servo.control_socket import connect_to_servo
 
 TIMEOUT_S: Final = 30.0
 COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a busy machine
@@ -56,10 +57,15 @@ class ServoClient:
         self._socket.settimeout(timeout_s)
         self._unread = b""
         try:
-            self._socket.connect(control_address(arm))
+            connect_to_servo(arm, self._socket)
         except OSError:
             self._socket.close()
-            raise LinkError(f"no servo of {arm} runs here: start it with `qrobot up` or `qrobot servo`") from None
+            raise LinkError(
+                f"no servo of {arm} runs here: start it with `qrobot up` or `qrobot servo` (looked in {runtime_path()})"
+            ) from None
+        except QRobotError:
+            self._socket.close()
+            raise
 
     def status(self) -> ServoStatus:
         """How the servo is."""

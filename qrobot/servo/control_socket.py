@@ -1,11 +1,13 @@
 """The control interface's sockets: lines in, lines out, never waiting for anybody.
 
-Unix sockets in the abstract namespace: no file to leave behind, and no way in from another machine. Only processes of
-the servo's own user, and root, are let in.
+Unix sockets in the runtime folder (`realtime.runtime_folder`). Each end looks who the other one is: the servo lets in
+its own account and root, a client talks only to a servo of the account that owns the folder.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import selectors
 import socket
@@ -14,7 +16,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final
 
-from qrobot.errors import LinkBusy
+from qrobot.errors import LinkBusy, LinkError
+from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, serve_in_folder, tidy_folder
+from qrobot.realtime.segment import checked_name
 from qrobot.servo.control_messages import MAX_LINE_BYTES
 
 MAX_CLIENTS: Final = 16
@@ -24,9 +28,27 @@ Answer = Callable[["Visitor", bytes], bytes]
 Farewell = Callable[["Visitor"], None]
 
 
-def control_address(arm: str) -> str:
-    """Abstract address of an arm's control socket."""
-    return f"\0qrobot-{arm}-control"
+def control_name(arm: str) -> str:
+    """File name of an arm's control socket in the runtime folder."""
+    return checked_name(f"{arm}-control")
+
+
+def connect_to_servo(arm: str, connection: socket.socket) -> None:
+    """Connect to the servo of an arm.
+
+    Raises OSError when none listens, LinkError when whoever listens is of another account than the folder.
+    """
+    with look_into_folder() as folder:
+        connection.connect(folder.address_of(control_name(arm)))
+        _, uid, _ = peer_credentials(connection)
+        if uid != folder.owner:
+            raise LinkError(f"whoever answers for the servo of {arm} is account {uid}, not {folder.owner_name}")
+
+
+def peer_credentials(connection: socket.socket) -> tuple[int, int, int]:
+    """Process, account and group at the other end, as the kernel says."""
+    pid, uid, gid = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
+    return pid, uid, gid
 
 
 class Visitor:
@@ -34,9 +56,7 @@ class Visitor:
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
-        self.pid, self.uid, _ = _CREDENTIALS.unpack(
-            connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        )
+        self.pid, self.uid, _ = peer_credentials(connection)
         self._unread = b""
 
     @property
@@ -63,19 +83,12 @@ class ControlSocket:
         answer: the reply line to a request line. farewell: called when a connection has ended.
 
     Raises:
-        LinkBusy: somebody listens for that arm already.
+        LinkBusy: somebody listens for that arm already. LinkError: the runtime folder cannot be used.
     """
 
     def __init__(self, arm: str, answer: Answer, farewell: Farewell) -> None:
-        self._answer, self._farewell = answer, farewell
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            self._listener.bind(control_address(arm))
-        except OSError:
-            self._listener.close()
-            raise LinkBusy(f"the control socket of {arm} is in use: does another servo run?") from None
-        self._listener.listen(MAX_CLIENTS)
-        self._listener.setblocking(False)
+        self._answer, self._farewell, self._name = answer, farewell, control_name(arm)
+        self._listener = _listen(arm)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ, None)
 
@@ -93,7 +106,7 @@ class ControlSocket:
             if key.data is not None:
                 self._dismiss(key.data)
         self._selector.close()
-        self._listener.close()
+        _stop_listening(self._listener, self._name)
 
     def __enter__(self) -> ControlSocket:
         return self
@@ -129,3 +142,42 @@ class ControlSocket:
         self._selector.unregister(visitor.connection)
         visitor.connection.close()
         self._farewell(visitor)
+
+
+def _listen(arm: str) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        with serve_in_folder() as folder:
+            _bind(listener, folder, arm)
+        listener.listen(MAX_CLIENTS)
+        listener.setblocking(False)
+    except BaseException:
+        listener.close()
+        raise
+    return listener
+
+
+def _bind(listener: socket.socket, folder: RuntimeFolder, arm: str) -> None:
+    name = control_name(arm)
+    try:
+        if _is_answered(folder.address_of(name)):
+            raise LinkBusy(f"the control socket of {arm} is in use: does another servo run?")
+        with contextlib.suppress(FileNotFoundError):  # of a servo that was killed
+            os.unlink(name, dir_fd=folder.fd)
+        listener.bind(folder.address_of(name))
+        os.chmod(name, 0o600, dir_fd=folder.fd)
+    except OSError as error:
+        raise LinkError(f"no control socket for {arm} in {folder.path}: {error.strerror or error}") from None
+
+
+def _is_answered(address: str) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        return probe.connect_ex(address) not in (errno.ECONNREFUSED, errno.ENOENT)
+
+
+def _stop_listening(listener: socket.socket, name: str) -> None:
+    listener.close()
+    with contextlib.suppress(OSError, LinkError), serve_in_folder() as folder:
+        os.unlink(name, dir_fd=folder.fd)
+        tidy_folder(folder.path)

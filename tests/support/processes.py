@@ -34,7 +34,7 @@ from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWE
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.opening import open_channel
 from qrobot.rci import TcpLink
-from qrobot.realtime.segment import DIRECTORY
+from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
@@ -94,7 +94,7 @@ def qrobot(*arguments: str | Path, stderr: Any = subprocess.PIPE) -> subprocess.
 
 def left_behind(arm: str) -> list[str]:
     """Shared memory and processes that still carry an arm's name."""
-    return [path.name for path in DIRECTORY.glob(f"qrobot-{arm}-*")] + list(processes_of(arm).values())
+    return [path.name for path in runtime_path().glob(f"{arm}-*")] + list(processes_of(arm).values())
 
 
 def processes_of(arm: str) -> dict[int, str]:

@@ -24,6 +24,7 @@ from qrobot.sim_board.server import BoardServer
 from tests.support.patience import wait_until
 
 SOURCES = Path(__file__).parents[2] / "examples" / "c"
+INCLUDE = Path(__file__).parents[2] / "qrobot" / "wire" / "c"
 COMPILER = shutil.which("cc") or ""
 MOVED = 5  # joint 6
 
@@ -34,7 +35,7 @@ Program = subprocess.Popen[str]
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("c") / "move_one_joint"
-    flags = ["-O2", "-Wall", "-Wextra", "-Werror"]
+    flags = ["-O2", "-Wall", "-Wextra", "-Werror", f"-I{INCLUDE}"]
     subprocess.run([COMPILER, *flags, "-o", target, SOURCES / "move_one_joint.c", "-lm"], check=True)
     return target
 

@@ -33,7 +33,7 @@ def server() -> Iterator[BoardServer]:
 
 @pytest.fixture
 def deployment(server: BoardServer, tmp_path: Path) -> Path:
-    name = server.segment.path.name.removeprefix("qrobot-").removesuffix("-board")
+    name = server.segment.path.name.removesuffix("-board")
     path = tmp_path / "arms.toml"
     path.write_text(f'[[arm]]\nname = "{name}"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n')
     return path
@@ -67,7 +67,7 @@ def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: BoardServer,
 
 
 def test_it_does_not_write_beside_a_servo(server: BoardServer, deployment: Path) -> None:
-    arm = server.segment.path.name.removeprefix("qrobot-").removesuffix("-board")
+    arm = server.segment.path.name.removesuffix("-board")
     with create_servo_memory(arm, "puma560", "pd", 6, 1_000_000, SMALLEST_RING):
         done = run(deployment, "--yes")
     assert done.returncode == FAILURE

@@ -72,7 +72,7 @@ def test_a_port_is_free_or_taken(tmp_path: Path) -> None:
 
 
 def test_a_port_taken_by_a_running_arm_is_as_it_should_be(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server, (tmp_path / "qrobot-left-servo").open("w") as owner:
+    with socket.create_server(("127.0.0.1", 0)) as server, (tmp_path / "left-servo").open("w") as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
         assert checks.look_at_port("left", "127.0.0.1", server.getsockname()[1], tmp_path).ok
 
@@ -86,17 +86,27 @@ def test_shared_memory_needs_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_missing_shared_memory_prevents_running(tmp_path: Path) -> None:
-    findings = list(checks.shared_memory(tmp_path / "absent"))
-    assert [finding.prevents_running for finding in findings] == [True]
+    step = checks.look_at_room(tmp_path / "absent")
+    assert (step.ok, "mount a tmpfs" in step.remedy) == (False, True)
+
+
+def test_a_runtime_folder_that_others_may_write_in_prevents_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path.chmod(0o777)
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(tmp_path))
+    findings = list(checks.shared_memory(tmp_path))
+    assert findings[0].prevents_running
+    assert "mode 0777" in findings[0].step.detail
 
 
 def test_a_segment_is_in_use_or_left_behind(tmp_path: Path) -> None:
-    (tmp_path / "qrobot-a-servo").touch()
+    (tmp_path / "a-servo").touch()
     (tmp_path / "other").touch()
-    with (tmp_path / "qrobot-b-servo").open("w") as owner:
+    with (tmp_path / "b-servo").open("w") as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
         found = {step.name: step.ok for step in checks.look_at_segments(tmp_path)}
-    assert found == {"qrobot-a-servo": False, "qrobot-b-servo": True}
+    assert found == {"a-servo": False, "b-servo": True}
 
 
 def test_a_missing_library_is_named_with_its_remedy() -> None:

@@ -34,7 +34,7 @@ from qrobot.servo.board_status import board_status
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
-from qrobot.servo.control_socket import ControlSocket, control_address
+from qrobot.servo.control_socket import ControlSocket, connect_to_servo
 from qrobot.servo.daemon import _run_and_watch
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.journal import JournalReader
@@ -322,7 +322,7 @@ def exchange(servo: Bench, data: bytes) -> bytes:
     """What the servo says to raw bytes, until it hangs up."""
     with socket.socket(socket.AF_UNIX) as raw:
         raw.settimeout(PATIENCE_S)
-        raw.connect(control_address(servo.arm))
+        connect_to_servo(servo.arm, raw)
         raw.sendall(data)
         raw.shutdown(socket.SHUT_WR)
         answer = b""
