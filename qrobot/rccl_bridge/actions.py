@@ -25,6 +25,13 @@ class Forward:
 
 
 @dataclass(frozen=True, slots=True)
+class Request:
+    """Requests of a frame whose setpoints nobody can follow."""
+
+    frame: SetpointFrame
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """A controlled stop, and why."""
 
@@ -38,7 +45,7 @@ class Close:
     reason: str
 
 
-Action: TypeAlias = Send | Forward | Stop | Close
+Action: TypeAlias = Send | Forward | Request | Stop | Close
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +73,12 @@ def carry_out(actions: Iterable[Action], port: RobotPort) -> Outcome:
     return Outcome(data, closed)
 
 
-def _tell_servo(action: Forward | Stop, port: RobotPort) -> None:
+def _tell_servo(action: Forward | Request | Stop, port: RobotPort) -> None:
     try:
         if isinstance(action, Forward):
             port.write_setpoint(action.frame)
+        elif isinstance(action, Request):
+            port.write_requests(action.frame)
         else:
             port.request_stop()
     except LinkError:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.port import SetpointFrame
 from qrobot.wire import Command
@@ -18,14 +20,15 @@ class FrameMaker:
         self._lease = lease
         self._period_ns = period_ns
         self._last: Command | None = None
+        self._acknowledged = 0
         self._client_stream: int | None = None
         self._stream = 0
         self._power_locked = False
 
     @property
     def acknowledged(self) -> int:
-        """Seq of the newest COMMAND, 0 before the first."""
-        return 0 if self._last is None else self._last.seq
+        """Seq of the newest COMMAND whose setpoints were possible, 0 before the first."""
+        return self._acknowledged
 
     def lose_servo(self) -> None:
         """The servo is away: what comes now goes nowhere."""
@@ -34,6 +37,15 @@ class FrameMaker:
 
     def make(self, command: Command, seq: int, now_ns: int) -> SetpointFrame | None:
         """The frame of `command`, whose unwrapped sequence number is `seq`; None while the power request is locked."""
+        self._acknowledged = command.seq
+        return self._make(command, seq, now_ns)
+
+    def make_request(self, command: Command, now_ns: int) -> SetpointFrame | None:
+        """The frame of what `command` requests while its setpoints are impossible: it holds every joint."""
+        nothing = (0,) * len(command.modes)
+        return self._make(replace(command, modes=nothing, setpoints=nothing), 0, now_ns)
+
+    def _make(self, command: Command, seq: int, now_ns: int) -> SetpointFrame | None:
         last, self._last = self._last, command
         self._power_locked = self._power_locked and command.power
         if self._power_locked:

@@ -52,6 +52,10 @@ class MailboxPort:
         """Hand a frame and its requests to the servo."""
         _pass_on(self._mailbox, frame)
 
+    def write_requests(self, frame: SetpointFrame) -> None:
+        """Hand over what a frame requests, without its setpoints."""
+        _pass_on_requests(self._mailbox, frame)
+
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path."""
         self._mailbox.request_stop()
@@ -89,14 +93,21 @@ class ServoPort:
 
     def write_setpoint(self, frame: SetpointFrame) -> None:
         """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""
-        mailbox = self._follow()
-        if not frame.power:
-            self._power_locked = False
-        _pass_on(mailbox, replace(frame, power=False) if self._power_locked else frame)
+        _pass_on(self._follow(), self._allowed(frame))
+
+    def write_requests(self, frame: SetpointFrame) -> None:
+        """Hand over what a frame requests, without its setpoints. Raises LinkError when the servo is gone."""
+        _pass_on_requests(self._follow(), self._allowed(frame))
 
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""
         self._follow().request_stop()
+
+    def _allowed(self, frame: SetpointFrame) -> SetpointFrame:
+        """The frame, without a request for power that was made to the servo before this one."""
+        if not frame.power:
+            self._power_locked = False
+        return replace(frame, power=False) if self._power_locked else frame
 
     def _follow(self) -> ServoMailbox:
         """The mailbox of the servo that runs now."""
@@ -143,10 +154,17 @@ def _to_wire(mailbox: ServoMailbox) -> RobotState:
 
 def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
     mailbox.request_power(frame.power)
+    _pass_on_requests(mailbox, frame)
+    mailbox.push_setpoint(frame.stream, frame.seq, frame.t_ns, frame.period_ns, frame.modes, frame.setpoints)
+
+
+def _pass_on_requests(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
+    """What is requested beside setpoints; power may be taken away, but not asked for."""
+    if not frame.power:
+        mailbox.request_power(False)
     mailbox.request_hand(frame.hand)
     mailbox.request_outputs(frame.outputs, frame.t_ns)
     if frame.clear_fault:
         mailbox.request_clear()
     if frame.stop:
         mailbox.request_stop()
-    mailbox.push_setpoint(frame.stream, frame.seq, frame.t_ns, frame.period_ns, frame.modes, frame.setpoints)

@@ -64,5 +64,11 @@ class RobotPort(Protocol):
     def write_setpoint(self, frame: SetpointFrame) -> None:
         """Hand a frame and its requests to the servo. Raises LinkError when the servo is gone."""
 
+    def write_requests(self, frame: SetpointFrame) -> None:
+        """Hand over what a frame requests, without its setpoints; it may take power away, but not ask for it.
+
+        Raises LinkError when the servo is gone.
+        """
+
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.errors import RemoteProtocolError
-from qrobot.rccl_bridge.actions import Action, Close, Forward, Send, Stop
+from qrobot.rccl_bridge.actions import Action, Close, Forward, Request, Send, Stop
 from qrobot.rccl_bridge.frames import FrameMaker
 from qrobot.rccl_bridge.handshake import Visitor, judge
 from qrobot.rccl_bridge.lease import Lease
@@ -172,18 +172,25 @@ class Session:
         if self._frames is None or self._servo_gone:
             return []
         frame = self._frames.make(command, self._connection.received.newest or 0, now_ns)
-        return [] if frame is None else [Forward(frame)]
+        return [Forward(frame)] if frame is not None else _stop_if_asked(command)
 
     def _take_invalid(self, event: InvalidSetpoint, now_ns: int) -> list[Action]:
+        """Of a COMMAND with an impossible setpoint the setpoints are dropped; what it requests is obeyed."""
         self.invalid += 1
         self._heard_ns = now_ns
-        actions: list[Action] = [Stop("asked for")] if event.command.stop else []
+        actions = self._take_requests(event.command, now_ns)
         if self._warnings.allows(now_ns):
             setpoint = event.command.setpoints[event.joint]
             text = f"setpoint {setpoint} of joint {event.joint + 1} in frame {event.command.seq}"
             warning = WireError(ErrorCode.INVALID_SETPOINT, text, False, now_ns)
             actions.append(Send(self._connection.send(warning)))
         return actions
+
+    def _take_requests(self, command: Command, now_ns: int) -> list[Action]:
+        if self._frames is None or self._servo_gone:
+            return []
+        request = self._frames.make_request(command, now_ns)
+        return [Request(request)] if request is not None else _stop_if_asked(command)
 
     def _tell(self, number: int, robot: RobotState) -> list[Action]:
         state = State(
@@ -213,3 +220,8 @@ class Session:
 
     def _give_up_command(self, reason: str) -> list[Action]:
         return [Stop(reason)] if self._lease.release(self) else []
+
+
+def _stop_if_asked(command: Command) -> list[Action]:
+    """The stop of a COMMAND of which nothing else may pass."""
+    return [Stop("asked for")] if command.stop else []

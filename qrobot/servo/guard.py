@@ -80,13 +80,17 @@ def category_of(code: int) -> int:
 
 @lean_kernel
 def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
-    """(code, joint): measured speed within `factor` times the limit; RUNAWAY beyond 1.5 times. Shapes (n,)."""
+    """(code, joint): measured speed within `factor` times the limit; RUNAWAY beyond 1.5 times. Shapes (n,).
+
+    A joint that runs away is told of before one that is only too fast, whichever comes first in the arm.
+    """
+    code, joint = NONE, 0
     for j in range(v.size):
         if not abs(v[j]) <= VELOCITY_CATEGORY_0 * v_max[j]:
             return RUNAWAY, j
-        if not abs(v[j]) <= factor * v_max[j]:
-            return VEL_LIMIT, j
-    return NONE, 0
+        if code == NONE and not abs(v[j]) <= factor * v_max[j]:
+            code, joint = VEL_LIMIT, j
+    return code, joint
 
 
 @lean_kernel

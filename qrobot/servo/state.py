@@ -47,7 +47,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     AFTER_STOP,  # mode that follows STOPPING
     STOP_SINCE_NS,
     STREAM,  # stream being followed
-    DEAD_STREAM,  # stream that a stop has ended
+    DEAD_STREAM,  # newest stream that a stop has ended, and all before it
     NEXT_SEQ,
     LAST_ARRIVAL_NS,
     PLAY_AT_NS,  # when a waiting stream starts

@@ -71,10 +71,13 @@ LONGEST_FRAME_NS: Final = 100_000_000
 
 @lean_kernel
 def look_at_frame(state: ServoState, mail: Any) -> bool:
-    """Copy the oldest waiting frame of a living stream into the state, discarding what a stop has outdated."""
+    """Copy the oldest waiting frame of a living stream into the state, discarding what a stop has outdated.
+
+    Numbers of streams grow, so whatever began before the newest stream that was ended is outdated with it.
+    """
     n = state.q.size
     while peek_frame(mail, state.frame, state.frame.size):
-        if state.frame[FRAME_STREAM] != state.i[DEAD_STREAM]:
+        if state.frame[FRAME_STREAM] > state.i[DEAD_STREAM]:
             for j in range(n):
                 state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
                 state.setpoint[j] = bits_float(state.frame[FRAME_JOINTS + n + j])
@@ -112,10 +115,10 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 
 @lean_kernel
 def forget_waiting(state: ServoState, mail: Any) -> None:
-    """A stop while holding: whatever stream was about to begin does not."""
-    if look_at_frame(state, mail):
+    """A stop while no stream is followed: whatever stream was about to begin does not."""
+    while look_at_frame(state, mail):
         state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
-    drop_all_frames(mail)
+        drop_frame(mail)
 
 
 @lean_kernel
@@ -135,7 +138,7 @@ def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> Non
 @lean_kernel
 def end_stream(state: ServoState, mail: Any) -> None:
     """Follow no frame of the present stream any more."""
-    state.i[DEAD_STREAM] = state.i[STREAM]
+    state.i[DEAD_STREAM] = max(state.i[DEAD_STREAM], state.i[STREAM])
     state.i[MISSES] = 0
     drop_all_frames(mail)
 

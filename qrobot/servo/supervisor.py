@@ -374,6 +374,8 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     state.i[STOPS_SEEN] = mail[COMMAND_STOPS]
     _obey_calibration(params, state, mail, stopped)
     mode = state.i[MODE]
+    if stopped and mode != TRACKING:  # also while stopping: a stream that waits for the end of the stop is meant too
+        forget_waiting(state, mail)
     if power == 0 and wants_power(mode):
         _power_off(params, state, mail, now_ns)
     elif mode == OFF:
@@ -382,10 +384,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     elif mode == POWERING:
         _watch_power_up(params, state, mail, now_ns)
     elif mode == HOLDING:
-        if stopped:
-            forget_waiting(state, mail)
-        else:
-            _watch_stream(params, state, mail, now_ns)
+        _watch_stream(params, state, mail, now_ns)
     elif mode == TRACKING:
         if stopped:
             begin_stop(params, state, mail, now_ns, HOLDING)

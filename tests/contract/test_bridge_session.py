@@ -8,7 +8,9 @@ from math import nan
 import pytest
 
 from qrobot.rccl_bridge import BridgeSettings, Close, Forward, Lease, Send, Session, SetpointFrame, Stop, carry_out
+from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.session import Peer
+from qrobot.servo.modes import Mode
 from qrobot.wire import (
     Bye,
     ClientRole,
@@ -25,6 +27,7 @@ from qrobot.wire import (
 )
 from qrobot.wire.codec import encode
 from tests.support.fake_port import FakePort
+from tests.support.servo_bench import ServoBench
 
 MS = 1_000_000
 PERIOD_NS = 28 * MS
@@ -37,7 +40,7 @@ MOVE = Command(0, (JointMode.POSITION,) * 6, (0.1,) * 6, power=True)
 class Client:
     """A client and its session, joined without a socket, on virtual time."""
 
-    def __init__(self, port: FakePort, lease: Lease, host: str = "127.0.0.1", **settings: int) -> None:
+    def __init__(self, port: FakePort | MailboxPort, lease: Lease, host: str = "127.0.0.1", **settings: int) -> None:
         self.port = port
         self.now_ns = START_NS
         self.wire = Connection(Side.CLIENT)
@@ -256,10 +259,51 @@ def test_an_impossible_setpoint_is_a_missing_frame_and_a_warning(client: Client,
     assert [frame.seq for frame in port.frames] == [2]
 
 
-def test_a_stop_is_a_stop_whatever_the_setpoint_beside_it(client: Client, port: FakePort) -> None:
+@pytest.mark.parametrize("wrong", [nan, float("inf"), -float("inf")])
+def test_what_is_requested_counts_whatever_the_setpoint_beside_it(client: Client, port: FakePort, wrong: float) -> None:
     client.join()
-    client.say_bytes(encode(replace(MOVE, seq=1, setpoints=(nan,) * 6, stop=True)))
-    assert (port.frames, port.stops) == ([], 1)
+    for seq, asked in enumerate(({"stop": True}, {"clear_fault": True}, {"hand": 2, "outputs": 5}, {}), start=1):
+        client.say_bytes(encode(replace(MOVE, seq=seq, setpoints=(wrong,) * 6, **asked)))
+    assert port.frames == []
+    requests = [(r.stop, r.clear_fault, r.hand, r.outputs) for r in port.requests]
+    assert requests == [(True, False, 0, 0), (False, True, 0, 0), (False, False, 2, 5), (False, False, 0, 0)]
+
+
+def test_a_stop_raised_and_held_beside_impossible_setpoints_is_one_stop(client: Client, port: FakePort) -> None:
+    client.join()
+    for seq in (1, 2, 3):
+        client.say_bytes(encode(replace(MOVE, seq=seq, setpoints=(nan,) * 6, stop=True)))
+    assert [request.stop for request in port.requests] == [True, False, False]
+
+
+@pytest.mark.parametrize("modes", [(1,) * 6, (0, 1, 0, 0, 0, 0), (2,) * 6])
+def test_an_impossible_setpoint_takes_no_power_off_down_with_it(modes: tuple[int, ...]) -> None:
+    rig = ServoBench().hold()
+    client = Client(MailboxPort(rig.mail), Lease())
+    client.join()
+    client.say(replace(MOVE, seq=1, modes=(0,) * 6, power=True))
+    client.say_bytes(encode(replace(MOVE, seq=2, modes=modes, setpoints=(nan,) * 6, power=True)))
+    rig.run(0.05)
+    assert rig.mode is Mode.HOLDING
+    client.say_bytes(encode(replace(MOVE, seq=3, modes=modes, setpoints=(nan,) * 6, power=False)))
+    rig.run(0.05)
+    assert rig.mode is Mode.OFF
+    client.say_bytes(encode(replace(MOVE, seq=4, modes=modes, setpoints=(nan,) * 6, power=True)))
+    rig.run(0.05)
+    assert rig.mode is Mode.OFF  # and no power-on either: nothing begins with a COMMAND that is wrong
+
+
+def test_a_commander_whose_power_request_is_locked_may_still_stop(client: Client, port: FakePort) -> None:
+    client.join()
+    client.say(replace(MOVE, seq=1, power=True))
+    port.running = False
+    client.wait(2 * PERIOD_NS)
+    port.restart()
+    client.wait(2 * PERIOD_NS)
+    stops = port.stops
+    client.say(replace(MOVE, seq=2, power=True, stop=True))
+    client.say_bytes(encode(replace(MOVE, seq=3, power=True, stop=True, setpoints=(nan,) * 6)))
+    assert port.stops == stops + 2
 
 
 def test_a_flood_of_impossible_setpoints_is_not_answered_by_a_flood_of_warnings(client: Client) -> None:

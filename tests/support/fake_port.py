@@ -17,6 +17,7 @@ class FakePort:
         self.robot_name = robot_name
         self.n = n
         self.frames: list[SetpointFrame] = []
+        self.requests: list[SetpointFrame] = []
         self.stops = 0
         self.running = True
         self.state = resting((0.0,) * n, mode=RobotMode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
@@ -41,6 +42,11 @@ class FakePort:
             self.state, t_ns=frame.t_ns, q=q, q_setpoint=q, flags=flags, hand=frame.hand,
             mode=RobotMode.TRACKING if frame.power else RobotMode.OFF,
         )  # fmt: skip
+
+    def write_requests(self, frame: SetpointFrame) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.requests.append(frame)
 
     def request_stop(self) -> None:
         if not self.running:

@@ -51,6 +51,10 @@ LIMITS = np.array([1.0, 2.0])
         ([0.0, -just_above(3.0)], (FaultCode.RUNAWAY, 1)),
         ([0.0, NAN], (FaultCode.RUNAWAY, 1)),
         ([INF, 0.0], (FaultCode.RUNAWAY, 0)),
+        ([1.3, 9.0], (FaultCode.RUNAWAY, 1)),  # the worse one, not the first
+        ([9.0, 2.6], (FaultCode.RUNAWAY, 0)),
+        ([1.3, NAN], (FaultCode.RUNAWAY, 1)),
+        ([1.3, 2.6], (FaultCode.VEL_LIMIT, 0)),
     ],
 )
 def test_velocity_is_stopped_above_the_factor_and_cut_above_half_as_much_again(

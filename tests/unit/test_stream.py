@@ -15,7 +15,7 @@ from qrobot.servo.modes import Mode
 from qrobot.servo.state import LAST_ARRIVAL_NS
 from qrobot.servo.stream import PLAYOUT_FRAMES, SILENCE_MARGIN, longest_silence
 from qrobot.servo.telemetry import Rows
-from tests.support.servo_bench import FRAME_NS, Floats, ServoBench, changes, cruise, moving, play, swing
+from tests.support.servo_bench import FRAME_NS, Floats, Program, ServoBench, changes, cruise, moving, play, swing
 
 FRAME_S = FRAME_NS * 1e-9
 OUT_AND_BACK = np.array([0.3, -0.2, 0.4, 0.5, -0.5, 0.6])
@@ -396,6 +396,26 @@ def test_a_bunch_of_frames_after_a_silence_finds_the_arm_stopped_and_is_not_foll
     bench.run(0.5)
     assert bench.mode is Mode.HOLDING
     assert list(changes(bench.rows()))[-2:] == [(Mode.TRACKING, Mode.STOPPING), (Mode.STOPPING, Mode.HOLDING)]
+
+
+@pytest.mark.parametrize("waiting", [(2,), (1, 2), (2, 3)])
+def test_a_stop_request_during_a_stop_also_ends_the_streams_that_wait_for_its_end(waiting: tuple[int, ...]) -> None:
+    bench = ServoBench().hold()
+    moving(bench)
+    bench.mailbox.request_stop()
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    program = Program(bench, lambda _t: bench.snapshot.q_ref + 1e-3, stream=0)
+    bench.run(0.01)
+    for program.stream in waiting:  # whoever sends them has died before the arm has come to rest
+        program.send(0, bench.now_ns)
+    bench.mailbox.request_stop()
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    end = bench.snapshot.q_ref.copy()
+    for seq in (1, 2, 3):
+        program.send(seq, bench.now_ns)
+        bench.run(0.028)
+    assert bench.mode is Mode.HOLDING
+    np.testing.assert_array_equal(bench.snapshot.q_ref, end)
 
 
 def test_a_stop_request_while_holding_also_ends_the_stream_that_was_about_to_begin() -> None:
