@@ -28,6 +28,10 @@ test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 	@$(MAKE) --no-print-directory -j 2 lint kernels
 	@$(MAKE) --no-print-directory unit
 
+# A test on the wall clock may be run again so often: `make test RERUNS=0` for not at all.
+RERUNS ?= 2
+unit: export QROBOT_RERUNS := $(RERUNS)
+
 kernels unit: export QROBOT_CACHE := $(CURDIR)/.pytest_cache/qrobot
 
 kernels: $(VENV)/dev.stamp

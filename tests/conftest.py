@@ -1,12 +1,21 @@
-"""Shared test profile: hypothesis measures no time (compiling is not slow), derandomised for bit-identical CI."""
+"""Shared test profile: hypothesis measures no time (compiling is not slow), derandomised for bit-identical CI.
+
+Tests that are not marked `realtime` are refused every clock; those that are have reruns, named at the end of a run.
+"""
 
 import os
 import signal
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
+
+from tests.support import clocks
+
+# Before anything of ours is imported, which may keep a clock under a name of its own.
+clocks.install()
 
 # Generated kernels stay with the other caches of the tests, not in the home directory; subprocesses inherit it.
 os.environ.setdefault("QROBOT_CACHE", str(Path(__file__).parents[1] / ".pytest_cache" / "qrobot"))
@@ -31,11 +40,38 @@ settings.register_profile(
 )
 settings.load_profile("qrobot")
 
-WALL_CLOCK_RERUNS = 2
+# Of a failed test on the wall clock: a shared machine may stop as a whole for longer than any bound allows.
+RERUNS = int(os.environ.get("QROBOT_RERUNS", "2"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Repeat a failed wall-clock test: a shared machine may stop as a whole for longer than any bound allows."""
     for item in items:
-        if item.get_closest_marker("realtime") is not None:
-            item.add_marker(pytest.mark.flaky(reruns=WALL_CLOCK_RERUNS, reruns_delay=1))
+        if RERUNS and item.get_closest_marker("realtime") is not None:
+            item.add_marker(pytest.mark.flaky(reruns=RERUNS, reruns_delay=1))
+
+
+def _without_clocks(item: pytest.Item) -> Generator[None, object, object]:
+    if clocks.may_read_clocks(item.nodeid, item.get_closest_marker("realtime") is not None):
+        return (yield)
+    with clocks.virtual_time_only():
+        return (yield)
+
+
+# Of a test, and of the fixtures it is the first one to ask for.
+pytest_runtest_setup = pytest.hookimpl(wrapper=True)(_without_clocks)
+pytest_runtest_call = pytest.hookimpl(wrapper=True)(_without_clocks)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name every test that was run again, and what it had failed by: a quiet machine needs none."""
+    again = terminalreporter.stats.get("rerun", [])
+    if again:
+        terminalreporter.section(f"{len(again)} reruns")
+    for report in again:
+        terminalreporter.line(f"RERUN {report.nodeid} - {_reason(report)}")
+
+
+def _reason(report: pytest.TestReport) -> str:
+    """The first line of what a test failed by."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    return str(crash.message if crash is not None else report.longrepr).partition("\n")[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -50,7 +51,8 @@ class Request:
         runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None
         inertial = None if runs is None else inertia_of_log(found, runs, period_s)
         everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
-        return found, model_of(found, everything, asked.date or datetime.now(UTC).date().isoformat(), inertial)
+        today = datetime.fromtimestamp(time.time(), UTC).date().isoformat()
+        return found, model_of(found, everything, asked.date or today, inertial)
 
     @cached_property
     def recorded(self) -> tuple[Rows, LogHeader]:

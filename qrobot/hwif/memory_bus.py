@@ -6,13 +6,13 @@ an answer: the walk through a new board, programs of other languages, a recorder
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image, make_image
 from qrobot.hwif.memory import IMAGE_COUNT, Lane, attach_board_memory, discard_operations, pending_operations
+from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.segment import Segment, Words
 
 TIMEOUT_S: Final = 0.1
@@ -52,7 +52,7 @@ class MemoryBus:
         """As `Bus.exchange`: takes until the board has shown the second image after the operations were taken."""
         words = self._words()
         end = MemoryEndpoint(words, self._lane)
-        deadline = time.monotonic() + self.timeout_s
+        deadline = Deadline(self.timeout_s)
         try:
             end.apply(operations)
             self._wait(lambda: pending_operations(words, int(self._lane)) == 0, deadline, "takes no operations")
@@ -81,11 +81,11 @@ class MemoryBus:
         end.read_image(self._newest)
         return int(self._newest[IMAGE_COUNT])
 
-    def _wait(self, done: Callable[[], bool], deadline: float, complaint: str) -> None:
+    def _wait(self, done: Callable[[], bool], deadline: Deadline, complaint: str) -> None:
         while not done():
-            if time.monotonic() > deadline:
+            if deadline.passed:
                 raise LinkTimeout(f"the board at {self.name} {complaint}: does it still run?")
-            time.sleep(POLL_S)
+            sleep_between_looks(POLL_S)
 
 
 def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:

@@ -156,7 +156,7 @@ def log_paths(target: Path, arm: str) -> Iterator[Path]:
 
 def fresh_path(directory: Path, arm: str, now: datetime | None = None) -> Path:
     """A file name that tells arm and time (UTC) and is not taken: DIR/ARM-20261121T093000Z.mcap."""
-    stamp = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
+    stamp = (now or datetime.fromtimestamp(time.time(), UTC)).strftime("%Y%m%dT%H%M%SZ")
     path, copies = directory / f"{arm}-{stamp}.mcap", 1
     while path.exists():
         copies += 1

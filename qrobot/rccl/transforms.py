@@ -7,8 +7,8 @@ ordinary function that returns a `Transform`.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
-from time import perf_counter_ns
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -134,9 +134,9 @@ def timed(function: Function) -> Function:
     """The same, its time measured: a program has to know which of its functions is too slow for the sample period."""
 
     def call(t: Transform) -> None:
-        begin_ns = perf_counter_ns()
+        begin_ns = time.perf_counter_ns()
         function(t)
-        t.longest_ms = max(t.longest_ms, (perf_counter_ns() - begin_ns) / NS_PER_MS)
+        t.longest_ms = max(t.longest_ms, (time.perf_counter_ns() - begin_ns) / NS_PER_MS)
 
     return call
 

@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout
 from qrobot.rci.client import Client
 from qrobot.rci.link import NEW_PERIOD
+from qrobot.realtime.deadline import Deadline
 from qrobot.wire import DEFAULT_PORT, Command, Hello, State, Welcome
 
 BRIDGE_VARIABLE: Final = "QROBOT_BRIDGE"
@@ -54,9 +55,9 @@ def connect(address: Address) -> socket.socket:
 
 def _read_to_the_end(sock: socket.socket, seconds: float) -> None:
     """Wait until the far end closes. To close with unread input would take back what was sent (RFC 9293, 3.6.1)."""
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0:
-        sock.settimeout(left)
+    deadline = Deadline(seconds)
+    while (left_s := deadline.left_s) > 0:
+        sock.settimeout(left_s)
         if not sock.recv(_CHUNK):
             return
 

@@ -101,13 +101,18 @@ def _bus(
         yield RoadRig(robot, settings, lambda end: open_bus(end, stack), emulator)
 
 
+def _standing_clock() -> int:
+    """Far ends of a road in lock-step have nobody to be impatient with."""
+    return 0
+
+
 def _open_modbus(end: Endpoint, stack: ExitStack) -> Bus:
     from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
     from qrobot.hwif.modbus.device import ModbusDevice
     from qrobot.hwif.modbus.server import ModbusServer
 
     end.apply(NO_OPERATIONS)  # compiles here, not while the near end waits for an answer
-    server = stack.enter_context(ModbusServer(ModbusDevice(end, watchdog_ms=0.0)))
+    server = stack.enter_context(ModbusServer(ModbusDevice(end, watchdog_ms=0.0, now_ns=_standing_clock)))
     bus = ModbusBus(ModbusLine(*server.address, timeout_s=PATIENCE_S))
     stack.callback(bus.close)
     return bus
@@ -121,7 +126,9 @@ def _open_can(end: Endpoint, stack: ExitStack) -> Bus:
     channel = f"crossing{os.getpid()}"
     end.apply(NO_OPERATIONS)
     with open_interface("virtual", channel) as listener:
-        stack.enter_context(can_server(f"virtual:{channel}", end, lambda _line: None, watchdog_ms=0.0))
+        stack.enter_context(
+            can_server(f"virtual:{channel}", end, lambda _line: None, watchdog_ms=0.0, now_ns=_standing_clock)
+        )
         listener.recv(PATIENCE_S)  # its boot-up message: one that came later would look like a node that started anew
     bus = CanBus("virtual", channel, timeout_s=PATIENCE_S)
     stack.callback(bus.close)

@@ -12,7 +12,6 @@ import socket
 import struct
 import subprocess
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -41,7 +40,7 @@ from qrobot.wire.codec import encode
 from tests.support.bridge import Bridge
 from tests.support.mutants import N, mutant
 from tests.support.packets import resting
-from tests.support.patience import PATIENCE_MS, PATIENCE_S, wait_until
+from tests.support.patience import PATIENCE_MS, PATIENCE_S, give_time, wait_until
 
 ROOT = Path(__file__).parents[2]
 HEADER = ROOT / "qrobot/wire/c"
@@ -376,7 +375,7 @@ def test_a_goodbye_arrives_though_states_were_left_unread(client: Path) -> None:
         near.sendall(b"".join(connection.send(State(seq, resting((0.1, 0.2)))) for seq in range(1, 20)))
         near.recv(4096, socket.MSG_PEEK)
         for seq in range(20, 23):
-            time.sleep(0.01)  # for a client that would not wait
+            give_time(0.01)  # for a client that would not wait
             near.sendall(connection.send(State(seq, resting((0.1, 0.2)))))
         connection.receive_data(near.recv(4096))
         heard.append(connection.next_event())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -16,7 +15,7 @@ from qrobot.rci import tcp as tcp_module
 from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Side, State, Welcome, WireError
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.packets import resting
-from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.patience import PATIENCE_S, give_time, wait_until
 
 Q = (0.1, -0.2)
 NOWHERE = ("127.0.0.1", 5600)
@@ -76,7 +75,7 @@ def test_closing_says_goodbye_once(make_link, robot) -> None:
     link.close("done")
     link.close("done")
     wait_until(lambda: robot.goodbyes)
-    time.sleep(0.01)  # for a second one
+    give_time()  # for a second one
     assert robot.goodbyes == 1
 
 
@@ -93,7 +92,7 @@ def test_a_goodbye_arrives_though_states_were_left_unread() -> None:
         far.sendall(server.send(State(1, resting(Q))))
         closing = program.submit(link.close, "done")
         assert far.recv(4096, socket.MSG_PEEK)
-        time.sleep(0.01)  # for a client that would not wait
+        give_time()  # for a client that would not wait
         far.sendall(server.send(State(2, resting(Q))))
         server.receive_data(far.recv(4096))
         assert server.next_event() == Bye("done")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -17,7 +16,8 @@ from qrobot.hwif.memory_bus import MemoryBus
 from qrobot.realtime.segment import Words
 from tests.contract.bus_contract import BusContract, Road
 from tests.support.bus import BenchEndpoint, DirectBus
-from tests.support.patience import MOMENT_S, PATIENCE_S
+from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
+from tests.support.virtual_clock import VirtualClock
 
 STEP_S = 0.0005
 ARMS = (f"contract{os.getpid()}n{number}" for number in count())
@@ -64,14 +64,16 @@ class MemoryRoad:
         self.gateway = Gateway(self.far, self.segment.words, 250_000)
         self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=PATIENCE_S)
         self._held, self._stop = threading.Event(), threading.Event()
-        assert self.gateway.step(0)
+        self.clock = VirtualClock(0)
+        assert self.gateway.step(self.clock())
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._stop.wait(STEP_S):
             if not self._held.is_set():
-                self.gateway.step(time.monotonic_ns())
+                self.clock.pass_ms(STEP_S * 1e3)
+                self.gateway.step(self.clock())
 
     def hurry(self) -> None:
         self.bus.timeout_s = MOMENT_S
@@ -84,8 +86,7 @@ class MemoryRoad:
         self.bus.timeout_s = PATIENCE_S
         self.far.cut = False
         self._held.clear()
-        while not self.gateway.connected:
-            time.sleep(STEP_S)
+        wait_until(lambda: self.gateway.connected, "the gateway finds the board again")
 
     def garbage(self) -> None:
         self._held.set()

@@ -13,6 +13,7 @@ from tests.support.bus import BenchEndpoint, rows_of
 from tests.support.modbus_road import set_patience
 from tests.support.patience import MOMENT_S, PATIENCE_S
 from tests.support.relay import Relay, as_it_came
+from tests.support.virtual_clock import VirtualClock
 
 HEAD = 7
 
@@ -49,5 +50,8 @@ class TestModbus(BusContract):
     @contextmanager
     def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
         end.apply(rows_of(()))  # compiles here, not while the near end waits for an answer
-        with ModbusServer(ModbusDevice(end, watchdog_ms=0)) as server, Relay(server.address) as relay:
+        with (
+            ModbusServer(ModbusDevice(end, watchdog_ms=0, now_ns=VirtualClock())) as server,
+            Relay(server.address) as relay,
+        ):
             yield ModbusRoad(relay)

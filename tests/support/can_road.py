@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.node import BoardNode, run_node
 from qrobot.hwif.gateway import NO_OPERATIONS
 from tests.support.patience import MOMENT_S, PATIENCE_MS, PATIENCE_S, wait_until
+from tests.support.virtual_clock import VirtualClock
 
 
 class WeakWire:
@@ -46,12 +46,9 @@ class CanRoad:
     def __init__(self, endpoint: Endpoint) -> None:
         self.channel = uuid.uuid4().hex
         self.wire = WeakWire(self.interface())
-        self._skipped_ns = 0
-        self.node = BoardNode(self.wire, endpoint, watchdog_ms=PATIENCE_MS, now_ns=self._now_ns)  # type: ignore[arg-type]
+        self._clock = VirtualClock()
+        self.node = BoardNode(self.wire, endpoint, watchdog_ms=PATIENCE_MS, now_ns=self._clock)  # type: ignore[arg-type]
         self.bus = CanBus("virtual", self.channel, timeout_s=PATIENCE_S)
-
-    def _now_ns(self) -> int:
-        return time.monotonic_ns() + self._skipped_ns
 
     def interface(self) -> can.BusABC:
         """Another place on the wire."""
@@ -69,7 +66,7 @@ class CanRoad:
 
     def expire(self) -> None:
         """Let the time of the node's watchdog pass."""
-        self._skipped_ns += round(PATIENCE_MS * 1e6)
+        self._clock.pass_ms(PATIENCE_MS + 1.0)
         wait_until(lambda: self.node.expired, "the watchdog of the far end acts")
 
     def garbage(self) -> None:

@@ -12,6 +12,11 @@ MOMENT_S: Final = 0.05  # with what will not come
 _POLL_S: Final = 0.001
 
 
+def give_time(seconds: float = MOMENT_S) -> None:
+    """Let pass what must not come: too short a time may hide a fault, but never makes one."""
+    time.sleep(seconds)
+
+
 def wait_until(condition: Callable[[], object], what: str = "it", seconds: float = PATIENCE_S) -> None:
     """Poll on the wall clock. Fails the test when the condition does not come true within `seconds`."""
     deadline = time.monotonic() + seconds

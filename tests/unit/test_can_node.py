@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import time
 from types import SimpleNamespace
 
 import can
@@ -36,6 +35,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from tests.support.bus import BenchEndpoint, Row, rows_of
+from tests.support.virtual_clock import VirtualClock
 
 NODE = 5
 SAFE = [(OP_WRITE, DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
@@ -61,8 +61,8 @@ class Desk:
     """A node, the bench behind it, and somebody who sends frames."""
 
     def __init__(self, watchdog_ms: float = 0.0) -> None:
-        self.wire, self.end = Wire(), BenchEndpoint()
-        self.node = BoardNode(self.wire, self.end, NODE, watchdog_ms)  # type: ignore[arg-type]
+        self.wire, self.end, self.clock = Wire(), BenchEndpoint(), VirtualClock()
+        self.node = BoardNode(self.wire, self.end, NODE, watchdog_ms, now_ns=self.clock)  # type: ignore[arg-type]
         self.node.boot()
 
     def put(self, can_id: int, data: bytes = b"") -> list[tuple[int, bytes]]:
@@ -216,7 +216,7 @@ def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
     desk.command(START)
     desk.post((OP_WRITE, DAC, 5))
     desk.sync()
-    time.sleep(0.01)
+    desk.clock.pass_ms(5.1)
     desk.node.step(0.0)
     desk.node.step(0.0)
     assert desk.end.lists[1:] == [SAFE]
@@ -230,7 +230,7 @@ def test_a_silent_client_makes_the_board_safe_once_and_may_go_on() -> None:
 
 def test_a_node_that_does_not_operate_has_no_watchdog() -> None:
     desk = Desk(watchdog_ms=1.0)
-    time.sleep(0.005)
+    desk.clock.pass_ms(5.0)
     desk.node.step(0.0)
     assert desk.end.lists == []
 
@@ -253,7 +253,7 @@ def test_the_heartbeat_comes_from_the_loop_and_tells_the_state(desk: Desk) -> No
     desk.wire.sent.clear()
     desk.node.step(0.0)
     assert desk.wire.sent == [(HEARTBEAT + NODE, b"\x05")]
-    time.sleep(0.002)
+    desk.clock.pass_ms(2.0)
     desk.command(PRE_OPERATIONAL)
     desk.node.step(0.0)
     assert desk.wire.sent[-1] == (HEARTBEAT + NODE, b"\x7f")

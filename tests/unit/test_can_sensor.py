@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import uuid
 from collections.abc import Iterator
 
@@ -29,6 +28,7 @@ from qrobot.hwif.registers import (
 from tests.support.bench import Bench
 from tests.support.bus import BenchEndpoint, DirectBus, Row, rows_of
 from tests.support.patience import PATIENCE_MS
+from tests.support.virtual_clock import VirtualClock
 
 FORCE, TORQUE, BOARD_CHANNEL = 6, 7, 2
 RESOLUTION = 16 * ADC_F_VOLT_PER_COUNT
@@ -46,7 +46,8 @@ class Desk:
         self.sensor = can.Bus(interface="virtual", channel=name)
         config = CanSensor(interface="virtual", channel=name, signals=signals)
         patient = config.model_copy(update={"timeout_ms": timeout_ms})  # longer than a file may ask for
-        self.bus = SensorBus(DirectBus(self.end), patient)
+        self.clock = VirtualClock()
+        self.bus = SensorBus(DirectBus(self.end), patient, self.clock)
         self.image = make_image()
 
     def close(self) -> None:
@@ -106,7 +107,7 @@ def test_a_sensor_that_is_silent_or_was_never_heard_has_no_value() -> None:
     assert desk.convert(FORCE) is None
     desk.send(bytes(4))
     desk.exchange()
-    time.sleep(0.03)
+    desk.clock.pass_ms(20.1)
     assert desk.convert(FORCE) is None
     desk.close()
 

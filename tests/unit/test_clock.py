@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import time
 
+import pytest
+
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import kernel
 from tests.support.patience import PATIENCE_S
+
+pytestmark = pytest.mark.realtime  # the clock is what they are about; no bound depends on how fast it goes
 
 
 @kernel

@@ -92,6 +92,7 @@ print(first({name}(np.ones(2))), sum(first.stats.cache_hits.values()))
 def test_a_cache_that_names_a_class_of_the_past_is_stale_and_no_error(tmp_path: Path) -> None:
     file, root = tmp_path / "renamed.py", Path(__file__).parents[2]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "0", "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}"}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # Python tells files of one size apart by whole seconds only
     command = [sys.executable, "-c", "import renamed"]
     printed = []
     for name in ("Old", "Old", "New", "New"):

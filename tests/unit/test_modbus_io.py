@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +48,7 @@ from tests.support.bus import DirectBus
 from tests.support.deployment import LEFT
 from tests.support.paper_board import PaperBoard
 from tests.support.patience import PATIENCE_MS, wait_until
+from tests.support.virtual_clock import VirtualClock
 
 GRIPPER = DAC // 2
 OPEN, CLOSE = DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN  # active low: the solenoid whose bit is off is on
@@ -67,6 +67,7 @@ class Table:
     board: PaperBoard
     module: RemoteModule
     lines: list[str]
+    clock: VirtualClock
 
     def words(self) -> list[int]:
         return [value for _, offset, value in self.board.applied if DAC <= offset < 2 * PUMP]
@@ -74,8 +75,8 @@ class Table:
 
 @pytest.fixture
 def table() -> Iterator[Table]:
-    board, lines = PaperBoard(), list[str]()
-    with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
+    board, lines, clock = PaperBoard(), list[str](), VirtualClock()
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=clock)) as server:
         choice = ModbusIo.model_validate(
             {
                 "host": "127.0.0.1", "port": server.address[1], "period_ms": 1.0,
@@ -89,7 +90,7 @@ def table() -> Iterator[Table]:
             }
         )  # fmt: skip
         patient = choice.model_copy(update={"timeout_ms": PATIENCE_MS})  # longer than a file may ask for
-        table = Table(board, RemoteModule(patient, lines.append), lines)
+        table = Table(board, RemoteModule(patient, lines.append, clock), lines, clock)
         yield table
         table.module.close()
 
@@ -98,24 +99,24 @@ def test_inputs_of_a_module_stand_where_the_file_says(table: Table) -> None:
     assert table.module.mask == 0b10100
     table.board.status = 1 << 15
     table.module.poll()
-    assert table.module.bits(time.monotonic_ns()) == 0b00100
+    assert table.module.bits(table.clock()) == 0b00100
     table.board.status = 1
     table.module.poll()
-    assert table.module.bits(time.monotonic_ns()) == 0b10000
+    assert table.module.bits(table.clock()) == 0b10000
 
 
 def test_what_is_old_or_was_never_seen_reads_as_safe(table: Table) -> None:
-    assert table.module.bits(time.monotonic_ns()) == 0b10000
+    assert table.module.bits(table.clock()) == 0b10000
     table.board.status = 1 << 15
     table.module.poll()
-    assert table.module.bits(time.monotonic_ns() + AGE_NS) == 0b10000
+    assert table.module.bits(table.clock() + AGE_NS) == 0b10000
 
 
 def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_it_is_old(table: Table) -> None:
-    assert table.module.maybe_volt(6, time.monotonic_ns()) is None
+    assert table.module.maybe_volt(6, table.clock()) is None
     table.board.inputs[ENC_COUNT // 2] = 0x10000 - 1500
     table.module.poll()
-    now_ns = time.monotonic_ns()
+    now_ns = table.clock()
     assert table.module.maybe_volt(6, now_ns) == pytest.approx(-2.0)
     assert table.module.maybe_volt(6, now_ns + AGE_NS) is None
     assert table.module.maybe_volt(5, now_ns) is None
@@ -123,7 +124,7 @@ def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_i
 
 def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) -> None:
     main = PaperBoard()
-    bus, image = IoBus(DirectBus(main), [table.module]), make_image()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
     table.board.inputs[ENC_COUNT // 2] = 3000
     table.module.poll()
     ours, boards = ((OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT) for channel in (6, 5))
@@ -137,7 +138,7 @@ def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) 
 
 
 def test_a_remote_channel_without_a_value_is_never_converted(table: Table) -> None:
-    bus, image = IoBus(DirectBus(PaperBoard()), [table.module]), make_image()
+    bus, image = IoBus(DirectBus(PaperBoard()), [table.module], table.clock), make_image()
     bus.exchange(np.array([(OP_WRITE, ADC_MUX, 6 << ADC_F_CHANNEL_SHIFT)], np.int64), image)
     assert image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
 
@@ -160,14 +161,14 @@ def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follo
     for t_ns, (offset, value) in enumerate([(DISCRETE, OPEN), (DISCRETE, CLOSE), (DAC, 7)]):
         trace_write(memory, t_ns, 0, offset, value)
     table.module.poll()
-    panel.step(time.monotonic_ns())
+    panel.step(table.clock())
     assert memory[PANEL_INPUTS] == 0b00110
     assert memory[PANEL_ANALOG + 6] == 2_500_000
     table.module.poll()
     assert table.words() == [3, 4]
     table.board.gone = True
     table.module.poll()
-    panel.step(time.monotonic_ns() + AGE_NS)
+    panel.step(table.clock() + AGE_NS)
     assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
     assert memory[PANEL_ANALOG + 6] == 0
     assert memory[BOARD_MODULE_LOSSES] == 1
@@ -176,7 +177,7 @@ def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follo
 def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until_it_ends(tmp_path: Path) -> None:
     board, lines, memory = PaperBoard(), list[str](), local_board_memory()
     board.status = 1
-    with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=VirtualClock())) as server:
         path = tmp_path / "here.toml"
         module = f'[[arm.board.io]]\nhost = "127.0.0.1"\nport = {server.address[1]}\n'
         path.write_text(LEFT + module + "timeout_ms = 10_000\ninputs = [{ address = 0, input = 3 }]\n")
@@ -280,7 +281,7 @@ def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
 
 def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
     main = PaperBoard()
-    bus, image = IoBus(DirectBus(main), [table.module]), make_image()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
     bus.exchange(np.array([(OP_OUTPUTS, 0, PUMP_3), (OP_WRITE, DAC, 9)], np.int64), image)
     table.module.poll()
     assert main.applied == [(OP_WRITE, DAC, 9)]
@@ -290,7 +291,7 @@ def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table)
 def test_beside_an_emulated_board_modules_follow_the_lamps_of_the_panel(table: Table) -> None:
     memory = local_board_memory()
     memory[PANEL_OUTPUTS] = VALVE_1
-    PanelModules(memory, [table.module]).step(time.monotonic_ns())
+    PanelModules(memory, [table.module]).step(table.clock())
     table.module.poll()
     assert valve_and_pump(table) == [0, 0]
 
@@ -299,7 +300,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
     main = PaperBoard()
     main.status = STATUS_POWER | 0b00110
     table.board.status = 1
-    bus, image = IoBus(DirectBus(main), [table.module]), make_image()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
     assert bus.connect().joints == 6
 
     def closed() -> bool:

@@ -21,6 +21,7 @@ from qrobot.hwif.registers import DAC, ENC_COUNT, ENC_LOAD, STATUS_ESTOP_OK, STA
 from tests.support.paper_board import PaperBoard
 from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.relay import Relay, as_it_came
+from tests.support.virtual_clock import VirtualClock
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE, DEVICE_BUSY = 1, 2, 3, 4, 6
 
@@ -46,7 +47,7 @@ class Far:
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Far]:
     board = PaperBoard()
-    with ModbusServer(ModbusDevice(board, watchdog_ms=0)) as server:
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=VirtualClock())) as server:
         yield Far(server, board)
 
 
@@ -154,7 +155,7 @@ def test_the_watchdog_acts_between_requests() -> None:
 def test_two_servers_cannot_have_one_address(far: Far) -> None:
     with (
         pytest.raises(LinkBusy, match="is the port taken"),
-        ModbusServer(ModbusDevice(PaperBoard()), *far.server.address),
+        ModbusServer(ModbusDevice(PaperBoard(), now_ns=VirtualClock()), *far.server.address),
     ):
         pass
 

@@ -7,7 +7,6 @@ whether the operations were done.
 
 from __future__ import annotations
 
-import time
 from typing import Final
 
 from qrobot.config.can import CanRoad
@@ -26,6 +25,7 @@ from qrobot.hwif.canbus.objects import (
     IMAGE_OBJECT,
 )
 from qrobot.hwif.memory import IMAGE_COUNT as COUNT_WORD
+from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.segment import Words
 
 TIMEOUT_S: Final = 0.05
@@ -96,7 +96,7 @@ class CanBus:
         self._count = int(image[COUNT_WORD])
 
     def _collect(self, answer: Collector) -> Collector:
-        deadline = time.monotonic() + self.link.timeout_s
+        deadline = Deadline(self.link.timeout_s)
         while not answer.whole:
             message = self.link.receive(deadline, f"node {self._node}")
             if message.arbitration_id in self._tpdo:

@@ -55,6 +55,7 @@ from qrobot.hwif.registers import (
     STATUS_INDEX,
     STATUS_POWER,
 )
+from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.segment import Words
 
 FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
@@ -66,7 +67,7 @@ class DrivesBus:
 
     Args:
         road: where they are, and what their numbers mean.
-        clock: time of an image, ns; by default the middle between asking and answer.
+        clock: time of an image, ns, once it has come; by default the middle between asking and answer.
 
     Attributes:
         link: its `timeout_s` may be changed.
@@ -74,7 +75,7 @@ class DrivesBus:
 
     def __init__(self, road: DrivesRoad, clock: Callable[[], int] | None = None) -> None:
         self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
-        self._road, self._clock = road, clock
+        self._road, self._now_ns, self._virtual_time = road, clock or time.monotonic_ns, clock is not None
         self.link = CanLink(road.interface, road.channel, road.bitrate, road.nodes, road.timeout_ms / MS_PER_S)
         self._setpoints = setpoints_of(road)
         self._drives = [Drive(counts) for counts in road.counts_at_zero]
@@ -104,12 +105,12 @@ class DrivesBus:
             self._setpoints.take(kind, offset, value)
             if kind == OP_WRITE:
                 self._write(offset, value)
-        asked_ns = time.monotonic_ns()
+        asked_ns = self._now_ns()
         self._transmit()
         self._collect()
-        answered_ns = time.monotonic_ns()
+        answered_ns = self._now_ns()
         self._judge_power()
-        self._fill(image, self._clock() if self._clock else (asked_ns + answered_ns) // 2)
+        self._fill(image, answered_ns if self._virtual_time else (asked_ns + answered_ns) // 2)
 
     def close(self) -> None:
         """Let go of the interface; the drives notice by their own time-out."""
@@ -149,7 +150,7 @@ class DrivesBus:
 
     def _collect(self) -> None:
         waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
-        deadline = time.monotonic() + self.link.timeout_s
+        deadline = Deadline(self.link.timeout_s)
         while waiting:
             message = self.link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
             channel = waiting.pop(message.arbitration_id, None)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, SDO_ANSWER, SDO_ASK
 from qrobot.hwif.canbus.interface import load_can, open_interface
+from qrobot.realtime.deadline import Deadline
 
 if TYPE_CHECKING:
     import can
@@ -67,15 +67,15 @@ class CanLink:
         except (library.CanError, OSError, ValueError) as error:
             raise LinkLost(f"the interface fails: {error}") from error
 
-    def receive(self, deadline: float, whom: str) -> can.Message:
-        """The next data frame, until `deadline` of `time.monotonic`.
+    def receive(self, deadline: Deadline, whom: str) -> can.Message:
+        """The next data frame, until `deadline`.
 
         Raises:
             LinkTimeout: none came; names `whom`, and the last emergency messages.
             LinkLost: one of the nodes has started anew, or the interface fails.
         """
-        while (left := deadline - time.monotonic()) > 0:
-            message = self._next(left)
+        while (left_s := deadline.left_s) > 0:
+            message = self._next(left_s)
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             self._listen(message)
@@ -115,7 +115,7 @@ class CanLink:
 
     def _ask(self, node: int, command: int, index: int, sub: int, value: int) -> int:
         self.send(SDO_ASK + node, SDO.pack(command, index, sub, value))
-        deadline = time.monotonic() + max(SDO_TIMEOUT_S, self.timeout_s)
+        deadline = Deadline(max(SDO_TIMEOUT_S, self.timeout_s))
         while True:
             message = self.receive(deadline, f"node {node}")
             if message.arbitration_id != SDO_ANSWER + node or len(message.data) != SDO.size:

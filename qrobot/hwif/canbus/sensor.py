@@ -7,6 +7,7 @@ values that came; one that is too old is none.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import LinkError
@@ -34,14 +35,19 @@ def decode_signal(signal: CanSignal, data: bytes) -> int:
 class SensorBus:
     """A `Bus` to a board of revision F, with channels that a sensor on CAN serves.
 
+    Args:
+        bus: to the board.
+        sensor: where it is and what it sends.
+        now_ns: the clock by which a value is too old.
+
     Attributes:
         malformed: frames of the sensor that were too short.
     """
 
-    def __init__(self, bus: Bus, sensor: CanSensor) -> None:
+    def __init__(self, bus: Bus, sensor: CanSensor, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.name = f"{bus.name} with a sensor on CAN {sensor.interface}:{sensor.channel}"
         self.malformed = 0
-        self._bus, self._sensor = bus, sensor
+        self._bus, self._sensor, self._now_ns = bus, sensor, now_ns
         self._link = CanLink(sensor.interface, sensor.channel, sensor.bitrate, ())
         self._channels = RemoteChannels({signal.channel for signal in sensor.signals}, self._maybe_word)
         self._newest: dict[int, tuple[int, int]] = {}  # by channel: word, time
@@ -58,8 +64,8 @@ class SensorBus:
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`."""
         self._bus.exchange(self._channels.for_board(operations), image)
-        self._listen(time.monotonic_ns())
-        self._channels.answer(image, time.monotonic_ns())
+        self._listen(self._now_ns())
+        self._channels.answer(image, self._now_ns())
 
     def close(self) -> None:
         """Let go of both."""
@@ -79,7 +85,9 @@ class SensorBus:
             self.malformed += 1
 
     def _maybe_word(self, channel: int, now_ns: int) -> int | None:
-        word, t_ns = self._newest.get(channel, (0, 0))
+        if (heard := self._newest.get(channel)) is None:
+            return None
+        word, t_ns = heard
         return word if now_ns - t_ns <= self._sensor.timeout_ms * NS_PER_MS else None
 
 

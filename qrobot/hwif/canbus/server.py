@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -25,7 +26,11 @@ def split_address(address: str) -> tuple[str, str, int]:
 
 @contextmanager
 def can_server(
-    address: str, endpoint: Endpoint, report: Callable[[str], None], watchdog_ms: float = WATCHDOG_MS
+    address: str,
+    endpoint: Endpoint,
+    report: Callable[[str], None],
+    watchdog_ms: float = WATCHDOG_MS,
+    now_ns: Callable[[], int] = time.monotonic_ns,
 ) -> Iterator[BoardNode]:
     """Serve `endpoint` as a node while the block runs.
 
@@ -37,7 +42,7 @@ def can_server(
     bus = open_interface(interface, channel)
     stop = threading.Event()
     try:
-        node = BoardNode(bus, endpoint, node_id, watchdog_ms, report)
+        node = BoardNode(bus, endpoint, node_id, watchdog_ms, report, now_ns)
         thread = threading.Thread(target=_serve, args=(node, stop, report), name=f"can-node-{node_id}", daemon=True)
         thread.start()
         try:

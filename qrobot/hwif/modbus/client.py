@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -30,6 +29,7 @@ from qrobot.hwif.modbus.map import (
     decode_image,
     encode_operations,
 )
+from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.segment import Words
 
 DEFAULT_PORT: Final = 502
@@ -128,14 +128,14 @@ class ModbusBus:
         read = self._line.client.read_input_registers
         words = self._line.registers(read, IDENTITY_REGISTERS, address=IDENTITY, count=IDENTITY_REGISTERS)
         facts = decode_identity(words)
-        deadline = time.monotonic() + self._line.timeout_s
+        deadline = Deadline(self._line.timeout_s)
         while True:  # the server may still be busy with the end of our last connection
             self._sequence, control = self._line.registers(read, 2, address=APPLIED, count=CONTROL - APPLIED + 1)
             if control != ANOTHER:
                 return facts
-            if time.monotonic() > deadline:
+            if deadline.passed:
                 raise LinkBusy(f"{self.name}: another client has the control")
-            time.sleep(POLL_S)
+            sleep_between_looks(POLL_S)
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """As `Bus.exchange`; more than MAX_OPERATIONS operations need several requests."""

@@ -43,14 +43,20 @@ class RemoteModule:
     Args:
         choice: where it is and what it has.
         report: takes a line when it is found or lost, or is not there at first.
+        now_ns: the clock of what was seen.
 
     Attributes:
         mask: bits of STATUS that are its own. channels: of the converter, likewise.
         losses: times it has been lost.
     """
 
-    def __init__(self, choice: ModbusIo, report: Report = lambda _line: None) -> None:
-        self._choice, self._report = choice, report
+    def __init__(
+        self,
+        choice: ModbusIo,
+        report: Report = lambda _line: None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._choice, self._report, self._now_ns = choice, report, now_ns
         self._line = ModbusLine(choice.host, choice.port, choice.device_id, choice.timeout_ms / MS_PER_S)
         self.mask = sum(1 << each.input for each in choice.inputs)
         self.channels = frozenset(each.channel for each in choice.analog)
@@ -100,7 +106,7 @@ class RemoteModule:
                 self._line.connect()
                 self._written = None
                 self._shown.clear()
-            self._seen = Seen(self._read(), self._measure(), time.monotonic_ns())
+            self._seen = Seen(self._read(), self._measure(), self._now_ns())
             self._switch()
             self._write()
         except (LinkError, ProtocolError) as error:
@@ -181,11 +187,14 @@ class IoBus:
     Args:
         bus: to the board.
         modules: each with inputs of its own.
+        now_ns: their clock.
     """
 
-    def __init__(self, bus: Bus, modules: Sequence[RemoteModule]) -> None:
+    def __init__(
+        self, bus: Bus, modules: Sequence[RemoteModule], now_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
         self.name = bus.name
-        self._bus, self._modules = bus, modules
+        self._bus, self._modules, self._now_ns = bus, modules, now_ns
         self._channels = RemoteChannels(set().union(*(each.channels for each in modules)), self._maybe_word)
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -210,7 +219,7 @@ class IoBus:
         """See `Bus`."""
         self._tell(operations)
         self._bus.exchange(self._channels.for_board(for_the_road(operations)), image)
-        status, now_ns = IMAGE_INPUTS + STATUS // 2, time.monotonic_ns()
+        status, now_ns = IMAGE_INPUTS + STATUS // 2, self._now_ns()
         for module in self._modules:
             image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)
         self._channels.answer(image, now_ns)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from time import monotonic_ns
 from typing import Final
 
 from qrobot.hwif.memory import (
@@ -62,7 +62,7 @@ class PanelModules:
     def run(self, stop: threading.Event) -> None:
         """Step until `stop` is set."""
         while not stop.wait(STEP_S):
-            self.step(monotonic_ns())
+            self.step(time.monotonic_ns())
 
 
 @contextmanager

@@ -7,6 +7,7 @@ other's sequences: take the servo away first.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,11 @@ class PortBus:
     Args:
         card: its words, see `card.make_card`.
         joints: encoder channels in use.
+        now_ns: stamps the images: a card has no clock of its own.
     """
 
-    def __init__(self, card: Words, joints: int = N_ENCODERS) -> None:
-        self.card, self._joints = card, joints
+    def __init__(self, card: Words, joints: int = N_ENCODERS, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.card, self._joints, self._now_ns = card, joints, now_ns
         self._newest = make_image()
 
     @property
@@ -60,7 +62,7 @@ class PortBus:
 
     def _read(self) -> None:
         read: Any = read_card
-        read(self.card, self._newest, time.monotonic_ns())
+        read(self.card, self._newest, self._now_ns())
         words = np.delete(self._newest[IMAGE_INPUTS:], _NOT_READ)
         if np.all(words == words[0]) and words[0] in (0, _EMPTY_BUS):
             raise LinkLost(f"no card answers at {self.name}: every register reads {int(words[0]):#06x}; base, cable?")

@@ -6,7 +6,7 @@ import numpy as np
 
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import Endpoint, make_image
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_FIELDS, OP_READ, OP_WRITE
+from qrobot.hwif.memory import IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.port.bus import PortBus
 from qrobot.hwif.port.card import (
     CARD_READ_ONLY,
@@ -33,6 +33,7 @@ class FakeCard:
     Attributes:
         words: the card, for compiled code.
         pulled: the card is out of its slot.
+        t_ns: time of what the window shows, by the board's clock.
     """
 
     def __init__(self, end: Endpoint, read_only: bool = False) -> None:
@@ -40,6 +41,7 @@ class FakeCard:
         self.words = make_card(FAKE_CARD, revision=end.facts().revision)
         self.words[CARD_READ_ONLY] = read_only
         self.pulled = False
+        self.t_ns = 0
         self._seen = 0
         self._show()
 
@@ -69,13 +71,14 @@ class FakeCard:
         image = make_image()
         self.end.read_image(image)
         window[:] = image[IMAGE_INPUTS:]
+        self.t_ns = int(image[IMAGE_T_NS])
 
 
 class FakeCardBus(PortBus):
-    """The bus of the card, with the board answering between writing and reading."""
+    """The bus of the card, with the board answering between writing and reading; its clock is the board's."""
 
     def __init__(self, fake: FakeCard) -> None:
-        super().__init__(fake.words)
+        super().__init__(fake.words, now_ns=lambda: fake.t_ns)
         self.fake = fake
 
     def settle(self) -> None:

@@ -1,0 +1,30 @@
+"""How long one process waits for another, which may have ended: the wall clock of code that has no other.
+
+What is waited for is an event; the deadline only bounds the wait, and says nothing when the event comes.
+"""
+
+from __future__ import annotations
+
+import time
+
+
+class Deadline:
+    """So many seconds from now, on CLOCK_MONOTONIC."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end_s = time.monotonic() + seconds
+
+    @property
+    def left_s(self) -> float:
+        """Seconds until then, never less than nothing."""
+        return max(0.0, self._end_s - time.monotonic())
+
+    @property
+    def passed(self) -> bool:
+        """There is no more time."""
+        return self.left_s == 0.0
+
+
+def sleep_between_looks(seconds: float) -> None:
+    """Leave the processor to whoever is waited for."""
+    time.sleep(seconds)
