@@ -100,6 +100,8 @@ def servo_settings(
         board_timeout_ms=arm.servo.board_timeout_ms,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
+        exchange_ms=arm.board.period_ms,
+        unchecked_gains=arm.servo.unchecked_gains,
         position_drives=arm.board.position_drives,
         outputs=outputs_of(arm),
         overrun=overrun_of(arm),

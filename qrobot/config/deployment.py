@@ -144,6 +144,8 @@ class ServoChoice(Table):
     `model` is the arm's identified model, a `.toml` that `qrobot identify fit` wrote; one that is damaged or another
     robot's is told and not used.
 
+    `unchecked_gains` signs for gains that are not stable with margin at this rate; without it the servo refuses them.
+
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     """
 
@@ -158,6 +160,7 @@ class ServoChoice(Table):
     board_timeout_ms: float = Field(default=1.0, gt=0, le=1000, allow_inf_nan=False)
     require_realtime: bool = False
     overrun: OverrunChoice | None = None
+    unchecked_gains: bool = False
     sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
 
 

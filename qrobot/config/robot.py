@@ -82,12 +82,13 @@ class Geometry(Section):
 
 
 class Limits(Section):
-    """Joint range, speed and acceleration that no command may exceed."""
+    """Joint range, speed and acceleration that no command may exceed, and the heaviest load at the flange (kg)."""
 
     q_min: JointDegrees = Field(alias="q_min_deg")
     q_max: JointDegrees = Field(alias="q_max_deg")
     v_max: JointDegreesPositive = Field(alias="v_max_deg_s")
     a_max: PerJointPositive
+    payload_kg: float = Field(default=0.0, ge=0, allow_inf_nan=False)
 
     @model_validator(mode="after")
     def _range_not_empty(self) -> Limits:

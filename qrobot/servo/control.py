@@ -49,6 +49,7 @@ from qrobot.servo.mailbox import (
 )
 from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.stability import check_gains
 from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
@@ -238,6 +239,10 @@ class Controls:
 
     def _swap(self, law: Law, name: str, gains: Matrix) -> None:
         servo = self._servo
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
+            raise _not_now(mode)
+        check_gains(servo.robot, servo.settings, name, gains)
         self._kept_laws.append(law)
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)

@@ -48,6 +48,7 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import mode_name
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.stability import check_gains
 from qrobot.servo.state import ServoState, make_state
 from qrobot.servo.swap import SwapState
 from qrobot.servo.telemetry import SMALLEST_RING
@@ -206,10 +207,11 @@ def serve(
         card: of a board on this machine's own bus: the loop reaches it itself, and this process owns the board memory.
 
     Raises:
-        ConfigError: the card's ports are refused.
+        ConfigError: the card's ports are refused, or the gains by `servo.stability`.
         LinkError: no board serves this arm, or no card answers.
         LinkBusy: another servo runs this arm.
     """
+    check_gains(robot, settings)
     card = make_card(NO_CARD) if card is None else card
     board_comes_later = turn_is_awaited()
     if not board_comes_later:

@@ -16,6 +16,7 @@ from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.units import NS_PER_S
 
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
 DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
 
@@ -63,6 +64,8 @@ class ServoSettings:
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
             reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
             watched.
+        exchange_ms: time between two exchanges with a board behind a gateway; 0 for a board without one.
+        unchecked_gains: somebody has signed for gains that `servo.stability` would refuse.
         outputs: lines that programs may switch.
         calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
@@ -82,12 +85,18 @@ class ServoSettings:
     telemetry_capacity: int = 1 << 15
     sensor_channels: tuple[int, ...] = ()
     position_drives: bool = False
+    exchange_ms: float = 0.0
+    unchecked_gains: bool = False
     outputs: tuple[OutputWire, ...] = ()
     calibration: CalibrationTable | None = None
 
     def __post_init__(self) -> None:
-        if not 50.0 <= self.rate_hz <= 20_000.0:
-            raise ConfigError(f"servo rate {self.rate_hz} Hz: allowed are 50 to 20000 Hz")
+        if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:
+            raise ConfigError(
+                f"RATE: servo rate {self.rate_hz:g} Hz: allowed are {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz"
+            )
+        if not 0.0 <= self.exchange_ms <= 1000.0:
+            raise ConfigError(f"exchanges every {self.exchange_ms} ms: allowed are 0 to 1000 ms")
         if not 0.5 <= self.guardian_timeout_ms <= 1000.0:
             raise ConfigError(f"guardian time-out {self.guardian_timeout_ms} ms: allowed are 0.5 to 1000 ms")
         if not 0.0 < self.board_timeout_ms <= 1000.0:

@@ -205,8 +205,24 @@ def test_gains_change_row_by_row_within_reason(servo: Bench, client: ServoClient
         client.change_gains(kv=(0.2 * usual.kv).tolist())
     with pytest.raises(QRobotError, match="kp: 2 numbers for 6 joints"):
         client.change_gains(kp=[1.0, 2.0])
-    np.testing.assert_allclose(client.change_gains(kv=(5.0 * usual.kv).tolist(), force=True).kv, 5.0 * usual.kv)
+    np.testing.assert_allclose(client.change_gains(kv=(0.2 * usual.kv).tolist(), force=True).kv, 0.2 * usual.kv)
     np.testing.assert_allclose(client.change_gains(kp=usual.kp.tolist(), kv=usual.kv.tolist()).kp, usual.kp)
+
+
+def test_gains_that_are_not_stable_are_refused_by_force_too_and_nothing_changes(
+    servo: Bench, client: ServoClient
+) -> None:
+    client.power_on()
+    before, usual = client.status(), servo.robot.control
+    for rows in (
+        {"kv": (0.0 * usual.kv).tolist()},
+        {"kv": (5.0 * usual.kv).tolist()},
+        {"kp": (1e5 * usual.kp).tolist()},
+    ):
+        with pytest.raises(QRobotError, match=r"CFG_GAIN: .*joint 1 \(waist\).*unchecked_gains"):
+            client.change_gains(force=True, **rows)
+    after = client.status()
+    assert (after.mode, after.kp, after.kv, after.q) == (before.mode, before.kp, before.kv, before.q)
 
 
 def test_one_commands_and_everybody_may_look_stop_and_cut_the_power(servo: Bench, client: ServoClient) -> None:
