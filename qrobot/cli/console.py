@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qrobot.errors import QRobotError
+from qrobot.printable import printable
 
 SUCCESS: Final = 0
 FAILURE: Final = 1  # what was asked could not be done
@@ -28,12 +29,12 @@ err = Console(stderr=True, highlight=False)
 
 def complain(message: str) -> None:
     """One red line on stderr."""
-    err.print(Text(f"qrobot: {' '.join(message.split())}", style="red"), soft_wrap=True)
+    err.print(Text(f"qrobot: {printable(' '.join(message.split()))}", style="red"), soft_wrap=True)
 
 
 def note(message: str) -> None:
     """One line on stderr, for progress that is no result."""
-    err.print(Text(message), soft_wrap=True)
+    err.print(Text("\n".join(map(printable, message.split("\n")))), soft_wrap=True)
 
 
 def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Table:

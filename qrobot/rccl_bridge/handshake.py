@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from ipaddress import ip_address
+from hmac import compare_digest
 from typing import Final
 
+from qrobot.realtime.loopback import is_loopback
 from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, ClientRole, ErrorCode, Hello
 
 
 @dataclass(frozen=True)
 class Visitor:
-    """Who greets, and whom: the HELLO, the address it came from, and the robot that is here."""
+    """Who greets, and whom: the HELLO, the address it came from, the robot that is here, and what lets one in.
+
+    An empty token lets everybody in who comes by loopback.
+    """
 
     hello: Hello
     host: str
     robot_name: str
+    token: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -45,27 +50,23 @@ def judge_period(visitor: Visitor) -> Refusal | None:
 
 
 def judge_authentication(visitor: Visitor) -> Refusal | None:
-    """On loopback nobody is asked; elsewhere nobody is let in, as long as there is no authentication."""
-    if is_loopback(visitor.host):
-        return None
-    return Refusal(
-        ErrorCode.AUTHENTICATION, f"{visitor.host} is not this machine; come through a tunnel to its loopback interface"
-    )
+    """A client comes by loopback, where nobody listens in, and shows the token of this bridge."""
+    if not is_loopback(visitor.host):
+        where = "come through a tunnel to its loopback interface"
+        return Refusal(ErrorCode.AUTHENTICATION, f"{visitor.host} is not this machine; {where}")
+    if not compare_digest(visitor.hello.auth, visitor.token) and visitor.token:
+        shown = "another bridge's token" if visitor.hello.auth else "no token"
+        return Refusal(ErrorCode.AUTHENTICATION, f"this program has shown {shown}; {_REMEDY}")
+    return None
 
 
+_REMEDY: Final = (
+    "run it under the account that serves the arm or in its group qrobot, with the same QROBOT_RUNTIME_DIR, "
+    "or give it the bridge's token in QROBOT_TOKEN"
+)
 RULES: Final[tuple[Callable[[Visitor], Refusal | None], ...]] = (judge_authentication, judge_robot, judge_period)
 
 
 def judge(visitor: Visitor) -> Refusal | None:
     """First objection, or None."""
     return next((refusal for rule in RULES if (refusal := rule(visitor)) is not None), None)
-
-
-def is_loopback(host: str) -> bool:
-    """True for an address of the loopback interface; anything that is no IP address is not."""
-    try:
-        address = ip_address(host)
-    except ValueError:
-        return False
-    mapped = getattr(address, "ipv4_mapped", None)
-    return address.is_loopback or (mapped is not None and mapped.is_loopback)

@@ -1,69 +1,74 @@
 """The bridge on TCP. It only moves bytes and keeps time; what they mean is the session's business.
 
 One thread, never waiting for a client: what a client does not read is left out (`Session.block`), and what has been
-written for it is bounded by the two buffers set here.
+written for it is bounded by the two buffers set here. Whoever does not greet gives way to whoever comes after, so that
+no crowd at the door keeps a program out; those who have been sent away are waited for in small numbers only.
 """
 
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
-import selectors
 import signal
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Final, cast
 
-from qrobot.errors import LinkBusy, LinkError
+from qrobot.errors import LinkError
 from qrobot.rccl_bridge.actions import Action, carry_out
 from qrobot.rccl_bridge.lease import ArmAuthority, Lease
+from qrobot.rccl_bridge.listener import Listener, precise_loop
+from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.port import RobotPort, RobotState
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rccl_bridge.throttle import Throttle
-from qrobot.wire import Connection, ErrorCode, Side, WireError
+from qrobot.realtime.bridge_token import offered_token
+from qrobot.wire import ErrorCode
 
 LOG: Final = logging.getLogger("qrobot.bridge")
 SOCKET_BUFFER_BYTES: Final = 16_384  # a slow reader finds at most this much of the past, doubled by the kernel
 WRITE_BUFFER_BYTES: Final = 8_192
 LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after this
+MAX_LINGERING: Final = 32  # closed connections that are waited for
 
 
 class BridgeServer:
-    """Serves one robot to its clients, inside a running event loop."""
+    """Serves one robot to its clients, inside a running event loop.
+
+    Attributes:
+        token: what clients have to show; empty asks for none.
+    """
 
     def __init__(self, port: RobotPort, settings: BridgeSettings, authority: ArmAuthority | None = None) -> None:
         self.port = port
         self.settings = settings
         self.lease = Lease(authority)
-        self.clients: set[_Client] = set()
-        self._server: asyncio.Server | None = None
+        self.places = Places(settings.max_clients)
+        self.token = b""
+        self.clients: dict[_Client, None] = {}  # in the order in which they came
+        self._listener: Listener | None = None
         self._messages = Throttle()
 
     @property
     def address(self) -> tuple[str, int]:
         """Where it listens; the port is the one the system chose when the settings say 0."""
-        if self._server is None:
+        if self._listener is None:
             raise LinkError("the bridge has not been started")
-        host, port = self._server.sockets[0].getsockname()[:2]
-        return host, port
+        return self._listener.address
 
     async def start(self) -> None:
         """Listen. Raises LinkBusy when the port is taken, LinkError when it cannot be listened on."""
-        settings, loop = self.settings, asyncio.get_running_loop()
-        try:
-            self._server = await loop.create_server(lambda: _Client(self), settings.host, settings.port)
-        except OSError as error:
-            raise _explain(error, settings) from error
+        self._listener = Listener(self.settings.host, self.settings.port, self._welcome)
 
     async def close(self) -> None:
         """Say BYE to everybody, stop the arm if somebody commands it, and stop listening."""
         for client in list(self.clients):
             client.dismiss("the bridge ends")
-        if self._server is not None:
-            self._server.close()
+        if self._listener is not None:
+            self._listener.close()
         while self.clients:
             await asyncio.sleep(LINGER_S / 100)
 
@@ -79,68 +84,98 @@ class BridgeServer:
         if self._messages.allows(time.monotonic_ns()):
             LOG.info(message, *values)
 
+    def _welcome(self, connection: socket.socket, peer: Peer) -> None:
+        """Somebody connects: make room for them, and give them a session."""
+        self._make_room()
+        client = _Client(self, peer)
+        self.clients[client] = None
+        connection.setblocking(False)
+        asyncio.get_running_loop().create_task(client.take_over(connection))
+
+    def _make_room(self) -> None:
+        """Send one of too many away who have not greeted: the first to come of the address that most of them have."""
+        greeting = [client for client in self.clients if not client.session.greeted and not client.session.ended]
+        if len(greeting) >= self.settings.max_greeting:
+            host, _ = Counter(client.peer.host for client in greeting).most_common(1)[0]
+            next(client for client in greeting if client.peer.host == host).send_away()
+        lingering = [client for client in self.clients if client.session.ended]
+        for client in lingering[: max(0, len(lingering) - MAX_LINGERING)]:
+            client.cut()
+
 
 class _Client(asyncio.Protocol):
     """One socket and its session."""
 
-    def __init__(self, server: BridgeServer) -> None:
+    def __init__(self, server: BridgeServer, peer: Peer) -> None:
+        port, now_ns = server.port, time.monotonic_ns()
         self._server = server
-        self.session: Session | None = None
+        self.peer = peer
+        self.session = Session(
+            port.robot_name, port.n, server.lease, server.settings, peer, now_ns, server.places, server.token
+        )
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
 
+    async def take_over(self, connection: socket.socket) -> None:
+        """Serve this connection."""
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(lambda: self, connection)
+        except OSError:  # gone again
+            connection.close()
+            self._server.clients.pop(self, None)
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody connects: give them a session, or send them away."""
+        """The connection is ours."""
         self.transport = cast(asyncio.Transport, transport)
-        peer = Peer(*self.transport.get_extra_info("peername")[:2])
-        if len(self._server.clients) >= self._server.settings.max_clients:
-            self._turn_away(peer)
-            return
         _bound_buffers(self.transport)
-        server, port = self._server, self._server.port
-        self.session = Session(port.robot_name, port.n, server.lease, server.settings, peer, time.monotonic_ns())
-        server.clients.add(self)
+        if self.session.ended:  # sent away before it began
+            self.transport.abort()
+            return
         self._set_timer()
 
     def data_received(self, data: bytes) -> None:
         """Bytes came."""
-        if self.session is not None:
-            self._carry_out(self.session.receive(data, time.monotonic_ns()))
-            self._set_timer()
+        self._carry_out(self.session.receive(data, time.monotonic_ns()))
+        self._set_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The socket is gone, whoever closed it."""
-        self._server.clients.discard(self)
+        self._server.clients.pop(self, None)
         if self._timer is not None:
             self._timer.cancel()
-        if self.session is not None:
-            self._carry_out(self.session.lose())
-            self._server.say("%s has gone (%s)", self.session.label, exc or "closed")
+        self._carry_out(self.session.lose())
+        self._server.say("%s has gone (%s)", self.session.label, exc or "closed")
 
     def pause_writing(self) -> None:
         """The client does not read."""
-        if self.session is not None:
-            self.session.block(time.monotonic_ns())
+        self.session.block(time.monotonic_ns())
 
     def resume_writing(self) -> None:
         """The client reads again."""
-        if self.session is not None:
-            self.session.unblock()
+        self.session.unblock()
 
     def dismiss(self, reason: str) -> None:
         """End the session from our side."""
-        if self.session is not None:
-            self._carry_out(self.session.dismiss(reason, time.monotonic_ns()))
+        self._carry_out(self.session.dismiss(reason, time.monotonic_ns()))
+
+    def send_away(self) -> None:
+        """End a session that has not begun: others wait."""
+        text = f"no HELLO yet, and {self._server.settings.max_greeting} others wait"
+        self._carry_out(self.session.refuse(ErrorCode.FULL, text, time.monotonic_ns()))
+
+    def cut(self) -> None:
+        """Wait no longer for the client to hang up."""
+        if self.transport is not None:
+            self.transport.abort()
 
     def _tick(self) -> None:
-        if self.session is not None:
-            self._carry_out(self.session.tick(time.monotonic_ns(), self._server.read_state()))
-            self._set_timer()
+        self._carry_out(self.session.tick(time.monotonic_ns(), self._server.read_state()))
+        self._set_timer()
 
     def _set_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        if self.session is not None and not self.session.ended:
+        if not self.session.ended:
             self._timer = asyncio.get_running_loop().call_at(self.session.due_ns / 1e9, self._tick)
 
     def _carry_out(self, actions: list[Action]) -> None:
@@ -149,16 +184,8 @@ class _Client(asyncio.Protocol):
             return
         if outcome.data:
             self.transport.write(outcome.data)
-        if outcome.closed and self.session is not None:
+        if outcome.closed:
             self._server.say("%s: %s", self.session.label, outcome.closed)
-            self._close()
-
-    def _turn_away(self, peer: Peer) -> None:
-        limit = self._server.settings.max_clients
-        complaint = WireError(ErrorCode.FULL, f"this bridge serves {limit} clients at most", True, time.monotonic_ns())
-        self._server.say("%s is one client too many", peer)
-        if self.transport is not None:
-            self.transport.write(Connection(Side.SERVER).send(complaint))
             self._close()
 
     def _close(self) -> None:
@@ -175,25 +202,15 @@ def _bound_buffers(transport: asyncio.Transport) -> None:
     transport.set_write_buffer_limits(high=WRITE_BUFFER_BYTES, low=0)
 
 
-def _explain(error: OSError, settings: BridgeSettings) -> LinkError:
-    where = f"{settings.host}:{settings.port}"
-    if error.errno == errno.EADDRINUSE:
-        return LinkBusy(f"{where} is in use: does another bridge run? Choose another port")
-    return LinkError(f"cannot listen on {where}: {error.strerror or error}")
-
-
-def precise_loop() -> asyncio.AbstractEventLoop:
-    """An event loop whose timers are good to some microseconds: epoll would round them up to whole milliseconds."""
-    return asyncio.SelectorEventLoop(selectors.SelectSelector())
-
-
 def run_bridge(
     port: RobotPort,
     settings: BridgeSettings,
     on_ready: Callable[[str, int], None] | None = None,
     authority: ArmAuthority | None = None,
 ) -> None:
-    """Serve until SIGTERM or SIGINT. Raises LinkBusy or LinkError when the address cannot be had.
+    """Serve whoever can read the token in the runtime folder, until SIGTERM or SIGINT.
+
+    Raises LinkBusy or LinkError when the address cannot be had, LinkError when the runtime folder cannot be used.
 
     Args:
         port: the way to the servo.
@@ -210,9 +227,10 @@ async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | No
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     await server.start()
-    if on_ready is not None:
-        on_ready(*server.address)
     try:
-        await stop.wait()
+        with offered_token(server.address[1]) as server.token:
+            if on_ready is not None:
+                on_ready(*server.address)
+            await stop.wait()
     finally:
         await server.close()

@@ -17,6 +17,7 @@ from qrobot.rccl_bridge.actions import Action, Close, Forward, Request, Send, St
 from qrobot.rccl_bridge.frames import FrameMaker
 from qrobot.rccl_bridge.handshake import Visitor, judge
 from qrobot.rccl_bridge.lease import Lease
+from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.port import RobotState
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rccl_bridge.throttle import Throttle
@@ -52,6 +53,10 @@ class Peer:
 class Session:
     """What one client may do, and what it gets.
 
+    Args:
+        robot_name, n: of the robot. lease: to command it. peer: the client's end. now_ns: the time.
+        places: of observers; None keeps no count. token: what a client has to show; empty asks for none.
+
     Attributes:
         label: the client in words for people.
         due_ns: when `tick` wants to be called next.
@@ -60,7 +65,15 @@ class Session:
     """
 
     def __init__(
-        self, robot_name: str, n: int, lease: Lease, settings: BridgeSettings, peer: Peer, now_ns: int
+        self,
+        robot_name: str,
+        n: int,
+        lease: Lease,
+        settings: BridgeSettings,
+        peer: Peer,
+        now_ns: int,
+        places: Places | None = None,
+        token: bytes = b"",
     ) -> None:
         self.label = str(peer)
         self.due_ns = now_ns + settings.handshake_ns
@@ -68,6 +81,7 @@ class Session:
         self.left_out = 0
         self._robot_name, self._n = robot_name, n
         self._lease, self._settings, self._peer = lease, settings, peer
+        self._places, self._token = places or Places(settings.max_clients), token
         self._connection = Connection(Side.SERVER)
         self._frames: FrameMaker | None = None  # the commander's
         self._origin_ns = 0
@@ -81,6 +95,11 @@ class Session:
     def ended(self) -> bool:
         """Nothing more will come of this session."""
         return self._connection.ended
+
+    @property
+    def greeted(self) -> bool:
+        """The client has been welcomed."""
+        return self._period_ns != 0
 
     def receive(self, data: bytes, now_ns: int) -> list[Action]:
         """Bytes came from the client."""
@@ -122,6 +141,7 @@ class Session:
 
     def lose(self) -> list[Action]:
         """The client's socket is gone."""
+        self._places.leave(self)
         return self._give_up_command("the commander's connection was lost")
 
     def dismiss(self, reason: str, now_ns: int) -> list[Action]:
@@ -153,7 +173,7 @@ class Session:
                 return []
 
     def _greet(self, hello: Hello, now_ns: int) -> list[Action]:
-        refusal = judge(Visitor(hello, self._peer.host, self._robot_name))
+        refusal = judge(Visitor(hello, self._peer.host, self._robot_name, self._token))
         if refusal is not None:
             return self.refuse(refusal.code, refusal.text, now_ns)
         self.label = f"{hello.program or 'a program'} at {self._peer}"
@@ -161,6 +181,9 @@ class Session:
         if commands and not self._lease.take(self, self.label):
             busy = f"{self._robot_name} {self._lease.refusal}"
             return self.refuse(ErrorCode.COMMANDER_BUSY, busy, now_ns)
+        if not commands and not self._places.take(self):
+            full = f"this bridge serves {self._places.max_observers} observers at most, beside the commander"
+            return self.refuse(ErrorCode.FULL, full, now_ns)
         period_us = hello.period_us or self._settings.period_us
         self._period_ns = period_us * 1000
         self._origin_ns = self.due_ns = self._heard_ns = now_ns

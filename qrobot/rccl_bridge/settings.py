@@ -19,7 +19,8 @@ class BridgeSettings:
     Attributes:
         host, port: where to listen; port 0 takes a free one.
         period_us: sample period of clients that ask for none.
-        max_clients: commander and observers together.
+        max_clients: commander and observers together; the commander's place is kept for it.
+        max_greeting: clients that have not greeted yet; of more, one that came before is sent away.
         handshake_ns: a client that has not greeted by then is sent away.
         silence_ns: a commander that sends nothing for so long is taken for dead.
         blocked_ns: a client that reads nothing for so long is sent away.
@@ -29,6 +30,7 @@ class BridgeSettings:
     port: int = DEFAULT_PORT
     period_us: int = DEFAULT_PERIOD_US
     max_clients: int = 8
+    max_greeting: int = 16
     handshake_ns: int = 2 * SECOND_NS
     silence_ns: int = SECOND_NS
     blocked_ns: int = 10 * SECOND_NS

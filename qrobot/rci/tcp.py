@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout
 from qrobot.rci.client import Client
 from qrobot.rci.link import NEW_PERIOD
+from qrobot.realtime.bridge_token import token_for
 from qrobot.realtime.deadline import Deadline
 from qrobot.wire import DEFAULT_PORT, Command, Hello, State, Welcome
 
@@ -66,7 +67,7 @@ class TcpLink:
     """A `Link` in real time.
 
     Args:
-        hello: how to greet.
+        hello: how to greet; without authentication of its own it takes the token of that bridge, see `bridge_token`.
         address: host and port of the bridge.
         connector: opens the socket; tests bring their own.
     """
@@ -115,7 +116,8 @@ class TcpLink:
             _read_to_the_end(sock, LINGER_S)
 
     def _new_client(self, address: Address) -> Client:
-        return Client(self._hello, f"the bridge at {address[0]}:{address[1]}")
+        hello = self._hello if self._hello.auth else replace(self._hello, auth=token_for(*address))
+        return Client(hello, f"the bridge at {address[0]}:{address[1]}")
 
     def _await(self, pop: Callable[[], T | None]) -> T:
         while (answer := pop()) is None:

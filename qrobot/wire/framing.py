@@ -10,6 +10,7 @@ from typing import Any, Final
 from zlib import crc32
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
+from qrobot.printable import printable
 from qrobot.wire.layout import CRC_BYTES, ERROR, HEADER_BYTES, MAGIC, MAX_PACKET_BYTES, NAME_BYTES, Layout
 from qrobot.wire.vocabulary import MAX_JOINTS, VERSION
 
@@ -97,8 +98,8 @@ def text_bytes(text: str) -> bytes:
 
 
 def text_of(data: bytes) -> str:
-    """Text up to the first 0, as C reads it."""
+    """Text up to the first 0, as C reads it, without control characters: it is printed, and stands in logs."""
     try:
-        return data.split(b"\0", 1)[0].decode()
+        return printable(data.split(b"\0", 1)[0].decode())
     except UnicodeDecodeError as error:
         raise RemoteProtocolError("text that is not UTF-8") from error

@@ -99,7 +99,9 @@ HELLO: Final = Layout(
         Field("period_us", "I", "µs", "wanted sample period, 1000 to 100000; 0 takes the server's"),
         Field("robot", "s", "-", "name of the robot, UTF-8, padded with 0; an observer may leave it empty", NAME_BYTES),
         Field("program", "s", "-", "name of the client for people, UTF-8, padded with 0", NAME_BYTES),
-        Field("auth", "s", "-", "authentication, padded with 0 to a multiple of 4; empty on loopback", "rest"),
+        Field(
+            "auth", "s", "-", "the token of the bridge, padded with 0 to a multiple of 4; see Who may command", "rest"
+        ),
     ),
 )
 

@@ -9,6 +9,7 @@ import pytest
 
 from qrobot.rccl_bridge import BridgeSettings, Close, Forward, Lease, Send, Session, SetpointFrame, Stop, carry_out
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
+from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.session import Peer
 from qrobot.servo.modes import Mode
 from qrobot.wire import (
@@ -491,3 +492,31 @@ def test_actions_are_carried_out_in_their_order(port: FakePort) -> None:
     outcome = carry_out([Send(b"a"), Forward(frame), Stop("why"), Send(b"b"), Close("end")], port)
     assert (outcome.data, outcome.closed) == (b"ab", "end")
     assert (port.frames, port.stops) == ([frame], 1)
+
+
+def test_control_characters_of_a_client_reach_neither_log_nor_terminal(port: FakePort, lease: Lease) -> None:
+    client = Client(port, lease).join(Hello(ClientRole.COMMANDER, "puma560", "\x1b[2Jwipe\nfake: line"))
+    assert client.session.label == "?[2Jwipe?fake: line at 127.0.0.1:40000"
+    client.say(Bye("so\x07 long\r\x9b31m"))
+    assert client.closed == "so? long??31m"
+
+
+def test_a_client_has_to_show_the_token_of_the_bridge(port: FakePort, lease: Lease) -> None:
+    for shown, welcome in ((b"", False), (b"tokem", False), (b"token", True)):
+        client = Client(port, lease)
+        client.session = Session("puma560", 6, lease, BridgeSettings(), Peer("127.0.0.1", 1), START_NS, token=b"token")
+        (answer,) = client.say(replace(OBSERVER, auth=shown))
+        assert isinstance(answer, Welcome) == welcome
+        assert welcome or answer.code == ErrorCode.AUTHENTICATION
+
+
+def test_observers_cannot_take_the_place_of_the_commander(port: FakePort, lease: Lease) -> None:
+    places = Places(max_clients=3)
+    clients = [Client(port, lease) for _ in range(4)]
+    for client in clients:
+        client.session = Session("puma560", 6, lease, BridgeSettings(), Peer("127.0.0.1", 1), START_NS, places=places)
+    answers = [client.say(hello)[0] for client, hello in zip(clients, [OBSERVER] * 3 + [COMMANDER], strict=True)]
+    assert [isinstance(answer, Welcome) for answer in answers] == [True, True, False, True]
+    assert answers[2].code == ErrorCode.FULL
+    clients[0].session.lose()
+    assert places.take("another")

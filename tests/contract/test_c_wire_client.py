@@ -21,6 +21,7 @@ from zlib import crc32
 import pytest
 
 from qrobot.errors import RemoteProtocolError
+from qrobot.printable import CONTROL_RANGES, printable
 from qrobot.wire import (
     Bye,
     ClientRole,
@@ -232,13 +233,18 @@ def test_noise_without_any_structure_is_no_packet(client: Path) -> None:
     assert lines == ["broken", "."] * len(noise)
 
 
-@pytest.mark.parametrize("text", ["", "ok", "x" * 512, "x" * 600, "x" * 511 + "é", "\u20ac" * 300, "\U0001f916"])
-def test_texts_are_cut_after_a_whole_character(client: Path, text: str) -> None:
+CONTROLS = "".join(chr(code) for first, last in CONTROL_RANGES for code in range(max(1, first - 1), last + 2))
+PLAIN = ["", "ok", "x" * 512, "x" * 600, "x" * 511 + "é", "\u20ac" * 300, "\U0001f916"]
+
+
+@pytest.mark.parametrize("text", [*PLAIN, CONTROLS, "x" * 511 + "\x1b[2J", "\u202e" * 600])
+def test_texts_are_cut_after_a_whole_character_and_control_characters_are_replaced(client: Path, text: str) -> None:
     warning = WireError(ErrorCode.SERVO_GONE, "", fatal=False)
     frame = bytearray(encode(warning)[:-4]) + text.encode() + bytes(-len(text.encode()) % 4)
     frame[6:8] = (len(frame) + 4).to_bytes(2, "little")
     lines = ask(client, "judge", data=record(Conversation.OBSERVING, bytes(frame) + crc32(frame).to_bytes(4, "little")))
-    assert lines == [f"warning {text.encode()[:512].decode(errors='ignore').encode().hex()}", "."]
+    read = printable(text).encode()[:512].decode(errors="ignore")
+    assert lines == [f"warning {read.encode().hex()}", "."]
 
 
 # ------------------------------------------------------------------------------------------------------------- sockets

@@ -7,7 +7,7 @@ import socket
 import threading
 
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
-from qrobot.rccl_bridge.server import precise_loop
+from qrobot.rccl_bridge.listener import precise_loop
 from qrobot.wire import ClientRole, Connection, Event, Hello, Side, Welcome
 from tests.support.fake_port import FakePort
 from tests.support.patience import PATIENCE_S

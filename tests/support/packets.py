@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
+from qrobot.printable import printable
 from qrobot.wire import (
     Bye,
     ClientRole,
@@ -22,7 +23,7 @@ from qrobot.wire.layout import NAME_BYTES
 
 U8, U16, U32 = (st.integers(0, (1 << bits) - 1) for bits in (8, 16, 32))
 T_NS = st.integers(-(1 << 63), (1 << 63) - 1)
-TEXTS = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=100)
+TEXTS = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=100).map(printable)
 NAMES = TEXTS.filter(lambda name: len(name.encode()) <= NAME_BYTES)
 JOINTS = st.integers(1, 32)
 NUMBERS = st.floats(allow_nan=False)

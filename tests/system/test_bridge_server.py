@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
+import os
+import resource
+import selectors
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
-from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
+from itertools import product
 
 import pytest
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
-from qrobot.rccl_bridge.server import WRITE_BUFFER_BYTES
+from qrobot.rccl_bridge.listener import PreciseSelector
+from qrobot.rccl_bridge.server import MAX_LINGERING, WRITE_BUFFER_BYTES
 from qrobot.rccl_bridge.settings import SECOND_NS
+from qrobot.realtime.bridge_token import token_for
 from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, State, WireError
 from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
@@ -100,29 +108,108 @@ def test_a_second_commander_is_refused_and_the_first_goes_on() -> None:
         wait_until(lambda: bridge.port.frames, "the lease holder still commands")
 
 
-def test_the_ninth_client_is_turned_away_and_a_place_that_falls_free_is_given() -> None:
+def test_the_eighth_observer_is_turned_away_and_the_place_of_the_commander_is_kept() -> None:
     with Bridge() as bridge, ExitStack() as crowd:
-        clients = [crowd.enter_context(bridge.connect()).join(OBSERVER) for _ in range(8)]
-        with bridge.connect() as ninth:
-            refusal = ninth.hear()
-            assert (refusal.code, ninth.hear()) == (ErrorCode.FULL, None)
+        clients = [crowd.enter_context(bridge.connect()).join(OBSERVER) for _ in range(7)]
+        with bridge.connect() as eighth:
+            eighth.say(OBSERVER)
+            refusal = eighth.hear()
+            assert (refusal.code, eighth.hear()) == (ErrorCode.FULL, None)
+        crowd.enter_context(bridge.connect()).join(COMMANDER)
         clients[0].socket.close()
         wait_until(lambda: len(bridge.server.clients) == 7, "the place falls free")
-        with bridge.connect() as tenth:
-            tenth.join(OBSERVER)
+        with bridge.connect() as another:
+            another.join(OBSERVER)
+
+
+def test_whoever_does_not_greet_gives_way_to_whoever_comes_after() -> None:
+    with Bridge() as bridge, ExitStack() as crowd:
+        mute = [crowd.enter_context(bridge.connect()) for _ in range(50)]
+        with bridge.connect() as commander:
+            commander.join(COMMANDER)
+            refusals = [client.hear() for client in mute[:34]]  # sixteen may wait, and the commander came after
+            assert {refusal.code for refusal in refusals} == {ErrorCode.FULL}
+            assert isinstance(commander.hear(), State)
+        wait_until(lambda: len(bridge.server.clients) <= 16 + MAX_LINGERING, "the others are gone")
 
 
 @pytest.mark.realtime
 def test_a_crowd_that_never_greets_is_gone_after_the_handshake_time() -> None:
     with Bridge(handshake_ns=200_000_000) as bridge, ExitStack() as crowd:
-        silent = [crowd.enter_context(bridge.connect()) for _ in range(50)]
-        reasons = Counter(client.hear().code for client in silent)
-        assert reasons == {ErrorCode.TIMEOUT: 8, ErrorCode.FULL: 42}
-        assert [client.hear() for client in silent] == [None] * 50
+        silent = [crowd.enter_context(bridge.connect()) for _ in range(12)]
+        assert {client.hear().code for client in silent} == {ErrorCode.TIMEOUT}
+        assert [client.hear() for client in silent] == [None] * 12
         crowd.close()
         wait_until(lambda: not bridge.server.clients, "the places fall free")
         with bridge.connect() as client:
             client.join(OBSERVER)
+
+
+def test_more_connections_than_select_can_count_leave_the_bridge_and_its_commander_alone() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+    try:
+        with Bridge() as bridge, ExitStack() as crowd, bridge.connect() as commander:
+            commander.join()
+            for _ in range(1_050):
+                crowd.enter_context(bridge.connect())
+            commander.say(move_to(0.1, commander.hear().seq))
+            wait_until(lambda: bridge.port.frames, "the commander still commands")
+            with bridge.connect() as observer:
+                observer.join(OBSERVER)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.realtime
+def test_connections_opened_at_full_speed_do_not_keep_the_bridge_from_its_commander() -> None:
+    with Bridge() as bridge, bridge.connect() as commander:
+        commander.join()
+        done = threading.Event()
+        flood = threading.Thread(target=open_and_close, args=(bridge.server.address, done))
+        flood.start()
+        for _ in range(200):
+            commander.say(move_to(0.1, commander.hear().seq))
+        done.set()
+        flood.join()
+        assert bridge.port.stops == 0
+        wait_until(lambda: len(bridge.port.frames) >= 190, "frames were forwarded all the while")
+
+
+def open_and_close(address: tuple[str, int], done: threading.Event) -> None:
+    while not done.is_set():
+        with socket.socket() as visitor:
+            visitor.setblocking(False)
+            visitor.connect_ex(address)
+
+
+def test_a_client_without_the_token_is_sent_away_with_what_to_do() -> None:
+    with Bridge() as bridge:
+        bridge.server.token = b"secret"
+        for role, auth in product(ClientRole, (b"", b"secre", b"secrets")):
+            with bridge.connect() as client:
+                client.say(Hello(role, "puma560", auth=auth))
+                refusal = client.hear()
+                assert (refusal.code, client.hear()) == (ErrorCode.AUTHENTICATION, None)
+                assert "QROBOT_TOKEN" in refusal.text
+        with bridge.connect() as client:
+            client.join(Hello(ClientRole.COMMANDER, "puma560", auth=b"secret"))
+
+
+def test_a_file_beyond_those_of_select_is_waited_for() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+    near, far = socket.socketpair()
+    with near, far, PreciseSelector() as selector:
+        high = fcntl.fcntl(near, fcntl.F_DUPFD, 1_500)
+        try:
+            selector.register(high, selectors.EVENT_READ, "high")
+            assert selector.select(0.0) == []
+            far.sendall(b"x")
+            assert [key.data for key, _ in selector.select(PATIENCE_S)] == ["high"]
+        finally:
+            os.close(high)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_a_reader_that_does_not_read_costs_bounded_memory_and_disturbs_nobody() -> None:
@@ -197,8 +284,9 @@ print("ended", flush=True)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_process_ends_cleanly_on_a_signal(number: int) -> None:
     process = subprocess.Popen([sys.executable, "-c", PROCESS], stdout=subprocess.PIPE, text=True)
-    with process, Client(("127.0.0.1", int(process.stdout.readline()))) as client:
-        client.join()
+    address = "127.0.0.1", int(process.stdout.readline())
+    with process, Client(address) as client:
+        client.join(replace(COMMANDER, auth=token_for(*address)))
         process.send_signal(number)
         while not isinstance(event := client.hear(), Bye):
             assert isinstance(event, State)

@@ -49,6 +49,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#ifdef __linux__
+#include "qrobot_runtime.h" /* beside this header: where the token of a bridge on this machine is */
+#endif
+
 #ifndef AI_PASSIVE
 #error "include qrobot_wire.h before the system's headers, or compile with -D_POSIX_C_SOURCE=200809L"
 #endif
@@ -193,10 +197,12 @@ static inline const char *qrobot_fault_text(int code)
 /* end */
 
 #define QROBOT_CONNECT_MS 3000
+#define QRW_HOST_BYTES 128
 #ifndef QROBOT_LINGER_MS
 #define QROBOT_LINGER_MS 500 /* a bridge that does not close its end after our goodbye is left after this */
 #endif
 #define QROBOT_ANSWER_MS 2000 /* far beyond the longest sample period */
+#define QROBOT_TOKEN_BYTES 128
 #define QROBOT_TEXT_BYTES 512 /* of a text for people; longer ones are cut */
 
 /* What every call gives back. After all but QROBOT_TIMEOUT and QROBOT_INVALID the connection is over. */
@@ -257,6 +263,7 @@ struct qrobot_link {
     char error[QROBOT_TEXT_BYTES + 256]; /* why the last call failed, for people */
     char warning[QROBOT_TEXT_BYTES + 1]; /* newest complaint of the bridge that ended nothing */
     char peer[160];                      /* the bridge, for people */
+    char token[QROBOT_TOKEN_BYTES + 1];  /* that its HELLO shows; found by qrobot_connect */
     int fd;                              /* the socket, for poll and the like; -1 when there is none */
     int timeout_ms;
     uint32_t sent, received;             /* newest sequence numbers */
@@ -339,21 +346,36 @@ static inline size_t qrw_character(const unsigned char *at, size_t size)
     return length;
 }
 
-/* Text up to the first 0, cut after a whole character where it is too long. Returns 0, or -1 when it is not UTF-8. */
+/* True for a character that a terminal or a log would obey: the ranges of qrobot/printable.py, as UTF-8. */
+static inline int qrw_is_control(const unsigned char *at, size_t length)
+{
+    if (length == 1)
+        return at[0] < 0x20 || at[0] == 0x7F;
+    if (length == 2)
+        return at[0] == 0xC2 && at[1] < 0xA0;
+    return length == 3 && at[0] == 0xE2 &&
+           ((at[1] == 0x80 && at[2] >= 0xA8 && at[2] <= 0xAE) || (at[1] == 0x81 && at[2] >= 0xA6 && at[2] <= 0xA9));
+}
+
+/* Text up to the first 0, with a question mark for each control character, cut after a whole character where it is too
+ * long. Returns 0, or -1 when it is not UTF-8. */
 static inline int qrw_get_text(const unsigned char *at, size_t size, char *text, size_t room)
 {
-    size_t end = 0, step;
+    size_t end = 0, step, length;
+    int full = 0;
 
-    text[0] = '\0';
     for (size_t i = 0; i < size && at[i] != 0; i += step) {
         step = qrw_character(at + i, size - i);
         if (step == 0)
             return -1;
-        if (end == i && i + step < room) {
-            memcpy(text + i, at + i, step);
-            text[end = i + step] = '\0';
-        }
+        length = qrw_is_control(at + i, step) ? 1 : step;
+        full = full || end + length >= room;
+        if (!full)
+            memcpy(text + end, length == step && !qrw_is_control(at + i, step) ? at + i : (const unsigned char *)"?",
+                   length);
+        end += full ? 0 : length;
     }
+    text[end] = '\0';
     return 0;
 }
 
@@ -382,23 +404,27 @@ static inline void qrobot_begin(struct qrobot_link *link)
     strcpy(link->peer, "the bridge");
 }
 
-/* The HELLO as bytes. Returns how many, at most QROBOT_HELLO_BYTES, or QROBOT_INVALID. */
+/* The HELLO as bytes, with link->token. Returns how many, or QROBOT_INVALID. */
 static inline int qrobot_put_hello(struct qrobot_link *link, const struct qrobot_hello *hello, int64_t t_ns,
                                    unsigned char out[QROBOT_MAX_PACKET])
 {
+    size_t token = strlen(link->token);
+
     if (link->phase != QROBOT_GREETING)
         return qrw_fail(link, QROBOT_INVALID, "HELLO is the first packet of a connection and comes once");
     if (hello->role != QROBOT_ROLE_COMMANDER && hello->role != QROBOT_ROLE_OBSERVER)
         return qrw_fail(link, QROBOT_INVALID, "unknown role %d", hello->role);
     if (strlen(hello->robot) > QROBOT_NAME_BYTES || strlen(hello->program) > QROBOT_NAME_BYTES)
         return qrw_fail(link, QROBOT_INVALID, "names have at most %d bytes", QROBOT_NAME_BYTES);
-    memset(out, 0, QROBOT_HELLO_BYTES);
+    memset(out, 0, QROBOT_HELLO_BYTES + QROBOT_TOKEN_BYTES);
     qrw_put(out + QROBOT_AT_HELLO_ROLE, 1, (uint64_t)hello->role);
     qrw_put(out + QROBOT_AT_HELLO_PERIOD_US, 4, hello->period_us);
     memcpy(out + QROBOT_AT_HELLO_ROBOT, hello->robot, strlen(hello->robot));
     memcpy(out + QROBOT_AT_HELLO_PROGRAM, hello->program, strlen(hello->program));
+    qrw_put(out + QROBOT_AT_HELLO_AUTH_LENGTH, 2, token);
+    memcpy(out + QROBOT_AT_HELLO_AUTH, link->token, token);
     link->phase = QROBOT_ANSWERING;
-    return (int)qrw_seal(out, QROBOT_KIND_HELLO, QROBOT_HELLO_BYTES, 0, 0, t_ns);
+    return (int)qrw_seal(out, QROBOT_KIND_HELLO, QROBOT_HELLO_BYTES + (token + 3) / 4 * 4, 0, 0, t_ns);
 }
 
 static inline int qrw_is_newer(uint32_t seq, uint32_t newest, int has_newest)
@@ -754,23 +780,52 @@ static inline int qrw_open(const struct addrinfo *where, int64_t until_ns)
     return -1;
 }
 
-/* Find the bridge; `address` as in qrobot_connect. */
-static inline int qrw_reach(struct qrobot_link *link, const char *address)
+/* Host and port of an address, as in qrobot_connect. */
+static inline int qrw_split(struct qrobot_link *link, const char *address, char host[QRW_HOST_BYTES], int *port)
 {
-    int64_t until_ns = qrobot_now_ns() + QROBOT_CONNECT_MS * INT64_C(1000000);
-    char host[128] = "127.0.0.1", port[16];
-    struct addrinfo hints, *found = NULL, *each;
     const char *colon = strrchr(address, ':');
     size_t length = colon ? (size_t)(colon - address) : strlen(address);
-    int number = colon && colon[1] ? atoi(colon + 1) : QROBOT_DEFAULT_PORT;
 
-    if (length >= sizeof host || number < 1 || number > 65535)
+    *port = colon && colon[1] ? atoi(colon + 1) : QROBOT_DEFAULT_PORT;
+    if (length >= QRW_HOST_BYTES || *port < 1 || *port > 65535)
         return qrw_fail(link, QROBOT_INVALID, "\"%s\" is no address; host:port is needed, as in 127.0.0.1:%d", address,
                         QROBOT_DEFAULT_PORT);
-    if (length > 0) {
-        memcpy(host, address, length);
-        host[length] = '\0';
+    memcpy(host, length > 0 ? address : "127.0.0.1", length > 0 ? length : sizeof "127.0.0.1");
+    host[length > 0 ? length : sizeof "127.0.0.1" - 1] = '\0';
+    return QROBOT_OK;
+}
+
+/* What to show the bridge: QROBOT_TOKEN of the environment, or, on this machine, the file in the runtime folder. */
+static inline void qrw_find_token(struct qrobot_link *link, const char *host, int port)
+{
+    const char *given = getenv("QROBOT_TOKEN");
+    ssize_t size = 0;
+    int fd = -1;
+#ifdef __linux__
+    char name[64];
+
+    snprintf(name, sizeof name, "bridge-%d.token", port);
+    if (given == NULL && (strncmp(host, "127.", 4) == 0 || strcmp(host, "localhost") == 0 || strcmp(host, "::1") == 0))
+        fd = qrobot_runtime_open(name, O_RDONLY);
+#else
+    (void)host, (void)port;
+#endif
+    if (given != NULL)
+        snprintf(link->token, sizeof link->token, "%s", given);
+    if (fd >= 0) {
+        size = read(fd, link->token, QROBOT_TOKEN_BYTES);
+        close(fd);
+        link->token[size > 0 ? size : 0] = '\0';
     }
+}
+
+/* Connect to the bridge. */
+static inline int qrw_reach(struct qrobot_link *link, const char *host, int number)
+{
+    int64_t until_ns = qrobot_now_ns() + QROBOT_CONNECT_MS * INT64_C(1000000);
+    char port[16];
+    struct addrinfo hints, *found = NULL, *each;
+
     snprintf(port, sizeof port, "%d", number);
     snprintf(link->peer, sizeof link->peer, "the bridge at %s:%s", host, port);
     memset(&hints, 0, sizeof hints);
@@ -819,16 +874,20 @@ static inline void qrobot_disconnect(struct qrobot_link *link, const char *reaso
 static inline int qrobot_connect(struct qrobot_link *link, const char *address, const struct qrobot_hello *hello)
 {
     unsigned char out[QROBOT_MAX_PACKET];
-    int status, size;
+    char host[QRW_HOST_BYTES];
+    int status, size, port;
 
     qrobot_begin(link);
     if (hello->timeout_ms > 0)
         link->timeout_ms = hello->timeout_ms;
     if (address == NULL)
         address = getenv("QROBOT_BRIDGE");
+    if ((status = qrw_split(link, address ? address : "", host, &port)) != QROBOT_OK)
+        return status;
+    qrw_find_token(link, host, port);
     if ((size = qrobot_put_hello(link, hello, qrobot_now_ns(), out)) < 0)
         return size;
-    if ((status = qrw_reach(link, address ? address : "")) == QROBOT_OK &&
+    if ((status = qrw_reach(link, host, port)) == QROBOT_OK &&
         (status = qrw_write(link, out, size)) == QROBOT_OK)
         status = qrw_await(link, NULL);
     if (status != QROBOT_OK)

@@ -1,0 +1,73 @@
+"""The token of a bridge: whoever can read it in the runtime folder may command the arm.
+
+A bridge makes a new one at each start, in a file named after its port. A client on this machine finds it there; one
+that comes through a tunnel is given it in `$QROBOT_TOKEN`. What an account cannot read it cannot send.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Iterator
+from typing import Final
+
+from qrobot.errors import LinkError
+from qrobot.realtime.loopback import is_loopback
+from qrobot.realtime.runtime_folder import look_into_folder, open_served, serve_in_folder, tidy_folder
+
+VARIABLE: Final = "QROBOT_TOKEN"
+RANDOM_BYTES: Final = 32
+LONGEST_BYTES: Final = 128
+_SHARED: Final = 0o040  # the folder's group may read
+
+
+def token_name(port: int) -> str:
+    """File name of the token of the bridge at a TCP port of this machine."""
+    return f"bridge-{port}.token"
+
+
+@contextlib.contextmanager
+def offered_token(port: int) -> Iterator[bytes]:
+    """A new token, readable in the runtime folder while the block runs. Raises LinkError, see `runtime_folder`."""
+    token = secrets.token_hex(RANDOM_BYTES).encode()
+    fd = open_served(token_name(port), os.O_WRONLY)
+    try:
+        os.ftruncate(fd, 0)
+        os.write(fd, token)
+        _share(fd)
+    finally:
+        os.close(fd)
+    try:
+        yield token
+    finally:
+        with contextlib.suppress(OSError, LinkError), serve_in_folder() as folder:
+            os.unlink(token_name(port), dir_fd=folder.fd)
+            tidy_folder(folder.path)
+
+
+def token_for(host: str, port: int) -> bytes:
+    """What to show the bridge at an address: `$QROBOT_TOKEN`, or its file, or nothing when there is neither.
+
+    Raises LinkError when the runtime folder or the file is not as it must be.
+    """
+    if (given := os.environ.get(VARIABLE)) is not None:
+        return given.strip().encode()[:LONGEST_BYTES]
+    if host != "localhost" and not is_loopback(host):
+        return b""
+    try:
+        with look_into_folder() as folder:
+            fd = folder.open_file(token_name(port), os.O_RDONLY)
+    except FileNotFoundError:
+        return b""
+    with open(fd, "rb") as file:
+        return file.read(LONGEST_BYTES)
+
+
+def _share(fd: int) -> None:
+    """Let the group of a folder that is shared with one read the token."""
+    with serve_in_folder() as folder:
+        found = os.fstat(folder.fd)
+    if found.st_mode & _SHARED:
+        os.fchown(fd, -1, found.st_gid)
+        os.fchmod(fd, 0o640)

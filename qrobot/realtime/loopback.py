@@ -1,0 +1,60 @@
+"""The loopback interface: which addresses are of it, and which account of this machine is at the far end."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterator
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from pathlib import Path
+from typing import Final
+
+TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+_LOCAL, _REMOTE, _ACCOUNT = 1, 2, 7  # columns, proc(5)
+
+Endpoint = tuple[IPv4Address | IPv6Address, int]
+
+
+def is_loopback(host: str) -> bool:
+    """True for an address of the loopback interface; anything that is no IP address is not."""
+    try:
+        return _plain(host).is_loopback
+    except ValueError:
+        return False
+
+
+def maybe_peer_account(connection: socket.socket) -> int | None:
+    """Account of the process at the other end of a TCP connection; None when it is not on this machine.
+
+    Their socket is the one whose local address is our remote one, and the other way round.
+    """
+    try:
+        ours, theirs = connection.getsockname(), connection.getpeername()
+        wanted = (_plain(theirs[0]), theirs[1]), (_plain(ours[0]), ours[1])
+    except (OSError, ValueError):
+        return None
+    return next((account for local, remote, account in _connections() if (local, remote) == wanted), None)
+
+
+def _connections() -> Iterator[tuple[Endpoint, Endpoint, int]]:
+    for table in TABLES:
+        try:
+            lines = table.read_text().splitlines()[1:]
+        except OSError:  # no IPv6
+            continue
+        for columns in map(str.split, lines):
+            yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
+
+
+def _endpoint(text: str) -> Endpoint:
+    """Address and port as /proc writes them: words of 32 bits in the order of this machine, in hexadecimal."""
+    address, port = text.split(":")
+    words = (int(address[k : k + 8], 16) for k in range(0, len(address), 8))
+    packed = b"".join(struct.pack("=I", word) for word in words)
+    return _plain(str(ip_address(packed))), int(port, 16)
+
+
+def _plain(host: str) -> IPv4Address | IPv6Address:
+    """An address; an IPv4 one also when it is written as IPv6. Raises ValueError."""
+    address = ip_address(host)
+    return getattr(address, "ipv4_mapped", None) or address

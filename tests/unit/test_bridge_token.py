@@ -1,0 +1,134 @@
+"""The token of a bridge: read by its own account, shown by programs in Python and C, and by nobody else."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from shutil import rmtree
+
+import pytest
+
+from qrobot.errors import LinkError
+from qrobot.rci import TcpLink, hello_for
+from qrobot.realtime.bridge_token import offered_token, token_for, token_name
+from qrobot.realtime.loopback import is_loopback, maybe_peer_account
+from tests.support.accounts import OTHER, as_other_account, needs_root
+from tests.support.bridge import Bridge
+
+PORT = 5600
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    path = Path(tempfile.mkdtemp(dir="/dev/shm"))
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(path))
+    monkeypatch.delenv("QROBOT_TOKEN", raising=False)
+    yield path
+    rmtree(path)
+
+
+def test_a_program_on_this_machine_finds_the_token_while_the_bridge_runs(folder: Path) -> None:
+    with offered_token(PORT) as token:
+        assert len(token) == 64
+        assert (folder / token_name(PORT)).stat().st_mode & 0o777 == 0o600
+        assert {token_for(host, PORT) for host in ("127.0.0.1", "localhost", "::1", "127.3.2.1")} == {token}
+        assert token_for("192.0.2.1", PORT) == token_for("127.0.0.1", PORT + 1) == b""
+    assert token_for("127.0.0.1", PORT) == b""
+
+
+def test_each_start_has_a_token_of_its_own_also_after_a_kill(folder: Path) -> None:
+    with offered_token(PORT) as first:
+        left = (folder / token_name(PORT)).read_bytes()
+    (folder / token_name(PORT)).write_bytes(left + b"x" * 100)
+    (folder / token_name(PORT)).chmod(0o600)
+    with offered_token(PORT) as second:
+        assert token_for("127.0.0.1", PORT) == second != first
+
+
+def test_the_variable_comes_before_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("QROBOT_TOKEN", "given\n")
+    with offered_token(PORT):
+        assert token_for("127.0.0.1", PORT) == token_for("192.0.2.1", 1) == b"given"
+    assert folder.exists()
+
+
+@needs_root
+def test_another_account_cannot_read_it_and_a_program_of_it_is_refused(folder: Path) -> None:
+    with Bridge() as bridge:
+        address = bridge.server.address
+        with offered_token(address[1]) as bridge.server.token:
+            assert "LinkError: the runtime folder" in as_other_account(lambda: token_for(*address))
+
+            def command() -> str:
+                link = TcpLink(hello_for("puma560"), address)
+                link.open()
+                return "it commands"
+
+            link = TcpLink(hello_for("puma560"), address)
+            link.open()
+            link.close()
+            assert "LinkError" in as_other_account(command)
+        bridge.server.token = b"another"
+        stranger = TcpLink(hello_for("puma560"), address)
+        with pytest.raises(LinkError, match="QROBOT_TOKEN"):
+            stranger.open()
+        stranger.close()
+
+
+@needs_root
+def test_a_shared_folder_lets_its_group_read_the_token(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("qrobot.realtime.runtime_folder.GROUP", "nogroup")
+    os.chown(folder, 0, OTHER)
+    folder.chmod(0o750)
+    with offered_token(PORT) as token:
+        assert as_other_account(lambda: token_for("127.0.0.1", PORT).decode()) == token.decode()
+
+
+@pytest.mark.parametrize(
+    ("host", "inside"),
+    [
+        ("127.0.0.1", True),
+        ("127.9.8.7", True),
+        ("::1", True),
+        ("::ffff:127.0.0.1", True),
+        ("10.0.0.1", False),
+        ("::", False),
+        ("robot", False),
+        ("", False),
+    ],
+)
+def test_which_addresses_are_of_the_loopback_interface(host: str, inside: bool) -> None:
+    assert is_loopback(host) == inside
+
+
+@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
+def test_the_account_at_the_far_end_of_a_connection_is_known(family: socket.AddressFamily, host: str) -> None:
+    try:
+        server = socket.create_server((host, 0), family=family)
+    except OSError:
+        assert family == socket.AF_INET6  # a machine without IPv6
+        return
+    with server, socket.socket(family) as client:
+        client.connect(server.getsockname()[:2])
+        connection, _ = server.accept()
+        with connection:
+            assert maybe_peer_account(connection) == os.geteuid()
+    with socket.socket() as unconnected:
+        assert maybe_peer_account(unconnected) is None
+
+
+@needs_root
+def test_a_peer_of_another_account_is_known_by_it() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = server.getsockname()
+
+        def visit() -> int | None:
+            with socket.create_connection(address) as ours:
+                connection, _ = server.accept()
+                with connection:
+                    return maybe_peer_account(connection) if ours else None
+
+        assert as_other_account(visit) == str(OTHER)
