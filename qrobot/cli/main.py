@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from cyclopts import App, Group
 
 from qrobot.cli.console import run_app
-from qrobot.realtime.setup import die_with_parent
+from qrobot.realtime.supervised import end_with_supervisor
 
 HELP: Final = """
 Control a PUMA 560, or any robot described in a file: emulated on this machine or behind a TRC004 board.
@@ -99,6 +99,6 @@ def import_command(name: str) -> None:
 
 def main() -> None:
     """Entry point: run the command line and exit with its status."""
-    die_with_parent()
+    end_with_supervisor()
     chosen = next(iter(sys.argv[1:]), "")
     sys.exit(run_app(make_app(chosen), sys.argv[1:], partial(import_command, chosen)))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
-from qrobot.errors import LinkLost
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import Arm
@@ -21,8 +20,9 @@ POLL_S = 0.2
 def up(deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir: Path = Path("out/processes")) -> int:
     """Start board, servo, guardian, bridge and log of every arm of a deployment file; end them with Ctrl-C.
 
-    Programs then reach the arms through their bridges (`qrobot run PROGRAM`). When one of the processes dies the others
-    are ended in good order: the servo stops the arm first.
+    Programs then reach the arms through their bridges (`qrobot run PROGRAM`). When board, servo or guardian dies the
+    others are ended in good order: the servo stops the arm first. A bridge or a log that dies is started again, up to
+    three times a minute. When `qrobot up` itself is killed, all its processes end, in the same order.
 
     Parameters
     ----------
@@ -67,8 +67,10 @@ def _calibrate(arm: Arm) -> None:
 
 
 def _watch(rig: ProcessRig) -> None:
-    """Return never; raise LinkLost when a process has ended that nobody asked to."""
+    """Return never; raise LinkLost when a process has ended that the arm cannot do without."""
+    from qrobot.rig.restarts import Restarts
+
+    restarts = Restarts(rig, note)
     while True:
         time.sleep(POLL_S)
-        if dead := rig.first_dead():
-            raise LinkLost(f"{dead.name} has ended: {dead.complaint()}")
+        restarts.look()

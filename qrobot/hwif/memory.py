@@ -245,6 +245,19 @@ def pending_operations(memory: Any, lane: int) -> int:
 
 
 @lean_kernel
+def posted_so_far(memory: Any, lane: int) -> int:
+    """Position in a lane behind the newest operation posted; a memory that is made anew begins at 0 again."""
+    return int(memory[LANES_START + lane * LANE_WORDS + _LANE_HEAD])
+
+
+@lean_kernel
+def taken_so_far(memory: Any, lane: int) -> int:
+    """Position in a lane behind the newest operation that the board has taken, or that was forgotten."""
+    base = LANES_START + lane * LANE_WORDS
+    return int(_done_with(memory, base, load_acquire(memory, base + _LANE_HEAD)))
+
+
+@lean_kernel
 def discard_operations(memory: Any, lane: int) -> None:
     """Controller side after a restart: forget what a dead predecessor posted and the board has not applied.
 

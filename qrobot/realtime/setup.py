@@ -11,7 +11,6 @@ import ctypes
 import gc
 import os
 import resource
-import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,12 +19,11 @@ from pathlib import Path
 from typing import Final
 
 DMA_LATENCY: Final = Path("/dev/cpu_dma_latency")
-PARENT_VARIABLE: Final = "QROBOT_DIE_WITH_PARENT"  # process id of a supervisor
 
 # constants of the C library
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
-_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_PR_SET_TIMERSLACK = 29
 _CAP_IPC_LOCK = 14
 
 
@@ -167,16 +165,3 @@ def prepare_loop_thread(cpu: int | None = None, priority: int = 80) -> list[Step
         pin_threads(cpu),
         set_fifo(priority),
     ]
-
-
-def die_with_parent() -> None:
-    """End with SIGTERM when the process named in the environment by PARENT_VARIABLE ends, if it started this one.
-
-    The variable is taken out, so that it does not reach children of this process.
-    """
-    parent = os.environ.pop(PARENT_VARIABLE, "")
-    if not parent:
-        return
-    _libc().prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if str(os.getppid()) != parent:  # it ended before we could ask
-        os.kill(os.getpid(), signal.SIGTERM)

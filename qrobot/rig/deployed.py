@@ -14,6 +14,7 @@ from qrobot.rig.processes import Child, Plan, ProcessRig, board_ready, bridge_re
 
 # The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
 PROGRAM_RANK, BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 5, 4, 3, 2, 1, 0
+RESTARTS = 3  # [A] a minute, of processes without which the servo holds the arm
 
 
 def require_free_port(arm: Arm) -> None:
@@ -77,11 +78,12 @@ class ArmProcesses:
     def bridge(self, *options: str) -> Plan:
         """The bridge."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
-        return self._plan(("bridge", self.deployment), options, lambda: bridge_ready(host, port), BRIDGE_RANK)
+        ready = partial(bridge_ready, host, port)
+        return self._plan(("bridge", self.deployment), options, ready, BRIDGE_RANK, RESTARTS)
 
     def log(self, *options: str) -> Plan:
         """The recorder of the servo's telemetry."""
-        return self._plan(("log", "record", self.deployment), options, None, LOG_RANK)
+        return self._plan(("log", "record", self.deployment), options, None, LOG_RANK, RESTARTS, vital=False)
 
     def start_program(self, program: Path) -> Child:
         """Start a program of this arm."""
@@ -99,6 +101,13 @@ class ArmProcesses:
         return f"{self.arm.name}-{command}"
 
     def _plan(
-        self, command: tuple[str, ...], options: tuple[str, ...], ready: Callable[[], bool] | None, rank: int
+        self,
+        command: tuple[str, ...],
+        options: tuple[str, ...],
+        ready: Callable[[], bool] | None,
+        rank: int,
+        restarts: int = 0,
+        vital: bool = True,
     ) -> Plan:
-        return Plan(self.name_of(command[0]), [*command, "--arm", self.arm.name, *options], ready, rank)
+        arguments = [*command, "--arm", self.arm.name, *options]
+        return Plan(self.name_of(command[0]), arguments, ready, rank, restarts, vital)

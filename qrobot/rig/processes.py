@@ -2,8 +2,8 @@
 
 Order matters: the board must exist before the servo, the servo before its guardian and the bridge. They import and
 compile at the same time, and begin one after the other. At the end the servo goes while board and guardian still live,
-so that it can make a controlled stop. Every process is a session of its
-own: a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
+so that it can make a controlled stop; processes whose supervisor was killed keep that order by themselves. Every
+process is a session of its own: a Ctrl-C at the terminal reaches only the supervisor, which ends the rest.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
-from qrobot.realtime.setup import PARENT_VARIABLE
+from qrobot.realtime.supervised import Supervision
 from qrobot.realtime.turn import TURN_VARIABLE
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
 
@@ -40,25 +40,33 @@ class Plan:
         name: of the process in its rig.
         arguments: of the `qrobot` command.
         ready: waited for; it must not be true yet, for then somebody else's process already does this one's work.
-        rank: the higher, the sooner it ends.
+        rank: the higher, the sooner it ends; below `supervised.RANKS`.
+        restarts: how often a minute it is started again when it ends by itself; 0: then the others are ended too.
+        vital: the others are ended when it has ended more often than that; else they go on without it.
     """
 
     name: str
     arguments: Sequence[str]
     ready: Callable[[], bool] | None = None
     rank: int = 0
+    restarts: int = 0
+    vital: bool = True
 
 
 @dataclass
 class Child:
     """One supervised process."""
 
-    name: str
+    plan: Plan
     process: subprocess.Popen[bytes]
     output: Path
-    rank: int
     turn: IO[bytes]
     killed: bool = field(default=False)
+
+    @property
+    def name(self) -> str:
+        """Of the process in its rig."""
+        return self.plan.name
 
     @property
     def alive(self) -> bool:
@@ -102,6 +110,7 @@ class ProcessRig:
         self.directory = directory
         self.children: dict[str, Child] = {}
         self._handlers: dict[int, Any] = {}
+        self._supervision = Supervision()
         directory.mkdir(parents=True, exist_ok=True)
 
     def start(self, *plans: Plan) -> None:
@@ -118,19 +127,29 @@ class ProcessRig:
                     f"{plan.name} is not started: another process does its work already; stop that one first"
                 )
         for plan in plans:
-            self.children[plan.name] = _spawn(plan, self.directory / f"{plan.name}.txt")
+            self._output(plan).unlink(missing_ok=True)
+            self.children[plan.name] = self._spawn(plan)
         for plan in plans:
             self.children[plan.name].begin()
             if plan.ready is not None:
                 _wait_for(self.children[plan.name], plan.ready)
 
+    def restart(self, name: str) -> None:
+        """Start again a child that has ended, and do not wait for it: those it needs are there."""
+        child = self.children[name] = self._spawn(self.children[name].plan)
+        child.begin()
+
+    def forget(self, name: str) -> None:
+        """Go on without a child that has ended."""
+        self.children.pop(name).end()
+
     def alive(self, name: str) -> bool:
         """True while a process of this name runs."""
         return name in self.children and self.children[name].alive
 
-    def first_dead(self) -> Child | None:
-        """A child that has ended although nobody asked it to."""
-        return next((child for child in self.children.values() if not child.alive), None)
+    def dead(self) -> list[Child]:
+        """Children that have ended although nobody asked them to."""
+        return [child for child in self.children.values() if not child.alive]
 
     def end(self, name: str) -> None:
         """End one child, if there is one of that name."""
@@ -140,8 +159,26 @@ class ProcessRig:
 
     def close(self) -> None:
         """End all children, highest rank first."""
-        for child in sorted(self.children.values(), key=lambda child: -child.rank):
+        for child in sorted(self.children.values(), key=lambda child: -child.plan.rank):
             child.end()
+        self._supervision.close()
+
+    def _output(self, plan: Plan) -> Path:
+        return self.directory / f"{plan.name}.txt"
+
+    def _spawn(self, plan: Plan) -> Child:
+        awaited, turn = os.pipe()
+        with self._output(plan).open("ab") as file, os.fdopen(awaited):
+            process = subprocess.Popen(
+                [sys.executable, "-m", "qrobot", *plan.arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                pass_fds=[awaited, *self._supervision.descriptors(plan.rank)],
+                env={**os.environ, TURN_VARIABLE: str(awaited), **self._supervision.environment(plan.rank)},
+            )
+        return Child(plan, process, self._output(plan), os.fdopen(turn, "wb", buffering=0))
 
     def __enter__(self) -> ProcessRig:
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -175,21 +212,6 @@ def _wait_for(child: Child, ready: Callable[[], bool]) -> None:
         if time.monotonic() > deadline:
             raise LinkTimeout(f"{child.name} was not ready within {START_PATIENCE_S:.0f} s: {child.complaint()}")
         time.sleep(POLL_S)
-
-
-def _spawn(plan: Plan, output: Path) -> Child:
-    awaited, turn = os.pipe()
-    with output.open("wb") as file, os.fdopen(awaited):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "qrobot", *plan.arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=file,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            pass_fds=[awaited],
-            env={**os.environ, PARENT_VARIABLE: str(os.getpid()), TURN_VARIABLE: str(awaited)},
-        )
-    return Child(plan.name, process, output, plan.rank, os.fdopen(turn, "wb", buffering=0))
 
 
 def board_ready(arm: str) -> bool:

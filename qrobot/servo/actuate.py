@@ -29,6 +29,7 @@ from qrobot.model.transmission import (
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.adc import start_sample
+from qrobot.servo.arming import keep_armed, say_again
 from qrobot.servo.calibrate import post_latches
 from qrobot.servo.guard import (
     limit_torque,
@@ -36,7 +37,6 @@ from qrobot.servo.guard import (
 from qrobot.servo.index_watch import post_index_watch
 from qrobot.servo.law import KP, KV
 from qrobot.servo.mailbox import (
-    BEAT_ARMED,
     BEAT_DISCRETE,
     COMMAND_HAND,
     GUARD_TAKEOVER,
@@ -222,23 +222,24 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
     channels = wanted_channels(params, state)
     compose_discrete(state, mail[COMMAND_HAND], channels != 0)
-    left_on = state.i[OUTPUTS] & params.outputs.off  # somebody has to switch them off should we die
-    mail[BEAT_ARMED] = 1 if wants_power(state.i[MODE]) or left_on != 0 else 0
     if state.i[STARTED] == 0:
         return 0
     mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD] & ~params.outputs.off_discrete
+    left_on = state.i[OUTPUTS] & params.outputs.off  # somebody has to switch them off should we die
+    keep_armed(state, mail, wants_power(state.i[MODE]) or left_on != 0)  # before anything is posted
     if mail[GUARD_TAKEOVER] != 0:
         state.i[DISCRETE_SENT] = -1
         return 0
     n = 0
-    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and not wants_power(state.i[MODE]):
+    changed = state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] or say_again(state)
+    if changed and not wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
     for channel in range(N_DACS):
         code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
         n = put_write(state.ops, n, DAC + 2 * channel, code)
     if params.position_drives != 0 and gives_torque(state.i[MODE]):
         n = post_reference(params, state, n)
-    if state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] and wants_power(state.i[MODE]):
+    if changed and wants_power(state.i[MODE]):
         n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
     n = post_outputs(params, state, n)
     n = post_latches(state, n)

@@ -24,6 +24,7 @@ from qrobot.servo.outputs import settle_outputs
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.sense import estimate, read, watch_arm
 from qrobot.servo.state import (
+    BEGAN_NS,
     DT,
     LAST_NOW_NS,
     LATE,
@@ -98,6 +99,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
     late = late_ns > params.late_ns
     state.f[DT] = dt_ns * 1e-9
     state.i[LAST_NOW_NS] = now_ns
+    state.i[BEGAN_NS] = now_ns + late_ns
     state.i[TICK] += 1
     if late:
         state.i[LATE] += 1

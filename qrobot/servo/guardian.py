@@ -22,6 +22,7 @@ from qrobot.hwif.memory import (
     Lane,
     attach_board_memory,
     local_board_memory,
+    pending_operations,
     post_operations,
     put_outputs,
     put_write,
@@ -55,13 +56,14 @@ GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
 N_SAFE_OPS: Final = 2 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
+LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
 
 PRIORITY: Final = 85  # above the servo's
 
 LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
 # the guardian's own memory; outlives servo restarts
-TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, N_OWN = range(6)
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, WAS_ARMED, N_OWN = range(7)  # WAS_ARMED: said by a servo that beat
 
 
 @lean_kernel
@@ -88,8 +90,13 @@ def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, time
         card: of a board on this machine's own bus; nobody but the servo and the guardian reach it, each by itself.
         ops: scratch, int64[N_SAFE_OPS, 3].
     """
-    fresh = now_ns - load_acquire(mail, BEAT_T_NS) <= timeout_ns
-    if own[TRIPPED] == 0 and not fresh and load_acquire(mail, BEAT_ARMED) != 0:
+    armed = load_acquire(mail, BEAT_ARMED) != 0  # before the heartbeat: a servo beats before it arms
+    beat_ns = load_acquire(mail, BEAT_T_NS)
+    fresh = now_ns - beat_ns <= timeout_ns
+    if fresh:
+        own[WAS_ARMED] = 1 if armed else 0
+    armed = armed or (beat_ns == 0 and own[WAS_ARMED] != 0)  # the memory of a new servo; the old one was armed
+    if own[TRIPPED] == 0 and not fresh and armed:
         own[TRIPPED] = 1
         own[TRIPS] += 1
     elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
@@ -159,6 +166,8 @@ class Guardian:
     def run(self, linger_s: float) -> None:
         """Watch until stopped, or until there has been no servo process for `linger_s` seconds.
 
+        Stopped beside a servo that is silent, it ends once the board has taken zero torque and no power.
+
         Raises ConfigError when the card's ports are refused to this thread.
         """
         if self._card[CARD_KIND] == REAL_CARD:
@@ -166,10 +175,7 @@ class Guardian:
         alone_since: int | None = None
         while not self.stop[0]:
             before = self.tripped
-            watch(
-                self._own, self._servo.words, self._board.words, self._card, self._ops, self.stop,
-                self.timeout_ns, monotonic_now() + SLICE_NS,
-            )  # fmt: skip
+            self._watch_for(SLICE_NS, self.stop)
             self._tell(before)
             self._servo = _follow(self._servo, attach_servo_memory, self.arm)
             self._board = _follow(self._board, attach_board_memory, self.arm)
@@ -180,6 +186,25 @@ class Guardian:
             alone_since = now_ns if alone_since is None else alone_since
             if now_ns - alone_since > linger_s * NS_PER_S:
                 return
+        self._leave_safe()
+
+    def _leave_safe(self) -> None:
+        """Asked to end: not before the board is safe, or the servo has shown that it can see to that itself."""
+        until_ns, beat_ns = monotonic_now() + self.timeout_ns + LEAVE_NS, int(self._servo.words[BEAT_T_NS])
+        while not self._dispensable(beat_ns) and monotonic_now() < until_ns:
+            self._watch_for(self.timeout_ns // LOOKS_PER_TIMEOUT, np.zeros(1, dtype=np.int64))
+
+    def _dispensable(self, beat_ns: int) -> bool:
+        """True when nothing is driven any more, or the servo has beaten after `beat_ns`."""
+        mail = self._servo.words
+        if self.tripped:
+            return pending_operations(self._board.words, GUARDIAN_LANE) == 0
+        drives = bool(mail[BEAT_ARMED]) or (not mail[BEAT_T_NS] and bool(self._own[WAS_ARMED]))
+        return not drives or bool(mail[BEAT_T_NS] != beat_ns)
+
+    def _watch_for(self, duration_ns: int, stop: Words) -> None:
+        memories = self._servo.words, self._board.words, self._card
+        watch(self._own, *memories, self._ops, stop, self.timeout_ns, monotonic_now() + duration_ns)
 
     def _tell(self, before: bool) -> None:
         if self.tripped and not before:
@@ -221,6 +246,7 @@ def warm_up() -> None:
         NS_PER_S,
         monotonic_now() + 1,
     )
+    pending_operations(local_board_memory(), GUARDIAN_LANE)
 
 
 def prepare() -> list[Step]:

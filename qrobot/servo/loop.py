@@ -14,6 +14,7 @@ from qrobot.hwif.port.card import CARD_KIND, NO_CARD, serve_card, show_card
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.arming import disarm_when_safe, stands_down
 from qrobot.servo.cycle import cycle
 from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
 from qrobot.servo.modes import wants_power
@@ -27,6 +28,10 @@ SERVO_LANE: Final = int(Lane.SERVO)
 MARGIN_UP_NS: Final = 2_000
 MARGIN_DOWN_NS: Final = 2
 MARGIN_MAX_NS: Final = 150_000
+
+END_PATIENCE_NS: Final = (
+    300_000_000  # [A] with a board that does not show that power is off; the guardian is left armed
+)
 
 ENDED: Final = 0
 BOARD_AWAY: Final = 1
@@ -64,8 +69,10 @@ def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any,
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
     state.i[REVISION], state.i[MODULE_LOSSES] = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
     n_ops = cycle(params, state, mail, now_ns, late_ns)
-    if not post_operations(board, SERVO_LANE, state.ops, n_ops):
+    posted = post_operations(board, SERVO_LANE, state.ops, n_ops)
+    if not posted:
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
+    disarm_when_safe(state, mail, board, posted)
     append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
 
 
@@ -73,7 +80,7 @@ def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any,
 def run(
     params: ServoParameters, state: ServoState, mail: Any, board: Any, card: Any, margin_ns: int, away_ns: int
 ) -> int:
-    """Run until shutdown is requested and the arm is without power.
+    """Run until shutdown is requested and the arm is without power, as its board shows.
 
     Args:
         card: see `hwif.port.card`; one on this machine's own bus is read before and written after each cycle.
@@ -81,7 +88,7 @@ def run(
             return BOARD_AWAY so that the board can be mapped anew.
     """
     deadline = first_deadline(monotonic_ns(), params.period_ns)
-    seen_ns = deadline
+    seen_ns, asked_ns = deadline, deadline
     while True:
         margin_ns = wait_until(deadline, margin_ns)
         started = monotonic_ns()
@@ -93,7 +100,9 @@ def run(
         finished = monotonic_ns()
         state.i[BUSY_NS] = finished - started
         powered = wants_power(state.i[MODE])
-        if load_acquire(mail, COMMAND_SHUTDOWN) != 0 and not powered:
+        if load_acquire(mail, COMMAND_SHUTDOWN) == 0 or powered:
+            asked_ns = deadline
+        elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS:
             return ENDED
         if state.i[IMAGE_OK] != 0:
             seen_ns = deadline

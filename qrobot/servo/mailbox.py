@@ -55,8 +55,8 @@ CALIBRATION_WANTED: Final = 35
 CALIBRATION_FIELDS: Final = 3  # of each joint: misfit, margin (floats), votes
 
 # HEARTBEAT of the servo
-BEAT_T_NS: Final = 40  # time of the last cycle
-BEAT_ARMED: Final = 41  # 1 while the DACs may carry torque, power is requested, or outputs are on that a stop ends
+BEAT_T_NS: Final = 40  # when the last cycle began
+BEAT_ARMED: Final = 41  # 1 while the board may carry torque, power, or outputs that a stop ends: see `servo.arming`
 BEAT_DISCRETE: Final = 42  # what of the DISCRETE register the guardian is to leave, but for power
 BEAT_TRIPS_SEEN: Final = 43  # trips of the guardian that a clear has acknowledged
 BEAT_LINES: Final = 44  # outputs that there are, output 1 in bit 0

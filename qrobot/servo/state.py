@@ -75,8 +75,13 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     OUTPUTS_SENT,  # last ones posted
     OUTPUT_STOPS_SEEN,
     BRIDGED,  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
+    BEGAN_NS,  # when this cycle really began
+    DRIVEN,  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
+    ARMED,  # 1: the guardian is to act should the servo fall silent, see `servo.arming`
+    SAFE_HEAD,  # end of the first list of the lane after which nothing is driven, -1 for none
+    SAFE_IMAGE,  # count of the image in which that list was seen taken, -1 before
     N_INTEGERS,
-) = range(50)
+) = range(55)
 
 # indexes into `f`
 (
@@ -160,7 +165,8 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     block = np.zeros(state_words(n), dtype=np.int64)
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     numbers = np.zeros(N_INTEGERS, dtype=np.int64)
-    numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT]] = -1
+    numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT, SAFE_HEAD, SAFE_IMAGE]] = -1
+    numbers[ARMED] = 1  # nobody knows yet what a predecessor has left at the board
     numbers[ADOPT] = ADOPT_BOARD
     return record_of(ServoState(
         i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),

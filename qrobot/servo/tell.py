@@ -10,6 +10,7 @@ from qrobot.hwif.registers import (
     STATUS_INPUTS,
     STATUS_POWER,
 )
+from qrobot.realtime.atomics import store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
 from qrobot.servo.calibration_state import FOUND, JOINT_NOW, STAGE, WANTED
@@ -43,6 +44,7 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
+    BEGAN_NS,
     BUSY_NS,
     CLIPPED,
     EVENT,
@@ -90,7 +92,7 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
     if state.i[MODE] == CALIBRATING or mail[CALIBRATION_STAGE] != 0:
         cal = state.cal
         publish_calibration(mail, n, cal, cal.i[STAGE], cal.i[JOINT_NOW], cal.i[FOUND], cal.i[WANTED])
-    mail[BEAT_T_NS] = now_ns
+    store_release(mail, BEAT_T_NS, state.i[BEGAN_NS])
     fill_row(state, now_ns, late_ns)
 
 

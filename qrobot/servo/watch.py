@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.guard_motion import (
     check_parked,
@@ -22,12 +23,14 @@ from qrobot.servo.state import (
     BUSY_NS,
     DT,
     EVENT,
+    IMAGE_OK,
     JOINT,
     LAW_FAILED,
     MODE,
     MODULE_LOSSES,
     NEXT_SEQ,
     STARTED,
+    STATUS,
     TICK,
     UNCHANGED,
     ServoState,
@@ -53,7 +56,7 @@ IO_LOST: Final = int(FaultCode.IO_LOST)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
 MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
-SETTLE_S: Final = 0.25  # after power went: brakes close, the arm comes to rest
+SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
 
 
@@ -196,24 +199,30 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
 
 @lean_kernel
 def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> None:
-    """Without power an arm with closed brakes stays where it came to rest; one that does not is told of, once."""
+    """Without power an arm stays where its brakes caught it; one that does not is told of, once.
+
+    The brakes close once the board shows that power is off, and have caught the arm when it has been seen without for
+    `SETTLE_S`: what a servo sleeps through is not seen, and an arm that sags meanwhile has not slipped.
+    """
     watch = state.watch
-    if wants_power(state.i[MODE]) or state.i[STARTED] == 0:
+    power_shown = state.i[IMAGE_OK] != 0 and state.i[STATUS] & STATUS_POWER != 0
+    if wants_power(state.i[MODE]) or state.i[STARTED] == 0 or power_shown:
         watch.f[UNPOWERED_S] = 0.0
         return
-    watch.f[UNPOWERED_S] += state.f[DT]
-    code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
-    settled = watch.f[UNPOWERED_S] > SETTLE_S
-    if settled and code == 0:
+    if watch.f[UNPOWERED_S] <= SETTLE_S:
+        if state.i[IMAGE_OK] != 0:
+            watch.f[UNPOWERED_S] += min(state.f[DT], params.period_ns * 1e-9)
+        for j in range(state.q.size):
+            watch.q_parked[j] = state.q[j]
         return
-    if settled:
-        state.i[EVENT], state.i[JOINT] = code, joint
-        moved = abs(state.q[joint] - watch.q_parked[joint])
-        mode = state.i[MODE]
-        note_incident(
-            watch.incident, now_ns, state.i[TICK], code, joint, moved, params.watch.brake_slip[joint],
-            mode, mode, state.i[NEXT_SEQ] - 1,
-        )  # fmt: skip
-        watch.f[UNPOWERED_S] = NEVER_S
-    for j in range(state.q.size):
-        watch.q_parked[j] = state.q[j]
+    code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
+    if code == 0:
+        return
+    state.i[EVENT], state.i[JOINT] = code, joint
+    moved = abs(state.q[joint] - watch.q_parked[joint])
+    mode = state.i[MODE]
+    note_incident(
+        watch.incident, now_ns, state.i[TICK], code, joint, moved, params.watch.brake_slip[joint],
+        mode, mode, state.i[NEXT_SEQ] - 1,
+    )  # fmt: skip
+    watch.f[UNPOWERED_S] = NEVER_S

@@ -39,6 +39,10 @@ def test_an_arm_of_one_sliding_joint_is_held_and_stopped() -> None:
     python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/one_joint_checks.py")
 
 
+def test_a_servo_that_dies_after_any_of_its_stores_leaves_the_arm_safe() -> None:
+    python("pytest", "-q", "-p", "no:cacheprovider", "tests/support/kill_point_checks.py")
+
+
 def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
     gates = ("guard", "guard_motion", "guard_timing")
     python(

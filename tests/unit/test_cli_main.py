@@ -14,7 +14,7 @@ from cyclopts import App
 from qrobot.cli.console import run_app, write_json
 from qrobot.cli.main import COMMANDS, make_app
 from qrobot.errors import ConfigError
-from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.patience import PATIENCE_S
 
 HEAVY = ("numpy", "numba", "mujoco", "matplotlib", "pydantic", "foxglove", "pyarrow")
 
@@ -152,31 +152,3 @@ def test_json_goes_to_stdout_or_to_a_file_whose_directory_is_made(
     assert json.loads(capsys.readouterr().out) == value
     write_json(value, tmp_path / "deep" / "x.json")
     assert json.loads((tmp_path / "deep" / "x.json").read_text()) == value
-
-
-PARENT = """
-import os, subprocess, sys
-code = "from qrobot.realtime.setup import die_with_parent; import time, os\\ndie_with_parent()\\n"
-code += "print(os.getpid(), os.environ.get('QROBOT_DIE_WITH_PARENT'), flush=True); time.sleep(600)"
-env = {**os.environ, "QROBOT_DIE_WITH_PARENT": str(os.getpid())}
-child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=env, text=True)
-print(child.stdout.readline(), flush=True)
-os.kill(os.getpid(), 9)
-"""
-
-
-def test_a_child_ends_with_its_supervisor_even_after_kill_9() -> None:
-    found = python(PARENT)
-    assert found.returncode == -9
-    pid, inherited = found.stdout.split()
-    assert inherited == "None"
-    wait_until(lambda: gone(int(pid)), "the child ends")
-
-
-def gone(pid: int) -> bool:
-    """Process `pid` has ended."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return True
-    return state == "Z"

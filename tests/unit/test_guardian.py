@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import LANE_CAPACITY, OP_FIELDS, Lane, local_board_memory, pending_operations
+from qrobot.hwif.memory import (
+    LANE_CAPACITY,
+    OP_FIELDS,
+    Lane,
+    create_board_memory,
+    local_board_memory,
+    pending_operations,
+    take_all_operations,
+)
 from qrobot.hwif.port.card import NO_CARD, make_card
 from qrobot.hwif.registers import (
     DAC,
@@ -17,13 +30,35 @@ from qrobot.hwif.registers import (
     DISCRETE_HAND_RELAXED,
     DISCRETE_POWER,
     N_DACS,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_POWER,
 )
-from qrobot.servo.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, TRIPPED, TRIPS, look
-from qrobot.servo.mailbox import BEAT_ARMED, BEAT_DISCRETE, BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER, GUARD_TRIPS
+from qrobot.servo.guardian import (
+    LOOKS_PER_TIMEOUT,
+    N_OWN,
+    N_SAFE_OPS,
+    TRIPPED,
+    TRIPS,
+    Guardian,
+    look,
+    monotonic_now,
+)
+from qrobot.servo.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    BEAT_KEPT,
+    BEAT_T_NS,
+    GUARD_T_NS,
+    GUARD_TAKEOVER,
+    GUARD_TRIPS,
+    create_servo_memory,
+)
 from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, moving, writes_at
 
 TIMEOUT_NS = 5_000_000
+OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
 NO_CARD_WORDS = make_card(NO_CARD)
 
 
@@ -55,6 +90,24 @@ class Watchman:
 def watched() -> tuple[ServoBench, Watchman]:
     bench = ServoBench(guarded=True)
     return bench, Watchman(bench)
+
+
+@contextmanager
+def beside(act: Callable[[], object]) -> Iterator[None]:
+    """Inside, a thread does it again and again."""
+    done = threading.Event()
+
+    def again() -> None:
+        while not done.wait(0.001):
+            act()
+
+    thread = threading.Thread(target=again)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def sleep(bench: ServoBench, seconds: float) -> None:
@@ -172,6 +225,71 @@ def test_a_servo_restarted_after_a_trip_finds_the_calibration_kept_and_the_board
     reborn.run(0.05)
     assert reborn.mode is Mode.OFF
     assert reborn.discrete & DISCRETE_CALIBRATED
+
+
+def test_a_servo_that_was_armed_is_not_forgotten_when_a_new_one_has_made_its_memory_anew() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    sleep(bench, 0.005)
+    assert guardian.tripped
+    assert bench.safe
+
+
+def test_a_servo_that_has_disarmed_may_end_and_make_room_for_another() -> None:
+    bench, guardian = watched()
+    bench.hold()
+    bench.mailbox.request_power(False)
+    bench.tick(10)
+    assert bench.mail[BEAT_ARMED] == 0
+    sleep(bench, 0.05)
+    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    sleep(bench, 0.05)
+    assert guardian.trips == 0
+
+
+def test_a_servo_that_arms_after_a_silence_has_beaten_before() -> None:
+    """Nothing was driven while it was silent, so nothing is to be held against it."""
+    bench, guardian = watched()
+    bench.tick(10)
+    sleep(bench, 0.5)
+    bench.mailbox.request_power(True)
+    bench.run(0.1)
+    assert (bench.mode, guardian.trips) == (Mode.HOLDING, 0)
+
+
+def test_it_stays_armed_until_the_board_has_shown_that_power_is_off() -> None:
+    bench, _ = watched()
+    bench.hold()
+    bench.mailbox.request_power(False)
+    bench.status = STATUS_POWER | STATUS_ESTOP_OK | STATUS_CALIBRATED  # a contactor that sticks
+    bench.tick(50)
+    assert (bench.mode, bench.mail[BEAT_ARMED]) == (Mode.OFF, 1)
+    assert {write.value & DISCRETE_POWER for write in bench.writes[-100:] if write.offset == DISCRETE} == {0}
+    bench.status = None
+    bench.tick(4)
+    assert bench.mail[BEAT_ARMED] == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("beats", "trips"), [(True, 0), (False, 1)])
+def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats: bool, trips: int) -> None:
+    name, taken = f"leaving{os.getpid()}", [0]
+    with create_board_memory(name) as board, create_servo_memory(name, "puma560", "pd", 6, 1_000_000, 16) as servo:
+
+        def board_and_servo() -> None:
+            taken[0] += take_all_operations(board.words, OPERATIONS)
+            if beats:
+                servo.words[BEAT_T_NS] = monotonic_now()
+
+        servo.words[BEAT_ARMED], servo.words[BEAT_T_NS] = 1, monotonic_now()
+        guardian = Guardian(name, 300.0)
+        guardian.stop[0] = 1
+        with beside(board_and_servo):
+            guardian.run(5.0)
+        guardian.close()
+    assert guardian.trips == trips
+    assert (taken[0] >= 1 + N_DACS) == bool(trips)
 
 
 def test_a_servo_whose_guardian_is_slow_but_alive_goes_on() -> None:

@@ -262,7 +262,8 @@ def test_the_servos_loop_reads_the_card_before_a_cycle_and_writes_what_the_cycle
     assert loop(params, make_state(params, law), mail, slot.memory, slot.card.words, 0, 1_000_000_000) == ENDED
     accesses = slot.card.settle()
     kinds = [kind for kind, *_ in accesses]
-    assert kinds == [OP_READ] * len(IMAGE_READS) + [OP_WRITE] * (len(kinds) - len(IMAGE_READS))
+    cycle = [OP_READ] * len(IMAGE_READS) + [OP_WRITE] * (1 + N_DACS)
+    assert kinds == cycle * 4  # posted; seen to be taken; shown by two images more
     assert {offset: value for kind, offset, _, value in accesses if kind == OP_WRITE} == {
         DISCRETE: DISCRETE_HAND_RELAXED, **{DAC + 2 * channel: DAC_ZERO for channel in range(N_DACS)}
     }  # fmt: skip

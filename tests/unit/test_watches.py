@@ -13,8 +13,10 @@ from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import BOARD_MODULE_LOSSES
+from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.servo.incident import INCIDENT_WORDS, Incident, read_incident
 from qrobot.servo.law import law
+from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import Overrun
 from qrobot.servo.state import BUSY_NS
@@ -220,6 +222,53 @@ def test_an_arm_that_comes_to_rest_after_power_off_slips_not() -> None:
     drift(bench, 0, 2.0)
     bench.run(0.6)
     assert (bench.mode, bench.event) == (Mode.OFF, FaultCode.NONE)
+
+
+@pytest.mark.parametrize("ms", [30, 300, 3000])
+@pytest.mark.parametrize("sag", [3.0, -3.0])
+def test_an_arm_that_sagged_while_its_servo_slept_has_lost_the_guardian_and_not_its_brakes(ms: int, sag: float) -> None:
+    bench = tracking(guarded=True)
+    bench.skip(ms)
+    bench.q[1] += math.radians(sag)
+    bench.mail[GUARD_TAKEOVER], bench.mail[GUARD_TRIPS] = 1, 1
+    bench.discrete = 0
+    bench.run(1.0)
+    assert (bench.mode, bench.fault, bench.event) == (Mode.FAULT, FaultCode.GUARD_TRIP, FaultCode.GUARD_TRIP)
+    assert incident_of(bench).code == FaultCode.GUARD_TRIP
+    drift(bench, 1, sag / 5)
+    assert bench.event is FaultCode.BRAKE_SLIP
+
+
+@pytest.mark.parametrize("ms", [100, 1000])
+def test_a_servo_that_sleeps_while_its_brakes_close_judges_slip_from_where_it_finds_the_arm(ms: int) -> None:
+    bench = ServoBench().hold()
+    bench.mailbox.request_power(False)
+    bench.tick(5)
+    bench.skip(ms)
+    drift(bench, 1, 2.0)
+    bench.run(0.6)
+    assert (bench.mode, bench.event) == (Mode.OFF, FaultCode.NONE)
+
+
+def test_a_slip_that_happens_while_a_servo_sleeps_is_told_of() -> None:
+    bench = parked()
+    bench.skip(1000)
+    bench.q[1] -= math.radians(0.6)
+    bench.tick(1)
+    assert bench.event is FaultCode.BRAKE_SLIP
+
+
+def test_as_long_as_the_board_shows_power_no_brake_has_slipped() -> None:
+    bench = ServoBench().hold()
+    bench.mailbox.request_power(False)
+    bench.status = STATUS_POWER | STATUS_ESTOP_OK | STATUS_CALIBRATED
+    bench.run(0.6)
+    drift(bench, 1, -2.0)
+    assert bench.event is FaultCode.NONE
+    bench.status = None
+    bench.run(0.3)
+    drift(bench, 1, -0.6)
+    assert bench.event is FaultCode.BRAKE_SLIP
 
 
 # ------------------------------------------------------------------------------------------------------- the incident

@@ -1,0 +1,279 @@
+"""A servo that dies, or stalls, at any instruction: the guardian leaves the arm without torque and power in time.
+
+Run by `tests/system/test_servo_without_jit.py`, in plain Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import Lane, discard_operations
+from qrobot.realtime.jit import jit_disabled
+from qrobot.servo.guardian import TRIPPED
+from qrobot.servo.mailbox import BEAT_ARMED, COMMAND_SHUTDOWN, GUARD_TAKEOVER
+from qrobot.servo.modes import Mode
+from qrobot.servo.output_lines import OutputWire
+from qrobot.servo.settings import Overrun
+from tests.support.kill_points import WAYS, DyingBench
+from tests.support.servo_bench import moving
+
+
+def power_off(bench: DyingBench) -> None:
+    bench.mailbox.request_power(False)
+
+
+def power_off_by_another(bench: DyingBench) -> None:
+    bench.mailbox.request_power_off()
+
+
+def emergency_stop(bench: DyingBench) -> None:
+    bench.estop_ok = False
+
+
+def shutdown(bench: DyingBench) -> None:
+    bench.mail[COMMAND_SHUTDOWN] = 1
+
+
+def garbage(bench: DyingBench) -> None:
+    bench.status = 0xFFFF
+
+
+def board_silent(bench: DyingBench) -> None:
+    bench.frozen = True
+
+
+def stop(bench: DyingBench) -> None:
+    bench.mailbox.request_stop()
+
+
+def power_lost(bench: DyingBench) -> None:
+    bench.panel = False
+
+
+FROM_HOLDING = [power_off, power_off_by_another, emergency_stop, shutdown, board_silent, power_lost, garbage]
+FROM_TRACKING = [emergency_stop, power_lost, board_silent, stop]
+
+
+def holding(way: str) -> DyingBench:
+    bench = DyingBench(way)
+    bench.hold()
+    bench.tick(3)
+    return bench
+
+
+def tracking(way: str) -> DyingBench:
+    bench = DyingBench(way)
+    moving(bench, seconds=0.45)
+    return bench
+
+
+def dies_everywhere(bench: DyingBench, ticks: int) -> None:
+    with bench.dying():
+        bench.tick(ticks)
+    assert bench.points > 100 * ticks
+    assert bench.worlds > 3 * ticks
+
+
+def test_this_is_plain_python() -> None:
+    assert jit_disabled()
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("happens", FROM_HOLDING, ids=lambda happens: happens.__name__)
+def test_a_servo_that_dies_while_it_leaves_holding(happens: Callable[[DyingBench], None], way: str) -> None:
+    bench = holding(way)
+    assert not bench.way.registers.safe
+    happens(bench)
+    dies_everywhere(bench, 8)
+    assert bench.mode in (Mode.OFF, Mode.FAULT)
+    assert bench.way.registers.safe
+    assert bench.mail[GUARD_TAKEOVER] == 0
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("happens", FROM_TRACKING, ids=lambda happens: happens.__name__)
+def test_a_servo_that_dies_while_it_leaves_tracking(happens: Callable[[DyingBench], None], way: str) -> None:
+    bench = tracking(way)
+    happens(bench)
+    dies_everywhere(bench, 7)
+    assert bench.mode in (Mode.STOPPING, Mode.FAULT)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("end", [power_off, shutdown], ids=lambda end: end.__name__)
+def test_a_servo_that_dies_where_a_controlled_stop_ends_in_power_off(
+    end: Callable[[DyingBench], None], way: str
+) -> None:
+    trial, bench = tracking("memory"), tracking(way)
+    end(trial)
+    ticks = trial.until(lambda: trial.mode is Mode.OFF)
+    end(bench)
+    bench.tick(ticks - 2)
+    assert bench.mode is Mode.STOPPING
+    dies_everywhere(bench, 10)
+    assert bench.mode is Mode.OFF
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> None:
+    def late(bench: DyingBench) -> None:
+        for _ in range(3):
+            bench.skip(1)
+            bench.tick()
+
+    strict = Overrun(misses_in_a_row=3, late_share=1.0, window_s=1.0)
+    trial, bench = DyingBench(overrun=strict), DyingBench(way, overrun=strict)
+    for each in (trial, bench):
+        moving(each, seconds=0.45)
+        late(each)
+        assert each.mode is Mode.STOPPING
+    ticks = trial.until(lambda: trial.mode is Mode.FAULT)
+    bench.tick(ticks - 2)
+    dies_everywhere(bench, 10)
+    assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.OVERRUN)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_servo_that_dies_while_it_powers_up(way: str) -> None:
+    bench = DyingBench(way)
+    bench.tick(8)
+    assert bench.mail[BEAT_ARMED] == 0
+    bench.mailbox.request_power(True)
+    dies_everywhere(bench, 8)
+    assert bench.mode is Mode.HOLDING
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_servo_that_dies_while_a_request_for_power_is_withdrawn(way: str) -> None:
+    bench = DyingBench(way)
+    bench.panel = False
+    bench.tick(8)
+    bench.mailbox.request_power(True)
+    bench.tick(3)
+    assert bench.mode is Mode.POWERING
+    bench.mailbox.request_power(False)
+    dies_everywhere(bench, 8)
+    assert bench.mode is Mode.OFF
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_servo_that_dies_while_a_fault_is_cleared(way: str) -> None:
+    bench = holding(way)
+    bench.estop_ok = False
+    bench.tick(8)
+    bench.estop_ok = True
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    with bench.dying():
+        bench.tick(8)
+    assert bench.mode is Mode.OFF
+
+
+@pytest.mark.parametrize("way", ["memory", "gateway"])  # with a card the board's memory is the servo's own
+def test_a_servo_that_starts_beside_what_a_dead_one_has_left_and_dies_in_turn(way: str) -> None:
+    dead, bench = holding(way), DyingBench(way)
+    bench.board, bench.way, bench.own, bench.now_ns, bench.q = dead.board, dead.way, dead.own, dead.now_ns, dead.q
+    bench._image[:] = dead._image
+    discard_operations(bench.board, int(Lane.SERVO))
+    assert not bench.way.registers.safe
+    dies_everywhere(bench, 8)
+    assert bench.mode is Mode.OFF
+    assert bench.way.registers.safe
+
+
+def test_a_servo_that_starts_after_the_bound_finds_the_board_taken() -> None:
+    dead, bench = holding("memory"), DyingBench()
+    bench.board, bench.way, bench.own, bench.now_ns, bench.q = dead.board, dead.way, dead.own, dead.now_ns, dead.q
+    bench._image[:] = dead._image
+    bench.sleep(8)
+    assert bench.own[TRIPPED] == 1
+    bench.tick(3)
+    assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+    assert bench.way.registers.safe
+
+
+GLUE = (OutputWire(1, "glue", bit=3),)
+
+
+def test_a_servo_that_dies_while_an_output_goes_off_without_power() -> None:
+    bench = DyingBench(outputs=GLUE)
+    bench.before.append(lambda now_ns: bench.mailbox.request_outputs(glued, now_ns))
+    glued = 1
+    bench.tick(8)
+    assert bench.way.registers.discrete & 1 << 3
+    assert bench.mail[BEAT_ARMED] == 1
+    glued = 0
+    with bench.dying():
+        bench.tick(8)
+    assert not bench.way.registers.discrete & 1 << 3
+    assert bench.mail[BEAT_ARMED] == 0
+
+
+# -------------------------------------------------------------------------------------------------------- what is lost
+
+
+def test_a_power_off_that_the_board_loses_is_said_again_and_the_guardian_stays() -> None:
+    bench = holding("gateway")
+    bench.mailbox.request_power(False)
+    way, step = bench.way, bench.way.registers.apply
+    way.registers.apply = lambda _offset, _value: None  # type: ignore[method-assign]
+    bench.tick(20)
+    assert (bench.mode, bench.mail[BEAT_ARMED]) == (Mode.OFF, 1)
+    assert not way.registers.safe
+    way.registers.apply = step  # type: ignore[method-assign]
+    bench.tick(2)
+    assert way.registers.safe
+    bench.tick(6)
+    assert bench.mail[BEAT_ARMED] == 0
+
+
+def test_a_board_that_is_deaf_when_the_servo_dies_gets_power_off_as_soon_as_it_hears() -> None:
+    bench = holding("memory")
+    bench.mailbox.request_power(False)
+    apply = bench.way.registers.apply
+    bench.way.registers.apply = lambda _offset, _value: None  # type: ignore[method-assign]
+    bench.tick(20)
+    bench.sleep(20)
+    bench.way.registers.apply = apply  # type: ignore[method-assign]
+    bench.sleep(2)
+    assert bench.way.registers.safe
+
+
+# --------------------------------------------------------------------------------------------------------- stalled
+
+
+@pytest.mark.parametrize(("way", "step"), [("memory", 11), ("port", 41), ("gateway", 41)])
+@pytest.mark.parametrize("asks", [True, False], ids=["power on", "power off"])
+def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardian_did(
+    asks: bool, way: str, step: int
+) -> None:
+    """The list it was about to post when the guardian took the board may act, until the guardian's next look."""
+    whole = asking(way, asks)
+    with whole.dying():
+        whole.tick(4)
+    taken = 0
+    for at in range(1, whole.points, step):
+        bench = asking(way, asks)
+        with bench.stalling(at, 30):
+            bench.tick(4)
+        bench.tick(4)
+        if bench.own[TRIPPED]:
+            taken += 1
+            assert bench.way.registers.safe
+            assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+        else:  # it stalled before it was armed, or was not any more
+            assert bench.mode in (Mode.POWERING, Mode.HOLDING, Mode.OFF)
+    assert taken > 3
+
+
+def asking(way: str, power: bool) -> DyingBench:
+    """A servo that has just been asked for power, or to give it up."""
+    bench = DyingBench(way)
+    bench.tick(8)
+    if not power:
+        bench.hold()
+    bench.mailbox.request_power(power)
+    return bench
