@@ -12,12 +12,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
+from qrobot.hwif.memory import Lane, attach_board_memory, read_trace
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.read import read_log
 from qrobot.rig.experiment import program_path
-from qrobot.rig.processes import board_ready, guardian_ready, servo_ready
+from qrobot.rig.processes import board_ready, bridge_ready, guardian_ready, servo_ready
+from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import left_behind, processes_of, qrobot, write_deployment
 
@@ -74,8 +79,29 @@ class Up:
         }
         wait_until(conditions[command], f"it is the turn of {command}", FIRST_START_S)
 
+    def pid(self, command: str) -> int:
+        """Of the process of this command."""
+        (found,) = (pid for pid, line in processes_of(self.name).items() if f"qrobot {command} " in line)
+        return found
+
+    def wait_for_another(self, command: str) -> None:
+        """Until a process of this command runs again, and is ready where one can see that."""
+        wait_until(lambda: [line for line in processes_of(self.name).values() if f"qrobot {command} " in line], command)
+        bridge = load_deployment(self.deployment).arm[0].bridge
+        wait_until(lambda: bridge_ready(bridge.host, bridge.port), "the bridge listens")
+
+    def hold(self) -> None:
+        """Power on, without a program."""
+        with attach_servo_memory(self.name) as servo:
+            ServoMailbox(servo.words).request_power(True)
+        wait_until(lambda: self.mode() is Mode.HOLDING, "the arm is held")
+
+    def mode(self) -> Mode:
+        with attach_servo_memory(self.name) as servo:
+            return Mode(ServoMailbox(servo.words).snapshot().mode)
+
     def assert_gone(self) -> None:
-        wait_until(lambda: not left_behind(self.name), f"all of {self.name} is gone", SOON_S)
+        wait_until(lambda: not left_behind(self.name), f"all of {self.name} is gone")
 
 
 @pytest.fixture
@@ -124,21 +150,39 @@ def test_impatience_leaves_nothing_behind(up: Up) -> None:
     up.assert_gone()
 
 
-def test_everything_ends_when_up_itself_is_killed(up: Up) -> None:
+def test_a_held_arm_outlives_its_log_and_its_bridge_and_is_let_go_of_in_order_when_up_is_killed(up: Up) -> None:
     with up.running() as process:
         up.wait_for("Ctrl-C ends everything")
-        process.kill()
-        process.wait()
-        up.assert_gone()
+        up.hold()
+        for command in ("log", "bridge"):
+            os.kill(up.pid(command), signal.SIGKILL)
+            up.wait_for(f"{up.name}-{command} has ended")
+            up.wait_for_another(command)
+        assert up.mode() is Mode.HOLDING
+        with attach_board_memory(up.name) as board:  # what is mapped stays, also when its file is gone
+            process.kill()
+            process.wait()
+            up.assert_gone()
+            assert_let_go_by_the_servo(read_trace(board.words))
+
+
+def assert_let_go_by_the_servo(trace: Any) -> None:
+    """The last words of a board: power off, then zero torque, all by the servo; the guardian never had to act."""
+    assert (trace[:, 1] == Lane.SERVO).all()
+    powered = (trace[:, 2] == DISCRETE) & (trace[:, 3] & DISCRETE_POWER != 0)
+    after = trace[np.flatnonzero(powered)[-1] + 1 :]
+    off = after[np.flatnonzero(after[:, 2] == DISCRETE)[0] :]
+    assert (off[off[:, 2] == DISCRETE, 3] & DISCRETE_POWER == 0).all()
+    assert {DAC + 2 * channel for channel in range(N_DACS)} <= set(off[:, 2].tolist())
+    assert (off[off[:, 2] != DISCRETE, 3] == DAC_ZERO).all()
 
 
 def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
     with up.running() as process:
         up.wait_for("Ctrl-C ends everything")
-        (bridge,) = (pid for pid, line in processes_of(up.name).items() if "qrobot bridge" in line)
-        os.kill(bridge, signal.SIGKILL)
+        os.kill(up.pid("guardian"), signal.SIGKILL)
         assert process.wait(SOON_S) == 1
-        up.wait_for(f"{up.name}-bridge has ended")
+        up.wait_for(f"{up.name}-guardian has ended")
     assert left_behind(up.name) == []
 
 
