@@ -3,8 +3,9 @@
 Pure: time is an argument. The world model is `trsf` (transforms of four kinds), `product` and `equation`. `request`
 says what to do, `course` which way leads there in the coordinates of a `chart`, `schedule` how long it takes. `path`
 joins legs (`leg`) by transitions (`blend`), `corner` turns from one into the next, `brake` and `diversion` leave it
-early, `progress` is how far the arm is on it, `watch` judges each setpoint, and `generator` decides which of them comes
-when. `force` lets joints give way (`matching`, `compliance`) and feels (`external`) what the arm exerts.
+early, `halt` leaves it altogether, `progress` is how far the arm is on it, `watch` judges each setpoint, and
+`generator` decides which of them comes when. `force` lets joints give way (`matching`, `compliance`) and feels
+(`external`) what the arm exerts.
 """
 
 from qrobot.motion.blend import Blend, Correction

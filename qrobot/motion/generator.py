@@ -289,6 +289,8 @@ class Generator:
         except MotionError as error:
             self._refuse(error)
             return False
+        if departure is None:
+            return False
         self._enter(departure, self._at.clock, code)
         return True
 

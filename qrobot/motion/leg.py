@@ -2,12 +2,12 @@
 
 With t the time since its start and D the length of the transition (blend.py has beta, c and the fading polynomial f):
 
-    x(t) = x0 + u0 t + (v1 - u0) D beta(t/D) + (v0 - u0) D f(t/D) + a0 D^2 c(t/D)
+    x(t) = x0 + u0 t + (v1 - u0) D beta(t/D) + (v0 - u0) D f(t/D) + a0 A^2 c(t/A)
 
 u0 is the velocity that leads to the corner, v0 the one the arm really has; they differ when frames move or the mode
-changes, and the difference is faded out. Path time is counted in samples. It may run slower than the clock (a stop on
-the path does that): with the rate r = d(path time)/d(time), velocities scale with r and accelerations are
-x'' r^2 + x' dr/dt.
+changes, and the difference is faded out. So is an acceleration left over, in A = D unless it has to be sooner. Path
+time is counted in samples. It may run slower than the clock (a stop on the path does that): with the rate
+r = d(path time)/d(time), velocities scale with r and accelerations are x'' r^2 + x' dr/dt.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ def evaluate(
     rate_slope: float,
     state: Any,
 ) -> None:
-    """Fill `state` (3, m: x, v, a) from `rows` (5, m: x0, v0, a0, u0, v1), `elapsed_s` after the start of the leg.
+    """Fill `state` (3, m: x, v, a) from `rows` (6, m: x0, v0, a0, u0, v1, A/D), `elapsed_s` after the start of the leg.
 
     `rate_slope` is dr/dt in 1/s. SI units.
     """
     h = elapsed_s / length_s
     b, b1, b2 = beta(blend, h)
-    c, c1, c2 = absorb(h)
     f, f1, f2 = fade(correction, h)
     for j in range(rows.shape[1]):
-        a0, u0 = rows[2, j], rows[3, j]
+        a0, u0, fading_s = rows[2, j], rows[3, j], length_s * rows[5, j]
+        c, c1, c2 = absorb(h / rows[5, j])
         extra, dv = rows[1, j] - u0, rows[4, j] - u0
-        slope = u0 + dv * b1 + extra * f1 + a0 * length_s * c1
+        slope = u0 + dv * b1 + extra * f1 + a0 * fading_s * c1
         bend = (dv * b2 + extra * f2) / length_s + a0 * c2
-        state[0, j] = rows[0, j] + u0 * elapsed_s + (dv * b + extra * f + a0 * length_s * c) * length_s
+        state[0, j] = rows[0, j] + u0 * elapsed_s + (dv * b + extra * f) * length_s + a0 * fading_s * c * fading_s
         state[1, j] = slope * rate
         state[2, j] = bend * rate * rate + slope * rate_slope
 
@@ -71,7 +71,7 @@ class Leg:
     """A piece of path that begins at path time `start`.
 
     Attributes:
-        rows: x0, v0, a0, u0, v1. Shape (5, m), SI units.
+        rows: x0, v0, a0, u0, v1, A/D. Shape (6, m), SI units.
         start: path time, samples.
         length: of the transition (D), samples.
     """
@@ -93,9 +93,12 @@ class Leg:
         return out
 
 
-def leg_from(state: Floats, v1: Floats, start: float, length: float) -> Leg:
-    """The leg that begins with `state` (3, m: x, v, a), heading straight on, and ends with velocity `v1` (m,)."""
-    return Leg(np.vstack((state, state[1], v1)), start, length)
+def leg_from(state: Floats, v1: Floats, start: float, length: float, fading: Floats | None = None) -> Leg:
+    """The leg that begins with `state` (3, m: x, v, a), heading straight on, and ends with velocity `v1` (m,).
+
+    The acceleration fades out in the shares `fading` (m,) of the length, above 0; else in all of it.
+    """
+    return Leg(np.vstack((state, state[1], v1, np.ones_like(v1) if fading is None else fading)), start, length)
 
 
 def leg_round(
@@ -113,11 +116,11 @@ def leg_round(
     """
     end = corner + v1 * (start + length - corner_clock) * period_s
     u0 = 2.0 * (end - state[0]) / (length * period_s) - v1
-    return Leg(np.vstack((state, u0, v1)), start, length)
+    return Leg(np.vstack((state, u0, v1, np.ones_like(v1))), start, length)
 
 
 def rest(x: Floats, start: float) -> Leg:
     """Stand at `x` (m,)."""
-    rows = np.zeros((5, x.size))
-    rows[0] = x
+    rows = np.zeros((6, x.size))
+    rows[0], rows[5] = x, 1.0
     return Leg(rows, start, 1.0)

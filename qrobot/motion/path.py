@@ -132,10 +132,13 @@ class Path:
         """Turn into the transition to rest at the target of `segment`, the present one."""
         self.leg, self.ending = self._leg_to_rest(segment, begin), True
 
-    def halt(self, state: Floats, clock: float, length: float) -> None:
-        """Bring the joints to rest from `state` (3, n) within `length` samples, wherever that is."""
+    def halt(self, state: Floats, clock: float, length: float, fading: Floats) -> None:
+        """Bring the joints to rest from `state` (3, n) within `length` samples, wherever that is.
+
+        Their accelerations fade out in the shares `fading` (n,) of that.
+        """
         self.chart, self.ending = JOINTS, True
-        self.leg = leg_from(state, np.zeros_like(state[1]), clock, length)
+        self.leg = leg_from(state, np.zeros_like(state[1]), clock, length, fading)
 
     def states_ahead(self, moments: Iterator[tuple[float, float, float]]) -> Iterator[Floats]:
         """States (3, m) at future (path time, rate, slope per sample), if nothing follows the present segment."""

@@ -15,6 +15,7 @@ from qrobot.motion.chart import JOINTS, measured
 from qrobot.motion.course import Course, lay_course
 from qrobot.motion.diversion import divert
 from qrobot.motion.errand import NOTHING, Errand, Following, errand_of
+from qrobot.motion.halt import all_haltable
 from qrobot.motion.leg import Leg, Shape, leg_from, leg_round
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.path import Segment, segment_of
@@ -24,6 +25,7 @@ from qrobot.motion.schedule import MANY, Schedule, Scheduler
 from qrobot.motion.trail import Samples, motion_of
 
 _LOOKS: Final = 16
+_EARLY: Final = np.linspace(0.0, 1.0, _LOOKS + 1)[1:] ** 2  # most of them where what was left over fades out
 _TRIES: Final = 12
 _LONGER: Final = 1.3
 
@@ -99,8 +101,8 @@ class Planner:
         """The way from the joint positions `corner` (n,); raises what `lay_course` raises."""
         return lay_course(errand, corner, self._reach)
 
-    def depart(self, errand: Errand, corner: Floats, points: Samples, clock: float, room: Room) -> Departure:
-        """Into `errand` now, at path time `clock`.
+    def depart(self, errand: Errand, corner: Floats, points: Samples, clock: float, room: Room) -> Departure | None:
+        """Into `errand` now, at path time `clock`; None when no transition that was tried keeps the limits.
 
         Args:
             errand: what comes next.
@@ -119,9 +121,9 @@ class Planner:
             schedule = self.scheduler.plan(errand.request, course, v, least, room.most, room.following)
             segment = self.segment(errand, course, schedule, clock + schedule.transition)
             if self._fits(segment, state, clock, points[-1][1]):
-                break
+                return Departure(segment, state)
             least = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
-        return Departure(segment, state)
+        return None
 
     def divert(self, errand: Errand, state: Floats, clock: float, following: Following) -> Departure | None:
         """Out of a joint path, at `state` (3, n), into the joint path of `errand`; None when no such way is safe."""
@@ -148,12 +150,15 @@ class Planner:
 
     def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
         """True when the joints keep their limits in the transitions; not to be known when the goal moves."""
-        if segment.chart is JOINTS or not segment.chart.fixed:
+        if not segment.chart.fixed:
             return True
         entering = leg_round(
             state, segment.corner, segment.begin, segment.velocity, clock, 2.0 * segment.schedule.transition,
             self._shape.period_s,
         )  # fmt: skip
+        if segment.chart is JOINTS:  # whose end is planned within the limits
+            looks = entering.start + entering.length * _EARLY
+            return all(self._limits.allow(entering.state(look, self._shape)) for look in looks)
         legs = (entering, to_rest(segment, self._shape))
         return all(self._keeps_limits(segment, leg, near) for leg in legs)
 
@@ -162,9 +167,9 @@ class Planner:
         joints = np.empty((_LOOKS + 1, near.size))
         for i, look in enumerate(np.linspace(leg.start, leg.end, _LOOKS + 1)):
             joints[i] = near = segment.chart.look(leg.state(look, self._shape)[0], near)
-        v = np.gradient(joints, step_s, axis=0, edge_order=2)
-        a = np.diff(joints, 2, axis=0) / step_s**2
-        return bool((np.abs(v) <= self._limits.v_max).all() and (np.abs(a) <= self._limits.a_max).all())
+        v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
+        a = np.diff(joints, 2, axis=0)[[0, *range(_LOOKS - 1), -1]] / step_s**2
+        return all_haltable(v, a, self._limits)
 
 
 @contextmanager

@@ -9,13 +9,13 @@ from __future__ import annotations
 from qrobot.errors import MotionError
 from qrobot.motion.brake import Brake, fitting_brake
 from qrobot.motion.chart import JOINTS
+from qrobot.motion.halt import halting_s
 from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.path import Path, Segment
 from qrobot.motion.planner import Departure
 from qrobot.motion.schedule import Scheduler
 from qrobot.motion.trail import Samples, Trail, true_joints
-from qrobot.motion.watch import halting_s
 
 
 class Progress:
@@ -136,7 +136,8 @@ class Progress:
     def halt(self, seconds: float, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
         state = self.path.state(self._told_clock) if self.on_joint_path else self._truth.state(self._shape.period_s)
-        length_s = max(seconds, halting_s(state[1], limits, self._shape.blend))
+        shortest_s, fading_s = halting_s(state, limits, self._shape.blend)
+        length_s = max(seconds, shortest_s)
         self._trail = self._truth.copy()
         self._brake, self._halting = None, True
-        self.path.halt(state, self._told_clock, length_s / self._shape.period_s)
+        self.path.halt(state, self._told_clock, length_s / self._shape.period_s, fading_s / length_s)

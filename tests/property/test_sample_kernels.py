@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from qrobot.model.transform import inverse, so3_exp, transform
 from qrobot.motion import Blend, MotionLimits, Termination
 from qrobot.motion.blend import PEAK
+from qrobot.motion.halt import BULGE, SHORTEST_HALT_S, halting_s
 from qrobot.motion.product import multiply_chain
 from qrobot.motion.trail import motion_of
-from qrobot.motion.watch import SHORTEST_HALT_S, halting_s, judge_next
+from qrobot.motion.watch import judge_next
 from tests.support.motion import LIMITS
 
 numbers = st.floats(-3.0, 3.0)
@@ -63,12 +64,25 @@ MIDDLE, NOTHING = np.array([0.5, 0.0]), np.zeros(2)
 
 @pytest.mark.parametrize("joint", [0, 1])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_speed_and_acceleration_are_judged_joint_by_joint_five_per_cent_above_their_limits(joint, sign) -> None:
+def test_speed_and_acceleration_are_judged_joint_by_joint_at_their_limits(joint, sign) -> None:
     v, a = np.zeros(2), np.zeros(2)
     v[joint], a[joint] = sign * LIMITS.v_max[joint], sign * LIMITS.a_max[joint]
-    for within, beyond in ((1.049, Termination.NONE), (1.051, Termination.TOO_FAST)):
-        assert judged(MIDDLE, within * v, NOTHING) is beyond
-        assert judged(MIDDLE, NOTHING, within * a) is beyond
+    for share, code in ((0.999, Termination.NONE), (1.001, Termination.TOO_FAST)):
+        assert judged(MIDDLE, share * v, NOTHING) is code
+        assert judged(MIDDLE, NOTHING, share * a) is code
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_what_still_gathers_speed_is_told_while_that_can_fade_out_below_the_limit(joint, sign) -> None:
+    """In the time of the shortest halt, as a share of what the joint accelerates at most."""
+    v, a = np.zeros(2), np.zeros(2)
+    a[joint] = 0.8 * sign * LIMITS.a_max[joint]
+    reserve = BULGE * SHORTEST_HALT_S * 0.8 * abs(a[joint])
+    for spare, code in ((1.001, Termination.NONE), (0.999, Termination.TOO_FAST)):
+        v[joint] = sign * (LIMITS.v_max[joint] - spare * reserve)
+        assert judged(MIDDLE, v, a) is code
+        assert judged(MIDDLE, v, -a) is Termination.NONE
 
 
 @pytest.mark.parametrize(("side", "joint"), [("q_min", 0), ("q_max", 0), ("q_min", 1), ("q_max", 1)])
@@ -77,7 +91,7 @@ def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) 
     limit, v = getattr(LIMITS, side)[joint], np.zeros(2)
     v[joint] = np.sign(limit) * 0.9 * LIMITS.v_max[joint]
     halt = max(SHORTEST_HALT_S, PEAK[Blend.QUARTIC] * abs(v[joint]) / LIMITS.a_stop[joint])
-    assert halting_s(v, LIMITS, Blend.QUARTIC) == pytest.approx(halt)
+    assert halting_s(np.vstack((MIDDLE, v, NOTHING)), LIMITS, Blend.QUARTIC)[0] == pytest.approx(halt)
     for share, code in ((1.001, Termination.NONE), (0.999, Termination.JOINT_LIMIT)):
         q = MIDDLE.copy()
         q[joint] = limit - share * 0.5 * halt * v[joint]
