@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import SUCCESS, err, note, out, write_json
+from qrobot.servo.calibration_table import TableFormat
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
@@ -25,6 +27,7 @@ def calibrate(
     arm: str | None = None,
     indexes: int = 5,
     make_table: Path | None = None,
+    table_format: Annotated[TableFormat, Parameter(name="--format")] = "qrobot",
     json: bool = False,
 ) -> int:
     """Calibrate an arm whose servo runs, or make a calibration table on the emulator.
@@ -45,12 +48,14 @@ def calibrate(
     make_table
         Write the table of the deployment's emulated arm to this file instead, and move nothing. Name it in the file as
         `calibration_table`.
+    table_format
+        Of that file: `vendor` is the one that the board vendor's driver reads, without comments and checksum.
     json
         Print the result as JSON.
     """
     chosen = choose_arm(deployment, arm)
     if make_table is not None:
-        return _make_table(chosen, make_table, json)
+        return _make_table(chosen, make_table, table_format, json)
     report = calibrate_arm(chosen, indexes)
     if json:
         write_json(report.to_dict())
@@ -114,20 +119,20 @@ def _results(robot: Robot, report: CalibrationReport) -> Table:
     return table
 
 
-def _make_table(arm: Arm, path: Path, as_json: bool) -> int:
+def _make_table(arm: Arm, path: Path, form: TableFormat, as_json: bool) -> int:
     from qrobot.rig.table_maker import make_table
     from qrobot.servo.calibration_table import write_table
-    from qrobot.sim_board.board import BoardOptions
+    from qrobot.sim_board.deployed import board_options
     from qrobot.sim_board.emulator import Emulator
 
     robot, choice = robot_of_arm(arm), arm.board
-    revision = choice.revision or robot.board.revision
-    options = BoardOptions(revision_f=revision == "F")
+    options = board_options(choice, robot)
     emulator = Emulator(robot, options=options, seed=choice.seed, physics="rigid")
     with Progress(TextColumn("{task.description}"), BarColumn(), console=err, disable=not err.is_terminal) as progress:
         tasks = [progress.add_task(name, total=1.0) for name in robot.joint_names]
         table = make_table(emulator, lambda joint, share: progress.update(tasks[joint], completed=share))
-    write_table(path, table, f"calibration table of the emulated {robot.name}, board revision {revision}")
+    revision = "F" if options.revision_f else "E"
+    write_table(path, table, f"calibration table of the emulated {robot.name}, board revision {revision}", form)
     if as_json:
         write_json({"file": str(path), "rows": [int(pots.size) for pots in table.pots]})
     else:

@@ -39,7 +39,9 @@ class BoardChoice(Table):
     looks at no potentiometer, and cannot calibrate the arm. With `calibrate_at_start`, `qrobot up` calibrates an arm
     whose board has lost its counters, as the supervisor of the papers did: it moves. `plant` is the physics behind the
     emulated board: the robot file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and
-    stiction (`mismatched`). `calibrated` is the state of the counters at chassis power-up.
+    stiction (`mismatched`). `calibrated` is the state of the counters at chassis power-up. `adc_idle` and `index_idle`
+    are the levels that STATUS bits 14 and 8-13 of the emulated board show while their masks are off, which no source
+    tells.
     """
 
     kind: Literal["emulator", "port", "can", "modbus", "drives"] = "emulator"
@@ -49,6 +51,8 @@ class BoardChoice(Table):
     start_pose: str = "park"
     seed: int = Field(default=0, ge=0)
     pots: bool = True
+    adc_idle: Literal[0, 1] = 0
+    index_idle: Literal[0, 1] = 0
     calibration_table: str | None = None
     calibrate_at_start: bool = False
     scene: Scene = Scene()

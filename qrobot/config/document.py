@@ -41,7 +41,7 @@ def config_path(name_or_path: str | Path, folder: str = "") -> Path:
 
 def packaged_path(name_or_path: str | Path, folder: str, ending: str) -> Path:
     """Find a file as `config_path` does, among files with another `ending`. Raises ConfigError."""
-    if str(name_or_path).endswith(ending):
+    if str(name_or_path).lower().endswith(ending):
         path = Path(name_or_path)
         if path.is_file():
             return path

@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.errors import LinkBusy
 from qrobot.hwif.registers import DAC, DISCRETE, N_ADCS, N_DACS, N_ENCODERS, N_INPUT_WORDS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
@@ -109,6 +110,24 @@ def create_board_memory(arm: str) -> Segment:
 def attach_board_memory(arm: str) -> Segment:
     """Map the board memory of `arm` (a controller). Raises LinkError when no board serves it."""
     return Segment.attach(f"{arm}-board", LAYOUT)
+
+
+def command_board_memory(arm: str) -> Segment:
+    """Map the board memory of `arm` as its one controller, as long as the segment is open.
+
+    Raises:
+        LinkBusy: it has a controller: a servo, a program in C, a walk through the board.
+        LinkError: no board serves it.
+    """
+    segment = attach_board_memory(arm)
+    try:
+        segment.claim()
+    except LinkBusy:
+        segment.close()
+        raise LinkBusy(
+            f"the board of {arm} has a controller already, a servo or another program: end that one first"
+        ) from None
+    return segment
 
 
 def local_board_memory() -> Words:

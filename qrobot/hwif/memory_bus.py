@@ -11,7 +11,7 @@ from typing import Final
 
 from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, Lane, attach_board_memory, discard_operations, pending_operations
+from qrobot.hwif.memory import IMAGE_COUNT, Lane, command_board_memory, discard_operations, pending_operations
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.segment import Segment, Words
 
@@ -39,7 +39,12 @@ class MemoryBus:
         self._newest = make_image()
 
     def connect(self) -> BoardFacts:
-        """Map the memory and forget what a predecessor had posted. Raises LinkError when no board serves it."""
+        """Map the memory and forget what a predecessor had posted.
+
+        Raises:
+            LinkBusy: the board has another controller.
+            LinkError: no board serves it.
+        """
         self.close()
         segment = self._segment = self._attach()
         if not segment.owner_alive:
@@ -89,5 +94,5 @@ class MemoryBus:
 
 
 def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:
-    """The road to the board that runs as a process for `arm`."""
-    return MemoryBus(lambda: attach_board_memory(arm), f"the board memory of {arm}", lane, timeout_s)
+    """The road to the board that runs as a process for `arm`; while it is connected the board has no other controller."""
+    return MemoryBus(lambda: command_board_memory(arm), f"the board memory of {arm}", lane, timeout_s)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
+import struct
 import time
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +26,8 @@ from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtim
 WORD_BYTES: Final = 8
 _LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
 _LOCK_PAUSE_S: Final = 0.005
+
+_CLAIM: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
 
 # The first words of every segment.
 MAGIC, LAYOUT, OWNER_PID, GENERATION = range(4)
@@ -98,6 +101,19 @@ class Segment:
             segment.close()
             raise LinkError(f"shared memory {path.name!r} has layout {found}, this version expects {layout}")
         return segment
+
+    def claim(self) -> None:
+        """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.
+
+        The kernel drops the claim however the process dies; it is tied to this mapping, not to the process, and stands
+        beside the owner's lock: a record lock on the first byte, which programs in C take too.
+        """
+        if self._fd is None:
+            raise LinkError(f"shared memory {self.path.name!r} is closed")
+        try:
+            fcntl.fcntl(self._fd, fcntl.F_OFD_SETLK, _CLAIM.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 1, 0))
+        except OSError:
+            raise LinkBusy(f"{self.path.name!r} is commanded by another process already") from None
 
     @property
     def is_current(self) -> bool:

@@ -200,16 +200,25 @@ def load_counters(walk: Walk) -> str:
     return f"{len(before)} counters take a load; their counts are back"
 
 
-def preset_indexes(walk: Walk) -> str:
-    """A masked index flag is preset, and stays so while nothing turns."""
+def arm_indexes(walk: Walk) -> str:
+    """Index flags that were preset and armed show 1 while nothing turns; what masked flags show is for the record."""
     walk.write((DISCRETE, walk.kept))
-    masked = walk.status & STATUS_INDEX
+    masked = walk.status
     walk.write((DISCRETE, walk.kept | DISCRETE_INDEX))
+    armed = walk.status & STATUS_INDEX
     walk.write((DISCRETE, walk.kept))
-    wrong = [joint + 1 for joint in range(walk.robot.n) if not masked >> (8 + joint) & 1]
+    wrong = [joint + 1 for joint in range(walk.robot.n) if not armed >> (8 + joint) & 1]
     if wrong:
-        raise Amiss(f"the index flag of {_joints(wrong)} is not preset by its mask", "the board's decoder differs")
-    return "masked flags are preset"
+        raise Amiss(
+            f"the index flag of {_joints(wrong)} is not armed by its mask",
+            "does the joint stand just on its index pulse? turn it a little; else the board's decoder differs",
+        )
+    index, bit_14 = _level(masked, STATUS_INDEX), _level(masked, STATUS_ADC_BUSY)
+    return f"armed flags show 1; idle levels: index {index}, bit 14 {bit_14}"
+
+
+def _level(status: int, mask: int) -> str:
+    return {0: "0", mask: "1"}.get(status & mask, "mixed")
 
 
 def convert_all(walk: Walk) -> str:
@@ -334,7 +343,7 @@ STEPS: Final = (
     Step("outputs to zero", zero_outputs, writes=True),
     Step("scratch bits", toggle_scratch, writes=True),
     Step("counters take a load", load_counters, writes=True),
-    Step("index flags", preset_indexes, writes=True),
+    Step("index flags", arm_indexes, writes=True),
     Step("converter", convert_all, writes=True),
     Step(
         "analogue outputs",

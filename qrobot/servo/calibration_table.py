@@ -1,13 +1,14 @@
 """Calibration tables: which potentiometer reading belongs to which index pulse of each joint.
 
-The format is the board vendor's (TRC004 vendor driver v4.3): plain text, for each joint a line `joint n` and then a row
-`pot encoder` for each index pulse met when the joint moves in its positive direction:
+Plain text, for each joint a header and then a row `pot encoder` for each index pulse met when the joint moves in its
+positive direction:
 
     pot      16-bit ADC units of 20 V / 65536
     encoder  calibrated counts, READY is 0, without the offset that joint 4 carries on the board
 
-Lines that begin with `#` are ours. The first one may carry a checksum of the rows, `# crc32 89abcdef`, by which a
-damaged file is told from a whole one; the vendor's files have none.
+The header is `joint n` in our tables and `n rows`, the joint and how many rows follow, in those of the board vendor
+(TRC004 vendor driver v4.3). Both are read. Lines that begin with `#` are ours alone: the vendor's driver ends at them.
+The first one may carry a checksum of the rows, `# crc32 89abcdef`, by which a damaged file is told from a whole one.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ _CRC: Final = re.compile(r"#\s*crc32\s+([0-9a-f]{8})\s*$")
 _REMEDY: Final = "make it anew with `qrobot calibrate --make-table FILE`"
 
 Ints = NDArray[np.int64]
+TableFormat = Literal["qrobot", "vendor"]
 
 
 @dataclass(frozen=True)
@@ -122,26 +124,56 @@ def parse_table(text: str, label: str) -> CalibrationTable:
     """
     lines = text.splitlines()
     _check_crc(lines, label)
-    rows: list[list[tuple[int, int]]] = []
-    for number, line in enumerate(lines, 1):
-        words = line.split()
-        if not words or line.startswith("#"):
-            continue
-        if words[0].lower() == "joint":
-            if words[1:] != [str(len(rows) + 1)]:
-                raise ConfigError(f"{label}:{number}: expected `joint {len(rows) + 1}`, found {line.strip()!r}")
-            rows.append([])
-        else:
-            rows_of_joint = rows[-1] if rows else None
-            if rows_of_joint is None:
-                raise ConfigError(f"{label}:{number}: a row before the first `joint 1`")
-            rows_of_joint.append(_row(words, f"{label}:{number}"))
+    numbered = [(number, line.split()) for number, line in enumerate(lines, 1) if _has_words(line)]
+    headed = any(words[0].lower() == "joint" for _, words in numbered)
+    rows = _rows_below_headers(numbered, label) if headed else _rows_by_number(numbered, label)
     if not rows:
         raise ConfigError(f"{label}: no joints in it; {_REMEDY}")
     for joint, joint_rows in enumerate(rows, 1):
         _check_rows(np.array(joint_rows, dtype=np.int64).reshape(-1, 2), f"{label}: joint {joint}")
     arrays = [np.array(joint_rows, dtype=np.int64) for joint_rows in rows]
     return CalibrationTable(tuple(a[:, 0] for a in arrays), tuple(a[:, 1] for a in arrays))
+
+
+def _has_words(line: str) -> bool:
+    return bool(line.split()) and not line.startswith("#")
+
+
+def _rows_below_headers(lines: list[tuple[int, list[str]]], label: str) -> list[list[tuple[int, int]]]:
+    """Rows of each joint where the headers are `joint n`."""
+    rows: list[list[tuple[int, int]]] = []
+    for number, words in lines:
+        if words[0].lower() == "joint":
+            if words[1:] != [str(len(rows) + 1)]:
+                raise ConfigError(f"{label}:{number}: expected `joint {len(rows) + 1}`, found {' '.join(words)!r}")
+            rows.append([])
+        elif not rows:
+            raise ConfigError(f"{label}:{number}: a row before the first `joint 1`")
+        else:
+            rows[-1].append(_row(words, f"{label}:{number}"))
+    return rows
+
+
+def _rows_by_number(lines: list[tuple[int, list[str]]], label: str) -> list[list[tuple[int, int]]]:
+    """Rows of each joint where the headers are the vendor's, `n rows`."""
+    rows: list[list[tuple[int, int]]] = []
+    missing = 0
+    for number, words in lines:
+        if missing:
+            rows[-1].append(_row(words, f"{label}:{number}"))
+            missing -= 1
+            continue
+        joint = len(rows) + 1
+        if len(words) != 2 or words[0] != str(joint) or not words[1].isdecimal():
+            raise ConfigError(
+                f"{label}:{number}: expected the header of joint {joint}, `{joint} ROWS` or `joint {joint}`, "
+                f"found {' '.join(words)!r}"
+            )
+        rows.append([])
+        missing = int(words[1])
+    if missing:
+        raise ConfigError(f"{label}: joint {len(rows)}: {missing} rows are missing at the end; {_REMEDY}")
+    return rows
 
 
 def _row(words: list[str], where: str) -> tuple[int, int]:
@@ -186,23 +218,25 @@ def rows_crc(lines: list[str]) -> str:
     return f"{zlib.crc32(chr(10).join(rows).encode()):08x}"
 
 
-def format_table(table: CalibrationTable, about: str) -> str:
-    """The text of a table; `about` is one line of comment."""
+def format_table(table: CalibrationTable, about: str, form: TableFormat = "qrobot") -> str:
+    """The text of a table; `about` is one line of comment, for which the vendor's format has no place."""
     rows: list[str] = []
     for joint, (pots, counts) in enumerate(zip(table.pots, table.counts, strict=True), 1):
-        rows.append(f"joint {joint}")
+        rows.append(f"joint {joint}" if form == "qrobot" else f"{joint} {pots.size}")
         rows += [f"{pot} {count}" for pot, count in zip(pots.tolist(), counts.tolist(), strict=True)]
+    if form == "vendor":
+        return "".join(f"{row}\r\n" for row in rows)
     return "\n".join([f"# crc32 {rows_crc(rows)}", f"# {about}", *rows, ""])
 
 
-def write_table(path: Path, table: CalibrationTable, about: str) -> None:
+def write_table(path: Path, table: CalibrationTable, about: str, form: TableFormat = "qrobot") -> None:
     """Write a table so that the file is the old one or the new one, whatever dies meanwhile. Raises ConfigError."""
     handle, name = -1, ""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "w", encoding="ascii", newline="\n") as file:
-            file.write(format_table(table, about))
+        with os.fdopen(handle, "w", encoding="ascii", newline="") as file:
+            file.write(format_table(table, about, form))
             file.flush()
             os.fsync(file.fileno())
         Path(name).chmod(0o644)

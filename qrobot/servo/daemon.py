@@ -18,7 +18,7 @@ from typing import Any
 from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import explain
-from qrobot.hwif.memory import Lane, attach_board_memory, discard_operations, local_board_memory
+from qrobot.hwif.memory import Lane, attach_board_memory, command_board_memory, discard_operations, local_board_memory
 from qrobot.hwif.port.bus import PortBus
 from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.port.owner import own_board_memory
@@ -120,7 +120,7 @@ class ServoProcess:
         if self.board.is_current:
             return
         with contextlib.suppress(LinkError):
-            successor = attach_board_memory(self.arm)
+            successor = command_board_memory(self.arm)
             self.board.close()
             self.board = successor
             self.report("the board is back: its memory is mapped anew")
@@ -260,7 +260,7 @@ def _insist_on_a_board(arm: str, card: Words) -> None:
 def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Segment:
     """That of a board process, or one of our own for a card."""
     if card[CARD_KIND] == NO_CARD:
-        return attach_board_memory(arm)
+        return command_board_memory(arm)
     return own_board_memory(arm, card, joints, period_ns)
 
 

@@ -5,6 +5,7 @@ readings is good to a fraction of a turn, at rest or not.
 
 * Counters that are not calibrated are shifted by what the potentiometers say. The pose is then right to about a quarter
   of a motor turn (0.03 rad), enough to carry the arm's weight and to keep away from its stops, not enough to work with.
+  Not so beyond the ends of a potentiometer's track, where joint 6 can stand: it carries nothing, and meets no stop.
 * Counters that claim to be calibrated are checked. Off by more than the potentiometers allow, they get no power.
 
 All this needs a calibration table; without one nothing is read and nothing is checked.
@@ -42,7 +43,7 @@ READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) agai
 MOST_SILENCES: Final = 3  # conversions without an answer
 ROWS_BEYOND: Final = 3  # a table begins in the second turn of the range, and an arm may stand a little outside of it
 OFF_TURNS: Final = 0.6  # pot against table: backlash 0.3 turns, waviness, noise
-FULL_SCALE_E: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the 8-bit converter ends, ADC units; it begins at 0
+TRACK_UNITS: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the track of a potentiometer ends, ADC units; it begins at 0
 HALF_STEP_E: Final = 0.5 * ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # what 8 bits leave open, ADC units
 SWEEPING: Final = int(Stage.SWEEPING)
 
@@ -129,16 +130,14 @@ def gather_pot(params: ServoParameters, state: ServoState, channel: int) -> None
 def _judge(params: ServoParameters, state: ServoState) -> None:
     state.pots.i[VERDICT] = PLAUSIBLE
     calibrated = state.i[STATUS] & STATUS_CALIBRATED != 0
-    eight_bits = state.i[REVISION] == REVISION_E
-    coarse = HALF_STEP_E if eight_bits else 0.0
+    coarse = HALF_STEP_E if state.i[REVISION] == REVISION_E else 0.0
     for j in range(state.counts.size):
         residue = state.pots.total[j] / state.pots.readings[j]
         pot = residue + params.transmission.pot_per_count[j] * state.counts[j]
         turn = params.transmission.pot_per_count[j] * params.transmission.counts_per_rev[j]
         count = state.counts[j] - params.transmission.count_offset[j]
         told = table_pot(params.calibration, j, count)
-        if eight_bits:
-            told = min(max(told, 0.0), FULL_SCALE_E)
+        told = min(max(told, 0.0), TRACK_UNITS)
         off = abs(pot - told)
         if not in_table(params.calibration, j, pot, ROWS_BEYOND) or (
             calibrated and not off <= OFF_TURNS * abs(turn) + coarse

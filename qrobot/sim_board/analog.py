@@ -5,7 +5,8 @@ pot table]. What the table shows beyond a straight line is slow waviness; noise 
 
     units = zero + slope * revolutions + wave * sin(2 pi revolutions / WAVE_LENGTH + phase) + noise * N(0, 1)
 
-in units of the revision F converter, 20 V / 65536.
+in units of the revision F converter, 20 V / 65536. Its track ends at 0 and 5 V: joint 6 of the PUMA 560 turns further
+than that, and the vendor's table of it ends where the track does [V, from the vendor's pot table].
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from qrobot.sim_board.upset import POT_GAIN, POT_NOISE, POT_SHIFT, Knobs
 WAVE_UNITS: Final = 20.0  # [A] amplitude; 14 rms against 11-22 in the vendor's table
 WAVE_LENGTH_REVS: Final = 37.0  # [A] slow, and not a divisor of the range
 NOISE_UNITS: Final = 5.0  # [A]
+TRACK_UNITS: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # supply of the potentiometers; the other end is at 0
 
 _F_FULL_SCALE: Final = 32767
 _E_FULL_SCALE: Final = 255
@@ -86,6 +88,7 @@ def pot_units(analog: Analog, knob: Knobs, joint: int) -> float:
     turns = analog.wiper[joint]
     wave = math.sin(2.0 * math.pi * turns / WAVE_LENGTH_REVS + analog.wave_phase[joint])
     smooth = analog.zero[joint] + analog.slope[joint] * turns + analog.wave[joint] * wave
+    smooth = min(max(smooth, 0.0), TRACK_UNITS)
     noise = knob[POT_NOISE, joint] * analog.noise * normal(analog.random)
     return float(knob[POT_GAIN, joint] * (smooth + noise))
 

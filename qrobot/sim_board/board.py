@@ -7,9 +7,12 @@ argument; nothing here knows of motors or of who posts.
 Tags as in `hwif.registers`: [V] the vendor's driver, [I] inferred from its sequences, [A] our choice.
 
 * DACs keep their last word: the board has no watchdog. `BoardOptions.watchdog_ns` adds one (our extension, off).
-* A flip-flop in STATUS (index seen, conversion done) is held at 1 while its DISCRETE mask bit is 0 [A], armed by mask
+* A flip-flop in STATUS (index seen, conversion done) is preset to 1 while its DISCRETE mask bit is 0, armed by mask
   bit 1, and dropped to 0 by its event [V]. An event while the mask is 0 is lost: on revision E the mask is set after
   the conversion was started, in the same burst of operations [V].
+* What STATUS shows of a flip-flop while its mask bit is 0 no source tells: `BoardOptions.adc_idle` and `index_idle`.
+  The vendor's driver shifts bits 15 and 14 of a cold board into its own scratch bits, and takes itself for calibrated
+  where bit 14 is 1 [V]; so the default is 0, on which it works [A].
 * Power is on while DISCRETE bit 0 is set, the emergency stop is healthy, and ARM POWER was pressed after the bit was
   set; whatever drops it has to be followed by a new press [I].
 * Brakes are fail-safe: they release some time after power came on and engage some time after it dropped.
@@ -111,6 +114,8 @@ class BoardOptions(NamedTuple):
 
     revision_f: bool = True
     relatch: bool = True  # a further index pulse replaces the latched count
+    adc_idle: bool = False  # level of STATUS bit 14 while its mask is 0
+    index_idle: bool = False  # level of STATUS bits 8-13 while their masks are 0
     auto_panel: bool = True  # somebody presses ARM POWER whenever the host enables power
     conversion_ns: int = CONVERSION_NS
     brake_release_ns: int = BRAKE_RELEASE_NS
@@ -288,12 +293,15 @@ def _finish_conversion(register: Words, switch: Words, t_ns: int) -> None:
 
 
 @lean_kernel
-def _status(register: Words, memory: Words) -> int:
-    """The STATUS word."""
+def _status(register: Words, options: BoardOptions, memory: Words) -> int:
+    """The STATUS word: of each flip-flop its state where it is unmasked, its idle level where it is masked."""
+    unmasked = register[REG_DISCRETE] & FLIP_FLOPS
+    idle = (STATUS_ADC_BUSY if options.adc_idle else 0) | (STATUS_INDEX if options.index_idle else 0)
+    flags = register[REG_FLAGS] & unmasked | idle & ~unmasked
     inputs = memory[PANEL_INPUTS] & STATUS_INPUTS & ~STATUS_ESTOP_OK
     estop = STATUS_ESTOP_OK if register[REG_ESTOP_OK] else 0
     power = STATUS_POWER if register[REG_POWER] else 0
-    return int(power | register[REG_FLAGS] | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
+    return int(power | flags | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
 
 
 @lean_kernel
@@ -307,7 +315,7 @@ def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns
     for channel in range(N_ENCODERS):
         image[IMAGE_INPUTS + ENC_INDEX // 2 + channel] = latch[channel]
         image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = counter[channel]
-    image[IMAGE_INPUTS + STATUS // 2] = _status(register, memory)
+    image[IMAGE_INPUTS + STATUS // 2] = _status(register, board.options, memory)
     image[IMAGE_INPUTS + ADC_VALUE // 2] = register[REG_ADC_VALUE]
     if spoil_image(board.upset, memory, image):
         publish_image(memory, image)

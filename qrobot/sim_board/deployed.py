@@ -5,12 +5,22 @@ from __future__ import annotations
 from typing import Literal
 
 from qrobot.config import Arm, Robot
+from qrobot.config.deployment import BoardChoice
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from qrobot.sim_board.mismatch import PlantMismatch
+
+
+def board_options(choice: BoardChoice, robot: Robot) -> BoardOptions:
+    """What a deployment file says of an emulated board, and the robot file where it says nothing."""
+    return BoardOptions(
+        revision_f=(choice.revision or robot.board.revision) == "F",
+        adc_idle=choice.adc_idle == 1,
+        index_idle=choice.index_idle == 1,
+    )
 
 
 def emulator_of_arm(
@@ -39,7 +49,7 @@ def emulator_of_arm(
         mismatch=PlantMismatch.mismatched(robot.n) if wrong else PlantMismatch.nominal(robot.n),
         start=choice.start_pose,
         calibrated=choice.calibrated if calibrated is None else calibrated,
-        options=BoardOptions(revision_f=(choice.revision or robot.board.revision) == "F"),
+        options=board_options(choice, robot),
         seed=choice.seed,
         payload_kg=payload_kg,
         faults=faults,

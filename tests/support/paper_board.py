@@ -18,6 +18,7 @@ class PaperBoard:
         inputs: the sixteen input words; counters take their loads.
         applied: every operation so far.
         gone, full: there is no board; it takes no operations.
+        lag: by how many images the inputs show an operation late.
     """
 
     def __init__(self, revision: str = "F") -> None:
@@ -25,7 +26,9 @@ class PaperBoard:
         self.applied: list[Row] = []
         self.gone = self.full = False
         self.revision = revision
+        self.lag = 0
         self._count = 0
+        self._loads: list[tuple[int, int, int]] = []  # count of the image that shows it, place, value
 
     @property
     def status(self) -> int:
@@ -47,8 +50,16 @@ class PaperBoard:
         for kind, offset, value in operations.tolist():
             self.applied.append((kind, offset, value))
             if kind == OP_WRITE and ENC_LOAD <= offset < ENC_LOAD + 12:
-                self.inputs[(ENC_COUNT + offset - ENC_LOAD) // 2] = value
+                self._loads.append((self._count + self.lag, (ENC_COUNT + offset - ENC_LOAD) // 2, value))
+        self.show()
+
+    def show(self) -> None:
+        """Make one more image."""
         self._count += 1
+        for count, place, value in self._loads:
+            if count <= self._count:
+                self.inputs[place] = value
+        self._loads = [load for load in self._loads if load[0] > self._count]
 
     def read_image(self, image: Words) -> None:
         self._insist()

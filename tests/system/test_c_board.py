@@ -66,6 +66,7 @@ def test_the_header_says_what_the_board_memory_is() -> None:
     elsewhere = {
         "MAGIC": segment.MAGIC_VALUE,
         "LANE": LANES_START + int(Lane.TOOL) * memory.LANE_WORDS,
+        "LANE_FORGET": memory._LANE_FORGET,
         "LANE_TAIL": memory._LANE_TAIL,
         "LANE_RING": memory._LANE_RING,
     }

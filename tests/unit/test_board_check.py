@@ -87,9 +87,9 @@ def verdicts(findings: list[Finding]) -> dict[str, bool | None]:
     return {finding.step: finding.ok for finding in findings}
 
 
-@pytest.mark.parametrize("revision_f", [True, False])
-def test_an_emulated_board_passes_every_step(revision_f: bool) -> None:
-    desk = Desk(options=BoardOptions(revision_f=revision_f))
+@pytest.mark.parametrize(("revision_f", "idle"), [(True, False), (False, False), (True, True), (False, True)])
+def test_an_emulated_board_passes_every_step_at_whatever_levels_its_flags_idle(revision_f: bool, idle: bool) -> None:
+    desk = Desk(options=BoardOptions(revision_f=revision_f, adc_idle=idle, index_idle=idle))
     desk.answer = desk.by_hand(+1)
     findings = desk.check(EVERYTHING)
     assert verdicts(findings) == {step.name: True for step in STEPS}, findings

@@ -49,11 +49,42 @@ def test_a_table_is_read_back_as_it_was_written(joints: int, rows: int) -> None:
     assert rows_of(parse_table(format_table(written, "made up"), "t")) == rows_of(written)
 
 
-def test_the_vendors_format_is_read_without_a_checksum_and_with_its_line_ends() -> None:
-    read = parse_table(VENDOR, "t")
-    assert read.n == 1
-    assert read.pots[0][:2].tolist() == [9000, 8850]
-    assert read.counts[0][:2].tolist() == [70, 1070]
+@pytest.mark.parametrize("text", [VENDOR, VENDOR.replace("joint 1", "1 12")], ids=["joint 1", "1 12"])
+def test_both_headers_are_read_without_a_checksum_and_with_line_ends_of_either_kind(text: str) -> None:
+    for ends in (text, text.replace("\r\n", "\n")):
+        read = parse_table(ends, "t")
+        assert read.n == 1
+        assert read.pots[0].size == 12
+        assert read.pots[0][:2].tolist() == [9000, 8850]
+        assert read.counts[0][:2].tolist() == [70, 1070]
+
+
+@given(st.integers(1, 8), st.integers(8, 60))
+def test_the_vendors_format_is_read_back_and_holds_nothing_but_numbers(joints: int, rows: int) -> None:
+    """The vendor's driver reads whole numbers in pairs and nothing else: joint and rows, then pot and count."""
+    written = table(joints, rows)
+    text = format_table(written, "made up", "vendor")
+    assert rows_of(parse_table(text, "t")) == rows_of(written)
+    assert text.count("\r\n") == text.count("\n") == joints * (rows + 1)
+    numbers = [int(word) for word in text.split()]
+    for joint in range(1, joints + 1):
+        assert numbers[:2] == [joint, rows]
+        numbers = numbers[2 * (rows + 1) :]
+    assert numbers == []
+
+
+@given(st.data())
+def test_a_table_in_the_vendors_format_that_is_cut_short_is_refused(data: st.DataObject) -> None:
+    text = format_table(load_table("puma560", ROBOT), "", "vendor")
+    length = data.draw(st.integers(0, len(text) - 4))
+    with pytest.raises(ConfigError):
+        parse_table(text[:length], "t").check_against(ROBOT, "t")
+
+
+@pytest.mark.parametrize("name", ["PUMA.TXT", "puma.Txt", "puma.txt"])
+def test_the_ending_of_a_table_may_be_in_upper_case(tmp_path: Path, name: str) -> None:
+    write_table(tmp_path / name, load_table("puma560", ROBOT), "", "vendor")
+    assert rows_of(load_table(tmp_path / name, ROBOT)) == rows_of(load_table("puma560", ROBOT))
 
 
 def test_the_vendors_first_row_may_be_off_the_line_as_it_is_in_its_sample() -> None:
@@ -93,7 +124,12 @@ def test_a_table_cut_short_is_refused_wherever_it_is_cut(length: int) -> None:
     [
         (lambda _: "", "no joints in it"),
         (lambda text: text.replace("joint 1", "joint 2"), "t:1: expected `joint 1`, found 'joint 2'"),
-        (lambda text: text.replace("joint 1\r\n", ""), "t:1: a row before the first `joint 1`"),
+        (lambda text: "70 9000\n" + text, "t:1: a row before the first `joint 1`"),
+        (lambda text: text.replace("joint 1\r\n", ""), "t:1: expected the header of joint 1, .* found '9000 70'"),
+        (lambda text: text.replace("joint 1", "2 12"), "t:1: expected the header of joint 1, .* found '2 12'"),
+        (lambda text: text.replace("joint 1", "1 -12"), "t:1: expected the header of joint 1"),
+        (lambda text: text.replace("joint 1", "1 13"), "joint 1: 1 rows are missing at the end"),
+        (lambda text: text.replace("joint 1", "1 11"), "t:13: expected the header of joint 2"),
         (lambda text: text.replace("9000 70", "nan 70"), "t:2: expected two whole numbers"),
         (lambda text: text.replace("9000 70", "9000"), "t:2: expected two whole numbers"),
         (lambda text: text.replace("9000 70", "9000.5 70"), "t:2: expected two whole numbers"),

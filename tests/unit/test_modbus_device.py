@@ -31,6 +31,7 @@ from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
+    ENC_COUNT,
     ENC_LOAD,
     N_DACS,
     STATUS_CALIBRATED,
@@ -48,8 +49,21 @@ class Counter:
         self.board = PaperBoard()
         self.now_ns = 0
         self.lines: list[str] = []
-        self.device = ModbusDevice(self.board, 100.0, lambda: self.now_ns, self.lines.append, **options)  # type: ignore[arg-type]
+        self.pauses, self.runs = 0, True
+        self.device = ModbusDevice(
+            self.board,
+            100.0,
+            lambda: self.now_ns,
+            self.lines.append,
+            pause=self._pause,
+            **options,  # type: ignore[arg-type]
+        )
         self.ann, self.bob = object(), object()
+
+    def _pause(self, _seconds: float) -> None:
+        self.pauses += 1
+        if self.runs:
+            self.board.show()
 
     def register(self, address: int, client: object = None) -> int:
         blocks = self.device.read(client, address, 2)
@@ -196,6 +210,27 @@ def test_a_board_that_is_away_is_told_and_the_watchdog_survives_it(counter: Coun
             counter.device.read(counter.ann, address, 1)
     assert counter.wait(101)
     assert "could not be made safe" in counter.lines[-1]
+
+
+def test_a_client_reads_in_the_window_what_it_has_written_although_the_board_shows_it_later(counter: Counter) -> None:
+    counter.board.lag = 2
+    counter.device.write(counter.ann, ENC_LOAD // 2, [7])
+    assert counter.register(ENC_COUNT // 2, counter.bob) == 0  # another client has no fence
+    assert counter.register(ENC_COUNT // 2, counter.ann) == 7
+    assert counter.pauses == 1
+    assert counter.register(ENC_COUNT // 2, counter.ann) == 7
+    assert counter.pauses == 1  # once is enough
+
+
+def test_the_image_is_read_as_it_is_and_a_board_that_stands_still_is_not_waited_for_without_end(
+    counter: Counter,
+) -> None:
+    counter.board.lag, counter.runs = 2, False
+    counter.device.write(counter.ann, ENC_LOAD // 2, [7])
+    counter.register(IMAGE, counter.ann)
+    assert counter.pauses == 0
+    assert counter.register(ENC_COUNT // 2, counter.ann) == 0
+    assert 0 < counter.pauses <= 100
 
 
 def test_an_image_that_stands_still_grows_old(counter: Counter) -> None:

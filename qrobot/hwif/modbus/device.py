@@ -38,6 +38,9 @@ from qrobot.units import NS_PER_MS
 
 Report = Callable[[str], None]
 WATCHDOG_MS: Final = 100.0
+FENCE_IMAGES: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
+FENCE_POLL_S: Final = 100e-6
+FENCE_POLLS: Final = 100  # then a board that shows nothing new is read as it is
 _ADC_START: Final = ADC_START // 2
 _DISCRETE: Final = DISCRETE // 2 - FIRST_WRITTEN
 
@@ -52,6 +55,7 @@ class ModbusDevice:
         report: takes a line when somebody takes the control or the watchdog acts.
         robot: the words of a running robot (`robot.encode_robot`), asked for when they are read; None: no robot.
         holder: who has the control for good, when no client may have it: a servo that runs.
+        pause: waits so many seconds, between two looks at a board that has not shown yet what was written.
 
     Attributes:
         trips, refused, bad, dropped: the counters of the map.
@@ -65,6 +69,7 @@ class ModbusDevice:
         report: Report = lambda _line: None,
         robot: Callable[[], list[int]] | None = None,
         holder: object | None = None,
+        pause: Callable[[float], None] = time.sleep,
     ) -> None:
         self._endpoint, self._now_ns, self._report, self._robot = endpoint, now_ns, report, robot
         self.watchdog_ns = round(watchdog_ms * NS_PER_MS)
@@ -74,6 +79,8 @@ class ModbusDevice:
         self._rose_ns = self._heard_ns = now_ns()
         self._holder = holder
         self._armed = False
+        self._pause = pause
+        self._written_at: int | None = None  # count of the image before the newest write, until one shows it
         self._applied = 0
         self._mailbox = [0] * MAILBOX_HEAD
         self._written = [0] * (WINDOW_WORDS - FIRST_WRITTEN)
@@ -169,7 +176,9 @@ class ModbusDevice:
     def read(self, client: object, address: int, count: int) -> dict[int, list[int]]:
         """What stands where, by first address: the whole group of registers that `address` belongs to.
 
-        ADC_START read by itself acts, as it does on the board; read with its neighbours it does not.
+        ADC_START read by itself acts, as it does on the board; read with its neighbours it does not. Registers of the
+        window that the client in control reads show what it has written, a fence that one read costs; the image tells
+        by its count how old it is, and is read as it is.
 
         Raises:
             LinkError: there is no board; LinkBusy: a read that acts while another client has the control.
@@ -183,6 +192,8 @@ class ModbusDevice:
         if address >= IDENTITY:
             return {IDENTITY: encode_identity(self._endpoint.facts())}
         self._fetch()
+        if address < IMAGE and client is self._holder:
+            self._fence()
         return {
             WINDOW: [*self._image[IMAGE_INPUTS:].tolist(), *self._written],
             IMAGE: [*encode_image(self._image), *self._counters(client)],
@@ -215,13 +226,25 @@ class ModbusDevice:
 
     def _apply(self, operations: Operations) -> None:
         try:
+            self._fetch()
             self._endpoint.apply(operations)
         except LinkError:
             self.dropped += len(operations)
             raise
+        self._written_at = int(self._image[IMAGE_COUNT])
         for kind, offset, value in operations.tolist():
             if kind == OP_WRITE and offset >= 2 * FIRST_WRITTEN:
                 self._written[offset // 2 - FIRST_WRITTEN] = value & WORD_MASK
+
+    def _fence(self) -> None:
+        """Wait for the image that shows the newest write; in vain when the board shows nothing new."""
+        before, self._written_at = self._written_at, None
+        for _ in range(FENCE_POLLS):
+            # a count that falls is that of a board started anew
+            if before is None or not 0 <= int(self._image[IMAGE_COUNT]) - before < FENCE_IMAGES:
+                return
+            self._pause(FENCE_POLL_S)
+            self._fetch()
 
     def _fetch(self) -> None:
         """Look at the board's newest image. Raises LinkError when there is none."""
