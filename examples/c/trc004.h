@@ -40,10 +40,12 @@
 #define TRC004_DAC 0x30
 
 #define TRC004_STATUS_POWER 0x8000
+#define TRC004_STATUS_ADC_BUSY 0x4000
 #define TRC004_STATUS_ESTOP_OK 0x0001
 #define TRC004_DISCRETE_POWER 0x0001
 #define TRC004_DISCRETE_CALIBRATED 0x0040
 #define TRC004_DISCRETE_HAND_RELAXED 0x0006
+#define TRC004_DISCRETE_ADC 0x4000
 #define TRC004_DAC_ZERO 0x800
 
 /* The board memory, in words of 64 bits; the numbers are those of qrobot/hwif/memory.py, and a test compares them. */

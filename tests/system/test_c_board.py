@@ -16,9 +16,10 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.hwif import memory, registers
-from qrobot.hwif.memory import LANES_START, Lane, read_trace
+from qrobot.hwif.memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
 from qrobot.realtime import segment
+from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import BoardServer
 from tests.support.patience import wait_until
@@ -27,6 +28,7 @@ SOURCES = Path(__file__).parents[2] / "examples" / "c"
 INCLUDE = Path(__file__).parents[2] / "qrobot" / "wire" / "c"
 COMPILER = shutil.which("cc") or ""
 MOVED = 5  # joint 6
+PUMA = load_robot("puma560")
 
 needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler: apt install gcc")
 Program = subprocess.Popen[str]
@@ -119,6 +121,60 @@ def test_a_board_that_goes_away_ends_the_program_with_a_word(program: Path, arm:
         server.__exit__(None, None, None)
         assert process.wait() == 1
         assert process.communicate()[1] == f"the board of {arm} has gone\n"
+
+
+@pytest.fixture(scope="module", params=[("cc", "-std=c99"), ("c++", "-std=c++11", "-x", "c++")], ids=["C", "C++"])
+def pots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program that reads the converter, as C99 and as C++11, without a warning."""
+    compiler, *flags = request.param
+    target = tmp_path_factory.mktemp("pots") / "read_pots"
+    strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-D_GNU_SOURCE"]
+    subprocess.run([compiler, *strict, *flags, "-o", target, SOURCES / "read_pots.c"], check=True)
+    return target
+
+
+@needs_compiler
+@pytest.mark.realtime
+@pytest.mark.parametrize("revision", ["E", "F"])
+def test_a_program_reads_every_channel_by_the_sequence_of_either_revision(pots: Path, arm: str, revision: str) -> None:
+    options = BoardOptions(revision_f=revision == "F")
+    with BoardServer(arm, Emulator(PUMA, options=options)) as server:
+        for channel, volts in ((6, 1.25), (7, 3.75)):
+            server.segment.words[PANEL_ANALOG + channel] = round(volts * PANEL_MICRO)
+        for _ in range(5):
+            done = subprocess.run([pots, arm, revision], capture_output=True, text=True, check=True)
+            volts = [float(line.split()[1]) for line in done.stdout.splitlines()]
+            assert len(volts) == 8
+            assert volts[6:] == pytest.approx([1.25, 3.75], abs=0.011)
+            assert all(0.0 < volt < 5.0 for volt in volts[:6])
+
+
+@needs_compiler
+@pytest.mark.realtime
+def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str, server: BoardServer) -> None:
+    source = tmp_path / "flood.c"
+    source.write_text(
+        """#include "trc004.h"
+        int main(int argc, char **argv)
+        {
+            struct trc004 board;
+            if (argc != 2 || trc004_open(&board, argv[1]) != 0)
+                return 2;
+            for (int i = 0; i < 3000; i++)
+                trc004_outw(&board, TRC004_DAC + 14, 0x800 + i % 7);
+            if (trc004_inw(&board, 0x20) != 0xFFFF || trc004_inw(&board, -2) != 0xFFFF
+                || trc004_inw(&board, 1) != 0xFFFF)
+                return 3;
+            trc004_outw(&board, TRC004_DAC + 14, 0x800);
+            trc004_inw(&board, TRC004_STATUS);
+            return board.lost;
+        }"""
+    )
+    target = tmp_path / "flood"
+    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-o", target, source], check=True)
+    assert subprocess.run([target, arm], check=False).returncode == 0
+    assert len(read_trace(server.segment.words)) == 3001
+    assert server.emulator.bundle.board.dac[7] == DAC_ZERO
 
 
 @needs_compiler
