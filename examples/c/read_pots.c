@@ -1,6 +1,6 @@
 /* Read the eight channels of a TRC004's converter, by the sequence that the board's revision wants.
  *
- *     cc -O2 -o read_pots examples/c/read_pots.c        # or c++, with -x c++
+ *     cc -O2 -I qrobot/wire/c -o read_pots examples/c/read_pots.c     # or c++ -x c++
  *     qrobot board &                                    # the emulated board of the arm puma560
  *     ./read_pots puma560 F
  *

@@ -94,5 +94,5 @@ class MemoryBus:
 
 
 def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:
-    """The road to the board that runs as a process for `arm`; while it is connected the board has no other controller."""
+    """The road to the board that runs as a process for `arm`, and the board's one controller while connected."""
     return MemoryBus(lambda: command_board_memory(arm), f"the board memory of {arm}", lane, timeout_s)

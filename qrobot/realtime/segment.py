@@ -105,13 +105,13 @@ class Segment:
     def claim(self) -> None:
         """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.
 
-        The kernel drops the claim however the process dies; it is tied to this mapping, not to the process, and stands
+        The kernel drops the claim however the process dies; it is this segment's, not the process's, and stands
         beside the owner's lock: a record lock on the first byte, which programs in C take too.
         """
         if self._fd is None:
             raise LinkError(f"shared memory {self.path.name!r} is closed")
         try:
-            fcntl.fcntl(self._fd, fcntl.F_OFD_SETLK, _CLAIM.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 1, 0))
+            _lock_first_byte(self._fd, fcntl.F_WRLCK)
         except OSError:
             raise LinkBusy(f"{self.path.name!r} is commanded by another process already") from None
 
@@ -151,6 +151,7 @@ class Segment:
             tidy_folder(self.path.parent)
         if self.owner:
             fcntl.flock(self._fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
+        _lock_first_byte(self._fd, fcntl.F_UNLCK)  # the mapping has a descriptor of its own, which would keep it
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
         self._fd = None
 
@@ -161,6 +162,11 @@ class Segment:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close(unlink=self.owner)
+
+
+def _lock_first_byte(fd: int, kind: int) -> None:
+    """Take or drop the record lock of whoever commands; it is this open file's. Raises OSError when another has it."""
+    fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _CLAIM.pack(kind, os.SEEK_SET, 0, 1, 0))
 
 
 def _open_locked(path: Path, n_words: int) -> int:

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.errors import LinkBusy
 from qrobot.hwif import memory, registers
 from qrobot.hwif.memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
+from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
 from qrobot.realtime import segment
 from qrobot.sim_board.board import BoardOptions
@@ -128,7 +130,7 @@ def pots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """The program that reads the converter, as C99 and as C++11, without a warning."""
     compiler, *flags = request.param
     target = tmp_path_factory.mktemp("pots") / "read_pots"
-    strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-D_GNU_SOURCE"]
+    strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-D_GNU_SOURCE", f"-I{INCLUDE}"]
     subprocess.run([compiler, *strict, *flags, "-o", target, SOURCES / "read_pots.c"], check=True)
     return target
 
@@ -171,10 +173,33 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
         }"""
     )
     target = tmp_path / "flood"
-    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-o", target, source], check=True)
+    subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
     assert subprocess.run([target, arm], check=False).returncode == 0
     assert len(read_trace(server.segment.words)) == 3001
     assert server.emulator.bundle.board.dac[7] == DAC_ZERO
+
+
+@needs_compiler
+@pytest.mark.realtime
+def test_a_board_has_one_controller_whoever_comes_first(program: Path, arm: str, server: BoardServer) -> None:
+    bus = board_memory_bus(arm)
+    bus.connect()
+    with start(program, arm) as late:
+        told = late.communicate()[1]
+    assert late.returncode == 1
+    assert told == f"the board of {arm} has a controller already, a servo or another program: end that one first\n"
+    bus.close()
+    with start(program, arm) as first:
+        wait_until(lambda: moving(server), "joint 6 moves")
+        with pytest.raises(LinkBusy, match="has a controller already"):
+            bus.connect()
+        with start(program, arm) as second:
+            assert second.communicate()[1] == told
+        first.send_signal(signal.SIGTERM)
+        assert first.wait() == 1
+    bus.connect()  # free again
+    bus.close()
+    assert not server.emulator.powered
 
 
 @needs_compiler

@@ -94,6 +94,22 @@ def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str)
         assert peer.returncode == 0
 
 
+def test_one_peer_at_a_time_commands_and_another_is_refused_until_it_has_closed(name: str) -> None:
+    with Segment.create(name, 1, 16), Segment.attach(name, 1) as other:
+        first = Segment.attach(name, 1)
+        first.claim()
+        first.claim()  # what is ours already is no obstacle
+        with pytest.raises(LinkBusy, match="commanded by another process already"):
+            other.claim()
+        Segment.attach(name, 1).close()  # another mapping of the same process takes nothing away
+        with pytest.raises(LinkBusy):
+            other.claim()
+        first.close()
+        other.claim()
+    with pytest.raises(LinkError, match="is closed"):
+        other.claim()
+
+
 def test_an_orderly_end_removes_the_file_and_a_peer_notices(name: str) -> None:
     owner = Segment.create(name, 1, 64)
     peer = Segment.attach(name, 1)
