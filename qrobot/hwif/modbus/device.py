@@ -34,6 +34,7 @@ from qrobot.hwif.modbus.map import (
     written,
 )
 from qrobot.hwif.registers import ADC_START, DISCRETE, STATUS
+from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.units import NS_PER_MS
 
 Report = Callable[[str], None]
@@ -69,7 +70,7 @@ class ModbusDevice:
         report: Report = lambda _line: None,
         robot: Callable[[], list[int]] | None = None,
         holder: object | None = None,
-        pause: Callable[[float], None] = time.sleep,
+        pause: Callable[[float], None] = sleep_between_looks,
     ) -> None:
         self._endpoint, self._now_ns, self._report, self._robot = endpoint, now_ns, report, robot
         self.watchdog_ns = round(watchdog_ms * NS_PER_MS)
