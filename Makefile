@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint kernels unit bench docs clean
+.PHONY: help demo test machines lint kernels unit bench docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 16
@@ -32,7 +32,7 @@ test: $(VENV)/dev.stamp ## all checks: lint, then the test suite
 RERUNS ?= 2
 unit: export QROBOT_RERUNS := $(RERUNS)
 
-kernels unit: export QROBOT_CACHE := $(CURDIR)/.pytest_cache/qrobot
+kernels unit machines: export QROBOT_CACHE := $(CURDIR)/.pytest_cache/qrobot
 
 kernels: $(VENV)/dev.stamp
 	@echo "compiling ..."
@@ -44,6 +44,9 @@ kernels: $(VENV)/dev.stamp
 unit: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m realtime
+
+machines: $(VENV)/dev.stamp ## the tests on slow, busy and fast machines made out of this one (two hours)
+	$(BIN)/python -m tests.machines
 
 lint: $(VENV)/dev.stamp ## style, import contracts, types, spelling
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""An event that SIGTERM and SIGINT set: how the processes without a loop of their own end."""
+"""How processes end on SIGTERM: by an event, those without a loop of their own; by an exception while they start."""
 
 from __future__ import annotations
 
@@ -23,3 +23,13 @@ def set_on_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """SIGTERM raises KeyboardInterrupt, as SIGINT does: what has been made is taken down again. For the main thread."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

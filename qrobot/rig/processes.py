@@ -25,6 +25,7 @@ from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
 from qrobot.realtime.supervised import Supervision
 from qrobot.realtime.turn import TURN_VARIABLE
+from qrobot.rig.interrupts import interrupts_deferred
 from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
@@ -128,7 +129,8 @@ class ProcessRig:
                 )
         for plan in plans:
             self._output(plan).unlink(missing_ok=True)
-            self.children[plan.name] = self._spawn(plan)
+            with interrupts_deferred():  # one that comes in between would leave a process that nobody knows
+                self.children[plan.name] = self._spawn(plan)
         for plan in plans:
             self.children[plan.name].begin()
             if plan.ready is not None:
@@ -136,7 +138,8 @@ class ProcessRig:
 
     def restart(self, name: str) -> None:
         """Start again a child that has ended, and do not wait for it: those it needs are there."""
-        child = self.children[name] = self._spawn(self.children[name].plan)
+        with interrupts_deferred():
+            child = self.children[name] = self._spawn(self.children[name].plan)
         child.begin()
 
     def forget(self, name: str) -> None:

@@ -25,6 +25,7 @@ from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
+from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.turn import await_turn, turn_is_awaited
 from qrobot.servo.authority import Authority
 from qrobot.servo.control import Controls
@@ -221,9 +222,12 @@ def serve(
     if board_comes_later:
         _insist_on_a_board(arm, card)
     board = _board_memory(arm, card, robot.n, settings.period_ns)
-    with create_servo_memory(
-        arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity
-    ) as memory:
+    with (
+        interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
+        create_servo_memory(
+            arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity
+        ) as memory,
+    ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         discard_operations(board.words, int(Lane.SERVO))
         params, law = servo_parameters(robot, settings), settings.law_for(robot)

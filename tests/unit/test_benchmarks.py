@@ -178,12 +178,14 @@ def test_the_six_joint_law_is_the_same_in_c(smooth: bool) -> None:
 
 
 @needs_compiler
+@pytest.mark.realtime
 def test_the_loop_in_c_wakes_as_often_as_asked() -> None:
     late = np.full(20, -1, dtype=np.int64)
     wakeup.bodies()[wakeup.TWIN](1_000_000, late)
     assert (late >= 0).all()
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("loop", [wakeup.SPIN, wakeup.SLEEP, wakeup.PYTHON])
 def test_our_loops_wake_as_often_as_asked_and_never_early(loop: str) -> None:
     late = np.full(20, -1, dtype=np.int64)

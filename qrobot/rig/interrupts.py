@@ -1,0 +1,32 @@
+"""Interrupts that wait until what must not be torn apart is done."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
+
+INTERRUPTS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def interrupts_deferred() -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP come into force when the block ends. From the main thread.
+
+    A process started inside does not inherit that: `exec` gives caught signals their default action again.
+    """
+    came: list[tuple[int, FrameType | None]] = []
+    before = {int(number): signal.getsignal(number) for number in INTERRUPTS}
+    for number, handler in before.items():
+        if callable(handler):
+            signal.signal(number, lambda *arrived: came.append(arrived))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number, frame in came[:1]:
+        if callable(handler := before[number]):
+            handler(number, frame)
