@@ -64,7 +64,8 @@ def board(
     serve
         Serve the emulated board over a road as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
         follow) or `modbus=HOST:PORT` (@MS may follow: the client's silence after which the board is made safe, 100 if
-        left out, 0 for never). Whoever is at the other end then is this board's one controller. May be given again.
+        left out, 0 for never; then +CLIENT,...: addresses or networks of other machines that may connect).
+        Whoever is at the other end then is this board's one controller. May be given again.
     record
         Write every register access of a board behind a road to this file; `qrobot board replay` reads it.
     """

@@ -22,7 +22,8 @@ def modbus(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, list
     arm
         Which arm of the file; may be left out when there is only one.
     listen
-        HOST:PORT. Other hosts than 127.0.0.1 show the robot to the network.
+        HOST:PORT, or HOST:PORT+CLIENT,... with addresses or networks of other machines that may connect. On this
+        machine it is this account and root.
     """
     from qrobot.hwif.modbus.library import require_pymodbus
 
@@ -33,10 +34,10 @@ def modbus(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, list
     from qrobot.rig.modbus_robot import RunningRobot
 
     chosen = choose_arm(deployment, arm)
-    host, port, _ = split_address(listen)
+    host, port, _, allowed = split_address(listen)
     robot = RunningRobot(chosen.name)
     device = ModbusDevice(robot, robot=robot.registers, holder=robot)
-    with set_on_signals() as done, ModbusServer(device, host, port) as server:
+    with set_on_signals() as done, ModbusServer(device, host, port, allowed) as server:
         note(f"{chosen.name} is shown at {server.address[0]}:{server.address[1]}")
         done.wait()
     robot.close()

@@ -5,19 +5,22 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from qrobot.errors import LinkBusy, LinkError, LinkLost, ProtocolError, RemoteProtocolError
+from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, ProtocolError, RemoteProtocolError
 from qrobot.hwif.bus import make_image, safe_operations
 from qrobot.hwif.memory import OP_WRITE
+from qrobot.hwif.modbus import server
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.map import IDENTITY, IMAGE, MAILBOX, ROBOT, WINDOW_WORDS
-from qrobot.hwif.modbus.server import ModbusServer, frames
+from qrobot.hwif.modbus.server import MAX_CALLERS, ModbusServer, frames, split_address
 from qrobot.hwif.registers import DAC, ENC_COUNT, ENC_LOAD, STATUS_ESTOP_OK, STATUS_POWER
+from tests.support.accounts import as_other_account, needs_root
 from tests.support.paper_board import PaperBoard
 from tests.support.patience import MOMENT_S, PATIENCE_S, wait_until
 from tests.support.relay import Relay, as_it_came
@@ -47,8 +50,8 @@ class Far:
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Far]:
     board = PaperBoard()
-    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=VirtualClock())) as server:
-        yield Far(server, board)
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=VirtualClock())) as served:
+        yield Far(served, board)
 
 
 @pytest.fixture
@@ -140,8 +143,8 @@ def test_a_client_is_told_that_another_keeps_the_control_and_may_wait_for_it(far
 
 def test_the_watchdog_acts_between_requests() -> None:
     board, clock_ns = PaperBoard(), [0]
-    with ModbusServer(ModbusDevice(board, watchdog_ms=20, now_ns=lambda: clock_ns[0])) as server:
-        far = Far(server, board)
+    with ModbusServer(ModbusDevice(board, watchdog_ms=20, now_ns=lambda: clock_ns[0])) as served:
+        far = Far(served, board)
         line = far.line()
         line.ask(line.client.write_register, address=DAC // 2, value=0)
         clock_ns[0] = 21_000_000
@@ -158,6 +161,82 @@ def test_two_servers_cannot_have_one_address(far: Far) -> None:
         ModbusServer(ModbusDevice(PaperBoard(), now_ns=VirtualClock()), *far.server.address),
     ):
         pass
+
+
+# -------------------------------------------------------------------------------------------------------------- crowds
+
+
+def test_a_crowd_that_asks_for_nothing_is_closed_before_a_client_that_does(far: Far) -> None:
+    read = bytes([3, 0, 0, 0, 1])
+    with ExitStack() as crowd, far.socket() as client:
+        assert ask(client, read)[0] == 3
+        for _ in range(100):
+            crowd.enter_context(far.socket())
+        assert ask(client, read)[0] == 3
+        with far.socket() as another:
+            assert ask(another, read)[0] == 3
+        wait_until(lambda: len(far.server.callers) <= MAX_CALLERS, "the others are closed")
+
+
+def test_a_client_that_does_not_read_holds_little_memory_and_the_others_are_served(far: Far) -> None:
+    read = bytes([3, 0, 0, 0, 32])
+    with far.socket() as deaf, far.socket() as client:
+        deaf.setblocking(False)
+        sent, full = 0, False
+        while not full and sent < 20_000_000:
+            try:
+                sent += deaf.send(frame(read) * 5_000)
+            except BlockingIOError:
+                assert ask(client, read)[0] == 3  # the server has had its turn
+                full = not _accepts(deaf, frame(read))
+        assert full
+        assert max(caller.waiting_bytes for caller in list(far.server.callers)) < 400_000
+        assert ask(client, read)[0] == 3
+
+
+def _accepts(sock: socket.socket, data: bytes) -> bool:
+    try:
+        return sock.send(data) > 0
+    except BlockingIOError:
+        return False
+
+
+def test_a_client_that_is_silent_for_too_long_is_closed(far: Far, monkeypatch: pytest.MonkeyPatch) -> None:
+    with far.socket() as silent:
+        wait_until(lambda: len(far.server.callers) > 0, "it is connected")
+        monkeypatch.setattr(server, "SILENCE_NS", -1)
+        assert silent.recv(1) == b""
+
+
+@needs_root
+def test_another_account_of_this_machine_reaches_no_board(far: Far) -> None:
+    write = bytes([6, 0, DAC // 2, 0, 9])
+
+    def command() -> bytes:
+        with far.socket() as sock:
+            return ask(sock, write)
+
+    said = as_other_account(command)
+    assert said == "b''" or "Error" in said
+    assert not far.board.applied
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.7", "robot"])
+def test_a_server_for_the_whole_network_is_refused_unless_clients_are_named(host: str) -> None:
+    with pytest.raises(ConfigError, match="name those that may"):
+        ModbusServer(ModbusDevice(PaperBoard(), now_ns=VirtualClock()), host, 0)
+    with pytest.raises(ConfigError, match="client of a Modbus server"):
+        ModbusServer(ModbusDevice(PaperBoard(), now_ns=VirtualClock()), host, 0, ["neighbour"])
+
+
+def test_clients_from_elsewhere_are_those_that_were_named() -> None:
+    assert split_address("0.0.0.0:1502@50+10.0.0.0/24,10.1.1.1") == (
+        "0.0.0.0", 1502, 50.0, ("10.0.0.0/24", "10.1.1.1"),
+    )  # fmt: skip
+    with ModbusServer(ModbusDevice(PaperBoard(), now_ns=VirtualClock()), "0.0.0.0", 0, ["10.0.0.0/24"]) as open_server:
+        far = Far(open_server, PaperBoard())
+        with socket.create_connection(("127.0.0.1", far.server.address[1]), PATIENCE_S) as local:
+            assert ask(local, bytes([3, 0, 0, 0, 1]))[0] == 3
 
 
 # ------------------------------------------------------------------------------------------------------------ rubbish

@@ -72,7 +72,7 @@ class ModbusDevice:
         holder: object | None = None,
         pause: Callable[[float], None] = sleep_between_looks,
     ) -> None:
-        self._endpoint, self._now_ns, self._report, self._robot = endpoint, now_ns, report, robot
+        self._endpoint, self.now_ns, self._report, self._robot = endpoint, now_ns, report, robot
         self.watchdog_ns = round(watchdog_ms * NS_PER_MS)
         self.trips = self.refused = self.bad = self.dropped = 0
         self._image = make_image()
@@ -106,7 +106,7 @@ class ModbusDevice:
     def hear(self, client: object) -> None:
         """A request of `client` has come: a sign of life when it is the one in control."""
         if client is self._holder:
-            self._heard_ns = self._now_ns()
+            self._heard_ns = self.now_ns()
 
     def leave(self, client: object) -> None:
         """`client` has gone; another may take the control. What it has written stands until the watchdog acts."""
@@ -121,7 +121,7 @@ class ModbusDevice:
 
     def watch(self) -> bool:
         """Make the board safe when the client in control has been silent for too long; True when that was so now."""
-        if not self._armed or not self.watchdog_ns or self._now_ns() - self._heard_ns <= self.watchdog_ns:
+        if not self._armed or not self.watchdog_ns or self.now_ns() - self._heard_ns <= self.watchdog_ns:
             return False
         self._armed, self._holder = False, None
         self.trips += 1
@@ -148,7 +148,7 @@ class ModbusDevice:
         elif self._holder is not client:
             self.refused += 1
             raise LinkBusy("another client has the control")
-        self._armed, self._heard_ns = True, self._now_ns()
+        self._armed, self._heard_ns = True, self.now_ns()
 
     # ----------------------------------------------------------------------------------------------------- requests
 
@@ -251,7 +251,7 @@ class ModbusDevice:
         """Look at the board's newest image. Raises LinkError when there is none."""
         self._endpoint.read_image(self._image)
         if self._image[IMAGE_COUNT] != self._count:
-            self._count, self._rose_ns = int(self._image[IMAGE_COUNT]), self._now_ns()
+            self._count, self._rose_ns = int(self._image[IMAGE_COUNT]), self.now_ns()
 
     @property
     def _status(self) -> int:
@@ -259,7 +259,7 @@ class ModbusDevice:
 
     def _counters(self, client: object) -> list[int]:
         """The words from APPLIED on."""
-        age_ms = (self._now_ns() - self._rose_ns) // NS_PER_MS
+        age_ms = (self.now_ns() - self._rose_ns) // NS_PER_MS
         wrapping = (self.trips, self.refused, self.bad, self.dropped)
         return [
             self._applied,

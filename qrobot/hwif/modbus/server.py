@@ -1,5 +1,9 @@
 """Modbus TCP server for a board, in a thread of its own.
 
+Modbus has no authentication: who may connect is told by where they come from. On this machine that is the server's own
+account and root, as the kernel tells; from elsewhere the addresses that were named, and nobody else. Connections, the
+bytes that wait for each, and how long it may be silent are bounded.
+
 pymodbus decodes, checks and encodes the requests; `ModbusDevice` knows what they mean. Frames are cut here: a
 connection that sends something other than Modbus is closed and counted, and requests sent without waiting for the
 answers are answered one after the other.
@@ -8,12 +12,16 @@ answers are answered one after the other.
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
+from itertools import islice
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
@@ -25,6 +33,8 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
 from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice, Report
 from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, Row
+from qrobot.realtime.loopback import is_loopback, maybe_peer_account
+from qrobot.units import NS_PER_S
 
 MBAP_BYTES: Final = (
     7  # transaction, protocol, length of what follows it, unit (Modbus messaging on TCP/IP V1.0b, 3.1.3)
@@ -36,6 +46,13 @@ READ_COILS, READ_DISCRETE_INPUTS = 1, 2
 COILS: Final = (READ_COILS, 5, 15)
 START_PATIENCE_S: Final = 30.0
 WATCH_S: Final = 0.005
+MAX_CALLERS: Final = 32  # connections; of more, one that has never asked for anything is closed, or the most silent [A]
+SILENCE_NS: Final = 300 * NS_PER_S  # a connection without a request for so long is closed [A]
+REQUESTS_IN_A_ROW: Final = 16  # of one connection, before others have their turn
+UNREAD_BYTES: Final = 4_096  # requests that may wait; more stay with the client
+UNSENT_BYTES: Final = 16_384  # answers that may wait for a client that does not read
+
+Allowed = tuple[IPv4Network | IPv6Network, ...]
 
 _client: ContextVar[object] = ContextVar("modbus_client")
 
@@ -45,16 +62,22 @@ class ModbusServer:
 
     Args:
         device: the board.
-        host: address to listen at; anything but loopback lets the whole network move the arm.
+        host: address to listen at.
         port: 0 takes a free one, see `address`.
+        allowed: addresses or networks of other machines that may connect.
 
     Raises:
+        ConfigError: the address is open to other machines and none is allowed.
         LinkBusy: the address is taken, or is not this machine's.
     """
 
-    def __init__(self, device: ModbusDevice, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self, device: ModbusDevice, host: str = "127.0.0.1", port: int = 0, allowed: Sequence[str] = ()
+    ) -> None:
         self.device = device
+        self._allowed = _networks(host, allowed)
         self.address = host, port
+        self.callers: dict[Caller, int] = {}  # connections, and when they last asked for something
         self._loop = asyncio.new_event_loop()
         self._listens = False
         self._tried = threading.Event()
@@ -78,7 +101,7 @@ class ModbusServer:
 
     def _run(self) -> None:
         try:
-            server = self._loop.run_until_complete(_listen(self.device, self.address))
+            server = self._loop.run_until_complete(_listen(self.device, self.address, self._allowed))
             if server is not None:
                 listener: Any = server.transport
                 self.address = self.address[0], listener.sockets[0].getsockname()[1]
@@ -88,21 +111,45 @@ class ModbusServer:
             self._tried.set()
             self._loop.close()
 
-    def _serve(self, server: ModbusTcpServer) -> None:
-        watch = self._loop.create_task(_watch(self.device))
+    def _serve(self, server: BoardServer) -> None:
+        self.callers = server.callers
+        watch = self._loop.create_task(_watch(server))
         self._tried.set()
         self._loop.run_forever()
         watch.cancel()
         self._loop.run_until_complete(_close(server, watch))
 
 
-def split_address(address: str) -> tuple[str, int, float]:
-    """Host, port and milliseconds of the watchdog of `HOST:PORT` or `HOST:PORT@MS`. Raises ConfigError."""
-    where, _, patience = address.partition("@")
+class Address(NamedTuple):
+    """Where to serve, after how many milliseconds of silence the board is made safe, and whom from elsewhere."""
+
+    host: str
+    port: int
+    watchdog_ms: float
+    allowed: tuple[str, ...]
+
+
+def split_address(address: str) -> Address:
+    """An address out of `HOST:PORT`, `HOST:PORT@MS` or `HOST:PORT@MS+CLIENT,...`. Raises ConfigError."""
+    place, _, clients = address.partition("+")
+    where, _, patience = place.partition("@")
     host, _, port = where.rpartition(":")
     if not host or not port.isdecimal() or int(port) > LAST_PORT or (patience and not patience.isdecimal()):
         raise ConfigError(f"Modbus address {address!r}: give HOST:PORT or HOST:PORT@MS, for instance 127.0.0.1:1502")
-    return host, int(port), float(patience or WATCHDOG_MS)
+    return Address(host, int(port), float(patience or WATCHDOG_MS), tuple(filter(None, clients.split(","))))
+
+
+def _networks(host: str, allowed: Sequence[str]) -> Allowed:
+    """Networks out of their texts. Raises ConfigError for one that is none, or when a server for all allows nobody."""
+    if not is_loopback(host) and not allowed:
+        raise ConfigError(
+            f"a Modbus server at {host} could be reached by every machine, and whoever reaches it moves the arm: "
+            f"name those that may, as in {host}:1502+192.168.1.20, or serve at 127.0.0.1"
+        )
+    try:
+        return tuple(ip_network(text) for text in allowed)
+    except ValueError as error:
+        raise ConfigError(f"a client of a Modbus server: {error}") from None
 
 
 def modbus_server(address: str, endpoint: Endpoint, report: Report) -> ModbusServer:
@@ -111,19 +158,20 @@ def modbus_server(address: str, endpoint: Endpoint, report: Report) -> ModbusSer
     Raises:
         ConfigError: the address is none.
     """
-    host, port, watchdog_ms = split_address(address)
+    host, port, watchdog_ms, allowed = split_address(address)
     endpoint.apply(NO_OPERATIONS)  # compiles here, not while the first client waits
-    return ModbusServer(ModbusDevice(endpoint, watchdog_ms, report=report), host, port)
+    return ModbusServer(ModbusDevice(endpoint, watchdog_ms, report=report), host, port, allowed)
 
 
-async def _listen(device: ModbusDevice, address: tuple[str, int]) -> ModbusTcpServer | None:
-    server = BoardServer(device, address)
+async def _listen(device: ModbusDevice, address: tuple[str, int], allowed: Allowed) -> BoardServer | None:
+    server = BoardServer(device, address, allowed)
     return server if await server.listen() else None
 
 
-async def _watch(device: ModbusDevice) -> None:
+async def _watch(server: BoardServer) -> None:
     while True:
-        device.watch()
+        server.device.watch()
+        server.dismiss_silent(server.device.now_ns() - SILENCE_NS)
         await asyncio.sleep(WATCH_S)
 
 
@@ -134,11 +182,45 @@ async def _close(server: ModbusTcpServer, watch: asyncio.Task[None]) -> None:
 
 
 class BoardServer(ModbusTcpServer):
-    """Listens; each connection is a `Caller`."""
+    """Listens; each connection is a `Caller`.
 
-    def __init__(self, device: ModbusDevice, address: tuple[str, int]) -> None:
+    Attributes:
+        callers: the connections, the one that has been silent for longest first.
+    """
+
+    def __init__(self, device: ModbusDevice, address: tuple[str, int], allowed: Allowed) -> None:
         super().__init__(_sim_device(device), address=address)
         self.device = device
+        self.callers: dict[Caller, int] = {}  # when they last asked for something
+        self._allowed = allowed
+
+    def admits(self, connection: socket.socket) -> bool:
+        """Somebody of this account or of root on this machine, or from an address that was named."""
+        try:
+            host = ip_address(connection.getpeername()[0])
+        except OSError:  # gone again
+            return False
+        if any(host in network for network in self._allowed):
+            return True
+        return is_loopback(str(host)) and maybe_peer_account(connection) in (0, os.geteuid())
+
+    def heard(self, caller: Caller) -> None:
+        """A connection begins, or asks for something: it is the last to be closed when there are too many."""
+        self.callers.pop(caller, None)
+        if len(self.callers) >= MAX_CALLERS:
+            self.dismiss(next((each for each in self.callers if not each.has_asked), next(iter(self.callers))))
+        self.callers[caller] = self.device.now_ns()
+
+    def dismiss_silent(self, before_ns: int) -> None:
+        """Close connections that have asked for nothing since `before_ns` of the device's clock."""
+        while self.callers and next(iter(self.callers.values())) < before_ns:
+            self.dismiss(next(iter(self.callers)))
+
+    def dismiss(self, caller: Caller) -> None:
+        """Close a connection; the arm it may have had under control is made safe."""
+        self.callers.pop(caller, None)
+        caller.cut()
+        self.device.leave(caller)
 
     def callback_new_connection(self) -> ServerRequestHandler:
         """Somebody connects."""
@@ -146,27 +228,91 @@ class BoardServer(ModbusTcpServer):
 
 
 class Caller(ServerRequestHandler):
-    """One connection."""
+    """One connection.
+
+    Attributes:
+        has_asked: it has made a request.
+    """
 
     def __init__(self, owner: BoardServer, device: ModbusDevice) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
+        self._owner = owner
         self._device = device
         self._received = bytearray()
+        self.has_asked = False
+        self._unread = False  # the client does not read its answers
+
+    def callback_connected(self) -> None:
+        """Bound what waits for this client; close the connection at once when it may not be here."""
+        super().callback_connected()
+        transport: Any = self.transport
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT_BYTES)
+        transport.set_write_buffer_limits(high=UNSENT_BYTES, low=0)
+        if self._owner.admits(connection):
+            self._owner.heard(self)
+            return
+        self.cut()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes held for this client: requests to be answered, and answers it has not read."""
+        transport: Any = self.transport
+        return len(self._received) + (transport.get_write_buffer_size() if transport is not None else 0)
+
+    def cut(self) -> None:
+        """Close the connection without waiting for the client to read."""
+        transport: Any = self.transport
+        if transport is not None:
+            transport.abort()
 
     def data_received(self, data: bytes) -> None:
         """Answer every whole request; close the connection at the first bytes that are no Modbus."""
-        self._received += data
+        if self in self._owner.callers:
+            self._received += data
+            self._work()
+
+    def pause_writing(self) -> None:
+        """The client does not read its answers: it gets no more."""
+        self._unread = True
+
+    def resume_writing(self) -> None:
+        """It reads again."""
+        self._unread = False
+        self._work()
+
+    def _work(self) -> None:
+        """Answer some requests, and come back for the rest; what is too much stays with the client meanwhile."""
+        if self._unread or self not in self._owner.callers:
+            self._hold_back(True)
+            return
         try:
-            for transaction, unit, request in frames(self._received):
-                self._device.hear(self)
-                self.loop.create_task(self._answer(transaction, unit, request))
+            heard = [*islice(frames(self._received), REQUESTS_IN_A_ROW)]
         except RemoteProtocolError:
             self._device.bad += 1
-            self.close()
-            self._device.leave(self)
+            self._owner.dismiss(self)
+            return
+        for transaction, unit, request in heard:
+            self.has_asked = True
+            self._owner.heard(self)
+            self._device.hear(self)
+            self.loop.create_task(self._answer(transaction, unit, request))
+        self._hold_back(len(self._received) > UNREAD_BYTES)
+        if len(heard) == REQUESTS_IN_A_ROW:
+            self.loop.call_soon(self._work)
+
+    def _hold_back(self, much: bool) -> None:
+        transport: Any = self.transport
+        if transport is None or transport.is_closing():
+            return
+        if much:
+            transport.pause_reading()
+        else:
+            transport.resume_reading()
 
     def callback_disconnected(self, exc: Exception | None) -> None:  # noqa: ARG002 (pymodbus names it so)
         """The connection is gone."""
+        self._owner.callers.pop(self, None)
         self._device.leave(self)
 
     async def _answer(self, transaction: int, unit: int, request: bytes) -> None:
