@@ -132,6 +132,8 @@ class MemoryEndpoint:
         revision, joints = int(self._memory[BOARD_REVISION]), int(self._memory[BOARD_JOINTS])
         if not revision:
             raise LinkError("the board has not said yet what it is")
+        if revision not in (ord("E"), ord("F")):
+            raise LinkError(f"the board memory is damaged: {revision} is no revision of a board; restart the board")
         return BoardFacts(chr(revision), joints, int(self._memory[BOARD_PERIOD_NS]))
 
     def apply(self, operations: Operations) -> None:

@@ -8,6 +8,7 @@ with the incident attached. A disk that refuses costs that file, and is told.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -23,7 +24,7 @@ from qrobot.log.record import write_log
 from qrobot.servo.incident import Incident
 from qrobot.servo.journal import JournalReader, LawInForce
 from qrobot.servo.mailbox import ServoInfo, ServoMailbox, journal_base
-from qrobot.servo.telemetry import Rows, TelemetryReader
+from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
 
 BEFORE_NS: Final = 2_000_000_000
 AFTER_NS: Final = 500_000_000
@@ -95,7 +96,7 @@ def _rows_since(mailbox: ServoMailbox, t_ns: int) -> Rows:
     info = mailbox.info
     reader = TelemetryReader(mailbox.words, info.telemetry_base, info.telemetry_capacity, info.n)
     blocks = [reader.layout.empty(0)]
-    while reader.waiting:
+    for _ in range(math.ceil(info.telemetry_capacity / READ_ROWS)):  # what the ring holds, however its head counts on
         blocks.append(reader.read())
     rows = np.concatenate(blocks)
     return np.asarray(rows[rows["t_ns"] >= t_ns])

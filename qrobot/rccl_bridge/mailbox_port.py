@@ -14,6 +14,7 @@ from qrobot.servo.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
 
+_U8, _U16, _U32 = 0xFF, 0xFFFF, 0xFFFFFFFF
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
 
 
@@ -85,7 +86,7 @@ class ServoPort:
             words = self._follow().words
         except LinkError:
             return False
-        return bool(words[INFO_READY]) and time.monotonic_ns() - int(words[BEAT_T_NS]) < STALE_NS
+        return bool(words[INFO_READY]) and abs(time.monotonic_ns() - int(words[BEAT_T_NS])) < STALE_NS
 
     def read_state(self) -> RobotState:
         """Newest state of the robot. Raises LinkError when the servo is gone."""
@@ -131,24 +132,25 @@ class ServoPort:
 
 
 def _to_wire(mailbox: ServoMailbox) -> RobotState:
+    """The state as packets carry it, cut to the width of its fields there: what stands in memory may be spoilt."""
     s = mailbox.snapshot()
     return RobotState(
         t_ns=s.t_ns,
-        mode=s.mode,
+        mode=s.mode & _U8,
         q=tuple(s.q.tolist()),
         v=tuple(s.v.tolist()),
         tau=tuple(s.tau.tolist()),
         q_setpoint=tuple(s.q_ref.tolist()),
-        fault=s.fault,
-        event=s.event,
-        event_joint=s.joint,
+        fault=s.fault & _U16,
+        event=s.event & _U16,
+        event_joint=s.joint & _U16,
         flags=s.flags,
         late_cycles=s.late_cycles,
         missed_frames=s.missed_frames,
-        inputs=s.inputs,
-        hand=s.hand,
+        inputs=s.inputs & _U32,
+        hand=s.hand & _U8,
         force=tuple(s.force.tolist()),
-        outputs=s.outputs,
+        outputs=s.outputs & _U16,
     )
 
 

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError
+from qrobot.printable import printable
 from qrobot.realtime.segment import HEADER_WORDS, OWNER_PID, Segment, segment_path
 
 LAYOUT: Final = 1
@@ -63,7 +64,7 @@ class Authority:
         try:
             if not segment.owner_alive:
                 return None
-            label = segment.words[HEADER_WORDS:].tobytes().rstrip(b"\0").decode(errors="replace")
+            label = printable(segment.words[HEADER_WORDS:].tobytes().rstrip(b"\0").decode(errors="replace"))
             return f"{label} (process {int(segment.words[OWNER_PID])})"
         finally:
             if segment is not self._segment:

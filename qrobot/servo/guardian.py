@@ -92,7 +92,7 @@ def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, time
     """
     armed = load_acquire(mail, BEAT_ARMED) != 0  # before the heartbeat: a servo beats before it arms
     beat_ns = load_acquire(mail, BEAT_T_NS)
-    fresh = now_ns - beat_ns <= timeout_ns
+    fresh = -timeout_ns <= now_ns - beat_ns <= timeout_ns  # none comes from the future
     if fresh:
         own[WAS_ARMED] = 1 if armed else 0
     armed = armed or (beat_ns == 0 and own[WAS_ARMED] != 0)  # the memory of a new servo; the old one was armed

@@ -13,6 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.printable import printable
+from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.telemetry import append_row, copy_rows, head_row, oldest_row, ring_words
 
 ENTRIES: Final = 64  # a power of two; the oldest gives way
@@ -54,7 +56,7 @@ def settings_text(settings: Mapping[str, float]) -> str:
 
 def journal_words(n: int) -> int:
     """Size of the journal of a servo of `n` joints, in words."""
-    return ring_words(_entry_words(n), ENTRIES)
+    return ring_words(entry_words(n), ENTRIES)
 
 
 def write_entry(words: Words, base: int, entry: LawInForce) -> None:
@@ -72,7 +74,7 @@ class JournalReader:
 
     def __init__(self, words: Words, base: int, n: int) -> None:
         self._words, self._base, self._dtype = words, base, _dtype(n)
-        self._rows = np.zeros((ENTRIES, _entry_words(n)), dtype=np.int64)
+        self._rows = np.zeros((ENTRIES, entry_words(n)), dtype=np.int64)
         self._next = int(oldest_row(int(head_row(words, base)), ENTRIES))
 
     def read(self) -> Iterator[LawInForce]:
@@ -81,7 +83,7 @@ class JournalReader:
         self._next += copied + lost
         for record in self._rows[:copied].copy().view(self._dtype)[:, 0]:
             t_ns, tick, *texts, kp, kv, inertia = record.tolist()
-            law, settings = (text.decode(errors="replace") for text in texts)
+            law, settings = (printable(text.decode(errors="replace")) for text in texts)
             yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia))
 
 
@@ -91,5 +93,7 @@ def _dtype(n: int) -> np.dtype[Any]:
     return np.dtype([("t_ns", "<i8"), ("tick", "<i8"), *texts, *gains])
 
 
-def _entry_words(n: int) -> int:
-    return _dtype(n).itemsize // 8
+@lean_kernel
+def entry_words(n: int) -> int:
+    """Words of one entry of a servo of `n` joints: time and tick, two texts, three gains a joint."""
+    return 2 + (LAW_BYTES + SETTINGS_BYTES) // 8 + 3 * n

@@ -16,11 +16,10 @@ from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.arming import disarm_when_safe, stands_down
 from qrobot.servo.cycle import cycle
-from qrobot.servo.mailbox import COMMAND_SHUTDOWN, INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
+from qrobot.servo.mailbox import COMMAND_SHUTDOWN, append_telemetry
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, MODULE_LOSSES, REVISION, ServoState
-from qrobot.servo.telemetry import append_row
 
 SERVO_LANE: Final = int(Lane.SERVO)
 
@@ -73,7 +72,7 @@ def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any,
     if not posted:
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
     disarm_when_safe(state, mail, board, posted)
-    append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
+    append_telemetry(mail, state.q.size, state.row)
 
 
 @lean_kernel

@@ -21,14 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError, LinkError
+from qrobot.printable import printable
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 from qrobot.servo.forms import FORMS
-from qrobot.servo.journal import LAW_BYTES, journal_words
-from qrobot.servo.telemetry import TelemetryLayout, ring_words
+from qrobot.servo.journal import ENTRIES, LAW_BYTES, entry_words, journal_words
+from qrobot.servo.telemetry import RING_HEADER_WORDS, TelemetryLayout, append_row, ring_capacity, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
 LAYOUT: Final = 4
@@ -152,7 +153,7 @@ def memory_words(n: int, telemetry_capacity: int) -> int:
 
 @dataclass(frozen=True)
 class ServoInfo:
-    """What a reader has to know before it can read anything else."""
+    """What a reader has to know before it can read anything else; checked against the size of the memory."""
 
     robot_name: str
     law: str
@@ -179,7 +180,7 @@ def _write_text(words: Words, at: int, text: str) -> None:
 
 
 def _read_text(words: Words, at: int) -> str:
-    return words[at : at + NAME_BYTES // 8].tobytes().rstrip(b"\0").decode(errors="replace")
+    return printable(words[at : at + NAME_BYTES // 8].tobytes().rstrip(b"\0").decode(errors="replace"))
 
 
 def describe_servo(words: Words, robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> None:
@@ -204,7 +205,9 @@ def describe_choices(words: Words, velocity: str, interpolation: str) -> None:
 
 
 def _nth(names: Iterable[str], word: int) -> str:
-    return ("", *names)[word]
+    """The choice told by a word; "" when it is not told, or nonsense."""
+    choices = ("", *names)
+    return choices[word] if 0 <= word < len(choices) else ""
 
 
 def create_servo_memory(
@@ -230,7 +233,8 @@ def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, teleme
 
 
 def servo_info(words: Words) -> ServoInfo:
-    """Read the INFO block."""
+    """Read the INFO block. Raises LinkError when it contradicts the memory it stands in: somebody has spoilt it."""
+    _insist_on_sense(words)
     return ServoInfo(
         robot_name=_read_text(words, INFO_NAME),
         law=_read_text(words, INFO_LAW),
@@ -243,6 +247,18 @@ def servo_info(words: Words) -> ServoInfo:
         velocity=_nth(ESTIMATORS, words[INFO_ESTIMATOR]),
         interpolation=_nth(FORMS, words[INFO_FORM]),
     )
+
+
+def _insist_on_sense(words: Words) -> None:
+    """Whoever believed a wrong joint count or place of the ring would read beyond the memory."""
+    n, period_ns = int(words[INFO_JOINTS]), int(words[INFO_PERIOD_NS])
+    base, capacity = int(words[INFO_TELEMETRY_BASE]), int(words[INFO_TELEMETRY_CAPACITY])
+    sane = 1 <= n <= MAX_JOINTS and period_ns > 0 and base == _telemetry_base(n)
+    if not sane or capacity < 1 or capacity & (capacity - 1) or words.size != memory_words(n, capacity):
+        raise LinkError(
+            f"the servo memory is damaged: {n} joints, period {period_ns} ns, {capacity} rows from word {base} on, "
+            f"in {words.size} words; restart the servo"
+        )
 
 
 @dataclass(frozen=True)
@@ -399,9 +415,14 @@ def push_frame(words: Any, frame: Any, size: int) -> bool:
 
 @lean_kernel
 def peek_frame(words: Any, frame: Any, size: int) -> bool:
-    """Consumer: copy the oldest frame without removing it; False when there is none."""
-    tail = words[QUEUE_TAIL]
-    if tail == load_acquire(words, QUEUE_HEAD):
+    """Consumer: copy the oldest frame without removing it; False when there is none.
+
+    A queue that cannot be - its head behind its tail, or further before it than there is room - is emptied.
+    """
+    head, tail = load_acquire(words, QUEUE_HEAD), words[QUEUE_TAIL]
+    if not 0 < head - tail <= QUEUE_CAPACITY:
+        if head != tail:
+            store_release(words, QUEUE_TAIL, head)
         return False
     slot = QUEUE_START + (tail % QUEUE_CAPACITY) * size
     for i in range(size):
@@ -419,6 +440,18 @@ def drop_frame(words: Any) -> None:
 def drop_all_frames(words: Any) -> None:
     """Consumer: empty the queue."""
     store_release(words, QUEUE_TAIL, load_acquire(words, QUEUE_HEAD))
+
+
+@lean_kernel
+def append_telemetry(words: Any, n: int, row: Any) -> None:
+    """Servo: append a row to the ring, which stands where the number of joints says, and reaches to the end."""
+    base = (
+        QUEUE_START + QUEUE_CAPACITY * (FRAME_JOINTS + 2 * n) + 8
+        + STATE_VECTORS + 4 * n + FORCE_AXES + 8
+        + CALIBRATION_FIELDS * n + 8
+        + RING_HEADER_WORDS + ENTRIES * entry_words(n) + 8
+    )  # fmt: skip
+    append_row(words, base, ring_capacity(words.size, base, row.size), row.size, row)
 
 
 @lean_kernel

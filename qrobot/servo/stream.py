@@ -30,6 +30,7 @@ from qrobot.servo.mailbox import (
     FRAME_STREAM,
     FRAME_T_NS,
     POSITION_SETPOINT,
+    QUEUE_CAPACITY,
     TORQUE_SETPOINT,
     drop_all_frames,
     drop_frame,
@@ -76,7 +77,9 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
     Numbers of streams grow, so whatever began before the newest stream that was ended is outdated with it.
     """
     n = state.q.size
-    while peek_frame(mail, state.frame, state.frame.size):
+    for _ in range(QUEUE_CAPACITY):  # no more can wait, whatever is added meanwhile
+        if not peek_frame(mail, state.frame, state.frame.size):
+            return False
         if state.frame[FRAME_STREAM] > state.i[DEAD_STREAM]:
             for j in range(n):
                 state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
@@ -116,7 +119,9 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
 @lean_kernel
 def forget_waiting(state: ServoState, mail: Any) -> None:
     """A stop while no stream is followed: whatever stream was about to begin does not."""
-    while look_at_frame(state, mail):
+    for _ in range(QUEUE_CAPACITY):
+        if not look_at_frame(state, mail):
+            return
         state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
         drop_frame(mail)
 

@@ -208,7 +208,8 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 @lean_kernel
 def guardian_alive(params: ServoParameters, mail: Any, now_ns: int) -> bool:
     """The guardian's heartbeat is fresh, or none is required."""
-    return params.guardian_timeout_ns == 0 or now_ns - mail[GUARD_T_NS] <= params.guardian_timeout_ns
+    timeout_ns = params.guardian_timeout_ns
+    return timeout_ns == 0 or -timeout_ns <= now_ns - mail[GUARD_T_NS] <= timeout_ns  # none comes from the future
 
 
 @lean_kernel

@@ -98,8 +98,17 @@ def ring_words(row_words: int, capacity: int) -> int:
 
 
 @lean_kernel
+def ring_capacity(size: int, base: int, row_words: int) -> int:
+    """Rows of a ring at `base` that reaches to the end of a memory of `size` words; see `ring_words`."""
+    return (size - base - RING_HEADER_WORDS) // row_words
+
+
+@lean_kernel
 def append_row(words: Any, base: int, capacity: int, row_words: int, row: Any) -> None:
-    """Writer: append `row`, int64[row_words]; the oldest row gives way. `capacity` is a power of two."""
+    """Writer: append `row`, int64[row_words]; the oldest row gives way. `capacity` is a power of two.
+
+    Base and capacity are the writer's own: those in shared memory are for readers, and anybody may have spoilt them.
+    """
     head = words[base]
     slot = base + RING_HEADER_WORDS + (head & (capacity - 1)) * row_words
     release_fence()  # the head that made the overwritten row old is seen before the row changes

@@ -187,7 +187,7 @@ def _upset_bus(board: Board, memory: Words, kind: int, value: float) -> bool:
     if kind == kinds.BOARD_FROZEN:
         switch[IMAGE_FROZEN] = 1
     elif kind == kinds.BOARD_SLOW:
-        switch[IMAGE_DELAY] = int(value * NS_PER_MS) // memory[BOARD_PERIOD_NS]
+        switch[IMAGE_DELAY] = int(value * NS_PER_MS) // max(1, memory[BOARD_PERIOD_NS])
         return bool(switch[IMAGE_DELAY] > 0)
     elif kind == kinds.BOARD_DEAF:
         switch[DEAF] = 1
