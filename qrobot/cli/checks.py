@@ -20,7 +20,7 @@ from qrobot.errors import ConfigError, LinkError
 from qrobot.hwif.port.permission import allow_ports
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
-from qrobot.realtime.setup import DMA_LATENCY, Step, hold_dma_latency, may_lock_all, set_fifo
+from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, Step, hold_dma_latency, may_lock_all, set_fifo
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "mujoco-core", "pydantic", "foxglove-sdk", "mcap", "matplotlib")
 EXTRAS: Final = {"pyarrow": "pip install 'qrobot[logs]' for Parquet"}
@@ -184,11 +184,11 @@ def look_at_card(base: int) -> Step:
 
 
 def realtime_rights() -> list[Step]:
-    """What a servo started now would get; tried in a thread that ends at once."""
+    """What servo and guardian started now would get; tried in a thread that ends at once."""
     steps: list[Step] = []
 
     def attempt() -> None:
-        steps.append(set_fifo())
+        steps.append(set_fifo(HIGHEST_PRIORITY))
         with hold_dma_latency(DMA_LATENCY) as step:
             steps.append(step)
 

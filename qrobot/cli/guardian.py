@@ -7,6 +7,7 @@ from types import FrameType
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm
 from qrobot.cli.console import note
+from qrobot.errors import QRobotError
 
 LINGER_S = 5.0
 
@@ -25,6 +26,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     linger
         Seconds to wait for a dead servo to be restarted.
     """
+    from qrobot.realtime.setup import insist_on
     from qrobot.realtime.turn import await_turn
     from qrobot.servo.guardian import Guardian, prepare, warm_up
 
@@ -38,7 +40,11 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end)
-    prepare()
+    try:
+        insist_on(prepare(), chosen.servo.require_realtime, lambda line: note(f"guardian of {chosen.name}: {line}"))
+    except QRobotError:
+        watcher.close()
+        raise
     note(f"guardian of {chosen.name} acts {chosen.servo.guardian_timeout_ms:g} ms after the servo's last heartbeat")
     watcher.run(linger)
     watcher.close()

@@ -12,13 +12,16 @@ import gc
 import os
 import resource
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from qrobot.errors import QRobotError
+
 DMA_LATENCY: Final = Path("/dev/cpu_dma_latency")
+HIGHEST_PRIORITY: Final = 85  # the guardian's, above the servo's
 
 # constants of the C library
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
@@ -53,14 +56,35 @@ def _errno_text() -> str:
 
 
 def set_fifo(priority: int = 80) -> Step:
-    """Run the calling thread under SCHED_FIFO; its children start under the normal scheduler again."""
+    """Run the calling thread under SCHED_FIFO; its children start under the normal scheduler again.
+
+    Where the user's limit is lower it gets that: better than to wait behind every thread that has any.
+    """
     name = "scheduler"
+    remedy = f"run as root, or give your user an rtprio limit of {HIGHEST_PRIORITY} or more in /etc/security/limits.d"
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        _enter_fifo(priority)
     except (OSError, ValueError) as error:
-        remedy = "run as root, or give your user an rtprio limit in /etc/security/limits.d (see `qrobot doctor`)"
+        limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+        if isinstance(error, PermissionError) and 0 < limit < priority:
+            with suppress(OSError):
+                _enter_fifo(limit)
+                return Step(name, False, f"SCHED_FIFO {limit}: {priority} is above the user's limit", remedy)
         return Step(name, False, f"SCHED_FIFO {priority} refused: {error}", remedy)
     return Step(name, True, f"SCHED_FIFO {priority}")
+
+
+def _enter_fifo(priority: int) -> None:
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+
+
+def insist_on(steps: Iterable[Step], required: bool, report: Callable[[str], None]) -> None:
+    """Report every step that was refused. Raises QRobotError for them when they are `required`."""
+    refused = [step for step in steps if not step.ok]
+    for step in refused:
+        report(f"real time: {step.name}: {step.detail}; {step.remedy}")
+    if refused and required:
+        raise QRobotError(f"real time was required, but: {', '.join(step.name for step in refused)}")
 
 
 def pin_threads(cpu: int | None = None) -> Step:

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import Any
 
 from qrobot.config import Robot
-from qrobot.errors import LinkError, QRobotError
+from qrobot.errors import LinkError
 from qrobot.faultcodes import explain
 from qrobot.hwif.memory import Lane, attach_board_memory, command_board_memory, discard_operations, local_board_memory
 from qrobot.hwif.port.bus import PortBus
@@ -24,7 +24,7 @@ from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WIT
 from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.segment import Segment, Words
-from qrobot.realtime.setup import Step, hold_dma_latency, prepare_loop_thread
+from qrobot.realtime.setup import Step, hold_dma_latency, insist_on, prepare_loop_thread
 from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.turn import await_turn, turn_is_awaited
 from qrobot.servo.authority import Authority
@@ -98,7 +98,7 @@ class ServoProcess:
                 require_ports(int(self.card[CARD_BASE]))
             with hold_dma_latency() as idle:
                 self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
-                self._insist_on_realtime()
+                insist_on(self.steps, self.require_realtime, self.report)
                 self.memory.words[INFO_READY] = 1
                 while self._run_once() != ENDED:
                     self._find_board_again()
@@ -109,13 +109,6 @@ class ServoProcess:
         margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
         memories = self.memory.words, self.board.words, self.card
         return int(run(self.params, self.state, *memories, margin_ns, BOARD_AWAY_NS))
-
-    def _insist_on_realtime(self) -> None:
-        refused = [step for step in self.steps if not step.ok]
-        for step in refused:
-            self.report(f"real time: {step.name}: {step.detail}; {step.remedy}")
-        if refused and self.require_realtime:
-            raise QRobotError(f"real time was required, but: {', '.join(step.name for step in refused)}")
 
     def _find_board_again(self) -> None:
         if self.board.is_current:

@@ -34,7 +34,7 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
-from qrobot.realtime.setup import Step, lock_memory, set_fifo, tighten_timers
+from qrobot.realtime.setup import HIGHEST_PRIORITY, Step, lock_memory, set_fifo, tighten_timers
 from qrobot.servo.mailbox import (
     BEAT_ARMED,
     BEAT_DISCRETE,
@@ -57,8 +57,6 @@ N_SAFE_OPS: Final = 2 + N_DACS
 LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
 SLICE_NS: Final = NS_PER_S // 5
 LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
-
-PRIORITY: Final = 85  # above the servo's
 
 LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
 
@@ -251,7 +249,7 @@ def warm_up() -> None:
 
 def prepare() -> list[Step]:
     """Make this process hard to delay: a priority above the servo's, memory that stays, fine timers."""
-    return [set_fifo(PRIORITY), lock_memory(), tighten_timers()]
+    return [set_fifo(HIGHEST_PRIORITY), lock_memory(), tighten_timers()]
 
 
 @lean_kernel

@@ -6,12 +6,14 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from qrobot.errors import QRobotError
 from qrobot.realtime import machine, setup
 from qrobot.realtime.setup import Step
 from tests.support.patience import PATIENCE_S
@@ -96,6 +98,41 @@ def test_a_priority_out_of_range_is_refused_and_changes_nothing() -> None:
     before = os.sched_getscheduler(0)
     assert not setup.set_fifo(1000).ok
     assert os.sched_getscheduler(0) == before
+
+
+def test_a_priority_above_the_users_limit_becomes_the_limit_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    got: list[int] = []
+
+    def enter(priority: int) -> None:
+        if priority > 50:
+            raise PermissionError(1, "Operation not permitted")
+        got.append(priority)
+
+    monkeypatch.setattr(setup, "_enter_fifo", enter)
+    monkeypatch.setattr(setup.resource, "getrlimit", lambda _which: (50, 50))
+    step = setup.set_fifo(85)
+    assert got == [50]
+    assert not step.ok
+    assert "SCHED_FIFO 50" in step.detail
+    assert "rtprio" in step.remedy
+
+
+def test_without_any_limit_nothing_is_got(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_priority: int) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(setup, "_enter_fifo", refuse)
+    monkeypatch.setattr(setup.resource, "getrlimit", lambda _which: (0, 0))
+    assert "SCHED_FIFO 85 refused" in setup.set_fifo(85).detail
+
+
+@pytest.mark.parametrize("required", [False, True])
+def test_what_was_refused_is_told_and_ends_a_process_that_requires_it(required: bool) -> None:
+    steps = [setup.Step("memory", True, "locked"), setup.Step("scheduler", False, "refused", "run as root")]
+    said: list[str] = []
+    with pytest.raises(QRobotError, match="real time was required, but: scheduler") if required else nullcontext():
+        setup.insist_on(steps, required, said.append)
+    assert said == ["real time: scheduler: refused; run as root"]
 
 
 def test_idle_states_are_held_while_inside_and_only_then(tmp_path: Path) -> None:
