@@ -13,10 +13,12 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import Lane, discard_operations
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.guardian import TRIPPED
+from qrobot.servo.laws import find_law
 from qrobot.servo.mailbox import BEAT_ARMED, COMMAND_SHUTDOWN, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import Overrun
+from qrobot.servo.swap import SWAPPED, ask_for_law, maybe_swap_result
 from tests.support.kill_points import WAYS, DyingBench
 from tests.support.servo_bench import moving
 
@@ -54,6 +56,8 @@ def power_lost(bench: DyingBench) -> None:
 
 
 FROM_HOLDING = [power_off, power_off_by_another, emergency_stop, shutdown, board_silent, power_lost, garbage]
+CASES = [(happens, "memory") for happens in FROM_HOLDING]
+CASES += [(happens, way) for happens in (power_off, shutdown, board_silent) for way in ("port", "gateway")]
 FROM_TRACKING = [emergency_stop, power_lost, board_silent, stop]
 
 
@@ -81,8 +85,7 @@ def test_this_is_plain_python() -> None:
     assert jit_disabled()
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("happens", FROM_HOLDING, ids=lambda happens: happens.__name__)
+@pytest.mark.parametrize(("happens", "way"), CASES, ids=lambda value: getattr(value, "__name__", value))
 def test_a_servo_that_dies_while_it_leaves_holding(happens: Callable[[DyingBench], None], way: str) -> None:
     bench = holding(way)
     assert not bench.way.registers.safe
@@ -93,7 +96,7 @@ def test_a_servo_that_dies_while_it_leaves_holding(happens: Callable[[DyingBench
     assert bench.mail[GUARD_TAKEOVER] == 0
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ["memory", "port"])
 @pytest.mark.parametrize("happens", FROM_TRACKING, ids=lambda happens: happens.__name__)
 def test_a_servo_that_dies_while_it_leaves_tracking(happens: Callable[[DyingBench], None], way: str) -> None:
     bench = tracking(way)
@@ -172,6 +175,26 @@ def test_a_servo_that_dies_while_a_fault_is_cleared(way: str) -> None:
     assert bench.mode is Mode.OFF
 
 
+def test_a_servo_that_dies_while_its_law_is_swapped() -> None:
+    bench = holding("memory")
+    ask_for_law(bench.state.swap, find_law("pd", bench.robot), bench.state.swap.gains)
+    dies_everywhere(bench, 3)
+    assert maybe_swap_result(bench.state.swap) == SWAPPED
+    assert bench.mode is Mode.HOLDING
+
+
+def test_a_servo_that_dies_while_the_guardian_hands_the_board_back() -> None:
+    bench = holding("memory")
+    bench.sleep(8)
+    bench.tick(2)
+    assert bench.own[TRIPPED] == 1
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    with bench.dying():
+        bench.tick(8)
+    assert (bench.mode, bench.own[TRIPPED], bench.mail[BEAT_ARMED]) == (Mode.OFF, 0, 0)
+
+
 @pytest.mark.parametrize("way", ["memory", "gateway"])  # with a card the board's memory is the servo's own
 def test_a_servo_that_starts_beside_what_a_dead_one_has_left_and_dies_in_turn(way: str) -> None:
     dead, bench = holding(way), DyingBench(way)
@@ -245,7 +268,7 @@ def test_a_board_that_is_deaf_when_the_servo_dies_gets_power_off_as_soon_as_it_h
 # --------------------------------------------------------------------------------------------------------- stalled
 
 
-@pytest.mark.parametrize(("way", "step"), [("memory", 11), ("port", 41), ("gateway", 41)])
+@pytest.mark.parametrize(("way", "step"), [("memory", 17), ("port", 71), ("gateway", 71)])
 @pytest.mark.parametrize("asks", [True, False], ids=["power on", "power off"])
 def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardian_did(
     asks: bool, way: str, step: int
@@ -266,7 +289,7 @@ def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardia
             assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
         else:  # it stalled before it was armed, or was not any more
             assert bench.mode in (Mode.POWERING, Mode.HOLDING, Mode.OFF)
-    assert taken > 3
+    assert taken > 2
 
 
 def asking(way: str, power: bool) -> DyingBench:

@@ -53,7 +53,7 @@ PHASE_NS = 400_000  # of the guardian's looks, against the cycles
 STEP_NS = 200_000
 BOARD_NS = 1_000_000  # one period of a gateway, the slowest board here
 BOUND_NS = TIMEOUT_NS + LOOK_NS + BOARD_NS
-WATCHED_NS = 30_000_000
+WATCHED_NS = 12_000_000
 NO_CARD_WORDS = make_card(NO_CARD)
 LANES = slice(LANES_START, LANES_START + len(Lane) * LANE_WORDS)
 
