@@ -113,6 +113,32 @@ def soak(*, hours: float = 1.0, seed: int = 0, rigid: bool = False, json: Path |
 
 
 @app.command
+def stalls(deployment: Path, *, times: int = 100, seed: int = 0, json: Path | None = None) -> int:
+    """Stop all processes of a moving emulated arm at once, for 5 to 500 ms, again and again: nothing may come of it.
+
+    Parameters
+    ----------
+    deployment
+        File with one emulated arm; nobody else may run it.
+    times
+        How often.
+    seed
+        Of lengths and pauses.
+    json
+        Write the result to this file as well.
+    """
+    from dataclasses import asdict
+    from tempfile import TemporaryDirectory
+
+    from benchmarks.stalls import stalls as run
+
+    with TemporaryDirectory() as folder, console.status("stalling"):
+        result = run(deployment, Path(folder), times, seed)
+    _report(asdict(result), json)
+    return 1 if result.events else 0
+
+
+@app.command
 def c_moves(*, moves: int = 100_000, json: Path | None = None) -> int:
     """So many moves of a program in C, off line: memory and descriptors of program and engine must not grow.
 

@@ -50,13 +50,13 @@
 
 /* The board memory, in words of 64 bits; the numbers are those of qrobot/hwif/memory.py, and a test compares them. */
 #define TRC004_MAGIC 0x51524F424F54
-#define TRC004_LAYOUT 3
+#define TRC004_LAYOUT 4
 #define TRC004_IMAGE_SEQ 16
 #define TRC004_IMAGE_START 24
 #define TRC004_IMAGE_COUNT 1
 #define TRC004_IMAGE_INPUTS 2
 #define TRC004_IMAGE_WORDS 18
-#define TRC004_LANE 1600
+#define TRC004_LANE 2112
 #define TRC004_LANE_FORGET 1
 #define TRC004_LANE_TAIL 8
 #define TRC004_LANE_RING 16
@@ -64,7 +64,7 @@
 #define TRC004_N_INPUT_WORDS 16
 #define TRC004_OP_READ 0
 #define TRC004_OP_WRITE 1
-#define TRC004_OP_FIELDS 3
+#define TRC004_LANE_FIELDS 4
 
 #define TRC004_TIMEOUT_NS 500000000 /* a board that shows nothing new for so long is gone */
 
@@ -133,7 +133,7 @@ static inline int trc004_open(struct trc004 *board, const char *arm)
             close(fd);
         return -1;
     }
-    if (file.st_size < (TRC004_LANE + TRC004_LANE_RING + TRC004_LANE_CAPACITY * TRC004_OP_FIELDS) * 8) {
+    if (file.st_size < (TRC004_LANE + TRC004_LANE_RING + TRC004_LANE_CAPACITY * TRC004_LANE_FIELDS) * 8) {
         fprintf(stderr, "the board of %s is just starting: try again\n", arm);
         close(fd);
         return -1;
@@ -244,10 +244,11 @@ static inline void trc004_post(struct trc004 *board, int kind, int offset, int v
             return;
         trc004_pause();
     }
-    slot = TRC004_LANE + TRC004_LANE_RING + head % TRC004_LANE_CAPACITY * TRC004_OP_FIELDS;
+    slot = TRC004_LANE + TRC004_LANE_RING + head % TRC004_LANE_CAPACITY * TRC004_LANE_FIELDS;
     trc004_store(board, slot, kind);
     trc004_store(board, slot + 1, offset);
     trc004_store(board, slot + 2, value);
+    trc004_store(board, slot + 3, 0); /* counts at once */
     board->pending = 1;
     board->held = hold ? board->held + 1 : 0;
     if (!hold)

@@ -98,6 +98,7 @@ def servo_settings(
         interpolation=interpolation or arm.servo.interpolation,
         guardian_timeout_ms=arm.servo.guardian_timeout_ms,
         board_timeout_ms=arm.servo.board_timeout_ms,
+        board_slips=arm.board.slips,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
         exchange_ms=arm.board.period_ms,

@@ -97,6 +97,8 @@ def board(
         emulator,
         lambda: note(f"board of {chosen.name} ({robot.name}) runs"),
         beside,
+        chosen.board.slips,
+        lambda line: note(f"{chosen.name}: {line}"),
     )
 
 

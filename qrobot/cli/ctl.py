@@ -96,7 +96,8 @@ def _lines_line(now: ServoStatus) -> str:
 def _board_line(board: BoardStatus) -> str:
     age = "no image" if board.age_ms is None else f"image {board.age_ms:.1f} ms old"
     counters = f"lost {board.losses} times, {board.dropped} operations dropped, {board.illegal} without meaning"
-    return f"board: {age}, {counters}, modules lost {board.module_losses} times"
+    slipped = f", time stood still for {board.slipped_ms:.0f} ms" if board.slipped_ms else ""
+    return f"board: {age}, {counters}, modules lost {board.module_losses} times{slipped}"
 
 
 def _joints(robot: Robot, now: ServoStatus) -> Table:

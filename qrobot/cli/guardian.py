@@ -33,7 +33,9 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     chosen = choose_arm(deployment, arm)
     warm_up()
     await_turn()
-    watcher = Guardian(chosen.name, chosen.servo.guardian_timeout_ms, note, card_of_arm(chosen))
+    watcher = Guardian(
+        chosen.name, chosen.servo.guardian_timeout_ms, note, card_of_arm(chosen), slips=chosen.board.slips
+    )
 
     def end(_signal: int, _frame: FrameType | None) -> None:
         watcher.stop[0] = 1

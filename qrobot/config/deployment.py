@@ -41,12 +41,14 @@ class BoardChoice(Table):
     emulated board: the robot file's own (`nominal`) or one fixed draw of wrong friction, gravity, torque gain and
     stiction (`mismatched`). `calibrated` is the state of the counters at chassis power-up. `adc_idle` and `index_idle`
     are the levels that STATUS bits 14 and 8-13 of the emulated board show while their masks are off, which no source
-    tells.
+    tells. With `time_slip` an emulated arm's time stands still while this machine keeps its processes from running;
+    without, the arm goes on meanwhile, as a real one would.
     """
 
     kind: Literal["emulator", "port", "can", "modbus", "drives"] = "emulator"
     plant: Literal["nominal", "mismatched"] = "nominal"
     calibrated: bool = True
+    time_slip: bool = True
     revision: Literal["E", "F"] | None = None
     start_pose: str = "park"
     seed: int = Field(default=0, ge=0)
@@ -120,6 +122,11 @@ class BoardChoice(Table):
         """Time between two exchanges with a board behind a gateway; 0 for a board without one."""
         road = getattr(self, self.kind, None)
         return float(getattr(road, "period_ms", 0.0))
+
+    @property
+    def slips(self) -> bool:
+        """The board may let time stand still: only an emulated one can."""
+        return self.kind == "emulator" and self.time_slip
 
     @property
     def position_drives(self) -> bool:

@@ -34,6 +34,7 @@ from qrobot.hwif.memory import (
     BOARD_MODULE_LOSSES,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
+    BOARD_TAKEN_NS,
     IMAGE_INPUTS,
     LANE_CAPACITY,
     N_LANES,
@@ -109,8 +110,13 @@ class Gateway:
             self._lose(error, now_ns)
             return False
         self._memory[BOARD_MODULE_LOSSES] = self._module_losses()
-        publish_image(self._memory, self._image)
+        self._publish(now_ns)
         return True
+
+    def _publish(self, asked_ns: int) -> None:
+        """Show the image, with the time at which it was asked for: the board's own clock is not ours."""
+        self._memory[BOARD_TAKEN_NS] = asked_ns
+        publish_image(self._memory, self._image)
 
     def _sane(self, taken: int) -> Operations:
         """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
@@ -148,7 +154,7 @@ class Gateway:
         self._memory[BOARD_PERIOD_NS] = max(self._period_ns, facts.period_ns)
         self._memory[BOARD_JOINTS], self._memory[BOARD_REVISION] = facts.joints, ord(facts.revision)
         self._references, self._outputs, self.connected = facts.references, facts.outputs, True
-        publish_image(self._memory, self._image)
+        self._publish(now_ns)
         self._tell(f"board found at {self._bus.name}: revision {facts.revision}, {facts.joints} joints")
         return True
 

@@ -4,7 +4,8 @@ Process image in, ordered operation list out:
 
 * the board side publishes the sixteen input words (offsets 0x00-0x1E) with a time stamp and a count, under a seqlock;
 * a controller posts register operations into its *lane*, a single-producer single-consumer ring; the board applies them
-  strictly in the order posted. A read with a side effect (ADC_START on revision E) is an operation too;
+  strictly in the order posted, and an emulated board that catches up none before the time it was posted. A read with a
+  side effect (ADC_START on revision E) is an operation too;
 * every applied DAC and DISCRETE write goes, with the board's own time stamp, into the trace ring;
 * an emulated board has an operator's panel as well: emergency stop, ARM POWER button, discrete and analogue inputs,
   lamps for the outputs, a push on each joint, faults to inject. A controller never touches it; tests, the pendant and
@@ -28,7 +29,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import HEADER_WORDS, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 
-LAYOUT: Final = 3
+LAYOUT: Final = 4
 
 
 class Lane(IntEnum):
@@ -68,11 +69,15 @@ IMAGE_WORDS: Final = IMAGE_INPUTS + N_INPUT_WORDS
 
 # Another fact, behind the image: there was no room with the others.
 BOARD_MODULE_LOSSES: Final = IMAGE_START + IMAGE_WORDS  # times a remote module beside the board was lost
+BOARD_SLIPPED_NS: Final = IMAGE_START + IMAGE_WORDS + 1  # time an emulated board let pass unlived, see `arm_clock`
+BOARD_TAKEN_NS: Final = IMAGE_START + IMAGE_WORDS + 2  # when a gateway asked for the newest image, by our clock; else 0
 
 # Lanes: the producer's words (head, where to forget to) and the board's (tail) a cache line apart, then the ring.
 LANE_CAPACITY: Final = 512
+LANE_FIELDS: Final = OP_FIELDS + 1  # and the time from which the operation counts, 0 for at once
+LONGEST_WAIT_NS: Final = 200_000_000  # an operation further ahead than this has a damaged time: it counts at once [A]
 _LANE_HEAD, _LANE_FORGET, _LANE_TAIL, _LANE_RING = 0, 1, 8, 16
-LANE_WORDS: Final = _LANE_RING + LANE_CAPACITY * OP_FIELDS
+LANE_WORDS: Final = _LANE_RING + LANE_CAPACITY * LANE_FIELDS
 LANES_START: Final = 48
 
 # The trace of DAC and DISCRETE writes.
@@ -176,8 +181,10 @@ def put_outputs(operations: Any, n: int, outputs: int) -> int:
 
 
 @lean_kernel
-def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
+def post_operations(memory: Any, lane: int, operations: Any, n: int, t_ns: int = 0) -> bool:
     """Controller side: append `operations[:n]` (int64[:, OP_FIELDS]) to a lane, all or none; False when it is full.
+
+    `t_ns` is the time from which they count for a board that catches up, on the arm's clock; 0 is at once.
 
     A head that somebody has damaged to a negative number begins again where the board is.
     """
@@ -190,9 +197,10 @@ def post_operations(memory: Any, lane: int, operations: Any, n: int) -> bool:
     if head + n - tail > LANE_CAPACITY:
         return False
     for i in range(n):
-        slot = base + _LANE_RING + ((head + i) % LANE_CAPACITY) * OP_FIELDS
+        slot = base + _LANE_RING + ((head + i) % LANE_CAPACITY) * LANE_FIELDS
         for field in range(OP_FIELDS):
             memory[slot + field] = operations[i, field]
+        memory[slot + OP_FIELDS] = t_ns
     store_release(memory, base + _LANE_HEAD, head + n)
     return True
 
@@ -230,11 +238,33 @@ def take_operation(memory: Any, lane: int, operation: Any) -> bool:
     position = _next_operation(memory, base)
     if position < 0:
         return False
-    slot = base + _LANE_RING + (position % LANE_CAPACITY) * OP_FIELDS
+    slot = base + _LANE_RING + (position % LANE_CAPACITY) * LANE_FIELDS
     for field in range(OP_FIELDS):
         operation[field] = memory[slot + field]
     store_release(memory, base + _LANE_TAIL, position + 1)
     return True
+
+
+@lean_kernel
+def operation_is_early(memory: Any, lane: int, t_ns: int) -> bool:
+    """True when the oldest operation of a lane counts from a time after `t_ns` on."""
+    base = LANES_START + lane * LANE_WORDS
+    position = _next_operation(memory, base)
+    if position < 0:
+        return False
+    counts_ns = memory[base + _LANE_RING + (position % LANE_CAPACITY) * LANE_FIELDS + OP_FIELDS]
+    return bool(t_ns < counts_ns <= t_ns + LONGEST_WAIT_NS)
+
+
+@lean_kernel
+def newest_post_ns(memory: Any) -> int:
+    """Time of the newest operation in any lane, taken or not; 0 where there is none, or none with a time."""
+    newest = 0
+    for lane in range(N_LANES):
+        base = LANES_START + lane * LANE_WORDS
+        head = load_acquire(memory, base + _LANE_HEAD)
+        newest = max(newest, memory[base + _LANE_RING + ((head - 1) % LANE_CAPACITY) * LANE_FIELDS + OP_FIELDS])
+    return newest
 
 
 def take_all_operations(memory: Words, operations: Words) -> int:

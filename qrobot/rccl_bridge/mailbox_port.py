@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import replace
 from typing import Final
@@ -9,12 +10,21 @@ from typing import Final
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.port import SetpointFrame
 from qrobot.realtime.segment import GENERATION, Segment, Words
-from qrobot.servo.mailbox import BEAT_T_NS, INFO_READY, ServoMailbox, attach_servo_memory, local_servo_memory
+from qrobot.servo.mailbox import (
+    BEAT_SLIPPED_NS,
+    BEAT_SLIPS,
+    BEAT_T_NS,
+    INFO_READY,
+    ServoMailbox,
+    attach_servo_memory,
+    local_servo_memory,
+)
 from qrobot.servo.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
 
 _U8, _U16, _U32 = 0xFF, 0xFFFF, 0xFFFFFFFF
+STALLED_NS: Final = 20_000_000  # an emulated arm's whose last cycle is older waits for its board, or was stopped [A]
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
 
 
@@ -44,6 +54,14 @@ class MailboxPort:
     def alive(self) -> bool:
         """The servo is part of this process."""
         return True
+
+    def slipped_ns(self) -> int:
+        """Virtual time never slips."""
+        return 0
+
+    def stalled(self) -> bool:
+        """Nor does it stand still."""
+        return False
 
     def read_state(self) -> RobotState:
         """Newest state of the robot."""
@@ -76,7 +94,7 @@ class ServoPort:
         self.n = n
         self._segment: Segment | None = None
         self._mailbox: ServoMailbox | None = None
-        self._generation = 0
+        self._generation = self._slipped_ns = 0
         self._was_here = False
         self._power_locked = False  # a servo that has just started is not powered by a request made to the one before
 
@@ -86,7 +104,25 @@ class ServoPort:
             words = self._follow().words
         except LinkError:
             return False
-        return bool(words[INFO_READY]) and abs(time.monotonic_ns() - int(words[BEAT_T_NS])) < STALE_NS
+        return bool(words[INFO_READY]) and abs(self._silence_ns(words)) < STALE_NS
+
+    def slipped_ns(self) -> int:
+        """How far the arm's time lies behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""
+        with contextlib.suppress(LinkError):
+            said = int(self._follow().words[BEAT_SLIPPED_NS])
+            self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
+        return self._slipped_ns
+
+    def stalled(self) -> bool:
+        """An emulated arm's servo has not run of late: `slipped_ns` may be about to change."""
+        try:
+            words = self._follow().words
+        except LinkError:
+            return False
+        return bool(words[BEAT_SLIPS]) and self._silence_ns(words) > STALLED_NS
+
+    def _silence_ns(self, words: Words) -> int:
+        return time.monotonic_ns() - self.slipped_ns() - int(words[BEAT_T_NS])
 
     def read_state(self) -> RobotState:
         """Newest state of the robot. Raises LinkError when the servo is gone."""

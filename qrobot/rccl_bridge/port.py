@@ -58,6 +58,12 @@ class RobotPort(Protocol):
         notice, so that a power request still standing does not power the arm.
         """
 
+    def slipped_ns(self) -> int:
+        """How far the arm's time lies behind CLOCK_MONOTONIC; only that of an emulated arm does."""
+
+    def stalled(self) -> bool:
+        """An emulated arm's servo has not run of late: `slipped_ns` may be about to change."""
+
     def read_state(self) -> RobotState:
         """Newest state of the robot, of `n` joints. Raises LinkError when the servo is gone."""
 

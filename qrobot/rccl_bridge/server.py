@@ -31,6 +31,9 @@ from qrobot.wire import ErrorCode
 LOG: Final = logging.getLogger("qrobot.bridge")
 SOCKET_BUFFER_BYTES: Final = 16_384  # a slow reader finds at most this much of the past, doubled by the kernel
 WRITE_BUFFER_BYTES: Final = 8_192
+OVERSLEPT_S: Final = 0.02  # a timer that fires later found this process stopped [A]
+LOOK_S: Final = 0.002
+PATIENCE_S: Final = 0.2  # with an emulated arm that wakes up after we did [A]
 LINGER_S: Final = 1.0  # a closed connection that does not drain is cut after this
 MAX_LINGERING: Final = 32  # closed connections that are waited for
 
@@ -79,6 +82,10 @@ class BridgeServer:
         except LinkError:
             return None
 
+    def now_ns(self) -> int:
+        """The arm's time."""
+        return time.monotonic_ns() - self.port.slipped_ns()
+
     def say(self, message: str, *values: object) -> None:
         """Log, but never more than a few lines a second."""
         if self._messages.allows(time.monotonic_ns()):
@@ -107,7 +114,7 @@ class _Client(asyncio.Protocol):
     """One socket and its session."""
 
     def __init__(self, server: BridgeServer, peer: Peer) -> None:
-        port, now_ns = server.port, time.monotonic_ns()
+        port, now_ns = server.port, server.now_ns()
         self._server = server
         self.peer = peer
         self.session = Session(
@@ -115,6 +122,7 @@ class _Client(asyncio.Protocol):
         )
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._due_s = self._patient_until_s = 0.0  # on the event loop's clock
 
     async def take_over(self, connection: socket.socket) -> None:
         """Serve this connection."""
@@ -135,7 +143,7 @@ class _Client(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Bytes came."""
-        self._carry_out(self.session.receive(data, time.monotonic_ns()))
+        self._carry_out(self.session.receive(data, self._server.now_ns()))
         self._set_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -148,7 +156,7 @@ class _Client(asyncio.Protocol):
 
     def pause_writing(self) -> None:
         """The client does not read."""
-        self.session.block(time.monotonic_ns())
+        self.session.block(self._server.now_ns())
 
     def resume_writing(self) -> None:
         """The client reads again."""
@@ -156,12 +164,12 @@ class _Client(asyncio.Protocol):
 
     def dismiss(self, reason: str) -> None:
         """End the session from our side."""
-        self._carry_out(self.session.dismiss(reason, time.monotonic_ns()))
+        self._carry_out(self.session.dismiss(reason, self._server.now_ns()))
 
     def send_away(self) -> None:
         """End a session that has not begun: others wait."""
         text = f"no HELLO yet, and {self._server.settings.max_greeting} others wait"
-        self._carry_out(self.session.refuse(ErrorCode.FULL, text, time.monotonic_ns()))
+        self._carry_out(self.session.refuse(ErrorCode.FULL, text, self._server.now_ns()))
 
     def cut(self) -> None:
         """Wait no longer for the client to hang up."""
@@ -169,14 +177,25 @@ class _Client(asyncio.Protocol):
             self.transport.abort()
 
     def _tick(self) -> None:
-        self._carry_out(self.session.tick(time.monotonic_ns(), self._server.read_state()))
+        if self._awaits_the_arm():
+            self._timer = asyncio.get_running_loop().call_later(LOOK_S, self._tick)
+            return
+        self._carry_out(self.session.tick(self._server.now_ns(), self._server.read_state()))
         self._set_timer()
 
     def _set_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
         if not self.session.ended:
-            self._timer = asyncio.get_running_loop().call_at(self.session.due_ns / 1e9, self._tick)
+            self._due_s = (self.session.due_ns + self._server.port.slipped_ns()) / 1e9
+            self._timer = asyncio.get_running_loop().call_at(self._due_s, self._tick)
+
+    def _awaits_the_arm(self) -> bool:
+        """This process was kept from running, and so was its emulated arm, which may be about to say for how long."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._due_s > OVERSLEPT_S and self._patient_until_s < self._due_s:
+            self._patient_until_s = now_s + PATIENCE_S
+        return now_s < self._patient_until_s and self._server.port.stalled()
 
     def _carry_out(self, actions: list[Action]) -> None:
         outcome = carry_out(actions, self._server.port)

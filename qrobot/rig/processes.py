@@ -26,7 +26,7 @@ from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
 from qrobot.realtime.supervised import Supervision
 from qrobot.realtime.turn import TURN_VARIABLE
 from qrobot.rig.interrupts import interrupts_deferred
-from qrobot.servo.mailbox import GUARD_T_NS, INFO_READY, attach_servo_memory
+from qrobot.servo.mailbox import BEAT_SLIPPED_NS, GUARD_T_NS, INFO_READY, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
@@ -245,7 +245,7 @@ def servo_ready(arm: str) -> bool:
 
 def guardian_ready(arm: str, since_ns: int) -> bool:
     """The guardian of this arm has looked at its servo after `since_ns`, CLOCK_MONOTONIC."""
-    return _servo_word(arm, GUARD_T_NS) > since_ns
+    return _servo_word(arm, GUARD_T_NS) + _servo_word(arm, BEAT_SLIPPED_NS) > since_ns
 
 
 def bridge_ready(host: str, port: int) -> bool:

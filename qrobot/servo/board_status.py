@@ -6,7 +6,14 @@ from collections.abc import Callable
 
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import MemoryEndpoint, make_image
-from qrobot.hwif.memory import BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_LOSSES, BOARD_MODULE_LOSSES, IMAGE_T_NS
+from qrobot.hwif.memory import (
+    BOARD_DROPPED,
+    BOARD_ILLEGAL_OPS,
+    BOARD_LOSSES,
+    BOARD_MODULE_LOSSES,
+    BOARD_SLIPPED_NS,
+    IMAGE_T_NS,
+)
 from qrobot.realtime.segment import Words
 from qrobot.servo.control_messages import BoardStatus
 from qrobot.units import NS_PER_MS
@@ -20,6 +27,7 @@ def board_status(memory: Words, clock: Callable[[], int]) -> BoardStatus:
         dropped=int(memory[BOARD_DROPPED]),
         illegal=int(memory[BOARD_ILLEGAL_OPS]),
         module_losses=int(memory[BOARD_MODULE_LOSSES]),
+        slipped_ms=int(memory[BOARD_SLIPPED_NS]) / NS_PER_MS,
     )
 
 

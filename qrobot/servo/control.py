@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkTimeout, QRobotError
 from qrobot.faultcodes import FaultCode, explain
+from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.realtime.segment import Segment
 from qrobot.servo.authority import Authority
 from qrobot.servo.board_status import board_status
@@ -152,7 +153,7 @@ class Controls:
             kp=_floats(gains[KP]),
             kv=_floats(gains[KV]),
             inertia=_floats(gains[M0]),
-            board=board_status(servo.board.words, time.monotonic_ns),
+            board=board_status(servo.board.words, lambda: arm_time_ns(servo.board.words, servo.settings.board_slips)),
         )
 
     def _text(self, code: int) -> str:

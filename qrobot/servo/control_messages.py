@@ -103,6 +103,7 @@ class BoardStatus(Message):
         dropped: operations that may never have acted: posted while the board was away, or in a damaged lane.
         illegal: operations without meaning, which the board ignored.
         module_losses: times a remote module beside the board was lost.
+        slipped_ms: how long an emulated arm's time stood still because nobody could run.
     """
 
     age_ms: float | None
@@ -110,6 +111,7 @@ class BoardStatus(Message):
     dropped: int
     illegal: int
     module_losses: int
+    slipped_ms: float = 0.0
 
 
 class ServoStatus(Message):

@@ -36,6 +36,7 @@ from qrobot.servo.law_trial import prove
 from qrobot.servo.laws import law_label
 from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
+    BEAT_SLIPS,
     COMMAND_SHUTDOWN,
     INFO_READY,
     STATE_EVENT,
@@ -222,6 +223,7 @@ def serve(
         ) as memory,
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
+        memory.words[BEAT_SLIPS] = int(settings.board_slips)
         discard_operations(board.words, int(Lane.SERVO))
         params, law = servo_parameters(robot, settings), settings.law_for(robot)
         process = ServoProcess(

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.errors import LinkError
+from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns
 from qrobot.hwif.memory import (
     OP_FIELDS,
     Lane,
@@ -111,12 +112,23 @@ def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, time
 
 
 @lean_kernel
-def watch(own: Any, mail: Any, board: Any, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int) -> None:
-    """Look again and again until `until_ns`, or until `stop[0]` is set."""
+def watch(
+    own: Any, mail: Any, board: Any, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int, slips: int
+) -> None:
+    """Look again and again until `until_ns`, or until `stop[0]` is set.
+
+    With `slips` the board is an emulated one that lets time stand still when everybody was kept from running: a
+    guardian that overslept then gives the others one bound to wake up in as well. On a real board it acts at once.
+    """
     period_ns = timeout_ns // LOOKS_PER_TIMEOUT
     deadline = monotonic_ns()
+    patient_until, overslept = deadline, 0
     while load_acquire(stop, 0) == 0 and deadline < until_ns:
-        look(own, mail, board, card, ops, monotonic_ns(), timeout_ns)
+        late = monotonic_ns() - deadline
+        if slips != 0 and late > STALL_NS:
+            patient_until, overslept = deadline + late + timeout_ns, late
+        allowed = timeout_ns if deadline >= patient_until else 2 * timeout_ns + overslept
+        look(own, mail, board, card, ops, arm_time_ns(board, slips), allowed)
         deadline = max(deadline + period_ns, monotonic_ns())
         sleep_until_ns(deadline)
 
@@ -138,8 +150,10 @@ class Guardian:
         timeout_ms: float = DEFAULT_TIMEOUT_MS,
         report: Callable[[str], None] = lambda _line: None,
         card: Words | None = None,
+        slips: bool = False,
     ) -> None:
         self.arm = arm
+        self._slips = int(slips)
         self._card = make_card(NO_CARD) if card is None else card
         self._report = report
         self.timeout_ns = int(timeout_ms * 1e6)
@@ -202,7 +216,8 @@ class Guardian:
 
     def _watch_for(self, duration_ns: int, stop: Words) -> None:
         memories = self._servo.words, self._board.words, self._card
-        watch(self._own, *memories, self._ops, stop, self.timeout_ns, monotonic_now() + duration_ns)
+        until_ns = monotonic_now() + duration_ns
+        watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
 
     def _tell(self, before: bool) -> None:
         if self.tripped and not before:
@@ -243,6 +258,7 @@ def warm_up() -> None:
         np.zeros(1, dtype=np.int64),
         NS_PER_S,
         monotonic_now() + 1,
+        0,
     )
     pending_operations(local_board_memory(), GUARDIAN_LANE)
 

@@ -108,16 +108,19 @@ def stop_duration(v: Any, a_stop: Any, shortest: float) -> float:
 
 
 @lean_kernel
-def room_duration(q: Any, v: Any, q_min: Any, q_max: Any) -> float:
+def room_duration(q: Any, v: Any, q_min: Any, q_max: Any, overshoot_s: Any, margin: Any) -> float:
     """Seconds in which a stop from `v` has to be over for every joint to rest inside its range. Shapes (n,).
 
-    A stop of T seconds covers v T / 2; infinite when all joints stand still.
+    A stop of T seconds covers v T / 2; infinite when all joints stand still. The arm goes further than its reference,
+    by up to `overshoot_s` seconds of `v`: what half the `margin` of the range does not take of that is kept free, where
+    there is room for it.
     """
     duration = np.inf
     for j in range(v.size):
         room = q_max[j] - q[j] if v[j] > 0.0 else q[j] - q_min[j]
+        kept = max(0.0, overshoot_s[j] * abs(v[j]) - 0.5 * margin[j])
         if v[j] != 0.0:
-            duration = min(duration, 2.0 * room / abs(v[j]))
+            duration = min(duration, 2.0 * max(room - kept, 0.5 * room) / abs(v[j]))
     return duration
 
 

@@ -2,24 +2,44 @@
 
 Deadlines lie on a fixed grid of CLOCK_MONOTONIC, half a period off its multiples: the kernel's own tick fires on
 multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them
-and tells the cycle the true time. Everything between two deadlines is compiled; no Python runs, nothing is allocated.
+and tells the cycle the true time. Beside an emulated board it is the arm's (`hwif.arm_clock`). Everything between
+two deadlines is compiled; no Python runs, nothing is allocated.
 """
 
 from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.memory import BOARD_MODULE_LOSSES, BOARD_REVISION, Lane, fetch_image, post_operations
+from qrobot.hwif.arm_clock import await_board, slipped_ns
+from qrobot.hwif.memory import (
+    BOARD_MODULE_LOSSES,
+    BOARD_REVISION,
+    BOARD_TAKEN_NS,
+    IMAGE_T_NS,
+    Lane,
+    fetch_image,
+    post_operations,
+)
 from qrobot.hwif.port.card import CARD_KIND, NO_CARD, serve_card, show_card
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.arming import disarm_when_safe, stands_down
 from qrobot.servo.cycle import cycle
-from qrobot.servo.mailbox import COMMAND_SHUTDOWN, append_telemetry
+from qrobot.servo.mailbox import BEAT_SLIPPED_NS, COMMAND_SHUTDOWN, append_telemetry
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.state import BUSY_NS, DISCRETE_SENT, IMAGE_OK, LATE, MODE, MODULE_LOSSES, REVISION, ServoState
+from qrobot.servo.state import (
+    BUSY_NS,
+    DISCRETE_SENT,
+    IMAGE_AGE_NS,
+    IMAGE_OK,
+    LATE,
+    MODE,
+    MODULE_LOSSES,
+    REVISION,
+    ServoState,
+)
 
 SERVO_LANE: Final = int(Lane.SERVO)
 
@@ -66,9 +86,11 @@ def wait_until(deadline_ns: int, margin_ns: int) -> int:
 def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
+    taken_ns = board[BOARD_TAKEN_NS] if board[BOARD_TAKEN_NS] != 0 else state.image[IMAGE_T_NS]
+    state.i[IMAGE_AGE_NS] = now_ns + late_ns - taken_ns
     state.i[REVISION], state.i[MODULE_LOSSES] = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
     n_ops = cycle(params, state, mail, now_ns, late_ns)
-    posted = post_operations(board, SERVO_LANE, state.ops, n_ops)
+    posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     if not posted:
         state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
     disarm_when_safe(state, mail, board, posted)
@@ -86,17 +108,22 @@ def run(
         margin_ns: initial spin margin; 0 never spins. away_ns: without an image for this long, and without power,
             return BOARD_AWAY so that the board can be mapped anew.
     """
-    deadline = first_deadline(monotonic_ns(), params.period_ns)
+    slipped = slipped_ns(board, params.board_slips)
+    deadline = first_deadline(monotonic_ns() - slipped, params.period_ns)
     seen_ns, asked_ns = deadline, deadline
     while True:
-        margin_ns = wait_until(deadline, margin_ns)
-        started = monotonic_ns()
+        margin_ns = wait_until(deadline + slipped, margin_ns)
+        slipped = await_board(board, params.board_slips, deadline)
+        mail[BEAT_SLIPPED_NS] = slipped
+        started = monotonic_ns() - slipped
+        if started < deadline:
+            continue  # time has slipped: the deadline is still to come
         if card[CARD_KIND] != NO_CARD:
             show_card(card, board, started)
         one_cycle(params, state, mail, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
             serve_card(card, board, started)
-        finished = monotonic_ns()
+        finished = monotonic_ns() - slipped
         state.i[BUSY_NS] = finished - started
         powered = wants_power(state.i[MODE])
         if load_acquire(mail, COMMAND_SHUTDOWN) == 0 or powered:

@@ -68,6 +68,10 @@ GUARD_T_NS: Final = 48  # heartbeat of the guardian
 GUARD_TAKEOVER: Final = 49  # 1: the guardian has taken the board; the servo writes nothing more
 GUARD_TRIPS: Final = 50  # how often it had to, since it started
 
+# TIME
+BEAT_SLIPS: Final = 54  # 1: the arm's time is that of an emulated board, see `hwif.arm_clock`
+BEAT_SLIPPED_NS: Final = 55  # how far it lies behind CLOCK_MONOTONIC
+
 # COMMAND
 COMMAND_POWER: Final = 56  # 1: the commander wants arm power
 COMMAND_CLEARS: Final = 57  # raised to clear a fault

@@ -46,7 +46,12 @@ SAMPLING_SLACK: Final = 1.1  # differences of sampled setpoints overshoot the tr
 
 
 class ServoParameters(NamedTuple):
-    """Constants of one servo. Vectors have shape (n,) and SI units."""
+    """Constants of one servo. Vectors have shape (n,) and SI units.
+
+    The default law feeds no acceleration forward, so the arm outruns the reference of a stop. A critically damped joint
+    of natural frequency w = sqrt(Kp / M0) whose reference stops dead goes on by v t exp(-w t), at most v / (e w); a
+    smooth stop stays below that.
+    """
 
     period_ns: int
     transmission: TransmissionParams
@@ -66,6 +71,7 @@ class ServoParameters(NamedTuple):
     v_setpoint: Any
     a_setpoint: Any
     a_stop: Any
+    stop_overshoot_s: Any  # how far the arm outruns the reference of a stop, in seconds of its speed
     tau_max: Any
     tau_setpoint: Any  # the most a torque setpoint may ask for; below zero where none may come
     position_drives: int  # 1: drives close the loop, and get the reference instead of torque
@@ -76,6 +82,8 @@ class ServoParameters(NamedTuple):
     jump_counts: Any
     late_ns: int
     unchanged_images: int  # cycles without a new image until the board counts as gone
+    image_age_ns: int  # an image older than this is no image
+    board_slips: int  # 1: an emulated board may let time stand still, see `hwif.arm_clock`
     guardian_timeout_ns: int  # 0: none required
     power_timeout_ns: int
     shortest_stop_s: float
@@ -106,6 +114,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
     creep = np.minimum(CREEP_TURNS_S * turn, CREEP_SHARE * limits.v_max)
     needs_guardian = settings.guarded if guarded is None else guarded
     guardian_ns = int(GUARDIAN_PERIODS * settings.guardian_timeout_ms * 1e6)
+    unchanged = max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns))
     return record_of(
         ServoParameters(
             period_ns=settings.period_ns,
@@ -126,6 +135,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             v_setpoint=SAMPLING_SLACK * limits.v_max,
             a_setpoint=SAMPLING_SLACK * limits.a_max,
             a_stop=np.array(guard.a_stop),
+            stop_overshoot_s=np.sqrt(control.inertia / control.kp) / math.e,
             tau_max=np.array(guard.tau_max),
             tau_setpoint=np.full(robot.n, NO_TORQUE) if settings.position_drives else np.array(guard.tau_max),
             position_drives=int(settings.position_drives),
@@ -135,7 +145,9 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             start_tolerance=guard.start_tolerance,
             jump_counts=np.ceil(JUMP_FACTOR * counts_per_tick + JUMP_FLOOR_COUNTS).astype(np.int64),
             late_ns=settings.period_ns // 2,
-            unchanged_images=max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns)),
+            unchanged_images=unchanged,
+            image_age_ns=unchanged * settings.period_ns,
+            board_slips=int(settings.board_slips),
             guardian_timeout_ns=guardian_ns if needs_guardian else 0,
             power_timeout_ns=POWER_TIMEOUT_NS,
             shortest_stop_s=SHORTEST_STOP_S,

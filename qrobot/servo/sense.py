@@ -43,6 +43,7 @@ from qrobot.servo.state import (
     DISCRETE_SENT,
     DISCRETE_WORD,
     GLITCHES,
+    IMAGE_AGE_NS,
     IMAGE_OK,
     IMAGE_SEEN,
     MODE,
@@ -70,9 +71,12 @@ GLITCHES_TO_FAULT: Final = 3
 
 @lean_kernel
 def read(params: ServoParameters, state: ServoState) -> None:
-    """Judge the image; unwrap the encoder words, holding back what no joint can have moved."""
+    """Judge the image; unwrap the encoder words, holding back what no joint can have moved.
+
+    An image that is new by its count but as old as a board may be silent is none of the present: it counts as missing.
+    """
     whole = state.i[IMAGE_OK] != 0
-    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN]
+    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN] and state.i[IMAGE_AGE_NS] <= params.image_age_ns
     state.i[UNCHANGED] = 0 if fresh else state.i[UNCHANGED] + 1
     if whole:
         state.i[IMAGE_SEEN] = state.image[IMAGE_COUNT]

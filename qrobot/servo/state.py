@@ -80,8 +80,9 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     ARMED,  # 1: the guardian is to act should the servo fall silent, see `servo.arming`
     SAFE_HEAD,  # end of the first list of the lane after which nothing is driven, -1 for none
     SAFE_IMAGE,  # count of the image in which that list was seen taken, -1 before
+    IMAGE_AGE_NS,  # of the image fetched for this tick, on the clock of the servo
     N_INTEGERS,
-) = range(55)
+) = range(56)
 
 # indexes into `f`
 (

@@ -213,7 +213,7 @@ def _accept_frame(state: ServoState, now_ns: int) -> None:
             state.torque_setpoint[j] = 0.0
     shift_in(state.knots, state.setpoint)
     _follow_phase(state, now_ns)
-    state.i[LAST_ARRIVAL_NS] = state.frame[FRAME_T_NS]
+    state.i[LAST_ARRIVAL_NS] = min(state.frame[FRAME_T_NS], now_ns)  # no frame has come from the future
     state.i[MISSES] = 0
     state.i[BRIDGED] = 2 if state.i[BRIDGED] == 1 else 0
 

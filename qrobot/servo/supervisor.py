@@ -200,7 +200,9 @@ def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.i[STOP_SINCE_NS] = now_ns
     state.f[RATE_AT_STOP] = state.f[RATE]
     gentle = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
-    room = room_duration(state.q_ref, state.v_ref, state.range_min, state.range_max)
+    room = room_duration(
+        state.q_ref, state.v_ref, state.range_min, state.range_max, params.stop_overshoot_s, params.range_margin
+    )
     state.f[STOP_SECONDS] = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
     enter(state, STOPPING)
 

@@ -43,6 +43,7 @@ from qrobot.hwif.memory import (
     PANEL_INPUTS,
     PANEL_OUTPUTS,
     PANEL_PRESSES,
+    operation_is_early,
     publish_image,
     take_operation,
     trace_write,
@@ -254,10 +255,10 @@ def _update_power(register: Words, switch: Words, options: BoardOptions, memory:
 
 @lean_kernel
 def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
-    """Apply everything posted so far, lane by lane in order, at board time `t_ns`; then settle power and brakes."""
+    """Apply what was posted for times up to board time `t_ns`, lane by lane in order; then settle power and brakes."""
     for lane in range(N_LANES):
         for _ in range(LANE_CAPACITY):
-            if not take_operation(memory, lane, board.operation):
+            if operation_is_early(memory, lane, t_ns) or not take_operation(memory, lane, board.operation):
                 break
             if board.upset.switch[DEAF] == 0:
                 _apply(board, memory, lane, t_ns)

@@ -1,8 +1,12 @@
 """The emulated board as a process: free-running on the wall clock, met only through its shared memory.
 
 The loop is compiled and never holds the interpreter; the main thread waits for a signal. Physics follows the clock:
-after a stall the loop catches up in a burst, the DACs held as a real board would hold them, up to `CATCH_UP_NS`; what
-is beyond is given up and counted in BOARD_SKIPPED.
+after a stall the loop catches up in a burst, and each operation acts from the time on for which it was posted. So an
+arm whose board alone was kept from running moves as its servo has told it meanwhile.
+
+Where nobody wrote either, nobody could control the arm, and there is no hardware that went on: the arm's time stood
+still (`hwif.arm_clock`). Without that, by option, the DACs hold as a real board's would, up to `CATCH_UP_NS`; what is
+beyond is given up and counted in BOARD_SKIPPED.
 """
 
 from __future__ import annotations
@@ -16,8 +20,15 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.hwif.memory import BOARD_SKIPPED, create_board_memory, local_board_memory
-from qrobot.realtime.atomics import load_acquire
+from qrobot.hwif.arm_clock import STALL_NS
+from qrobot.hwif.memory import (
+    BOARD_SKIPPED,
+    BOARD_SLIPPED_NS,
+    create_board_memory,
+    local_board_memory,
+    newest_post_ns,
+)
+from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.segment import Words
@@ -25,37 +36,68 @@ from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.realtime.signals import set_on_signals
 from qrobot.realtime.turn import await_turn
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
+from qrobot.units import NS_PER_MS
 
 CATCH_UP_NS: Final = 100_000_000
+LIVED_NS: Final = 1_000_000  # so long after its newest operation an arm was still controlled: a cycle of the servo [A]
+LOOK_S: Final = 1.0  # between two looks whether time has slipped
+TOLD_NS: Final = 20_000_000  # less is in the status alone [A]
 PRIORITY: Final = 40  # below the servo's: hardware never keeps a processor from it
 
 
 @lean_kernel
-def run_board(bundle: EmulatorBundle, memory: Words, stop: Words) -> None:
-    """Step the emulator at every multiple of its period until `stop[0]` is set. `stop` is int64[1]."""
+def unlived_ns(memory: Words, due_ns: int, now_ns: int) -> int:
+    """Of a stall from `due_ns` to `now_ns`, the end in which nobody wrote to the board; 0 for what is no stall."""
+    if now_ns - due_ns <= STALL_NS:
+        return 0
+    return max(0, now_ns - LIVED_NS - max(due_ns, min(newest_post_ns(memory), now_ns)))
+
+
+@lean_kernel
+def run_board(bundle: EmulatorBundle, memory: Words, stop: Words, slips: int) -> None:
+    """Step the emulator at every multiple of its period until `stop[0]` is set.
+
+    `stop` is int64[1]; `slips` is 1 where time in which nobody could control the arm does not count.
+    """
     period_ns = bundle.period_ns
-    due_ns = monotonic_ns() + period_ns
+    slipped_ns = memory[BOARD_SLIPPED_NS]
+    due_ns = monotonic_ns() - slipped_ns + period_ns
     while load_acquire(stop, 0) == 0:
-        sleep_until_ns(due_ns)
-        now_ns = monotonic_ns()
+        sleep_until_ns(due_ns + slipped_ns)
+        now_ns = monotonic_ns() - slipped_ns
+        unlived = unlived_ns(memory, due_ns, now_ns) if slips != 0 else 0
+        if unlived > 0:
+            slipped_ns, now_ns = slipped_ns + unlived, now_ns - unlived
+            store_release(memory, BOARD_SLIPPED_NS, slipped_ns)
         late = (now_ns - due_ns) // period_ns - CATCH_UP_NS // period_ns
         if late > 0:
             memory[BOARD_SKIPPED] += late
             due_ns += late * period_ns
-        while due_ns <= now_ns:
-            advance(bundle, memory, now_ns, due_ns)
-            due_ns += period_ns
+        catch_up(bundle, memory, due_ns, now_ns)
+        due_ns += ((now_ns - due_ns) // period_ns + 1) * period_ns
+
+
+@lean_kernel
+def catch_up(bundle: EmulatorBundle, memory: Words, due_ns: int, now_ns: int) -> None:
+    """All steps from `due_ns` up to `now_ns`; those of the past take no operation posted later than their time."""
+    while due_ns <= now_ns:
+        in_the_past = due_ns + bundle.period_ns <= now_ns
+        advance(bundle, memory, due_ns if in_the_past else now_ns, due_ns)
+        due_ns += bundle.period_ns
 
 
 class BoardServer:
     """An emulated board that runs in a thread of its own behind `<arm>`'s board memory, as a context manager.
 
+    With `slips` time in which this process was kept from running, and nobody wrote to the board, does not count.
+
     Raises:
         LinkBusy: a board already serves that arm.
     """
 
-    def __init__(self, arm: str, emulator: Emulator) -> None:
+    def __init__(self, arm: str, emulator: Emulator, slips: bool = False) -> None:
         self.emulator = emulator
+        self._slips = int(slips)
         _warm_up(emulator)
         self.segment = create_board_memory(arm)
         self._stop = np.zeros(1, np.int64)
@@ -64,7 +106,12 @@ class BoardServer:
     def _run(self) -> None:
         tighten_timers()
         set_fifo(PRIORITY)
-        run_board(self.emulator.bundle, self.segment.words, self._stop)
+        run_board(self.emulator.bundle, self.segment.words, self._stop, self._slips)
+
+    @property
+    def slipped_ns(self) -> int:
+        """Time that did not count, all in all."""
+        return int(self.segment.words[BOARD_SLIPPED_NS])
 
     def __enter__(self) -> BoardServer:
         self.emulator.connect(self.segment.words, time.monotonic_ns())
@@ -81,7 +128,7 @@ class BoardServer:
 
 def _warm_up(emulator: Emulator) -> None:
     """Compile the loop, or load it from the cache, before the clock matters."""
-    run_board(emulator.bundle, local_board_memory(), np.ones(1, np.int64))
+    run_board(emulator.bundle, local_board_memory(), np.ones(1, np.int64), 0)
 
 
 def serve(
@@ -89,6 +136,8 @@ def serve(
     emulator: Emulator,
     ready: Callable[[], None] = lambda: None,
     beside: Callable[[Words], AbstractContextManager[object]] = nullcontext,
+    slips: bool = False,
+    report: Callable[[str], None] = lambda _line: None,
 ) -> None:
     """Serve a board until SIGTERM or SIGINT, then remove its memory. Call from the main thread of a process.
 
@@ -97,12 +146,26 @@ def serve(
         emulator: the board.
         ready: called once the first image is there.
         beside: what else serves the board memory meanwhile.
+        slips: time in which this process was kept from running, and nobody wrote to the board, does not count.
+        report: takes a line when time has slipped.
 
     Raises:
         LinkBusy: a board already serves that arm.
     """
     _warm_up(emulator)  # before its turn, not with it
     await_turn()
-    with set_on_signals() as done, BoardServer(arm, emulator) as server, beside(server.segment.words):
+    with set_on_signals() as done, BoardServer(arm, emulator, slips) as server, beside(server.segment.words):
         ready()
-        done.wait()
+        told_ns = 0
+        while not done.wait(LOOK_S):
+            if server.slipped_ns - told_ns > TOLD_NS:
+                report(slip_line(server.slipped_ns - told_ns, server.slipped_ns))
+                told_ns = server.slipped_ns
+
+
+def slip_line(newly_ns: int, in_all_ns: int) -> str:
+    """What people are told when time has slipped."""
+    return (
+        f"kept from running: the emulated arm's time stood still for {newly_ns / NS_PER_MS:.0f} ms, "
+        f"{in_all_ns / NS_PER_MS:.0f} ms in all"
+    )

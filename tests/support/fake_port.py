@@ -25,6 +25,12 @@ class FakePort:
     def alive(self) -> bool:
         return self.running
 
+    def slipped_ns(self) -> int:
+        return 0
+
+    def stalled(self) -> bool:
+        return False
+
     def read_state(self) -> RobotState:
         if not self.running:
             raise LinkError("the fake servo is away")

@@ -37,7 +37,7 @@ from qrobot.rci import TcpLink
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.mailbox import BEAT_SLIPPED_NS, ServoMailbox, ServoSnapshot, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows, TelemetryReader
 from tests.support.patience import PATIENCE_S, wait_until
@@ -144,12 +144,14 @@ class RunningArm:
         return {child.name.removeprefix(f"{self.name}-"): child.process.pid for child in children if child.alive}
 
     def kill(self, command: str) -> Killing:
-        """kill -9, and wait until the process is gone."""
-        return kill(self._rig.children[self.processes.name_of(command)].process)
+        """kill -9, and wait until the process is gone. Times are the arm's."""
+        before_ns, after_ns = kill(self._rig.children[self.processes.name_of(command)].process)
+        slipped_ns = self.word(BEAT_SLIPPED_NS)
+        return Killing(before_ns - slipped_ns, after_ns - slipped_ns)
 
     def signal(self, command: str, number: signal.Signals) -> int:
-        """Send a signal; returns the time just before."""
-        t_ns = time.monotonic_ns()
+        """Send a signal; returns the arm's time just before."""
+        t_ns = self.now_ns()
         os.kill(self.pid(command), number)
         return t_ns
 
@@ -226,6 +228,10 @@ class RunningArm:
         before = self.encoders()
         time.sleep(REST_S)
         return bool(np.abs(np.subtract(self.encoders(), before)).max() <= REST_COUNTS)
+
+    def now_ns(self) -> int:
+        """The arm's time: CLOCK_MONOTONIC, less what did not count of it."""
+        return time.monotonic_ns() - self.word(BEAT_SLIPPED_NS)
 
     def word(self, index: int) -> int:
         """A word of the servo's memory."""

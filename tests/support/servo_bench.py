@@ -112,6 +112,7 @@ class ServoBench:
         follows: the arm stands exactly at the reference while it carries torque.
         estop_ok, panel, calibrated: what STATUS shows; `panel` lets power come on when it is enabled.
         frozen: the board publishes nothing new.
+        behind_ns: how old what it publishes is.
         deaf: the board takes no operations.
         status: overrides the whole STATUS word.
         slip: counts added to what an encoder shows, by joint.
@@ -162,7 +163,7 @@ class ServoBench:
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
         self.mailbox = ServoMailbox(self.mail)
         self.board = local_board_memory()
-        self.now_ns = START_NS
+        self.now_ns, self.behind_ns = START_NS, 0
         self.q: Floats = np.array(self.robot.poses[pose])
         self.follows, self.frozen, self.deaf, self.beating = True, False, False, True
         self.estop_ok, self.panel, self.calibrated = True, True, calibrated
@@ -303,7 +304,7 @@ class ServoBench:
 
     def _publish(self) -> None:
         image, counts = self._image, self._counts
-        image[IMAGE_T_NS] = self.now_ns
+        image[IMAGE_T_NS] = self.now_ns - self.behind_ns
         image[IMAGE_COUNT] += 1
         image[IMAGE_INPUTS + STATUS // 2] = self._status()
         joint_to_counts(self.q, self._transmission, counts)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -50,7 +49,7 @@ def inject(arm: RunningArm, line: str) -> int:
     with attach_board_memory(arm.name) as segment:
         panel = FaultPanel(segment.words)
         panel.clear()
-        t_ns = time.monotonic_ns()
+        t_ns = arm.now_ns()
         panel.add(line)
     return t_ns
 

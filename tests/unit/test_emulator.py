@@ -23,8 +23,10 @@ from qrobot.hwif.memory import (
     OP_WRITE,
     PANEL_PRESSES,
     PANEL_PUSH,
+    Lane,
     fetch_image,
     local_board_memory,
+    post_operations,
     read_trace,
 )
 from qrobot.hwif.registers import (
@@ -43,13 +45,16 @@ from qrobot.hwif.registers import (
 from qrobot.model.transmission import counts_to_joint, signed_word, transmission_params
 from qrobot.realtime.segment import Words
 from qrobot.sim_board.board import BoardOptions
-from qrobot.sim_board.emulator import Emulator, emulator_run
+from qrobot.sim_board.emulator import Emulator, advance, emulator_run
 from qrobot.sim_board.mismatch import PlantMismatch
+from qrobot.sim_board.server import catch_up
 from tests.support.bench import post, read_word
+from tests.support.bus import rows_of
 
 PUMA, STANFORD = load_robot("puma560"), load_robot("stanford")
 ROBOTS = pytest.mark.parametrize("robot", [PUMA, STANFORD], ids=["puma560", "stanford"])
 STEPS_PER_S = 4000
+MS, STEP_NS = 1_000_000, 250_000
 COUNT = np.abs(PUMA.transmission.rad_per_count)
 
 
@@ -87,6 +92,40 @@ class Rig:
         q = np.zeros(self.robot.n)
         counts_to_joint(np.array(counts), transmission_params(self.robot), q)
         return q
+
+
+# --- catching up ---------------------------------------------------------------------------------------------------
+
+
+def test_a_board_that_catches_up_applies_each_write_from_its_own_time_on() -> None:
+    """A stall of 20 ms, in which the servo wrote 5 N m and took it back after 10 ms: the arm is where it had been."""
+    late, punctual = Rig(physics="rigid"), Rig(physics="rigid")
+    for rig in (late, punctual):
+        rig.power_on()
+    words = [(5 * MS, 5.0), (15 * MS, 0.0)]
+    for after_ns, torque in words:
+        rows = [(OP_WRITE, DAC, DAC_ZERO + round(torque * PUMA.transmission.dac_per_Nm[0]))]
+        post_operations(late.memory, Lane.SERVO, rows_of(rows), 1, late.t_ns + after_ns)
+    catch_up(late.emulator.bundle, late.memory, late.t_ns + STEP_NS, late.t_ns + 20 * MS)
+    for step in range(1, 81):
+        for after_ns, torque in words:
+            if after_ns == step * STEP_NS:
+                punctual.torque(0, torque)
+        now_ns = punctual.t_ns + step * STEP_NS
+        advance(punctual.emulator.bundle, punctual.memory, now_ns, now_ns)
+    np.testing.assert_array_equal(late.emulator.q, punctual.emulator.q)
+    assert abs(late.emulator.v[0]) > 1e-4
+    stamps = read_trace(late.memory)[-2:, 0] - late.t_ns
+    assert stamps.tolist() == [after_ns for after_ns, _torque in words]
+
+
+def test_an_operation_without_a_time_or_with_a_damaged_one_acts_at_once() -> None:
+    rig = Rig(physics="rigid")
+    rig.power_on()
+    for t_ns in (0, rig.t_ns + 10_000 * MS, -1):
+        post_operations(rig.memory, Lane.SERVO, rows_of([(OP_WRITE, DAC, DAC_ZERO + 7)]), 1, t_ns)
+    rig.run(1 / STEPS_PER_S)
+    assert len(read_trace(rig.memory)) == 4
 
 
 # --- power-up ----------------------------------------------------------------------------------------------------

@@ -14,8 +14,10 @@ from qrobot.hwif.memory import (
     BOARD_MODULE_LOSSES,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
+    BOARD_TAKEN_NS,
     IMAGE_COUNT,
     IMAGE_INPUTS,
+    IMAGE_T_NS,
     OP_OUTPUTS,
     OP_REFERENCE,
     OP_WRITE,
@@ -91,6 +93,15 @@ def test_a_board_that_is_found_is_made_safe_before_anything_else_and_says_what_i
     assert desk.memory[BOARD_PERIOD_NS] == PERIOD_NS
     assert desk.gateway.dropped == 1
     assert desk.lines == ["board found at the bench: revision F, 6 joints"]
+
+
+def test_the_age_of_an_image_is_told_by_our_clock_and_the_boards_own_is_left_alone(desk: Desk) -> None:
+    desk.step()
+    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    board_ns = desk.image()[IMAGE_T_NS]
+    desk.step()
+    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    assert desk.image()[IMAGE_T_NS] > board_ns
 
 
 def test_losses_of_modules_beside_the_board_stand_in_its_memory_with_the_next_image() -> None:

@@ -163,10 +163,18 @@ def test_no_joint_decelerates_harder_than_allowed_and_the_slowest_decides() -> N
 
 def test_a_stop_near_the_end_of_the_range_is_over_before_it() -> None:
     q, v = np.array([0.9, 0.0, -0.5]), np.array([0.5, 0.0, -2.0])
-    limits = np.ones(3)
-    assert room_duration(q, v, -limits, limits) == pytest.approx(2.0 * 0.1 / 0.5)
-    assert room_duration(q, -v, -limits, limits) == pytest.approx(2.0 * 1.5 / 2.0)
-    assert room_duration(q, 0.0 * v, -limits, limits) == np.inf
+    limits, none = np.ones(3), np.zeros(3)
+    assert room_duration(q, v, -limits, limits, none, none) == pytest.approx(2.0 * 0.1 / 0.5)
+    assert room_duration(q, -v, -limits, limits, none, none) == pytest.approx(2.0 * 1.5 / 2.0)
+    assert room_duration(q, 0.0 * v, -limits, limits, none, none) == np.inf
+
+
+def test_a_stop_keeps_free_what_the_arm_outruns_its_reference_by_but_for_half_the_margin() -> None:
+    q, v, limits = np.array([0.9]), np.array([0.5]), np.ones(1)
+    overshoot_s, margin = np.array([0.04]), np.array([0.01])
+    assert room_duration(q, v, -limits, limits, overshoot_s, margin) == pytest.approx(2.0 * (0.1 - 0.015) / 0.5)
+    assert room_duration(q, 0.1 * v, -limits, limits, overshoot_s, margin) == pytest.approx(2.0 * 0.1 / 0.05)
+    assert room_duration(q, v, -limits, limits, 10.0 * overshoot_s, margin) == pytest.approx(2.0 * 0.05 / 0.5)
 
 
 @every_form

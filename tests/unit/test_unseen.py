@@ -220,3 +220,31 @@ def test_encoders_that_stand_still_in_new_images_are_believed() -> None:
     bench.run(STALL_S)
     assert bench.snapshot.q[WRIST] == pytest.approx(bench.q[WRIST], abs=1e-4)
     assert bench.snapshot.tau[WRIST] - tau > bench.robot.control.kp[WRIST] * 0.5 * STALL_S
+
+
+def test_an_image_of_the_past_is_none_whatever_its_count_says() -> None:
+    bench = patient(1000.0)
+    moving(bench)
+    bench.behind_ns = int(1.01 * PATIENT_MS * 1e6)
+    bench.tick()
+    assert bench.rows()["flags"][-1] & FLAG_UNSEEN
+    bench.behind_ns = 0
+    bench.tick()
+    assert not bench.rows()["flags"][-1] & FLAG_UNSEEN
+    assert bench.mode is Mode.TRACKING
+
+
+def test_a_board_that_falls_behind_for_good_is_gone_as_soon_as_a_silent_one() -> None:
+    bench = patient(1000.0)
+    moving(bench)
+    bench.behind_ns = int(1.01 * PATIENT_MS * 1e6)
+    assert bench.until(lambda: bench.mode is Mode.FAULT) == round(PATIENT_MS) + 1
+    assert bench.fault is FaultCode.BOARD_GONE
+    assert bench.safe
+
+
+def test_a_board_that_is_always_a_little_behind_is_as_good_as_another() -> None:
+    bench = patient(1000.0)
+    bench.behind_ns = int(0.99 * PATIENT_MS * 1e6)
+    moving(bench)
+    assert not np.any(bench.rows()["flags"][-100:] & FLAG_UNSEEN)

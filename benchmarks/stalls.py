@@ -1,0 +1,135 @@
+"""A machine that stands still: all processes of an emulated arm are stopped at once, again and again, in motion.
+
+    python -m benchmarks stalls --times 100
+
+Board, servo, guardian, bridge and log get SIGSTOP together, and SIGCONT some 5 to 500 ms later, while a program swings
+the arm between two poses. No hardware goes on meanwhile, so what has to come of it is nothing: no fault, no stop.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from qrobot.config.deployment import load_deployment
+from qrobot.errors import QRobotError
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.memory import BOARD_SLIPPED_NS, attach_board_memory
+from qrobot.rccl.channel import Channel
+from qrobot.rccl.opening import open_channel
+from qrobot.rci import TcpLink
+from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.processes import ProcessRig
+from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.modes import Mode
+from qrobot.units import NS_PER_S
+
+SHORTEST_S, LONGEST_S = 0.005, 0.5
+PAUSE_S: Final = (0.1, 0.6)  # between two stalls
+SPEED: Final = 1.05  # rad/s: the paper's fast leg
+START_S: Final = 5.0
+POLL_S: Final = 0.01
+
+
+def stall(pids: Iterable[int], seconds: float) -> None:
+    """Stop these processes at once, and let them go on after so long."""
+    pids = list(pids)
+    for number, pause_s in ((signal.SIGSTOP, seconds), (signal.SIGCONT, 0.0)):
+        for pid in pids:
+            os.kill(pid, number)
+        time.sleep(pause_s)
+
+
+def snapshot_of(arm: str) -> ServoSnapshot:
+    """The servo's state now."""
+    with attach_servo_memory(arm) as segment:
+        return ServoMailbox(segment.words).snapshot()
+
+
+def slipped_s(arm: str) -> float:
+    """How long the arm's time stood still so far."""
+    with attach_board_memory(arm) as segment:
+        return int(segment.words[BOARD_SLIPPED_NS]) / NS_PER_S
+
+
+@dataclass
+class Stalls:
+    """What came of it.
+
+    Attributes:
+        times: stalls so far. stopped_s: how long in all. slipped_s: of that, what the arm's time stood still.
+        events: what the servo said, with the length of the stall before it. missed: frames that were missing.
+        largest_error: reference minus position, rad or m.
+    """
+
+    times: int = 0
+    stopped_s: float = 0.0
+    slipped_s: float = 0.0
+    events: list[str] = field(default_factory=list)
+    missed: int = 0
+    largest_error: float = 0.0
+
+    def look(self, now: ServoSnapshot, seconds: float) -> None:
+        """Take a look after a stall of so many seconds."""
+        self.times, self.stopped_s, self.missed = self.times + 1, self.stopped_s + seconds, now.missed_frames
+        self.largest_error = max(self.largest_error, float(np.abs(now.q_ref - now.q).max()))
+        if now.event or now.mode not in (Mode.TRACKING, Mode.HOLDING):
+            name, mode = FaultCode(now.event).name, Mode(now.mode).name
+            self.events.append(f"{name} in {mode} after {1e3 * seconds:.0f} ms")
+
+
+def swing(channel: Channel, done: threading.Event) -> None:
+    """Move back and forth until told otherwise, or until the arm is lost."""
+    channel.setjvel(SPEED)
+    try:
+        while not done.is_set():
+            for name in ("end", "park"):
+                channel.move(channel.pose(name))
+            channel.waitfor(channel.completed)
+    except QRobotError:
+        return
+
+
+def stall_again_and_again(
+    arm: str, pids: Callable[[], list[int]], times: int, seed: int, longest_s: float = LONGEST_S
+) -> Stalls:
+    """So many stalls of a moving arm, their lengths drawn evenly on a logarithmic scale; ends with the first event."""
+    random, found = np.random.default_rng(seed), Stalls()
+    for _ in range(times):
+        time.sleep(float(random.uniform(*PAUSE_S)))
+        seconds = float(np.exp(random.uniform(np.log(SHORTEST_S), np.log(longest_s))))
+        stall(pids(), seconds)
+        time.sleep(2 * POLL_S)
+        found.look(snapshot_of(arm), seconds)
+        if found.events:
+            break
+    found.slipped_s = slipped_s(arm)
+    return found
+
+
+def stalls(deployment: Path, folder: Path, times: int, seed: int = 0) -> Stalls:
+    """Start the one arm of a deployment, swing it, stall it. Raises what its processes or its program fail by."""
+    (arm,) = load_deployment(deployment).arm
+    with ProcessRig(folder) as rig:
+        ArmProcesses(rig, str(deployment), arm).start_all()
+        link = partial(TcpLink, address=(arm.bridge.host, arm.bridge.port))
+        with open_channel(link, arm.robot, arm.bridge.period_ms, clear_fault=True) as channel:
+            done = threading.Event()
+            program = threading.Thread(target=swing, args=(channel, done))
+            program.start()
+            try:
+                return stall_again_and_again(
+                    arm.name, lambda: [child.process.pid for child in rig.children.values()], times, seed
+                )
+            finally:
+                done.set()
+                program.join()
