@@ -21,6 +21,7 @@ SUPERVISOR: Final = "tests/unit/test_supervisor.py"
 
 
 CALIBRATE: Final = "tests/unit/test_calibrate.py"
+ENCODER: Final = "tests/property/test_encoder_campaign.py"
 MOTOR: Final = "tests/property/test_motor_campaign.py"
 WATCHES: Final = "tests/unit/test_watches.py"
 GENTLE: Final = "calibration ends; the arm stays held"
@@ -36,7 +37,10 @@ class Fact(NamedTuple):
 
 F = FaultCode
 FACTS: Final = {
-    F.ENC_STUCK: Fact("3 ms (3 cycles) on a joint as fast as 1 rad/s; 15 ms after it is pushed against", BREAKS),
+    F.ENC_STUCK: Fact(
+        "3 ms (3 cycles) at 1 rad/s; 5 degrees with a calibration table, at 0.02 rad/s and from rest too",
+        f"{ENCODER}::test_a_cable_that_comes_off_costs_the_power_within_five_degrees",
+    ),
     F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
     F.ENC_SIGN: Fact(
         "4 ms in motion; from standstill it shows as RUNAWAY, at the first motion",
@@ -59,8 +63,8 @@ FACTS: Final = {
         f"{MOTOR}::test_a_motor_at_full_torque_is_cut_within_50_ms_and_3_degrees",
     ),
     F.BRAKE_STUCK: Fact(
-        "15 ms after the joint is pushed against it",
-        f"{MOTOR}::test_a_brake_that_stays_closed_is_told_when_the_joint_is_driven",
+        "half a motor turn of the model, while encoder and potentiometer stand; without a calibration table ENC_STUCK",
+        f"{ENCODER}::test_a_brake_that_did_not_release_is_told_by_its_name_where_a_potentiometer_sees_it",
     ),
     F.BRAKE_SLIP: Fact(
         "the cycle that measures half a degree; told once",

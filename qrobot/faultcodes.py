@@ -106,7 +106,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.NONE: ("no fault", "nothing to do"),
     FaultCode.ENC_STUCK: (
         "an encoder counts nothing although its motor is driven",
-        "check the encoder cable (or what jams the joint), then reset",
+        "check the encoder cable (or its brake, or what jams the joint), then reset",
     ),
     FaultCode.ENC_JUMP: (
         "encoder counts jumped further than the joint can move",
@@ -145,7 +145,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then reset and power on"),
     FaultCode.POWER_NO_ACK: ("arm power did not come on in time", "press ARM POWER, release the E-stop, try again"),
     FaultCode.BRAKE_STUCK: (
-        "a driven joint has not moved since power came on: its brake did not release",
+        "a driven joint has not moved since power came on, as encoder and potentiometer say: its brake did not release",
         "check the brake supply, then reset",
     ),
     FaultCode.BRAKE_SLIP: ("the arm moved with closed brakes", "support the arm and service the brake"),

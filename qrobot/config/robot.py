@@ -41,6 +41,7 @@ from qrobot.errors import ConfigError
 
 DAC_HALF_RANGE = 2048  # 12-bit offset binary around 0x800 [V]
 UNEXPLAINED_SHARE = 0.7  # of tau_max: wrong friction, load and gain together stay below
+UNKNOWN_LOAD_SHARE = 0.15  # of the torque limit: 2.5 kg on a PUMA 560
 NEEDED_POSES = ("park", "ready", "end")
 
 
@@ -201,7 +202,8 @@ class Guard(Section):
     `unexplained_torque` is what a joint may be pushed by that neither its command nor its model accounts for (N·m, N);
     left out it is 70 % of `tau_max`. `runaway_share` of `v_max` is how much faster than its reference a joint so
     pushed may be. `brake_slip` is how far a braked joint may move without power (rad, m); `saturation_s` how long a
-    torque may stay at its limit.
+    torque may stay at its limit. `unknown_load` is what a load in the hand and wrong weights may put on a joint at
+    rest (N·m, N); left out it is 15 % of `tau_max`.
     """
 
     tau_max: PerJointPositive
@@ -214,6 +216,13 @@ class Guard(Section):
     runaway_share: float = Field(default=0.03, gt=0, le=1, allow_inf_nan=False)
     brake_slip: float = Field(default=0.0087, gt=0, allow_inf_nan=False)
     saturation_s: float = Field(default=0.5, gt=0, allow_inf_nan=False)
+    unknown_load: PerJointNotNegative | None = None
+
+    @property
+    def unknown_load_or_default(self) -> Floats:
+        """What nobody knows of the load on each joint. Shape (n,), N·m (N)."""
+        given = self.unknown_load
+        return frozen(UNKNOWN_LOAD_SHARE * self.tau_max) if given is None else given
 
     @property
     def unexplained_torque_or_default(self) -> Floats:

@@ -94,8 +94,21 @@ class PotState(NamedTuple):
     i: Any  # int64[N_POT_INTEGERS]
     total: Any  # float64[n] pot - slope * counts, summed over the readings
     readings: Any  # int64[n]
+    average: Any  # float64[n] mean of pot - slope * counts while the joints are driven, see `servo.encoder_watch`
+    newest: Any  # float64[n] of the newest reading
+    followed: Any  # int64[n] readings
+    trusted: Any  # int64[n] 0: it made a step that no motor makes
+    gone: Any  # int64[n] readings in a row a good way off `average`
+    counts: Any  # int64[n] of the joint at the newest reading
 
 
 def make_pot_state(n: int) -> PotState:
     """No reading yet."""
-    return PotState(np.zeros(N_POT_INTEGERS, np.int64), np.zeros(n), np.zeros(n, np.int64))
+
+    def integers() -> Any:
+        return np.zeros(n, np.int64)
+
+    return PotState(
+        np.zeros(N_POT_INTEGERS, np.int64), np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
+        followed=integers(), trusted=integers(), gone=integers(), counts=integers(),
+    )  # fmt: skip

@@ -5,11 +5,12 @@ One observation serves all of it, the torque nobody commanded (`servo.residual`)
 | the joint                                                         | code        |
 |-------------------------------------------------------------------|-------------|
 | shows no count although it was fast, or is driven                 | ENC_STUCK   |
-| the same, has a brake and has not moved since power came on       | BRAKE_STUCK |
 | accelerates backwards as hard as it is driven, or turned at once  | ENC_SIGN    |
 | is faster than its reference, driven by what nobody commanded     | RUNAWAY     |
 | anything else                                                     | COLLISION   |
 | that, and a controlled stop does not end it                       | DAC_STUCK   |
+
+A joint that shows no count at all is watched by `servo.encoder_watch` too, sooner and beside its potentiometer.
 
 A passive obstacle can only slow a joint down; that tells COLLISION from RUNAWAY. What cannot be told apart: a jammed
 joint from a dead encoder, a body that keeps pushing from an amplifier that does, a push that outruns the reference from
@@ -30,7 +31,6 @@ ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
 ENC_SIGN: Final = int(FaultCode.ENC_SIGN)
 DAC_STUCK: Final = int(FaultCode.DAC_STUCK)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
-BRAKE_STUCK: Final = int(FaultCode.BRAKE_STUCK)
 BRAKE_SLIP: Final = int(FaultCode.BRAKE_SLIP)
 SATURATED: Final = int(FaultCode.SATURATED)
 COLLISION: Final = int(FaultCode.COLLISION)
@@ -91,7 +91,7 @@ def outruns(push: float, v: float, v_ref: float, margin: float) -> bool:
 @lean_kernel
 def check_push(
     push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, margin: float,
-    still_s: float, overdue: float, locked: bool, impossible: float,
+    still_s: float, overdue: float, impossible: float,
 ) -> int:  # fmt: skip
     """Code of one joint's symptom, see the table above.
 
@@ -99,12 +99,12 @@ def check_push(
         push: torque nobody commanded. limit: its threshold. over_s: for how long it has been above.
         drive: torque beyond load and friction. v, v_ref: measured and desired velocity. margin: see `outruns`.
         still_s: time without a count. overdue: counts that should have come meanwhile.
-        locked: the joint has a brake and has not moved since power came on. impossible: more torque than there is.
+        impossible: more torque than there is.
     """
     if abs(push) <= limit:
         return NONE
     if still_s >= FROZEN_S:
-        return BRAKE_STUCK if locked else ENC_STUCK
+        return ENC_STUCK
     if outruns(push, v, v_ref, margin):
         return RUNAWAY
     if over_s < NOTICE_S or overdue >= SUSPECT_COUNTS:

@@ -34,7 +34,7 @@ from qrobot.servo.guard import (
 from qrobot.servo.index_watch import ARMED, check_indexes, stop_watching
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import forget_pots, gather_pot, has_table, watch_pots
+from qrobot.servo.pots import follow_pots, forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_BOARD,
@@ -91,6 +91,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
     if state.i[STARTED] != 0:
         watch_pots(params, state, channel)
         gather_pot(params, state, channel)
+        follow_pots(params, state, channel)
 
 
 @lean_kernel
@@ -169,7 +170,7 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
         difference(state.q, state.q_before, dt, params.filter_rad_s, state.v)
     for j in range(state.q.size):
         state.q_before[j] = state.q[j]
-    follow_counts(state, dt)
+    follow_counts(params, state, dt)
 
 
 @lean_kernel

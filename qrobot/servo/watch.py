@@ -7,7 +7,22 @@ from typing import Final
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_POWER
+from qrobot.model.transmission import torque_to_motor
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.actuate import motor_rates
+from qrobot.servo.encoder_watch import (
+    COUPLING_SHARE,
+    DRIVEN_COUNTS,
+    GONE_READINGS,
+    MISSING_COUNTS,
+    SCALE_SHARE,
+    STANDS_TURNS,
+    is_missing,
+    lasting,
+    predict_travel,
+    sliding_torque,
+    torque_bounds,
+)
 from qrobot.servo.guard_motion import (
     check_parked,
     check_push,
@@ -18,6 +33,7 @@ from qrobot.servo.guard_timing import check_overrun, check_slowness, grown_row, 
 from qrobot.servo.incident import note_incident
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.pots import pot_is_watching
 from qrobot.servo.residual import STALE, observe_push
 from qrobot.servo.state import (
     BUSY_NS,
@@ -33,6 +49,7 @@ from qrobot.servo.state import (
     STATUS,
     TICK,
     UNCHANGED,
+    UNSEEN,
     ServoState,
 )
 from qrobot.servo.supervisor import raise_code
@@ -44,6 +61,7 @@ from qrobot.servo.watch_state import (
     POINTS,
     SAMPLE_S,
     SLOW_ROW,
+    SWEPT,
     UNPOWERED_S,
     WARNINGS,
 )
@@ -52,6 +70,8 @@ HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
 ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+BRAKE_STUCK: Final = int(FaultCode.BRAKE_STUCK)
+COLLISION: Final = int(FaultCode.COLLISION)
 IO_LOST: Final = int(FaultCode.IO_LOST)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
@@ -115,12 +135,14 @@ def watch_modules(state: ServoState) -> None:
 
 
 @lean_kernel
-def follow_counts(state: ServoState, dt: float) -> None:
+def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
     """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
     watch = state.watch
     watch.f[SAMPLE_S] = dt
     for j in range(state.q.size):
-        if state.counts[j] != watch.counts[j]:
+        step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
+        if step != 0:
+            watch.travel[j] = watch.travel[j] + step if watch.travel[j] * step > 0 else step
             watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
         else:
             watch.still_s[j] += dt
@@ -141,14 +163,87 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
     if mode not in (HOLDING, TRACKING, STOPPING):
         for j in range(state.q.size):
             _forget_motor(params, state, j)
+            forget_encoder(state, j)
             state.watch.counts_on[j] = state.counts[j]
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
+    motor_demand(params, state)
+    inertial_torques(params, state)
     for j in range(state.q.size):
         if stale:
             _forget_motor(params, state, j)
         else:
             _watch_motor(params, state, j)
+            _watch_encoder(params, state, j)
+
+
+@lean_kernel
+def motor_demand(params: ServoParameters, state: ServoState) -> None:
+    """What moves the motors: torque beyond the load into `tau_motor`, speed of the reference into `scratch`."""
+    for j in range(state.q.size):
+        state.scratch[j] = state.tau[j] - state.watch.load[j]
+    torque_to_motor(state.scratch, params.transmission, state.tau_motor)
+    motor_rates(state.v_ref, params.transmission, state.scratch)
+
+
+@lean_kernel
+def inertial_torques(params: ServoParameters, state: ServoState) -> None:
+    """How far the references have gone, how hard they bend, and what the joints may put on each other by it."""
+    watch, roots, dt, total = state.watch, params.watch.root_inertia, state.f[DT], 0.0
+    for j in range(state.q.size):
+        watch.bend[j] = lasting(watch.bend[j], state.a_ref[j], dt)
+        total += roots[j] * watch.bend[j]
+        watch.f[SWEPT] += dt * abs(state.v_ref[j])
+    for j in range(state.q.size):
+        watch.inertial[j] = COUPLING_SHARE * roots[j] * (total - roots[j] * watch.bend[j])
+
+
+@lean_kernel
+def forget_encoder(state: ServoState, j: int) -> None:
+    """Nothing is known of how the joint slides."""
+    watch = state.watch
+    watch.travel[j], watch.slid[j], watch.q_ref_then[j] = 0, 0.0, state.q_ref[j]
+    watch.going[j], watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0, 0.0, 0.0
+
+
+@lean_kernel
+def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
+    """Raise an encoder whose joint must have moved since it last counted."""
+    watch, limits, unit = state.watch, params.watch, params.watch.unit_per_count[j]
+    torque, way = state.tau_motor[j], state.scratch[j] * watch.travel[j]
+    if watch.still_s[j] == 0.0:
+        watch.slid[j] = sliding_torque(torque, watch.travel[j], params.inertia[j], watch.bend[j])
+        watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.f[SWEPT]
+        watch.going[j] = 1 if way > 0.0 else 0
+        watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0
+        return
+    if not way > 0.0:
+        watch.going[j] = 0
+    if state.i[UNSEEN] != 0:
+        return
+    shifted = limits.unknown_load[j] * (watch.f[SWEPT] - watch.swept_then[j])
+    least, greatest = torque_bounds(
+        watch.slid[j], watch.travel[j], watch.going[j] != 0,
+        limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
+        watch.inertial[j], SCALE_SHARE * abs(watch.load[j]),
+    )  # fmt: skip
+    watch.missing_v[j], watch.missing[j] = predict_travel(
+        torque, least, greatest, params.inertia[j], state.f[DT], watch.missing_v[j], watch.missing[j]
+    )
+    watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
+    watching = pot_is_watching(params, state, j)
+    counts = STANDS_TURNS * params.transmission.counts_per_rev[j] if watching else MISSING_COUNTS
+    gone = watch.driven[j] != 0 and state.pots.gone[j] >= GONE_READINGS
+    if gone or is_missing(watch.missing[j], counts, unit):
+        code = held_by(params, state, j) if watching and state.pots.gone[j] == 0 else ENC_STUCK
+        raise_code(state, code, j, abs(torque), greatest if torque > 0.0 else -least)
+
+
+@lean_kernel
+def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
+    """Code of a joint that is driven and stands, as encoder and potentiometer agree."""
+    moved = abs(state.counts[j] - state.watch.counts_on[j]) > MOVED_COUNTS
+    return COLLISION if moved or params.watch.braked[j] == 0 else BRAKE_STUCK
 
 
 @lean_kernel
@@ -187,10 +282,10 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     code = check_push(
         push, limits.unexplained[j], watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
         state.v[j], state.v_ref[j], limits.runaway_speed[j],
-        still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j],
-        limits.braked[j] != 0 and abs(state.counts[j] - watch.counts_on[j]) <= MOVED_COUNTS,
-        limits.impossible[j],
+        still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
     )  # fmt: skip
+    if code == ENC_STUCK and pot_is_watching(params, state, j):
+        return  # a matter of the potentiometer, see `_watch_encoder`
     if code == RUNAWAY:
         raise_code(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + limits.runaway_speed[j])
     else:

@@ -13,6 +13,10 @@ from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
 FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
+# Friction as commanded torque, over the Coulomb friction of the robot file, where that is a third too low, sticks by a
+# factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
+HELD_SHARE: Final = 1.3 * 1.3 / 0.8
+RISE_SHARE: Final = 0.3 * 1.3 / 0.8
 IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
 
 # indexes into `WatchState.i`
@@ -32,8 +36,9 @@ IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint 
 (
     UNPOWERED_S,  # time since power was last wanted
     SAMPLE_S,  # between the newest two samples of the encoders
+    SWEPT,  # way of all references together, rad (m)
     N_FLOATS,
-) = range(3)
+) = range(4)
 
 
 class WatchParams(NamedTuple):
@@ -46,6 +51,13 @@ class WatchParams(NamedTuple):
     braked: Any  # 1 where the joint has a brake, int64
     brake_slip: Any  # rad (m)
     unit_per_count: Any  # rad (m) a count stands for, positive
+    count_way: Any  # 1 or -1: which way the joint goes when counts rise, int64
+    holds_up: Any  # upward torque of a motor, N m (N), that friction and unknown load may take up without motion
+    holds_down: Any  # the same, downward
+    rise_up: Any  # from a motor's sliding torque to break-away, N m (N)
+    rise_down: Any
+    unknown_load: Any  # N m (N)
+    root_inertia: Any  # sqrt of M0
     saturation_s: float
     misses_in_a_row: int  # 0: never too many
     misses_allowed: int  # in one window
@@ -64,6 +76,16 @@ class WatchState(NamedTuple):
     counts: Any  # encoder counts at the last sample, int64
     counts_on: Any  # encoder counts when power came on, int64
     still_s: Any  # for how long they have not changed
+    travel: Any  # counts since the motor last turned round, positive with the joint, int64
+    going: Any  # 1: its reference has gone on that way since the last count, int64
+    slid: Any  # motor torque beyond the load that slid it when the encoder last counted, at most, N m (N)
+    missing_v: Any  # speed and way of the joint since then, as far as they are sure, see `servo.encoder_watch`
+    missing: Any
+    q_ref_then: Any  # reference at the last count
+    swept_then: Any  # way of all references when it last counted
+    bend: Any  # size of the reference's acceleration, of late
+    inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
+    driven: Any  # 1: reference or torque has changed since, int64
     v_moving: Any  # velocity when they last changed
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
@@ -77,6 +99,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
     """
     torque = np.inf if settings.position_drives else 1.0
     guard, period_s = robot.guard, settings.period_ns / NS_PER_S
+    friction, load = robot.friction[robot.control.friction_preset], guard.unknown_load_or_default
     points = max(1, round(settings.overrun.window_s / period_s))
     return WatchParams(
         unexplained=torque * guard.unexplained_torque_or_default,
@@ -86,6 +109,13 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         braked=np.array(robot.transmission.brake, dtype=np.int64),
         brake_slip=guard.brake_slip * np.ones(robot.n),
         unit_per_count=np.abs(robot.transmission.rad_per_count),
+        count_way=np.sign(robot.transmission.rad_per_count).astype(np.int64),
+        holds_up=torque * (HELD_SHARE * friction.coulomb_pos + load),
+        holds_down=torque * (HELD_SHARE * friction.coulomb_neg + load),
+        rise_up=torque * RISE_SHARE * friction.coulomb_pos,
+        rise_down=torque * RISE_SHARE * friction.coulomb_neg,
+        unknown_load=load * np.ones(robot.n),
+        root_inertia=np.sqrt(robot.control.inertia),
         saturation_s=guard.saturation_s,
         misses_in_a_row=settings.overrun.misses_in_a_row,
         misses_allowed=int(settings.overrun.late_share * points),
@@ -105,5 +135,7 @@ def make_watch_state(n: int) -> WatchState:
     return WatchState(
         i=integers(N_INTEGERS), f=np.zeros(N_FLOATS), load=vector(), expected=vector(), push=vector(),
         over_s=vector(), counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
+        travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
+        swept_then=vector(), bend=vector(), inertial=vector(), driven=integers(n),
         clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
     )  # fmt: skip

@@ -68,9 +68,9 @@ def test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion(joint: int, r
 
 @RATES
 @pytest.mark.parametrize(
-    ("joint", "codes"), [(1, (FaultCode.BRAKE_STUCK, FaultCode.FOLLOWING)), (2, (FaultCode.BRAKE_STUCK,))]
+    ("joint", "codes"), [(1, (FaultCode.ENC_STUCK, FaultCode.FOLLOWING)), (2, (FaultCode.ENC_STUCK,))]
 )
-def test_a_brake_that_stays_closed_is_told_when_the_joint_is_driven(
+def test_a_brake_that_stays_closed_costs_the_power_when_the_joint_is_driven(
     joint: int, codes: tuple[FaultCode, ...], rate_hz: float
 ) -> None:
     leg = FastLeg(rate_hz, f"brake:{joint} stuck")

@@ -158,6 +158,8 @@ class ServoBench:
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves
             self.params.watch.unexplained[:] = np.inf
             self.params.watch.impossible[:] = np.inf
+            self.params.watch.holds_up[:] = self.params.watch.holds_down[:] = np.inf
+            self.params.watch.rise_up[:] = self.params.watch.rise_down[:] = np.inf
         self._law = find_law(law, self.robot) if isinstance(law, str) else law
         self.state = make_state(self.params, self._law)
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)

@@ -19,6 +19,7 @@ from qrobot.motion.matching import Joints
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.calibration_table import load_table
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -37,7 +38,9 @@ P = makeposition("P", t6, E, EQ, gentr_rot("TABLE", 500, 0, TABLE_MM, yunit, 180
 
 
 def rig_with(scene: Scene) -> LockstepRig:
-    return LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, scene=scene))
+    """As deployed: with a table the potentiometers tell a joint that meets something from a dead encoder."""
+    settings = ServoSettings(rate_hz=1000.0, calibration=load_table("puma560", ROBOT))
+    return LockstepRig(ROBOT, settings, Emulator(ROBOT, scene=scene))
 
 
 def rig_with_table() -> LockstepRig:

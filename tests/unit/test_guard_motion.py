@@ -45,7 +45,7 @@ def below(x: float) -> float:
 # a joint pushed backwards by more than its threshold, long enough to be told of, and still moving forwards
 PUSHED: dict[str, Any] = {
     "push": -10.0, "limit": 8.0, "over_s": 0.01, "drive": 1.0, "v": 0.2, "v_ref": 0.5, "margin": 0.125,
-    "still_s": 0.0, "overdue": 0.0, "locked": False, "impossible": 64.0,
+    "still_s": 0.0, "overdue": 0.0, "impossible": 64.0,
 }  # fmt: skip
 
 
@@ -87,12 +87,10 @@ def test_a_push_is_a_collision_from_when_it_is_noticed_until_no_stop_ends_it(
     [
         ({"still_s": below(FROZEN_S)}, F.COLLISION),
         ({"still_s": FROZEN_S}, F.ENC_STUCK),
-        ({"still_s": FROZEN_S, "locked": True}, F.BRAKE_STUCK),
         ({"still_s": FROZEN_S, "over_s": 0.0}, F.ENC_STUCK),
         ({"overdue": below(SUSPECT_COUNTS)}, F.COLLISION),
         ({"overdue": SUSPECT_COUNTS}, F.NONE),
         ({"overdue": SUSPECT_COUNTS, "still_s": FROZEN_S}, F.ENC_STUCK),
-        ({"locked": True}, F.COLLISION),
     ],
 )
 def test_a_joint_that_counts_nothing_while_it_is_pushed_has_a_dead_encoder_or_a_closed_brake(

@@ -159,7 +159,7 @@ static inline const char *qrobot_fault_text(int code)
     case 12: return "RUNAWAY: a joint runs away from its command";
     case 14: return "POWER_LOST: arm power dropped while in use";
     case 15: return "POWER_NO_ACK: arm power did not come on in time";
-    case 16: return "BRAKE_STUCK: a driven joint has not moved since power came on: its brake did not release";
+    case 16: return "BRAKE_STUCK: a driven joint has not moved since power came on, as encoder and potentiometer say: its brake did not release";
     case 17: return "BRAKE_SLIP: the arm moved with closed brakes";
     case 18: return "SATURATED: torque stayed at its limit for too long";
     case 19: return "COLLISION: something pushes a joint harder than its model can explain";

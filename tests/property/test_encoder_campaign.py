@@ -1,0 +1,109 @@
+"""An encoder whose cable comes off while the arm holds or moves: power goes before the joint has gone five degrees.
+
+Nothing tells it directly: counts and index pulses both stay away, as of a joint at rest. On the way the torque since
+the last count does, in every deployment. At rest nothing is known of the joint's friction, and it is the potentiometer
+that does, which takes a calibration table; without one the promise is weaker, and stands here too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot.faultcodes import FaultCode
+from qrobot.servo.incident import read_incident
+from qrobot.servo.mailbox import POSITION_SETPOINT
+from qrobot.servo.modes import Mode
+from tests.property.test_motor_campaign import random_path
+from tests.support.campaign import FRAME_NS, FRAME_S, N
+from tests.support.dead_encoder import Case, SlowArm, run_case
+
+SPEEDS = (0.02, 0.1, 1.0)
+WAYS = ((1.0, 0), (-1.0, 0), (1.0, 3))  # and plants
+DEGREES = 5.0
+BLIND_DEGREES = 8.0  # without potentiometers
+
+
+def every(moving: bool, table: bool) -> list[Case]:
+    """Joints with brakes, speeds, ways and plants."""
+    return [
+        Case(joint, sign * speed, moving, table, draw) for joint in (1, 2, 3) for speed in SPEEDS for sign, draw in WAYS
+    ]
+
+
+@pytest.mark.parametrize("case", [*every(True, True), *every(False, True)], ids=str)
+def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) -> None:
+    result = run_case(case)
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+    assert result.seconds <= 0.25 or not case.moving  # a joint that sticks at rest is not found before it moves
+
+
+@pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)
+def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(case: Case) -> None:
+    result = run_case(case)
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= BLIND_DEGREES
+    assert result.seconds <= (0.35 if abs(case.speed) < 0.1 else 0.06)
+
+
+@pytest.mark.parametrize("case", [case for case in every(False, False) if abs(case.speed) == 1.0], ids=str)
+def test_without_potentiometers_a_fast_start_is_cut_as_soon(case: Case) -> None:
+    result = run_case(case)
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+
+
+@pytest.mark.parametrize(("rate_hz", "velocity"), [(2000.0, "observer"), (4000.0, "difference")])
+@pytest.mark.parametrize("moving", [False, True])
+def test_rate_and_estimator_make_no_difference(rate_hz: float, velocity: str, moving: bool) -> None:
+    for joint in (1, 2, 3):
+        result = run_case(Case(joint, 0.02, moving, True, 0), rate_hz, velocity=velocity)
+        assert result.code is FaultCode.ENC_STUCK
+        assert result.degrees <= DEGREES
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_holding_still_an_arm_with_a_dead_encoder_stays_where_it_is(joint: int) -> None:
+    arm = SlowArm(Case(joint, 0.0, False, True, 0))
+    before = arm.angle
+    arm.pull_cable()
+    arm.rig.run_for(10.0)
+    assert arm.mode is Mode.HOLDING
+    assert abs(arm.angle - before) < 1e-3
+
+
+@pytest.mark.parametrize("table", [False, True])
+@pytest.mark.parametrize("draw", [None, 0])
+def test_a_brake_that_did_not_release_is_told_by_its_name_where_a_potentiometer_sees_it(
+    table: bool, draw: int | None
+) -> None:
+    for joint in (1, 2, 3):
+        arm = SlowArm(Case(joint, 0.3, False, table, draw), 1000.0, f"brake:{joint} stuck")
+        result = arm.suffer()
+        assert result.code is (FaultCode.BRAKE_STUCK if table else FaultCode.ENC_STUCK)
+        assert result.degrees < 0.05
+        assert not arm.rig.emulator.powered
+
+
+@pytest.mark.parametrize("line", ["pot:2 dead", "pot:2 noise 10", "pot:2 wrong 0.3", "adc stuck"])
+def test_a_potentiometer_that_fails_does_not_stop_an_arm_whose_encoders_count(line: str) -> None:
+    arm = SlowArm(Case(2, 0.05, True, True))
+    arm.rig.emulator.faults.add(line)
+    for _ in range(150):
+        arm.frame()
+    assert arm.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize(("rate_hz", "velocity", "draw"), [(1000.0, "difference", 2), (4000.0, "observer", 3)])
+def test_a_wrong_model_and_an_unknown_load_are_no_dead_encoder(rate_hz: float, velocity: str, draw: int) -> None:
+    arm = SlowArm(Case(1, 0.0, False, True, draw), rate_hz, velocity=velocity)
+    path = random_path(draw, 30.0)
+    slow = path[0] + np.cumsum(np.repeat(np.diff(path[:200], axis=0) / 20.0, 3, axis=0), axis=0)
+    home = np.linspace(arm.start, path[0], 150)
+    rows = np.vstack([home, slow, np.linspace(slow[-1], path[0], 150), path])
+    for seq, q in enumerate(rows):
+        arm.rig.mailbox.push_setpoint(1, seq, arm.rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+        arm.rig.run_for(FRAME_S)
+    assert read_incident(arm.rig.state.watch.incident) is None
+    assert arm.mode is Mode.TRACKING
