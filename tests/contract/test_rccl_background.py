@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from threading import Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def idle(t: rccl.Transform) -> None:
 
 def test_functions_that_take_longer_than_a_sample_are_named(robot, monkeypatch) -> None:
     clock_ns = [0]
-    monkeypatch.setattr("qrobot.rccl.transforms.perf_counter_ns", lambda: clock_ns[0])
+    monkeypatch.setattr("qrobot.rccl.transforms.time", SimpleNamespace(perf_counter_ns=lambda: clock_ns[0]))
 
     def dawdle(t: rccl.Transform) -> None:
         clock_ns[0] += 1500 * PERIOD_US

@@ -23,17 +23,20 @@ def under_way(program: Path, arm: RunningArm) -> subprocess.Popen[str]:
     """The program, when it has left the park pose."""
     environment = os.environ | {"QROBOT_BRIDGE": f"{arm.arm.bridge.host}:{arm.arm.bridge.port}"}
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    tick = arm.snapshot().tick
     process = subprocess.Popen([program], env=environment, text=True, **pipes)
-    for far in (False, True):
-        wait_until(lambda far=far: process.poll() is not None or _away(arm, far), "the arm leaves the park pose")
+    wait_until(lambda: process.poll() is not None or _has_left(arm, tick), "the arm leaves the park pose")
     assert process.poll() is None, process.communicate()[1]
     return process
 
 
-def _away(arm: RunningArm, far: bool) -> bool:
-    seen = arm.snapshot()
-    off = np.abs(np.asarray(seen.q) - PARK).max()
-    return seen.mode == Mode.TRACKING and bool(off > 0.05 if far else off < 0.02)
+def _has_left(arm: RunningArm, tick: int) -> bool:
+    """It was there, and has gone, while a program moved it after this tick."""
+    rows = arm.telemetry()
+    rows = rows[(rows["tick"] > tick) & (rows["mode"] == Mode.TRACKING)]
+    off = np.abs(rows["q"] - PARK).max(axis=1)
+    there = np.flatnonzero(off < 0.02)
+    return there.size > 0 and bool((off[there[0] :] > 0.05).any())
 
 
 def test_the_arm_stops_when_return_is_hit_and_when_the_program_is_interrupted_s04(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ from qrobot.config.deployment import load_deployment
 from qrobot.hwif.bus import make_image
 from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
-from qrobot.hwif.registers import ENC_COUNT, STATUS_POWER
+from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.rig.processes import board_ready
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import free_port, qrobot
@@ -64,15 +63,20 @@ def far(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Far]:
 
 def end(process: subprocess.Popen[str]) -> None:
     process.terminate()
-    process.communicate(timeout=20.0)
+    process.communicate(timeout=PATIENCE_S)
 
 
-def counts_of(arm: str) -> np.ndarray:
+def inputs_of(arm: str) -> np.ndarray:
+    """Input words in the newest image of a board, past its road."""
     segment = attach_board_memory(arm)
     image = make_image()
     assert fetch_image(segment.words, image)
     segment.close()
-    return image[IMAGE_INPUTS + ENC_COUNT // 2 :][:6].copy()
+    return image[IMAGE_INPUTS:]
+
+
+def counts_of(arm: str) -> np.ndarray:
+    return inputs_of(arm)[ENC_COUNT // 2 :][:6]
 
 
 def answers(board: canopen.RemoteNode) -> bool:
@@ -103,8 +107,7 @@ def test_the_package_canopen_reads_counts_and_moves_a_joint_of_the_emulated_arm(
 
         wait_until(waist_moves, "the waist moves")
         network.sync.stop()
-        time.sleep(0.3)  # silence is what the watchdog waits for
-        assert not board.sdo["STATUS"][1].raw & STATUS_POWER
+        wait_until(lambda: not inputs_of(far.far)[STATUS // 2] & STATUS_POWER, "the watchdog acts when nobody speaks")
     finally:
         network.disconnect()
 

@@ -20,6 +20,7 @@ from qrobot.servo.mailbox import create_servo_memory
 from qrobot.servo.telemetry import SMALLEST_RING
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import BoardServer
+from tests.support.patience import PATIENCE_S
 from tests.support.processes import qrobot
 
 pytestmark = pytest.mark.realtime
@@ -41,7 +42,7 @@ def deployment(server: BoardServer, tmp_path: Path) -> Path:
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     with qrobot("board", "check", *arguments) as process:
-        out, errors = process.communicate(timeout=60)
+        out, errors = process.communicate(timeout=PATIENCE_S)
     return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
 
 

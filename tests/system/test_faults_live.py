@@ -17,12 +17,12 @@ from qrobot.log.read import read_log
 from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel, Injected
-from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
 from tests.support.processes import RunningArm, qrobot, write_deployment
 
 pytestmark = pytest.mark.realtime
 
-SOON_NS = 100_000_000  # a tick or two, and what a busy virtual machine adds
+SOON_NS = round(STALL_MS * 1e6)  # a tick or two, and what a busy machine adds
 FAST = 0.8  # rad/s
 PROGRAM = """
 from qrobot import rccl

@@ -149,7 +149,7 @@ def test_the_watchdog_acts_between_requests() -> None:
         line.ask(line.client.write_register, address=DAC // 2, value=0)
         clock_ns[0] = 21_000_000
         far.until("trips", 1)
-        assert (OP_WRITE, DAC, 0x800) in board.applied
+        wait_until(lambda: (OP_WRITE, DAC, 0x800) in board.applied, "the board is made safe")
         line.ask(line.client.write_register, address=DAC // 2, value=1)
         assert board.applied[-1] == (OP_WRITE, DAC, 1)
         line.close()
