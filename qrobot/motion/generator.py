@@ -224,7 +224,12 @@ class Generator:
             return False
         if errand.here:
             return self._begin_here()
-        return self._depart(errand, self._at.goal_joints(), Room(following=self._asked_behind()))
+        room = Room(following=self._asked_behind(), at_any_rate=self._path.chart.fixed)
+        if self._depart(errand, self._at.goal_joints(), room):
+            return True
+        if self._queue.peek() is errand and not self._path.chart.fixed:  # too fast a goal to leave: from rest, then
+            self._begin_stop(None, Termination.COMPLETED)
+        return False
 
     def _leave_segment(self, segment: Segment) -> bool:
         """Into the transition to the request that follows, or to rest, once it is time for it."""

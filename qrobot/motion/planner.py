@@ -45,11 +45,18 @@ class Departure:
 
 @dataclass(frozen=True)
 class Room:
-    """Bounds of a transition, samples: `least` and wished `most`; and what the request that follows asks for."""
+    """Bounds of a transition.
+
+    Attributes:
+        least, most: samples; the second is a wish.
+        following: what the request behind asks for.
+        at_any_rate: from rest there is no other way; its setpoints are judged one by one.
+    """
 
     least: int = 1
     most: int = MANY
     following: Following = NOTHING
+    at_any_rate: bool = False
 
 
 class Planner:
@@ -116,14 +123,14 @@ class Planner:
         """
         course = self.lay(errand, corner)
         state, v = self._measured(course, points), motion_of(points, self._shape.period_s)[1]
-        least = room.least
+        least, rest, segment = room.least, 1, None
         for _ in range(_TRIES):
-            schedule = self.scheduler.plan(errand.request, course, v, least, room.most, room.following)
+            schedule = self.scheduler.plan(errand.request, course, v, least, room.most, room.following, rest)
             segment = self.segment(errand, course, schedule, clock + schedule.transition)
             if self._fits(segment, state, clock, points[-1][1]):
                 return Departure(segment, state)
-            least = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
-        return None
+            least = rest = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
+        return Departure(segment, state) if room.at_any_rate and segment is not None else None
 
     def divert(self, errand: Errand, state: Floats, clock: float, following: Following) -> Departure | None:
         """Out of a joint path, at `state` (3, n), into the joint path of `errand`; None when no such way is safe."""
@@ -158,9 +165,13 @@ class Planner:
         )  # fmt: skip
         if segment.chart is JOINTS:  # whose end is planned within the limits
             looks = entering.start + entering.length * _EARLY
-            return all(self._limits.allow(entering.state(look, self._shape)) for look in looks)
+            states = np.array([entering.state(look, self._shape) for look in looks])
+            return all_haltable(states[:, 1], states[:, 2], self._limits)
         legs = (entering, to_rest(segment, self._shape))
-        return all(self._keeps_limits(segment, leg, near) for leg in legs)
+        try:
+            return all(self._keeps_limits(segment, leg, near) for leg in legs)
+        except MotionError:  # the turn leads where the straight lines do not
+            return False
 
     def _keeps_limits(self, segment: Segment, leg: Leg, near: Floats) -> bool:
         step_s = leg.length * self._shape.period_s / _LOOKS

@@ -3,22 +3,30 @@
 A segment of T samples between two corners begins with a transition whose second half (Ta) lies in it and ends with one
 whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A transition
 over a change of velocity dv needs 2 Ta >= PEAK |dv| / a_max.
+
+Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S and at least what the joints need, and
+T is the shortest that has room for it. So a short way is done in the least time that transitions of this kind allow.
+To a goal that moves it is DEFAULT_TRANSITION_S: its speed comes on top, and is not known when its length is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.chart import JOINTS
 from qrobot.motion.course import Course
 from qrobot.motion.errand import NOTHING, Following
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
 
 DEFAULT_TRANSITION_S: Final = 0.2  # the transition time of the crank example, Hayward & Paul 1986
+OPEN_SHARE: Final = 1.0 / 7.0  # [A] of T; the ways of the QRobot paper's experiment keep the 0.2 s
 
 
 MANY: Final = 1 << 30  # samples; more than any transition takes
@@ -83,6 +91,7 @@ class Scheduler:
         least: int = 1,
         most: int = MANY,
         following: Following = NOTHING,
+        rest: int = 1,
     ) -> Schedule:
         """A schedule that keeps the limits, stretching times where needed.
 
@@ -92,9 +101,12 @@ class Scheduler:
             v0: joint velocity before the transition. Shape (n,).
             least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
             following: what the request behind it asks for, when there is one.
+            rest: least Ta of the transition to rest, samples.
         """
         asked = max(self._asked(request, course), self._least(course))
-        resting, turning = self.preferred(request), following.transition
+        if request.transition_s is None:
+            return _shortest(asked, partial(self._open, course, v0, least, most, following, rest))
+        resting, turning = max(self.preferred(request), rest), following.transition
         transition = max(min(resting, most), least)
         while True:  # all transitions only grow, and what they need is bounded by the speed asked for
             length = max(asked, transition + max(resting, turning))
@@ -105,6 +117,21 @@ class Scheduler:
                 return Schedule(transition, length, braking, resting)
             transition, resting, turning = max(transition, entering), max(resting, braking), max(turning, turn)
 
+    def _open(
+        self, course: Course, v0: Floats, least: int, most: int, following: Following, rest: int, length: int
+    ) -> Schedule | None:
+        """The times of a request of `length` samples that leaves Ta open, None when they are too short."""
+        seconds = length * self.period_s
+        open_s = OPEN_SHARE * seconds if course.chart.fixed else DEFAULT_TRANSITION_S
+        share = whole_samples(min(open_s, DEFAULT_TRANSITION_S), self.period_s)
+        arriving = course.arriving(seconds)
+        braking, entering = self.needed(arriving), self.needed(course.leaving(seconds) - v0)
+        turning = max(following.transition, self._turning(arriving, following))
+        transition, resting = max(min(share, most), least, entering), max(share, braking, rest)
+        enough = self._least(course, transition) <= length
+        fits = transition + max(resting, turning) <= length
+        return Schedule(transition, length, braking, resting) if enough and fits else None
+
     def _turning(self, arriving: Floats, following: Following) -> int:
         """Least Ta, in samples, of the transition into what follows."""
         return 0 if following.leaving is None else self.needed(following.leaving - arriving)
@@ -112,10 +139,11 @@ class Scheduler:
     def alone(self, request: MoveRequest, course: Course) -> Following:
         """What a request asks of the one before it, from the times it would have from rest to rest."""
         schedule = self.plan(request, course, np.zeros(self.limits.n))
-        return Following(self.preferred(request), course.leaving(schedule.length * self.period_s))
+        ta = schedule.transition if request.transition_s is None else self.preferred(request)
+        return Following(ta, course.leaving(schedule.length * self.period_s))
 
     def preferred(self, request: MoveRequest) -> int:
-        """Ta as asked for, in samples."""
+        """Ta as asked for, in samples; where it is open the longest it may be."""
         seconds = DEFAULT_TRANSITION_S if request.transition_s is None else request.transition_s
         return whole_samples(seconds, self.period_s)
 
@@ -127,11 +155,31 @@ class Scheduler:
     def _asked(self, request: MoveRequest, course: Course) -> int:
         return request.pace.samples(course.way, self.limits, self.period_s)
 
-    def _least(self, course: Course) -> int:
-        """Samples in which no joint passes its speed, nor, where the way bends, its acceleration."""
-        speed = float((np.abs(course.rates) / self.limits.v_max).max())
+    def _least(self, course: Course, transition: int = MANY) -> int:
+        """Samples in which no joint passes its speed, nor, where the way bends, its acceleration.
+
+        Where each setpoint is judged its speed is that of the parabola through three of them, which at the end of a
+        transition of 2 Ta samples is too high by 2 / (2 Ta)^2 of the change.
+        """
+        lag = 0.0 if course.chart is JOINTS else 0.5 / transition**2
+        speed = float((np.abs(course.rates) / self.limits.v_max).max()) * (1.0 + lag)
         bend = float((np.abs(course.bends) / self.limits.a_planned).max())
         return enough_samples(max(speed, bend**0.5), self.period_s)
 
     def _ms(self, samples: int) -> str:
         return f"{1000.0 * samples * self.period_s:.0f} ms"
+
+
+def _shortest(asked: int, of_length: Callable[[int], Schedule | None]) -> Schedule:
+    """The first of the schedules `of_length` T, from `asked` on, that there is."""
+    short, length = asked - 1, asked
+    while (found := of_length(length)) is None:
+        short, length = length, 2 * length
+    while length - short > 1:
+        middle = (short + length) // 2
+        schedule = of_length(middle)
+        if schedule is None:
+            short = middle
+        else:
+            found, length = schedule, middle
+    return found

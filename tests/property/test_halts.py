@@ -28,10 +28,13 @@ def test_motions_to_moving_goals_keep_the_limits_however_they_end(batch) -> None
         assert run.acceleration <= 1.0 + ROUNDING, seed
 
 
-@pytest.mark.parametrize("batch", range(2))
-def test_no_program_that_moves_to_goals_at_rest_is_ended_by_the_watch(batch) -> None:
-    """What was planned, up to the joints' own speed, is never too fast when its setpoints are looked at."""
-    for seed in range(2000 + 20 * batch, 2020 + 20 * batch):
+@pytest.mark.parametrize("seeds", [range(2000, 2015), range(2015, 2030), (2074, 2111)])
+def test_no_program_that_moves_to_goals_at_rest_is_ended_by_the_watch(seeds) -> None:
+    """What was planned, up to the joints' own speed, is never too fast when its setpoints are looked at.
+
+    In 2074 a turn would lead out of reach, where the straight ways do not; in 2111 a short way is gone at full speed.
+    """
+    for seed in seeds:
         run = halted(seed, 6.0, fixed_share=1.0, deeds=("nothing",))
         assert all(code == -1 for _, code in run.codes), seed
         assert max(run.speed, run.acceleration) <= 1.0 + ROUNDING, seed
