@@ -1,17 +1,17 @@
 """Who does the work: this process, processes beside it, or the workers of a Dask scheduler on any hosts.
 
-All are a `concurrent.futures.Executor`. Dask's local cluster listens on the loopback interface only.
+All are a `concurrent.futures.Executor`. Nothing listens on this machine; a Dask scheduler is somebody else's.
 """
 
 from __future__ import annotations
 
-import logging
+import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
+from multiprocessing import active_children, get_context
+from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
 from qrobot.errors import ConfigError, LinkError
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
-LOOPBACK: Final = "127.0.0.1"
 PATIENCE_S: Final = 10.0  # for a scheduler to answer
 
 
@@ -52,11 +51,11 @@ def engine(workers: int, scheduler: str | None = None) -> Iterator[Engine]:
     """An engine for a campaign; what it has not begun when the block is left is given up.
 
     Args:
-        workers: processes on this machine; 1 is this process itself, and needs no Dask.
+        workers: processes on this machine; 1 is this process itself.
         scheduler: address of a running Dask scheduler, as `tcp://host:8786`, in place of processes here.
 
     Raises:
-        ConfigError: Dask is not installed, or `workers` is no number of processes.
+        ConfigError: a scheduler is given and Dask is not installed, or `workers` is no number of processes.
         LinkError: no scheduler answers.
     """
     if workers < 1:
@@ -64,42 +63,41 @@ def engine(workers: int, scheduler: str | None = None) -> Iterator[Engine]:
     if scheduler is None and workers == 1:
         yield Engine(InProcess(), 1, 1)
         return
-    with _client(workers, scheduler) as client:
+    with _processes(workers) if scheduler is None else _cluster(scheduler) as made:
+        yield made
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[Engine]:
+    """Processes of our own, reached by pipes: a port would do what any account of this machine asks for."""
+    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts_to_parent)
+    before = set(active_children())
+    try:
+        yield Engine(executor, None, workers)
+        executor.shutdown(cancel_futures=True)
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for child in set(active_children()) - before:
+            child.terminate()
+        raise
+
+
+def _leave_interrupts_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Engine]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise ConfigError("a scheduler needs Dask: pip install 'qrobot[study]', or leave --scheduler out") from error
+    with _remote(distributed.Client, scheduler) as client:
         executor = client.get_executor(pure=False)
         try:
             yield Engine(executor, None, len(client.scheduler_info()["workers"]))
         finally:
             executor.shutdown(wait=False)
-
-
-def _client(workers: int, scheduler: str | None) -> Any:
-    """Of a running scheduler, or of one made for the occasion; a context manager."""
-    try:
-        import distributed
-    except ImportError as error:
-        raise ConfigError("several workers need Dask: pip install 'qrobot[study]', or --workers 1") from error
-    return _local(workers) if scheduler is None else _remote(distributed.Client, scheduler)
-
-
-@contextmanager
-def _local(workers: int) -> Iterator[Client]:
-    from distributed import Client, LocalCluster
-
-    with (
-        TemporaryDirectory(prefix="qrobot-study-") as scratch,
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,  # a lock-step rig keeps its interpreter busy
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",  # left out, it would listen everywhere
-            worker_dashboard_address=f"{LOOPBACK}:0",
-            memory_limit=0,  # an arm's rows are a few hundred MB for a moment
-            silence_logs=logging.ERROR,
-            local_directory=scratch,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
 
 
 def _remote(client: Callable[..., Client], scheduler: str) -> Client:

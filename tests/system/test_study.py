@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from qrobot.study.gains import GainStudy
 from qrobot.study.results import Results, read_results
 
 ROOT = Path(__file__).parents[2]
+LISTEN = "0A"  # a state, as /proc/net/tcp has it
 PAIRS = GainStudy(bandwidths=(0.5, 1.0), dampings=(1.0,))
 
 
@@ -34,10 +37,23 @@ def test_a_stiffer_servo_tracks_better_and_chatters_more(gains: Results) -> None
         assert stiff["chatter"] > soft["chatter"] > 0.0
 
 
-def test_two_dask_workers_find_what_one_process_finds(gains: Results, tmp_path: Path) -> None:
+def test_two_processes_find_what_one_process_finds_and_open_no_port(gains: Results, tmp_path: Path) -> None:
+    before = ports_of([os.getpid()])
     with engine(2) as both:
         assert both.workers == 2
         assert carry_out(PAIRS, 2, both, tmp_path / "r.jsonl") == gains
+        workers = [child.pid for child in active_children() if child.pid is not None]
+        assert len(workers) >= 2
+        assert ports_of([os.getpid(), *workers]) == before
+
+
+def ports_of(processes: list[int]) -> set[str]:
+    """Addresses at which these processes listen, as the kernel writes them."""
+    files = [file for process in processes for file in Path(f"/proc/{process}/fd").iterdir() if file.is_symlink()]
+    held = {os.readlink(file) for file in files}
+    tables = [Path("/proc/net/tcp"), Path("/proc/net/tcp6")]
+    rows = [line.split() for table in tables if table.exists() for line in table.read_text().splitlines()[1:]]
+    return {row[1] for row in rows if row[3] == LISTEN and f"socket:[{row[9]}]" in held}
 
 
 def test_an_arm_is_identified_and_judged_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

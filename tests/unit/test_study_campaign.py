@@ -12,11 +12,12 @@ from distributed import LocalCluster
 
 from qrobot.errors import ConfigError, IdentificationError, LinkError
 from qrobot.study.campaign import carry_out
-from qrobot.study.engine import LOOPBACK, Engine, InProcess, engine
+from qrobot.study.engine import Engine, InProcess, engine
 from qrobot.study.results import read_results
 from qrobot.study.study import Outcome, Study, attempt, kept
 
 HERE = Engine(InProcess(), 1, 1)
+LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True)
