@@ -17,6 +17,7 @@ FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one c
 # factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
 HELD_SHARE: Final = 1.3 * 1.3 / 0.8
 RISE_SHARE: Final = 0.3 * 1.3 / 0.8
+RESTLESS_COUNTS: Final = 2.0  # between two counts the position loop goes on by so many, however coarse they are [A]
 IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
 
 # indexes into `WatchState.i`
@@ -100,6 +101,8 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
     torque = np.inf if settings.position_drives else 1.0
     guard, period_s = robot.guard, settings.period_ns / NS_PER_S
     friction, load = robot.friction[robot.control.friction_preset], guard.unknown_load_or_default
+    unit_per_count = np.abs(robot.transmission.rad_per_count)
+    step = RESTLESS_COUNTS * robot.control.kp * unit_per_count
     points = max(1, round(settings.overrun.window_s / period_s))
     return WatchParams(
         unexplained=torque * guard.unexplained_torque_or_default,
@@ -108,12 +111,12 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         pace=min(PACE_PER_S, FASTEST_SHARE / period_s),
         braked=np.array(robot.transmission.brake, dtype=np.int64),
         brake_slip=guard.brake_slip * np.ones(robot.n),
-        unit_per_count=np.abs(robot.transmission.rad_per_count),
+        unit_per_count=unit_per_count,
         count_way=np.sign(robot.transmission.rad_per_count).astype(np.int64),
-        holds_up=torque * (HELD_SHARE * friction.coulomb_pos + load),
-        holds_down=torque * (HELD_SHARE * friction.coulomb_neg + load),
-        rise_up=torque * RISE_SHARE * friction.coulomb_pos,
-        rise_down=torque * RISE_SHARE * friction.coulomb_neg,
+        holds_up=torque * (HELD_SHARE * friction.coulomb_pos + load + step),
+        holds_down=torque * (HELD_SHARE * friction.coulomb_neg + load + step),
+        rise_up=torque * (RISE_SHARE * friction.coulomb_pos + step),
+        rise_down=torque * (RISE_SHARE * friction.coulomb_neg + step),
         unknown_load=load * np.ones(robot.n),
         root_inertia=np.sqrt(robot.control.inertia),
         saturation_s=guard.saturation_s,
