@@ -83,6 +83,10 @@ FACTS: Final = {
     F.LAW_SLOW: Fact(
         "3 cycles", f"{WATCHES}::test_a_law_longer_than_the_cycle_is_replaced_and_the_arm_stopped_after_three_cycles"
     ),
+    F.LAW_BOUNDS: Fact(
+        "the cycle in which it happens",
+        "tests/unit/test_law_copies.py::test_a_law_that_writes_beside_its_arrays_is_replaced_and_stops_the_arm",
+    ),
     F.FOLLOWING: Fact("the cycle that measures it", f"{CYCLE}::test_an_arm_that_is_not_where_it_should_be_is_cut"),
     F.JOINT_LIMIT: Fact(
         "the cycle that measures it", f"{CYCLE}::test_a_joint_that_leaves_its_range_and_the_margin_is_cut"

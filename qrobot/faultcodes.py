@@ -40,6 +40,7 @@ class FaultCode(IntEnum):
     MOVING_AT_START = 39
     LAW_NAN = 41
     LAW_SLOW = 42
+    LAW_BOUNDS = 78
     RATE = 46
     # configuration
     CFG_GAIN = 44
@@ -187,6 +188,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.CFG_GAIN: (
         "gains outside the range in which the loop is stable at this rate",
         "use gains inside the range that the message names, or sign them off with `unchecked_gains`",
+    ),
+    FaultCode.LAW_BOUNDS: (
+        "the control law wrote past the end of an array",
+        "correct the law, then reset: the law before it is in force again",
     ),
     FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
     FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),

@@ -83,6 +83,7 @@ def demo(
 
 
 def _run_all(runs: list[Run], deployment: str, directory: Path) -> list[Result]:
+    from qrobot.realtime.interrupt import heed_interrupts
     from qrobot.rig.experiment import run_lockstep
 
     results: list[Result] = []
@@ -98,7 +99,8 @@ def _run_all(runs: list[Run], deployment: str, directory: Path) -> list[Result]:
             results += _run_on_the_wall_clock(realtime, deployment, directory, progress)
         for number, run in enumerate(runs[len(realtime) :], len(realtime) + 1):
             progress(f"run {number} of {len(runs)}: {_describe(run)}")
-            results.append(run_lockstep(run, directory))
+            with heed_interrupts():
+                results.append(run_lockstep(run, directory))
     return results
 
 

@@ -6,6 +6,7 @@ import os
 import runpy
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -87,8 +88,9 @@ def run(
 
         return run_traced(start, factory, output, ideal=offline)
     from qrobot import rccl
+    from qrobot.realtime.interrupt import heed_interrupts
 
-    with rccl.use(factory):
+    with rccl.use(factory), heed_interrupts() if lockstep else nullcontext():
         return start()
 
 

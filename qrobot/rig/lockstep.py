@@ -24,7 +24,7 @@ from qrobot.rci import VirtualLink
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import block_of
 from qrobot.realtime.segment import Words
-from qrobot.servo.law_trial import prove_finite
+from qrobot.servo.law_process import tried_law
 from qrobot.servo.laws import law_label
 from qrobot.servo.loop import one_cycle
 from qrobot.servo.mailbox import ServoMailbox, local_servo_memory
@@ -91,7 +91,8 @@ class LockstepRig:
             packets, bridge, servo, board and plant together.
 
     Raises:
-        ConfigError: the servo's period is no multiple of the plant's.
+        ConfigError: the servo's period is no multiple of the plant's; the law did not pass its trial, where one in a
+            file is timed, as for a servo.
     """
 
     def __init__(
@@ -111,8 +112,7 @@ class LockstepRig:
             plant_hz = NS_PER_S / self.emulator.bundle.period_ns
             raise ConfigError(f"{settings.rate_hz} Hz does not divide the plant's {plant_hz:.0f} Hz")
         self.params = servo_parameters(robot, settings, guarded=False)
-        self.law = settings.law_for(robot)
-        prove_finite(self.law, settings.law, robot)
+        self.law = tried_law(settings.law, robot, settings.law_settings, period_ns, timed=False)
         self.state = make_state(self.params, self.law)
         self.mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
         self.board = local_board_memory() if board is None else board

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.memory import REFERENCE_PER_COUNT, put_reference, put_write
 from qrobot.hwif.registers import (
@@ -36,6 +38,7 @@ from qrobot.servo.guard import (
 )
 from qrobot.servo.index_watch import post_index_watch
 from qrobot.servo.law import KP, KV
+from qrobot.servo.law_copies import broken_words, copy_vector
 from qrobot.servo.mailbox import (
     BEAT_DISCRETE,
     COMMAND_HAND,
@@ -66,6 +69,7 @@ from qrobot.servo.swap import (
     LAW_AT,
     NEXT_LAW_AT,
     NOT_NOW,
+    OUT_OF_BOUNDS,
     SWAPPED,
     answer_swap,
     fade_bias,
@@ -81,6 +85,7 @@ UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 HOLDING: Final = int(Mode.HOLDING)
 TRACKING: Final = int(Mode.TRACKING)
 LAW_NAN: Final = int(FaultCode.LAW_NAN)
+LAW_BOUNDS: Final = int(FaultCode.LAW_BOUNDS)
 
 
 @lean_kernel
@@ -114,7 +119,11 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
         built_in_law(params, state)
         return
     swap = state.swap
-    call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau)
+    if not call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
+        state.i[LAW_FAILED] = 1
+        raise_code(state, LAW_BOUNDS, 0)
+        built_in_law(params, state)
+        return
     if state.i[MODE] == TRACKING:
         fade_bias(state.swap, state.f[DT])
     for j in range(state.tau.size):
@@ -122,12 +131,35 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
-def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: Any, memory: Any, tau: Any) -> None:
-    """Run the law at `address` on what the servo knows in this cycle; `tau` is filled. Shape (n,)."""
+def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: Any, memory: Any, tau: Any) -> bool:
+    """Run the law at `address` on copies of what the servo knows in this cycle; False when it wrote beside them.
+
+    `tau` is filled, with NaN where the law leaves it out, and `memory` goes on. Shapes (n,) and (64,).
+    """
+    copies = state.copies
+    copy_vector(copies.q_ref, q_ref)
+    copy_vector(copies.v_ref, state.v_ref)
+    copy_vector(copies.a_ref, state.a_ref)
+    copy_vector(copies.q, state.q)
+    copy_vector(copies.v, state.v)
+    copy_vector(copies.gravity, state.gravity)
+    copy_vector(copies.friction, state.friction)
+    copy_vector(copies.sensors, state.sensors)
+    for k in range(gains.shape[0]):
+        for j in range(gains.shape[1]):
+            copies.gains[k, j] = gains[k, j]
+    copy_vector(copies.settings, settings)
+    copy_vector(copies.memory, memory)
+    copies.dt[0] = state.f[DT]
+    copies.tau[:] = np.nan
     law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
-        q_ref[:], state.v_ref[:], state.a_ref[:], state.q[:], state.v[:], state.gravity[:],
-        state.friction[:], state.sensors[:], gains[:], settings[:], memory[:], state.f[DT : DT + 1], tau[:],
+        copies.q_ref[:], copies.v_ref[:], copies.a_ref[:], copies.q[:], copies.v[:], copies.gravity[:],
+        copies.friction[:], copies.sensors[:], copies.gains[:], copies.settings[:], copies.memory[:],
+        copies.dt[:], copies.tau[:],
     )  # fmt: skip
+    copy_vector(memory, copies.memory)
+    copy_vector(tau, copies.tau)
+    return bool(broken_words(copies) == 0)
 
 
 @lean_kernel
@@ -143,7 +175,8 @@ def swap_law(state: ServoState) -> int:
         return NOT_NOW
     swap.trial_memory[:] = 0.0
     next_law = swap.i[NEXT_LAW_AT]
-    call_law(state, next_law, state.q, swap.next_gains, swap.next_settings, swap.trial_memory, swap.trial)
+    if not call_law(state, next_law, state.q, swap.next_gains, swap.next_settings, swap.trial_memory, swap.trial):
+        return OUT_OF_BOUNDS
     result = install_after_trial(swap, state.tau, state.memory)
     if result == SWAPPED:
         hold_here(state)

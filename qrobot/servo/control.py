@@ -1,25 +1,31 @@
-"""What the control interface does to a servo: requests in, replies out; the loop is never kept waiting."""
+"""What the control interface does to a servo: requests in, replies out; the loop is never kept waiting.
+
+A stop and a power-off are done in the thread that reads them (`Controls.begin`), which waits for no lock, no loop and
+no file. Whatever may wait - for the loop, for a law to be tried - is left to other threads, one command at a time; a
+second one is refused meanwhile.
+"""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from functools import partial
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, LinkBusy, LinkTimeout, QRobotError
+from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.realtime.segment import Segment
 from qrobot.servo.authority import Authority
 from qrobot.servo.board_status import board_status
 from qrobot.servo.control_messages import (
-    ANYBODY,
     Calibrate,
     ChangeGains,
     ChangeLaw,
@@ -29,6 +35,7 @@ from qrobot.servo.control_messages import (
     Reply,
     Request,
     ServoStatus,
+    Status,
     Stop,
     decode_request,
     encode,
@@ -37,13 +44,14 @@ from qrobot.servo.control_socket import Visitor
 from qrobot.servo.incident import Incident
 from qrobot.servo.journal import LawInForce, settings_text, write_entry
 from qrobot.servo.law import KP, KV, M0, Law
-from qrobot.servo.law_trial import prove
-from qrobot.servo.laws import find_law, law_label
+from qrobot.servo.law_process import tried_law
+from qrobot.servo.laws import law_label
 from qrobot.servo.mailbox import (
     FLAG_CALIBRATED,
     FLAG_ESTOP_OK,
     FLAG_GUARDED,
     FLAG_POWERED,
+    GUARD_TAKEOVER,
     ServoMailbox,
     describe_law,
     journal_base,
@@ -51,17 +59,29 @@ from qrobot.servo.mailbox import (
 from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stability import check_gains
-from qrobot.servo.swap import DONE_T_NS, DONE_TICK, NO_TORQUE, NOT_NOW, SwapState, ask_for_law, maybe_swap_result
+from qrobot.servo.swap import (
+    DONE_T_NS,
+    DONE_TICK,
+    LAW_AT,
+    NO_TORQUE,
+    NOT_NOW,
+    OUT_OF_BOUNDS,
+    SwapState,
+    ask_for_law,
+    maybe_swap_result,
+)
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
 LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
 LOOP_PATIENCE_S: Final = 0.5
+GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
 INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
 _POLL_S: Final = 0.002
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
 Matrix = NDArray[np.float64]
+T = TypeVar("T")
 
 
 class Controlled(Protocol):
@@ -97,22 +117,69 @@ class Controls:
         self._servo = servo
         self._authority = Authority(servo.arm)
         self._commander: Visitor | None = None
-        self._kept_laws = [servo.law]  # the loop may still be in one: none is ever let go
+        self._commanding = threading.Lock()  # never waited for
+        self._kept_laws = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
         self._note_law()
+        self.status()  # compiles, or loads, what a request must not wait for
 
     def answer(self, visitor: Visitor, line: bytes) -> bytes:
         """The reply to a request line; whatever is wrong with it becomes a reply too."""
+        reply = self.begin(visitor, line)
+        return reply if isinstance(reply, bytes) else reply()
+
+    def begin(self, visitor: Visitor, line: bytes) -> bytes | Callable[[], bytes]:
+        """Do what must not wait. The reply, or what is left to do for it, which may wait and belongs to another thread.
+
+        To be called from one thread only.
+        """
+        return self._replying(lambda: self._begin(visitor, line))
+
+    def _begin(self, visitor: Visitor, line: bytes) -> bytes | Callable[[], bytes]:
+        mailbox = self._servo.mailbox
+        match request := decode_request(line):
+            case Status():
+                return partial(self._replying, self._told)
+            case Stop():
+                mailbox.request_stop()
+                return partial(self._replying, self._told_by_loop)
+            case PowerOff():
+                mailbox.request_power_off()
+                return partial(self._replying, self._told_by_loop)
+        self._authorise(visitor)
+        if not self._commanding.acquire(blocking=False):
+            raise LinkBusy("another command is still being done; only stop, power off and status need not wait for it")
+        return partial(self._replying, lambda: self._command(request, visitor.gone))
+
+    def _command(self, request: Request, given_up: threading.Event) -> bytes:
         try:
-            request = decode_request(line)
-            if not isinstance(request, ANYBODY):
-                self._authorise(visitor)
-            self._obey(request)
-            return encode(Reply(ok=True, status=self.status()))
+            self._obey(request, given_up)
+        finally:
+            self._commanding.release()
+        return self._told()
+
+    def _replying(self, act: Callable[[], T]) -> T | bytes:
+        """What `act` returns, or the reply that tells why it could not."""
+        try:
+            return act()
         except QRobotError as error:
             return encode(Reply(ok=False, error=str(error)))
         except Exception as error:  # our mistake: it must not take the servo away from under an arm
             self._servo.say(traceback.format_exc())
             return encode(Reply(ok=False, error=f"a mistake of this program, told by the servo: {error!r}"))
+
+    def _told(self) -> bytes:
+        return encode(Reply(ok=True, status=self.status()))
+
+    def _told_by_loop(self) -> bytes:
+        """How the servo is once its loop has seen what was requested, or the guardian has taken its place."""
+        if not self._guardian_acts:
+            self._wait_for_loop()
+        return self._told()
+
+    @property
+    def _guardian_acts(self) -> bool:
+        """The guardian has taken torque and power away, and the servo writes nothing any more."""
+        return bool(self._servo.mailbox.words[GUARD_TAKEOVER])
 
     def farewell(self, visitor: Visitor) -> None:
         """Somebody has gone, and their authority with them."""
@@ -124,19 +191,20 @@ class Controls:
         """How the servo is now. Raises LinkError when it died."""
         servo, snapshot = self._servo, self._servo.mailbox.snapshot()
         gains = servo.swap.gains
-        code = snapshot.fault or snapshot.event
+        mode, fault = (Mode.FAULT, GUARD_TRIP) if self._guardian_acts else (snapshot.mode, snapshot.fault)
+        code = fault or snapshot.event
         return ServoStatus(
             arm=servo.arm,
             robot=servo.robot.name,
             rate_hz=servo.mailbox.info.rate_hz,
             law=servo.law_name,
             law_settings=servo.law.chosen,
-            mode=mode_name(snapshot.mode),
-            fault=snapshot.fault,
+            mode=mode_name(mode),
+            fault=fault,
             event=snapshot.event,
             event_joint=snapshot.joint,
             text=self._text(code),
-            powered=bool(snapshot.flags & FLAG_POWERED),
+            powered=bool(snapshot.flags & FLAG_POWERED) and not self._guardian_acts,
             calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
             estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
             guarded=bool(snapshot.flags & FLAG_GUARDED),
@@ -169,26 +237,19 @@ class Controls:
         self._authority.take(visitor.label)
         self._commander = visitor
 
-    def _obey(self, request: Request) -> None:
-        mailbox = self._servo.mailbox
+    def _obey(self, request: Request, given_up: threading.Event | None = None) -> None:
         match request:
             case PowerOn():
                 self._power_on()
-            case PowerOff():
-                mailbox.request_power_off()
-                self._wait_for_loop()
-            case Stop():
-                mailbox.request_stop()
-                self._wait_for_loop()
             case Clear():
-                mailbox.request_clear()
+                self._servo.mailbox.request_clear()
                 self._wait_for_loop()
             case Calibrate():
                 self._calibrate(request)
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
                 raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():
-                self._change_law(request)
+                self._change_law(request, given_up or threading.Event())
             case ChangeGains():
                 self._swap(self._servo.law, self._servo.law_name, self._gains(request))
 
@@ -217,16 +278,17 @@ class Controls:
         """Until the loop has seen what was requested, so that the reply tells what it did."""
         mailbox = self._servo.mailbox
         tick = mailbox.snapshot().tick
-        _poll(lambda: mailbox.snapshot().tick >= tick + _EDGE_TICKS)
+        _poll(lambda: mailbox.snapshot().tick >= tick + _EDGE_TICKS or self._guardian_acts)
 
-    def _change_law(self, request: ChangeLaw) -> None:
-        """Load and try the law beside the loop, which goes on, then ask for the swap."""
+    def _change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
+        """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
         servo = self._servo
         mode = servo.mailbox.snapshot().mode
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
             raise _not_now(mode)
-        law = find_law(request.name, servo.robot, request.settings)
-        prove(law, request.name, servo.robot, servo.mailbox.info.period_ns)
+        law = tried_law(request.name, servo.robot, request.settings, servo.mailbox.info.period_ns, given_up)
+        if given_up.is_set():
+            raise LinkLost("whoever asked for the law has gone: it has not been taken")
         self._swap(law, request.name, np.array(servo.swap.gains))
 
     def _gains(self, request: ChangeGains) -> Matrix:
@@ -244,17 +306,29 @@ class Controls:
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
             raise _not_now(mode)
         check_gains(servo.robot, servo.settings, name, gains)
-        self._kept_laws.append(law)
+        self._kept_laws.append((law, name))
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
         if result == NOT_NOW:
             raise _not_now(servo.mailbox.snapshot().mode)
         if result == NO_TORQUE:
             raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
+        if result == OUT_OF_BOUNDS:
+            raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
         servo.law, servo.law_name = law, name
         describe_law(servo.mailbox.words, law_label(name))
         self._note_law()
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def note_fallback(self) -> None:
+        """Tell people and readers once the servo has gone back to the law before, because the one in force failed."""
+        servo, address = self._servo, int(self._servo.swap.i[LAW_AT])
+        if address == servo.law.address or self._commanding.locked():
+            return
+        servo.law, servo.law_name = next(kept for kept in self._kept_laws if kept[0].address == address)
+        describe_law(servo.mailbox.words, law_label(servo.law_name))
+        self._note_law()
+        servo.say(f"law {servo.law_name} is in force again: the one after it has failed")
 
     def _note_law(self) -> None:
         """Tell whoever keeps a log what is in force since the last swap, or from the start."""
@@ -279,7 +353,7 @@ def _poll(condition: Callable[[], bool]) -> None:
     until = time.monotonic() + LOOP_PATIENCE_S
     while not condition():
         if time.monotonic() > until:
-            raise LinkTimeout("the servo's loop does not run")
+            raise LinkTimeout("the servo's loop does not run: if the arm is not at rest, use the emergency stop")
         time.sleep(_POLL_S)
 
 

@@ -1,5 +1,8 @@
 """The control interface's sockets: lines in, lines out, never waiting for anybody.
 
+One thread reads. A request that is not answered at once gets a thread of its own for the rest, so that the next one,
+which may be a stop, is read meanwhile; replies then come in the order in which they are ready.
+
 Unix sockets in the runtime folder (`realtime.runtime_folder`). Each end looks who the other one is: the servo lets in
 its own account and root, a client talks only to a servo of the account that owns the folder.
 """
@@ -12,6 +15,7 @@ import os
 import selectors
 import socket
 import struct
+import threading
 from collections.abc import Callable
 from types import TracebackType
 from typing import Final
@@ -22,9 +26,10 @@ from qrobot.realtime.segment import checked_name
 from qrobot.servo.control_messages import MAX_LINE_BYTES
 
 MAX_CLIENTS: Final = 16
+MAX_WAITING: Final = 4  # replies that one connection may wait for
 _CREDENTIALS: Final = struct.Struct("3i")  # struct ucred: pid, uid, gid
 
-Answer = Callable[["Visitor", bytes], bytes]
+Answer = Callable[["Visitor", bytes], bytes | Callable[[], bytes]]
 Farewell = Callable[["Visitor"], None]
 
 
@@ -52,12 +57,34 @@ def peer_credentials(connection: socket.socket) -> tuple[int, int, int]:
 
 
 class Visitor:
-    """One connection."""
+    """One connection.
+
+    Attributes:
+        gone: set once it has ended.
+        heard: when it was last heard of, as a count; the lowest has been silent for longest.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
         self.pid, self.uid, _ = peer_credentials(connection)
+        self.gone = threading.Event()
+        self.heard = 0
         self._unread = b""
+        self._waiting = threading.BoundedSemaphore(MAX_WAITING)
+
+    def wait_for(self, rest: Callable[[], bytes]) -> None:
+        """Let another thread find out the reply and send it. Raises BlockingIOError for too many at once."""
+        if not self._waiting.acquire(blocking=False):
+            raise BlockingIOError("too many requests at once")
+        threading.Thread(target=self._send, args=(rest,), name="control-reply", daemon=True).start()
+
+    def _send(self, rest: Callable[[], bytes]) -> None:
+        try:
+            self.connection.sendall(rest())
+        except OSError:  # gone, or does not read what it asked for
+            return
+        finally:
+            self._waiting.release()
 
     @property
     def label(self) -> str:
@@ -80,7 +107,8 @@ class ControlSocket:
     """Listens for one arm; `serve` does what there is to do.
 
     Args:
-        answer: the reply line to a request line. farewell: called when a connection has ended.
+        answer: the reply line to a request line, or what finds it out and may wait.
+        farewell: called when a connection has ended.
 
     Raises:
         LinkBusy: somebody listens for that arm already. LinkError: the runtime folder cannot be used.
@@ -88,6 +116,7 @@ class ControlSocket:
 
     def __init__(self, arm: str, answer: Answer, farewell: Farewell) -> None:
         self._answer, self._farewell, self._name = answer, farewell, control_name(arm)
+        self._heard = 0
         self._listener = _listen(arm)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ, None)
@@ -102,9 +131,8 @@ class ControlSocket:
 
     def close(self) -> None:
         """End every connection and stop listening."""
-        for key in list(self._selector.get_map().values()):
-            if key.data is not None:
-                self._dismiss(key.data)
+        for visitor in self._visitors():
+            self._dismiss(visitor)
         self._selector.close()
         _stop_listening(self._listener, self._name)
 
@@ -123,23 +151,42 @@ class ControlSocket:
             return
         connection.setblocking(False)
         visitor = Visitor(connection)
-        if visitor.uid not in (0, os.geteuid()) or len(self._selector.get_map()) > MAX_CLIENTS:
+        if visitor.uid not in (0, os.geteuid()):
             connection.close()
             return
+        if len(self._selector.get_map()) > MAX_CLIENTS:  # the new one may want to stop the arm
+            self._dismiss(min(self._visitors(), key=lambda one: one.heard))
+        self._hear(visitor)
         self._selector.register(connection, selectors.EVENT_READ, visitor)
 
+    def _visitors(self) -> list[Visitor]:
+        return [key.data for key in self._selector.get_map().values() if key.data is not None]
+
+    def _hear(self, visitor: Visitor) -> None:
+        self._heard += 1
+        visitor.heard = self._heard
+
     def _attend(self, visitor: Visitor) -> None:
+        self._hear(visitor)
         lines = visitor.read_lines()
         try:
             for line in lines or ():
-                visitor.connection.sendall(self._answer(visitor, line))
+                self._reply(visitor, line)
         except OSError:  # gone, or does not read what it asked for
             lines = None
         if lines is None:
             self._dismiss(visitor)
 
+    def _reply(self, visitor: Visitor, line: bytes) -> None:
+        reply = self._answer(visitor, line)
+        if isinstance(reply, bytes):
+            visitor.connection.sendall(reply)
+        else:
+            visitor.wait_for(reply)
+
     def _dismiss(self, visitor: Visitor) -> None:
         self._selector.unregister(visitor.connection)
+        visitor.gone.set()
         visitor.connection.close()
         self._farewell(visitor)
 

@@ -1,14 +1,17 @@
 """The servo process: owns the servo memory, runs the loop in a thread of its own, tells people what happens.
 
 The loop never returns to Python while it runs; the main thread only sleeps, watches for mode changes worth a line, and
-turns signals into an orderly shutdown: controlled stop, torque off, power off, memory removed.
+turns signals into an orderly shutdown: controlled stop, torque off, power off, memory removed. The control interface
+has a thread of its own, which neither of the two can keep waiting, by a full disk or a terminal that is held.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +26,7 @@ from qrobot.hwif.port.bus import PortBus
 from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
+from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.segment import Segment, Words
 from qrobot.realtime.setup import Step, hold_dma_latency, insist_on, prepare_loop_thread
 from qrobot.realtime.signals import interrupted_by_sigterm
@@ -32,11 +36,12 @@ from qrobot.servo.control import Controls
 from qrobot.servo.control_socket import ControlSocket
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.law import Law
-from qrobot.servo.law_trial import prove
+from qrobot.servo.law_process import tried_law
 from qrobot.servo.laws import law_label
 from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
 from qrobot.servo.mailbox import (
     BEAT_SLIPS,
+    BEAT_T_NS,
     COMMAND_SHUTDOWN,
     INFO_READY,
     STATE_EVENT,
@@ -57,20 +62,26 @@ from qrobot.servo.telemetry import SMALLEST_RING
 
 BOARD_AWAY_NS = 1_000_000_000
 POLL_S = 0.05
+HUNG_S = 5.0  # [A] without a cycle, once the end was asked for: the loop does not come back
 
 Report = Callable[[str], None]
 Look = Callable[[ServoMailbox, Incident | None, bool], None]  # at the newest incident; True once the loop has ended
 
 
-def warm_up(robot: Robot, settings: ServoSettings) -> None:
-    """Compile, or load from the cache, everything the loop calls, on memory of its own."""
-    params, law = servo_parameters(robot, settings), settings.law_for(robot)
-    prove(law, settings.law, robot, settings.period_ns)
+def warm_up(robot: Robot, settings: ServoSettings) -> Law:
+    """Compile, or load from the cache, everything the loop calls, on memory of its own. The law, tried."""
+    params, law = servo_parameters(robot, settings), tried_law_of(robot, settings)
     mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, settings.period_ns, SMALLEST_RING)
     board = local_board_memory()
     one_cycle(params, make_state(params, law), mail, board, settings.period_ns, 0)
     mail[COMMAND_SHUTDOWN] = 1
     run(params, make_state(params, law), mail, board, make_card(NO_CARD), 0, BOARD_AWAY_NS)
+    return law
+
+
+def tried_law_of(robot: Robot, settings: ServoSettings) -> Law:
+    """The law of the deployment, which has passed its trial. Raises ConfigError when it did not."""
+    return tried_law(settings.law, robot, settings.law_settings, settings.period_ns)
 
 
 @dataclass
@@ -211,7 +222,7 @@ def serve(
     board_comes_later = turn_is_awaited()
     if not board_comes_later:
         _insist_on_a_board(arm, card)  # say so at once when there is none: compiling takes a while
-    warm_up(robot, settings)
+    law = warm_up(robot, settings)
     await_turn()
     if board_comes_later:
         _insist_on_a_board(arm, card)
@@ -225,7 +236,7 @@ def serve(
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         memory.words[BEAT_SLIPS] = int(settings.board_slips)
         discard_operations(board.words, int(Lane.SERVO))
-        params, law = servo_parameters(robot, settings), settings.law_for(robot)
+        params = servo_parameters(robot, settings)
         process = ServoProcess(
             arm,
             robot,
@@ -264,20 +275,65 @@ def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Segment
 
 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:
-    """Run the loop in its thread; beside it answer the control interface and tell what happens."""
+    """Run the loop in its thread; beside it answer the control interface, in another one, and tell what happens."""
     controls, herald = Controls(process), _Herald(process)
-    with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
+    with ControlSocket(process.arm, controls.begin, controls.farewell) as control, _served(control, process):
         thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
         thread.start()
+        running = _Running(process, thread)
         try:
-            while thread.is_alive():
-                control.serve(POLL_S)
+            while running.goes_on():
+                controls.note_fallback()
                 incident = process.incident
                 herald.announce(incident)
                 look(process.mailbox, incident, False)
         finally:  # whatever goes wrong here, the arm is stopped and let go of in good order first
             process.memory.words[COMMAND_SHUTDOWN] = 1
-            thread.join()
+            while running.goes_on():
+                pass
     look(process.mailbox, process.incident, True)
     if process.error is not None:
         raise process.error
+
+
+@contextlib.contextmanager
+def _served(control: ControlSocket, process: ServoProcess) -> Iterator[None]:
+    """Serve the control interface in a thread that waits for nothing else."""
+    done = threading.Event()
+
+    def serve_visitors() -> None:
+        while not done.is_set():
+            try:
+                control.serve(POLL_S)
+            except Exception:  # our mistake: the next request may be a stop
+                process.say(traceback.format_exc())
+
+    thread = threading.Thread(target=serve_visitors, name="servo-control", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+class _Running:
+    """The loop's thread, which may be caught for ever in a law whose trial has shown nothing of it."""
+
+    def __init__(self, process: ServoProcess, thread: threading.Thread) -> None:
+        self._process, self._thread = process, thread
+        self._beat, self._patience = 0, Deadline(HUNG_S)
+
+    def goes_on(self) -> bool:
+        """Wait a moment for the end of the loop; False once it has come.
+
+        A loop that should end and runs no cycle is left, and with it this process: the guardian has the board by then.
+        """
+        words = self._process.memory.words
+        self._thread.join(POLL_S)
+        if self._beat != words[BEAT_T_NS] or not words[COMMAND_SHUTDOWN]:
+            self._beat, self._patience = int(words[BEAT_T_NS]), Deadline(HUNG_S)
+        if self._thread.is_alive() and self._patience.passed:
+            self._process.report(f"the loop has run no cycle for {HUNG_S:g} s and is left where it hangs")
+            os._exit(1)  # the thread holds on to all memory here: only an end as by `kill -9` is one
+        return self._thread.is_alive()

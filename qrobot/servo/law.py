@@ -115,7 +115,7 @@ class Law(KernelPointer):
         try:
             return super().address
         except (NumbaError, TypeError) as error:
-            raise ConfigError(f"the law does not compile: {_essence(error)}") from error
+            raise ConfigError(f"the law does not compile: {without_advice(error)}") from error
 
     @property
     def chosen(self) -> dict[str, float]:
@@ -208,7 +208,7 @@ def _passed_on(function: Body) -> Body:
     return outer
 
 
-def _essence(error: Exception) -> str:
+def without_advice(error: Exception) -> str:
     """What Numba says, without its advice: the last complaint and where it is."""
     lines = [line.strip() for line in str(error).splitlines()]
     where = [line for line in lines if line.startswith("File ")]

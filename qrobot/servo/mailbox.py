@@ -319,8 +319,6 @@ class ServoMailbox:
         self.words = words
         self.info = servo_info(words)
         n = self.info.n
-        self._state = np.zeros(state_words(n), dtype=np.int64)
-        self._state_f = self._state.view(np.float64)
         self._frame = np.zeros(frame_words(n), dtype=np.int64)
         self._frame_f = self._frame.view(np.float64)
 
@@ -389,16 +387,18 @@ class ServoMailbox:
         self.words[COMMAND_OUTPUTS] = outputs
 
     def snapshot(self) -> ServoSnapshot:
-        """Newest state. Raises LinkError when the servo died while writing it."""
-        n, words = self.info.n, self._state
+        """Newest state, for any thread. Raises LinkError when the servo died while writing it."""
+        n = self.info.n
+        words = np.zeros(state_words(n), dtype=np.int64)
         for _ in range(_READ_TRIES):
             if read_state(self.words, n, words):
                 break
             time.sleep(_READ_PAUSE_S)  # its processor was taken from it inside the write: that may last a while
         else:
             raise LinkError("the servo's state cannot be read: it died while writing")
-        vectors = self._state_f[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
-        force = self._state_f[STATE_VECTORS + 4 * n :].copy()
+        floats = words.view(np.float64)
+        vectors = floats[STATE_VECTORS : STATE_VECTORS + 4 * n].reshape(4, n).copy()
+        force = floats[STATE_VECTORS + 4 * n :].copy()
         q, v, tau, q_ref = vectors
         numbers = dict(zip(_SCALARS, words[:STATE_VECTORS].tolist(), strict=True))
         return ServoSnapshot(**numbers, q=q, v=v, tau=tau, q_ref=q_ref, force=force)

@@ -18,6 +18,7 @@ from qrobot.servo.calibration_state import CalibrationState, PotState, make_cali
 from qrobot.servo.forms import N_KNOTS
 from qrobot.servo.index_watch import IndexWatch, make_index_watch
 from qrobot.servo.law import MEMORY_WORDS, Law
+from qrobot.servo.law_copies import LawCopies, make_law_copies
 from qrobot.servo.mailbox import frame_words, state_words
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.swap import SwapState, make_swap_state
@@ -146,6 +147,7 @@ class ServoState(NamedTuple):
     cal: CalibrationState
     memory: Any  # (64,), the law's own
     swap: SwapState
+    copies: LawCopies
     watch: WatchState
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
@@ -180,6 +182,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
-        swap=make_swap_state(law, params.gains), ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
+        swap=make_swap_state(law, params.gains), copies=make_law_copies(n),
+        ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
         watch=make_watch_state(n), block=block, row=row,
     ))  # fmt: skip

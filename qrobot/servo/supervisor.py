@@ -82,7 +82,7 @@ from qrobot.servo.state import (
     ServoState,
 )
 from qrobot.servo.stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
-from qrobot.servo.swap import forget_bias
+from qrobot.servo.swap import fall_back, forget_bias
 from qrobot.servo.unseen import note_lag
 from qrobot.servo.watch_state import YIELDS
 
@@ -336,6 +336,8 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     if state.i[IMAGE_OK] != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
         if state.i[GLITCHES] != 0:
             state.i[ADOPT] = ADOPT_JUMPED
+        if state.i[LAW_FAILED] != 0:
+            fall_back(state.swap)
         state.i[FAULT], state.i[EVENT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0, 0
         enter(state, OFF)
     elif now_ns > state.i[CLEAR_UNTIL_NS]:

@@ -33,10 +33,11 @@ FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
     NEXT_LAW_AT,  # address of the law asked for
     DONE_TICK,  # the cycle that dealt with it
     DONE_T_NS,  # planned time of that cycle
+    LAST_LAW_AT,  # address of the law before the one in force, 0 for none
     N_SWAP_INTEGERS,
-) = range(8)
+) = range(9)
 
-SWAPPED, NOT_NOW, NO_TORQUE = range(3)  # values of RESULT
+SWAPPED, NOT_NOW, NO_TORQUE, OUT_OF_BOUNDS = range(4)  # values of RESULT
 
 law_at = function_at(LAW_SIGNATURE)
 
@@ -48,6 +49,7 @@ class SwapState(NamedTuple):
     gains: Any  # in force, (3, n)
     next_gains: Any  # (3, n)
     settings: Any  # of the law in force, (32,)
+    last_settings: Any  # of the law before it, (32,)
     next_settings: Any  # (32,)
     bias: Any  # N m (N), added to what the law says
     trial: Any  # what the law asked for says
@@ -64,6 +66,7 @@ def make_swap_state(law: Law, gains: Any) -> SwapState:
         gains=np.array(gains),
         next_gains=np.zeros((N_GAINS, n)),
         settings=np.array(law.values),
+        last_settings=np.zeros(N_SETTINGS),
         next_settings=np.zeros(N_SETTINGS),
         bias=np.zeros(n),
         trial=np.zeros(n),
@@ -80,7 +83,7 @@ def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
 
 
 def maybe_swap_result(swap: SwapState) -> int | None:
-    """SWAPPED, NOT_NOW or NO_TORQUE; None while the request waits for the next cycle."""
+    """SWAPPED, NOT_NOW, NO_TORQUE or OUT_OF_BOUNDS; None while the request waits for the next cycle."""
     return None if swap_asked(swap.i) else int(swap.i[RESULT])
 
 
@@ -112,7 +115,11 @@ def fade_bias(swap: Any, dt: float) -> None:
 
 @lean_kernel
 def install(swap: Any) -> int:
-    """Put the law asked for in force, as it is."""
+    """Put the law asked for in force, as it is; the one before stays at hand."""
+    if swap.i[LAW_AT] != swap.i[NEXT_LAW_AT]:
+        swap.i[LAST_LAW_AT] = swap.i[LAW_AT]
+        for k in range(swap.settings.size):
+            swap.last_settings[k] = swap.settings[k]
     swap.i[LAW_AT] = swap.i[NEXT_LAW_AT]
     for k in range(swap.gains.shape[0]):
         for j in range(swap.gains.shape[1]):
@@ -120,6 +127,16 @@ def install(swap: Any) -> int:
     for k in range(swap.settings.size):
         swap.settings[k] = swap.next_settings[k]
     return SWAPPED
+
+
+@lean_kernel
+def fall_back(swap: Any) -> None:
+    """Put the law before the one in force back, if there was one, for the one in force has failed. Gains stay."""
+    if swap.i[LAST_LAW_AT] == 0:
+        return
+    swap.i[LAW_AT], swap.i[LAST_LAW_AT] = swap.i[LAST_LAW_AT], 0
+    for k in range(swap.settings.size):
+        swap.settings[k] = swap.last_settings[k]
 
 
 @lean_kernel

@@ -7,7 +7,7 @@ import re
 import socket
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -34,7 +34,7 @@ from qrobot.servo.board_status import board_status
 from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
-from qrobot.servo.control_socket import ControlSocket, connect_to_servo
+from qrobot.servo.control_socket import MAX_CLIENTS, ControlSocket, Visitor, connect_to_servo
 from qrobot.servo.daemon import _run_and_watch
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.journal import JournalReader
@@ -46,13 +46,14 @@ from qrobot.servo.mailbox import (
     COMMAND_POWER,
     COMMAND_SHUTDOWN,
     COMMAND_STOPS,
+    GUARD_TAKEOVER,
     ServoMailbox,
     journal_base,
 )
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.swap import SwapState
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.servo_bench import ServoBench, moving
 
 REQUESTS = (COMMAND_POWER, COMMAND_CLEARS, COMMAND_STOPS, COMMAND_OFFS)
@@ -106,7 +107,7 @@ def servo() -> Iterator[Bench]:
     process = Bench(ServoBench().tick(5))
     controls = Controls(process)
     done = threading.Event()
-    with ControlSocket(process.arm, controls.answer, controls.farewell) as control:
+    with ControlSocket(process.arm, controls.begin, controls.farewell) as control:
 
         def tick() -> None:
             while not done.is_set():
@@ -283,7 +284,7 @@ def test_a_mistake_of_ours_is_an_answer_and_the_servo_goes_on(
 ) -> None:
     client.power_on()
     with monkeypatch.context() as patch:
-        patch.setattr(control, "find_law", lambda *_: 1 / 0)
+        patch.setattr(control, "tried_law", lambda *_: 1 / 0)
         with pytest.raises(QRobotError, match="a mistake of this program, told by the servo: ZeroDivisionError"):
             client.change_law("pd")
     assert "Traceback" in servo.said[-1]
@@ -305,7 +306,7 @@ def test_a_stop_that_does_not_come_sends_people_to_the_emergency_stop(
 def test_a_law_is_not_even_loaded_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     process = Bench(ServoBench().hold())
     moving(process.bench)
-    monkeypatch.setattr(control, "find_law", lambda *_: pytest.fail("loaded"))
+    monkeypatch.setattr(control, "tried_law", lambda *_: pytest.fail("loaded"))
     with pytest.raises(QRobotError, match="not in mode TRACKING"):
         Controls(process)._obey(ChangeLaw(name="pd"))
 
@@ -327,6 +328,134 @@ def test_a_visitor_who_is_gone_at_the_door_is_no_trouble(monkeypatch: pytest.Mon
             patch.setattr(door, "_listener", Door())
             door._welcome()
         door.serve(0.0)
+
+
+# ------------------------------------------------------------------------------- stop and power-off wait for nothing
+
+
+HANGING = {
+    "law": lambda c: c.change_law("pd"),
+    "gains": lambda c: c.change_gains(kv=load_robot("puma560").control.kv.tolist()),
+    "power on": lambda c: c.power_on(),
+    "clear": lambda c: c.clear(),
+    "calibrate": lambda c: c.calibrate(),
+}
+
+
+@contextlib.contextmanager
+def hanging() -> Iterator[tuple[threading.Event, threading.Event]]:
+    """Every command hangs from the first event to the second, whatever it is."""
+    began, freed = threading.Event(), threading.Event()
+
+    def hang(*_: object) -> None:
+        began.set()
+        assert freed.wait(PATIENCE_S)
+        raise QRobotError("it hung")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Controls, "_obey", hang)
+        try:
+            yield began, freed
+        finally:
+            freed.set()
+
+
+@pytest.mark.parametrize("name", HANGING)
+def test_stop_power_off_and_status_are_obeyed_while_every_other_request_hangs(
+    servo: Bench, client: ServoClient, name: str
+) -> None:
+    with ServoClient(servo.arm) as first:
+        first.power_on()
+    said: list[str] = []
+
+    def command() -> None:
+        with ServoClient(servo.arm) as commander:
+            try:
+                HANGING[name](commander)
+            except QRobotError as error:
+                said.append(str(error))
+
+    thread = threading.Thread(target=command)
+    with hanging() as (began, freed):
+        thread.start()
+        assert began.wait(PATIENCE_S)
+        assert client.status().mode == "HOLDING"
+        assert client.stop().mode == "HOLDING"
+        assert client.power_off().mode == "OFF"
+        with ServoClient(servo.arm) as third, pytest.raises(QRobotError, match="is commanded by process"):
+            third.change_law("pd")
+        assert said == []  # it hangs to the end
+        freed.set()
+        thread.join()
+    assert said == ["it hung"]
+
+
+def test_a_second_command_is_refused_while_the_first_is_being_done(servo: Bench) -> None:
+    with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed):
+        raw.settimeout(PATIENCE_S)
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "law", "name": "pd"}\n')
+        assert began.wait(PATIENCE_S)
+        raw.sendall(b'{"command": "clear"}\n')
+        assert b"another command is still being done" in raw.recv(65536)
+        raw.sendall(b'{"command": "stop"}\n')
+        assert decode_reply(raw.recv(65536)).ok
+        freed.set()
+        assert b"it hung" in raw.recv(65536)
+
+
+def test_whoever_hangs_up_takes_their_law_back_and_frees_the_command(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, given_up = threading.Event(), []
+    wait_until(lambda: client.status().commander == "", "nobody commands any more")
+    before = client.status().law
+
+    def tried(*arguments: object) -> Law:
+        began.set()
+        given_up.append(arguments[-1].wait(PATIENCE_S))  # type: ignore[attr-defined]
+        return find_law("pd" if before != "pd" else "qrobot", servo.robot)
+
+    with socket.socket(socket.AF_UNIX) as raw, monkeypatch.context() as patch:
+        patch.setattr(control, "tried_law", tried)
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "law", "name": "pd"}\n')
+        assert began.wait(PATIENCE_S)
+    wait_until(lambda: given_up == [True], "the trial is given up")
+    wait_until(lambda: client.status().commander == "", "the command is free")
+    wait_until(lambda: _accepted(client.clear), "the next command is done")
+    assert client.status().law == before
+
+
+def _accepted(act: Callable[[], object]) -> bool:
+    try:
+        act()
+    except QRobotError:
+        return False
+    return True
+
+
+def test_mute_connections_keep_nobody_out(servo: Bench) -> None:
+    mute = [socket.socket(socket.AF_UNIX) for _ in range(3 * MAX_CLIENTS)]
+    try:
+        for one in mute:
+            connect_to_servo(servo.arm, one)
+        with ServoClient(servo.arm) as late:
+            assert late.power_off().mode == "OFF"
+    finally:
+        for one in mute:
+            one.close()
+
+
+def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -> None:
+    process = Bench(ServoBench().hold())
+    controls = Controls(process)
+    process.bench.mail[GUARD_TAKEOVER] = 1  # and no cycle any more
+    ends = socket.socketpair()
+    with ends[0], ends[1]:
+        reply = decode_reply(controls.answer(Visitor(ends[0]), b'{"command": "power off"}'))
+    assert reply.status is not None
+    assert (reply.status.mode, reply.status.fault, reply.status.powered) == ("FAULT", FaultCode.GUARD_TRIP, False)
 
 
 def test_without_a_servo_the_client_says_what_to_start() -> None:

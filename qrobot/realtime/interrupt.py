@@ -1,0 +1,52 @@
+"""Ctrl-C for a program whose only thread is in compiled code, which may never come back to Python."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
+
+PATIENCE_S: Final = 2.0
+INTERRUPTED: Final = 130  # exit status of a command that SIGINT has ended
+
+
+@contextmanager
+def heed_interrupts(patience_s: float = PATIENCE_S) -> Iterator[None]:
+    """End this process when SIGINT comes and Python does not get to hear of it within `patience_s`.
+
+    Otherwise SIGINT does what it did before. Only the main thread may ask for it; in another one nothing changes.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    heard = threading.Event()
+
+    def hear(number: int, frame: FrameType | None) -> None:
+        heard.set()
+        handler(number, frame)
+
+    ours, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)  # written to before any Python runs
+    signal.signal(signal.SIGINT, hear)
+    threading.Thread(target=_watch, args=(ours, heard, patience_s), name="interrupt", daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        signal.set_wakeup_fd(before)
+        wakes.close()  # the watch reads its end
+
+
+def _watch(signals: socket.socket, heard: threading.Event, patience_s: float) -> None:
+    with signals:
+        while number := signals.recv(1):
+            if number[0] == signal.SIGINT and not heard.wait(patience_s):
+                os._exit(INTERRUPTED)
+            heard.clear()
