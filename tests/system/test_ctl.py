@@ -6,7 +6,9 @@ import io
 import json
 import os
 import signal
-from contextlib import redirect_stderr, redirect_stdout
+import socket
+import threading
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,11 @@ import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.errors import QRobotError
 from qrobot.log.events import log_events
 from qrobot.log.read import read_log
 from qrobot.servo.authority import Authority
+from qrobot.servo.client import ServoClient
 from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm, qrobot
@@ -127,3 +131,27 @@ def test_without_a_servo_the_command_says_what_to_start() -> None:
     assert process.returncode == 1
     assert "start it with" in complaint
     assert "Traceback" not in complaint
+
+
+def test_stop_and_power_off_are_obeyed_while_a_law_is_tried_for_ever(arm: RunningArm, tmp_path: Path) -> None:
+    endless = tmp_path / "endless.py"
+    endless.write_text("import time\ntime.sleep(1e5)\n")
+    with ServoClient(arm.name) as commander:
+        commander.power_on()
+
+        def change_law() -> None:
+            with suppress(QRobotError):
+                commander.change_law(f"{endless}:mine")
+
+        waiting = threading.Thread(target=change_law)
+        waiting.start()
+        assert ctl(arm, "status")[1]["mode"] == "HOLDING"
+        status, now, _ = ctl(arm, "stop")
+        assert (status, now["mode"]) == (0, "HOLDING")
+        status, now, _ = ctl(arm, "power", "off")
+        assert (status, now["mode"], arm.powered) == (0, "OFF", False)
+        assert waiting.is_alive()
+        commander._socket.shutdown(socket.SHUT_RDWR)  # as when its process ends
+        waiting.join(PATIENCE_S)
+    wait_until(lambda: ctl(arm, "power", "on")[0] == 0, "the arm is free for the next one")
+    assert ctl(arm, "power", "off")[0] == 0
