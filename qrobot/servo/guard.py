@@ -39,7 +39,6 @@ _CATEGORY: Final[dict[FaultCode, Stop]] = {
     FaultCode.LAW_NAN: Stop.CATEGORY_1,
     FaultCode.LAW_SLOW: Stop.CATEGORY_1,
     FaultCode.LAW_BOUNDS: Stop.CATEGORY_1,
-    FaultCode.BRAKE_STUCK: Stop.CATEGORY_1,
     FaultCode.OVERRUN: Stop.CATEGORY_1,
     **{code: Stop.CATEGORY_2 for code in FaultCode if code.name.startswith("CAL_")},
     FaultCode.STREAM_LOST: Stop.CATEGORY_2,
