@@ -22,19 +22,18 @@ from qrobot.hwif.memory import (
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.loop import one_cycle
-from qrobot.servo.mailbox import (
+from qrobot.servo.mailbox import INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
+from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import (
     FRAME_JOINTS,
     FRAME_PERIOD_NS,
     FRAME_SEQ,
     FRAME_STREAM,
     FRAME_T_NS,
-    INFO_TELEMETRY_BASE,
-    INFO_TELEMETRY_CAPACITY,
     POSITION_SETPOINT,
     frame_words,
     push_frame,
 )
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.telemetry import append_row
 

@@ -27,8 +27,8 @@ from qrobot.log.scan import scan_file
 from qrobot.log.writer import LogWriter
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator

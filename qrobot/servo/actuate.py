@@ -39,16 +39,12 @@ from qrobot.servo.guard import (
 from qrobot.servo.index_watch import post_index_watch
 from qrobot.servo.law import KP, KV
 from qrobot.servo.law_copies import broken_words, copy_vector
-from qrobot.servo.mailbox import (
-    BEAT_DISCRETE,
-    COMMAND_HAND,
-    GUARD_TAKEOVER,
-    TORQUE_SETPOINT,
-)
+from qrobot.servo.mailbox import BEAT_DISCRETE, COMMAND_HAND, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.outputs import post_outputs
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.pots import has_table, wanted_channels
+from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.state import (
     CLIPPED,
     DISCRETE_SENT,

@@ -16,13 +16,11 @@ from qrobot.servo.actuate import drive, write
 from qrobot.servo.calibrate import IDLE, calibrate, leave_calibration
 from qrobot.servo.calibration_state import STAGE
 from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
-from qrobot.servo.mailbox import (
-    TORQUE_SETPOINT,
-)
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.outputs import settle_outputs
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.sense import estimate, read, watch_arm
+from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.state import (
     BEGAN_NS,
     DT,

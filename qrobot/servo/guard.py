@@ -12,8 +12,8 @@ import numpy as np
 
 from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.mailbox import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.modes import Stop
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 
 NONE: Final = int(FaultCode.NONE)
 VEL_LIMIT: Final = int(FaultCode.VEL_LIMIT)

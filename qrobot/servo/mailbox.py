@@ -22,13 +22,20 @@ from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError, LinkError
 from qrobot.printable import printable
-from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
 from qrobot.realtime.segment import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, Segment, Words
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
 from qrobot.servo.forms import FORMS
 from qrobot.servo.journal import ENTRIES, LAW_BYTES, entry_words, journal_words
+from qrobot.servo.setpoint_queue import (
+    FRAME_JOINTS,
+    QUEUE_CAPACITY,
+    QUEUE_START,
+    frame_words,
+    push_frame,
+    queue_end,
+)
 from qrobot.servo.telemetry import RING_HEADER_WORDS, TelemetryLayout, append_row, ring_capacity, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
@@ -82,20 +89,11 @@ COMMAND_CALIBRATE: Final = 61  # raised to ask for a calibration
 COMMAND_INDEXES: Final = 62  # index pulses a joint for it, 0 for the default
 COMMAND_OFFS: Final = 63  # raised to take power away, whatever COMMAND_POWER says until it has been 0
 
-# Setpoint queue: single producer, single consumer
-QUEUE_HEAD: Final = 64
-COMMAND_OUTPUTS: Final = 65  # what the commander wants of the outputs, output 1 in bit 0; beside what they write anyway
+COMMAND_OUTPUTS: Final = 65  # what the commander wants of the outputs, output 1 in bit 0; beside the queue's head
 COMMAND_OUTPUTS_NS: Final = 66  # when they last said so, on the servo's clock
-QUEUE_TAIL: Final = 72
-QUEUE_START: Final = 80
-QUEUE_CAPACITY: Final = 64
-FRAME_STREAM, FRAME_SEQ, FRAME_T_NS, FRAME_PERIOD_NS, FRAME_JOINTS = range(5)  # then mode[n], value[n]
 
 _READ_TRIES: Final = 20
 _READ_PAUSE_S: Final = 0.001
-
-POSITION_SETPOINT: Final = 1
-TORQUE_SETPOINT: Final = 2
 
 # STATE: one seqlocked block
 (
@@ -122,18 +120,13 @@ FLAG_AT_REST: Final = 16
 FLAG_UNSEEN: Final = 32  # in telemetry only
 
 
-def frame_words(n: int) -> int:
-    """Words of one setpoint frame of `n` joints."""
-    return FRAME_JOINTS + 2 * n
-
-
 def state_words(n: int) -> int:
     """Words of the state block: integers, then q, v, tau, q_ref of `n` joints, then the force sensor's six axes."""
     return STATE_VECTORS + 4 * n + FORCE_AXES
 
 
 def _state_seq(n: int) -> int:
-    return QUEUE_START + QUEUE_CAPACITY * frame_words(n)
+    return queue_end(n)
 
 
 def calibration_base(n: int) -> int:
@@ -402,48 +395,6 @@ class ServoMailbox:
         q, v, tau, q_ref = vectors
         numbers = dict(zip(_SCALARS, words[:STATE_VECTORS].tolist(), strict=True))
         return ServoSnapshot(**numbers, q=q, v=v, tau=tau, q_ref=q_ref, force=force)
-
-
-@lean_kernel
-def push_frame(words: Any, frame: Any, size: int) -> bool:
-    """Producer: append `frame[:size]` to the setpoint queue; False when it is full."""
-    head = words[QUEUE_HEAD]
-    if head - load_acquire(words, QUEUE_TAIL) >= QUEUE_CAPACITY:
-        return False
-    slot = QUEUE_START + (head % QUEUE_CAPACITY) * size
-    for i in range(size):
-        words[slot + i] = frame[i]
-    store_release(words, QUEUE_HEAD, head + 1)
-    return True
-
-
-@lean_kernel
-def peek_frame(words: Any, frame: Any, size: int) -> bool:
-    """Consumer: copy the oldest frame without removing it; False when there is none.
-
-    A queue that cannot be - its head behind its tail, or further before it than there is room - is emptied.
-    """
-    head, tail = load_acquire(words, QUEUE_HEAD), words[QUEUE_TAIL]
-    if not 0 < head - tail <= QUEUE_CAPACITY:
-        if head != tail:
-            store_release(words, QUEUE_TAIL, head)
-        return False
-    slot = QUEUE_START + (tail % QUEUE_CAPACITY) * size
-    for i in range(size):
-        frame[i] = words[slot + i]
-    return True
-
-
-@lean_kernel
-def drop_frame(words: Any) -> None:
-    """Consumer: remove the oldest frame, which `peek_frame` has shown to exist."""
-    store_release(words, QUEUE_TAIL, words[QUEUE_TAIL] + 1)
-
-
-@lean_kernel
-def drop_all_frames(words: Any) -> None:
-    """Consumer: empty the queue."""
-    store_release(words, QUEUE_TAIL, load_acquire(words, QUEUE_HEAD))
 
 
 @lean_kernel

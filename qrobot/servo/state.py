@@ -19,8 +19,9 @@ from qrobot.servo.forms import N_KNOTS
 from qrobot.servo.index_watch import IndexWatch, make_index_watch
 from qrobot.servo.law import MEMORY_WORDS, Law
 from qrobot.servo.law_copies import LawCopies, make_law_copies
-from qrobot.servo.mailbox import frame_words, state_words
+from qrobot.servo.mailbox import state_words
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.setpoint_queue import frame_words
 from qrobot.servo.swap import SwapState, make_swap_state
 from qrobot.servo.telemetry import TelemetryLayout
 from qrobot.servo.watch_state import WatchState, make_watch_state

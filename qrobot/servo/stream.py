@@ -23,7 +23,8 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import bits_float
 from qrobot.servo.guard import check_first_setpoint, check_setpoint
 from qrobot.servo.interpolator import line_through, rest_at, shift_extrapolated, shift_in
-from qrobot.servo.mailbox import (
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.setpoint_queue import (
     FRAME_JOINTS,
     FRAME_PERIOD_NS,
     FRAME_SEQ,
@@ -36,7 +37,6 @@ from qrobot.servo.mailbox import (
     drop_frame,
     peek_frame,
 )
-from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     BRIDGED,
     DEAD_STREAM,

@@ -40,13 +40,11 @@ from qrobot.servo.mailbox import (
     GUARD_T_NS,
     GUARD_TAKEOVER,
     GUARD_TRIPS,
-    POSITION_SETPOINT,
-    TORQUE_SETPOINT,
-    drop_all_frames,
 )
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.pots import has_table, pots_judged
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_JUMPED,

@@ -12,7 +12,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.rig.crossing import ROADS, Crossing, cross
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 

@@ -20,8 +20,8 @@ from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.crossing import CardRig, MemoryRig
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.rig.lockstep_road import RoadRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.drive_loop import PositionLoop
 from qrobot.sim_board.emulator import Emulator

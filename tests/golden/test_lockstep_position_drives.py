@@ -16,8 +16,8 @@ from qrobot.hwif.canbus.ds402 import DriveState
 from qrobot.hwif.memory import BOARD_ILLEGAL_OPS
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.lockstep_road import RoadRig
-from qrobot.servo.mailbox import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.drives import Drives, loops_for, served, torque_for

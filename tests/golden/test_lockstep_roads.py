@@ -11,8 +11,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.bus import Endpoint
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.rig.lockstep_road import RoadRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator

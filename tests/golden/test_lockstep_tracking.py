@@ -18,8 +18,8 @@ from qrobot.config import load_robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stream import longest_silence
 from qrobot.servo.telemetry import Rows

@@ -12,8 +12,8 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.servo.incident import read_incident
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from tests.property.test_motor_campaign import random_path
 from tests.support.campaign import FRAME_NS, FRAME_S, N
 from tests.support.dead_encoder import Case, SlowArm, run_case

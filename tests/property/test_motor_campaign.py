@@ -13,8 +13,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.incident import Incident, read_incident
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

@@ -16,8 +16,9 @@ from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCR
 from qrobot.servo.forms import FORMS
 from qrobot.servo.law import law
 from qrobot.servo.laws import LAWS
-from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS, TORQUE_SETPOINT
+from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.velocity import ESTIMATORS
 from tests.support.servo_bench import Program, ServoBench, cruise
 

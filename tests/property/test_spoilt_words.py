@@ -13,15 +13,11 @@ from qrobot.servo.mailbox import (
     INFO_JOINTS,
     INFO_TELEMETRY_BASE,
     INFO_TELEMETRY_CAPACITY,
-    QUEUE_CAPACITY,
-    QUEUE_HEAD,
-    QUEUE_TAIL,
     append_telemetry,
-    frame_words,
     local_servo_memory,
-    peek_frame,
     servo_info,
 )
+from qrobot.servo.setpoint_queue import QUEUE_CAPACITY, QUEUE_HEAD, QUEUE_TAIL, frame_words, peek_frame
 from qrobot.servo.telemetry import TelemetryLayout, TelemetryReader
 
 N, ROWS = 6, 16

@@ -13,8 +13,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.forms import FORMS
 from qrobot.servo.interpolator import PEAK_SLOPE
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator

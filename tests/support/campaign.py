@@ -16,8 +16,8 @@ from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.realtime.segment import Words
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator

@@ -38,8 +38,8 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.lockstep_road import RoadRig
-from qrobot.servo.mailbox import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.can_drives import EmulatedDrive
 from qrobot.sim_board.emulator import Emulator

@@ -7,8 +7,9 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transmission import counts_to_joint
-from qrobot.servo.mailbox import FLAG_UNSEEN, TORQUE_SETPOINT
+from qrobot.servo.mailbox import FLAG_UNSEEN
 from qrobot.servo.modes import Mode
+from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.supervisor import hold_here
 from qrobot.servo.unseen import keep_pace, lose_sight
 from qrobot.servo.velocity import ESTIMATORS
