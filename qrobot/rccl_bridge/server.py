@@ -14,6 +14,7 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final, cast
 
 from qrobot.errors import LinkError
@@ -210,7 +211,8 @@ class _Client(asyncio.Protocol):
     def _close(self) -> None:
         """Say no more, but read on until the client hangs up: to close with unread input would lose the last words."""
         if self.transport is not None:
-            self.transport.write_eof()
+            with suppress(OSError):  # the client has gone, and nobody has told us yet
+                self.transport.write_eof()
             asyncio.get_running_loop().call_later(LINGER_S, self.transport.abort)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import fcntl
 import os
 import resource
@@ -246,6 +247,23 @@ def test_a_bridge_that_ends_says_bye_and_stops_the_arm() -> None:
             pass
         assert event.text == "the bridge ends"
         assert client.hear() is None
+    assert bridge.port.stops == 1
+
+
+def test_a_client_that_has_just_gone_does_not_keep_the_end_of_the_bridge_from_the_commander(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def not_connected() -> None:
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    with Bridge() as bridge, bridge.connect() as watcher, bridge.connect() as commander:
+        watcher.join(OBSERVER)
+        monkeypatch.setattr(next(iter(bridge.server.clients)).transport, "write_eof", not_connected)
+        commander.join()
+        bridge.begin_to_end()
+        while isinstance(event := commander.hear(), State):
+            pass
+        assert event.text == "the bridge ends"
     assert bridge.port.stops == 1
 
 
