@@ -60,7 +60,8 @@ def amplitude(robot: Robot, settings: ServoSettings, joint: int, ticks: int = TI
     rig = LockstepRig(robot, settings, Emulator(robot, physics="rigid", start="ready"))
     for limit in (rig.params.following_error, rig.params.v_max, rig.params.a_stop, rig.params.range_margin):
         limit[:] = np.inf
-    for limit in (rig.params.watch.unexplained, rig.params.watch.impossible, rig.params.watch.runaway_speed):
+    watch = rig.params.watch
+    for limit in (watch.unexplained, watch.impossible, watch.runaway_speed, watch.holds_up, watch.holds_down):
         limit[:] = np.inf
     rig.mailbox.request_power(True)
     rig.run_for(0.3)
