@@ -141,6 +141,29 @@ FACTS: Final = {
         "tests/unit/test_stability.py::test_gains_far_outside_are_refused_by_joint",
         False,
     ),
+    F.HOLD_TO_RUN: Fact(
+        "100 ms after the key was let go",
+        "tests/unit/test_hold_to_run.py::test_a_key_let_go_or_a_link_lost_stops_the_arm_on_its_path_within_100_ms",
+    ),
+    F.T1_LIMIT: Fact(
+        "the cycle in which the reference or the measured motion is too fast",
+        "tests/unit/test_reduced_speed.py::test_a_fast_program_is_stopped_on_its_path_before_the_tool_is_faster",
+    ),
+    F.RATE: Fact(
+        "the servo does not start on a real board; with an emulated one it is told",
+        "tests/unit/test_pace.py::test_a_rate_that_is_not_kept_is_told_with_one_that_would_be",
+        False,
+    ),
+    F.RT_BUDGET: Fact(
+        "likewise",
+        "tests/unit/test_pace.py::test_the_loop_stays_below_what_the_kernel_leaves_it",
+        False,
+    ),
+    F.PAGEFAULT: Fact(
+        "told within a second, and counted in `qrobot ctl status --json`; nothing stops",
+        "tests/unit/test_pace.py::test_page_faults_of_a_thread_are_counted_from_when_it_is_ready",
+        False,
+    ),
     F.RESET_DENIED: Fact("0.1 s after the clear", BREAKS),
 }
 CLEARED: Final = {

@@ -15,8 +15,10 @@ from qrobot.servo.calibration_table import CalibrationTable, load_table
 from qrobot.servo.laws.file import is_file_law, split_name
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
+from qrobot.units import MM_PER_M
 
 DEFAULT_DEPLOYMENT = "emulator"
+REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person within reach
 
 
 def choose_arm(deployment: str, name: str | None) -> Arm:
@@ -88,6 +90,7 @@ def servo_settings(
     law: str | None = None,
     velocity: str | None = None,
     interpolation: str | None = None,
+    reduced_speed: bool = False,
 ) -> ServoSettings:
     """Settings of the deployment file, with what the command line overrides."""
     return ServoSettings(
@@ -103,11 +106,29 @@ def servo_settings(
         sensor_channels=arm.servo.sensor_channels,
         exchange_ms=arm.board.period_ms,
         unchecked_gains=arm.servo.unchecked_gains,
+        unchecked_rate=arm.servo.unchecked_rate,
+        spin=arm.servo.spin,
+        black_box_s=arm.log.black_box_s,
+        reduced_speed_m_s=_reduced_speed(arm, reduced_speed) / MM_PER_M,
+        tool_m=_tool_of(arm),
         position_drives=arm.board.position_drives,
         outputs=outputs_of(arm),
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
     )
+
+
+def _reduced_speed(arm: Arm, asked: bool) -> float:
+    """mm/s, 0 for no limit: the file's, and where somebody asks for it T1's when the file has none, or more."""
+    chosen = arm.servo.reduced_speed_mm_s
+    if not asked:
+        return chosen or 0.0
+    return REDUCED_SPEED_MM_S if chosen is None else min(chosen, REDUCED_SPEED_MM_S)
+
+
+def _tool_of(arm: Arm) -> tuple[float, float, float]:
+    x, y, z = arm.servo.tool_mm
+    return x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
 
 
 def outputs_of(arm: Arm) -> tuple[OutputWire, ...]:

@@ -33,6 +33,7 @@ def servo(
     model: str | None = None,
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
+    reduced_speed: bool = False,
     guardian: Annotated[bool, Parameter(negative="--own-guardian")] = True,
 ) -> None:
     """Run the servo of one arm, until Ctrl-C: then a controlled stop, torque off, power off.
@@ -57,6 +58,8 @@ def servo(
         How velocities are estimated, overriding the file: the paper's difference, or an observer with less noise.
     interpolation
         Path between setpoints, overriding the file; linear is a sample period faster, and rough.
+    reduced_speed
+        Stop the arm when its tool would move faster than 250 mm/s, or than the file's reduced_speed_mm_s.
     guardian
         Start a guardian too. With --own-guardian somebody else starts it (`qrobot guardian`, `qrobot up`).
     """
@@ -64,7 +67,7 @@ def servo(
 
     chosen = choose_arm(deployment, arm)
     robot, identified = controlled_robot(chosen, model)
-    settings = servo_settings(chosen, rate, law, velocity, interpolation)
+    settings = servo_settings(chosen, rate, law, velocity, interpolation, reduced_speed)
 
     def started() -> None:
         if guardian:
@@ -72,6 +75,7 @@ def servo(
             subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         choices = f"law {settings.law}, velocity by {settings.velocity}, {settings.interpolation} interpolation"
         choices += f", model {identified}" if identified else ""
+        choices += f", tool up to {settings.reduced_speed_m_s * 1e3:g} mm/s" if settings.reduced_speed_m_s else ""
         note(f"servo of {chosen.name} ({robot.name}) runs at {settings.rate_hz:g} Hz: {choices}")
 
     look = {"look": _flight_recorder(chosen, robot).look} if chosen.log.directory else {}

@@ -7,7 +7,7 @@ side by side from one file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -24,6 +24,7 @@ from qrobot.config.scene import ForceSensor, Scene
 FIRST_PORT = 1024
 ROADS = ("port", "can", "modbus", "drives")  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
+Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
 Velocity = Literal["difference", "observer"]
 Interpolation = Literal["linear", "cubic", "quintic", "b-spline"]
 
@@ -155,7 +156,14 @@ class ServoChoice(Table):
     `model` is the arm's identified model, a `.toml` that `qrobot identify fit` wrote; one that is damaged or another
     robot's is told and not used.
 
-    `unchecked_gains` signs for gains that are not stable with margin at this rate; without it the servo refuses them.
+    `unchecked_gains` signs for gains that are not stable with margin at this rate, which the servo refuses otherwise.
+
+    `reduced_speed_mm_s` bounds the speed of the tool's tip, `tool_mm` from the flange in its frame: what asks for more
+    is stopped. 250 is the most for a person within reach (ISO 10218-1); this is no safety function.
+
+    At start the loop runs for a moment by itself. A rate that this machine does not keep is refused on a real board,
+    and told with an emulated one; `unchecked_rate` signs for it. Without `spin` the loop sleeps to its deadline: it
+    needs less of the processor, and is later.
 
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
     """
@@ -172,6 +180,10 @@ class ServoChoice(Table):
     require_realtime: bool = False
     overrun: OverrunChoice | None = None
     unchecked_gains: bool = False
+    unchecked_rate: bool = False
+    spin: bool = True
+    reduced_speed_mm_s: float | None = Field(default=None, ge=1, le=10_000, allow_inf_nan=False)
+    tool_mm: tuple[Millimetres, Millimetres, Millimetres] = Field(default=(0.0, 0.0, 0.0), strict=False)
     sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
 
 
@@ -184,9 +196,14 @@ class BridgeChoice(Table):
 
 
 class LogChoice(Table):
-    """Where logs go; an empty directory name switches them off."""
+    """Where logs go; an empty directory name switches them off.
+
+    The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 29 MB at 1 kHz and
+    117 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
+    """
 
     directory: str = "out"
+    black_box_s: float = Field(default=60.0, ge=1, le=600, allow_inf_nan=False)
 
 
 class Arm(Table):

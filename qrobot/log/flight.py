@@ -28,7 +28,8 @@ from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
 
 BEFORE_NS: Final = 2_000_000_000
 AFTER_NS: Final = 500_000_000
-LONGEST_NS: Final = 2_000_000_000  # from the first of several incidents: the ring holds three seconds at 10 kHz
+LONGEST_NS: Final = 2_000_000_000  # from the first of several incidents
+SLACK_ROWS: Final = 100  # cycles between the look at the time and the look at the ring
 KEEP: Final = 20  # files of an arm
 ATTACHMENT: Final = "incidents.json"
 
@@ -95,6 +96,10 @@ def _rows_since(mailbox: ServoMailbox, t_ns: int) -> Rows:
     """What the ring still has of the cycles from `t_ns` on."""
     info = mailbox.info
     reader = TelemetryReader(mailbox.words, info.telemetry_base, info.telemetry_capacity, info.n)
+    rows_since = (
+        mailbox.snapshot().t_ns - t_ns
+    ) // info.period_ns + SLACK_ROWS  # the ring holds a minute: not all of it
+    reader.next_row = max(reader.next_row, reader.next_row + reader.waiting - rows_since)
     blocks = [reader.layout.empty(0)]
     for _ in range(math.ceil(info.telemetry_capacity / READ_ROWS)):  # what the ring holds, however its head counts on
         blocks.append(reader.read())

@@ -64,4 +64,6 @@ class FrameMaker:
             stop=command.stop and not (last is not None and last.stop),
             hand=command.hand,
             outputs=command.outputs,
+            hold_to_run=command.hold_to_run,
+            key_held=command.key_held,
         )

@@ -14,6 +14,8 @@ from qrobot.servo.mailbox import (
     BEAT_SLIPPED_NS,
     BEAT_SLIPS,
     BEAT_T_NS,
+    COMMAND_HELD_NS,
+    COMMAND_HELD_STREAM,
     INFO_READY,
     ServoMailbox,
     attach_servo_memory,
@@ -190,8 +192,20 @@ def _to_wire(mailbox: ServoMailbox) -> RobotState:
     )
 
 
+def tell_key(mailbox: ServoMailbox, stream: int, held_ns: int | None) -> None:
+    """Let `stream` move the arm only while a key is held; it was at `held_ns`, None when it is not.
+
+    What moves is stopped when nothing has been said of the key for `servo.hold_to_run.PATIENCE_NS`.
+    """
+    if held_ns is not None:
+        mailbox.words[COMMAND_HELD_NS] = held_ns  # first: what begins now must not be judged by what was before
+    mailbox.words[COMMAND_HELD_STREAM] = stream + 1
+
+
 def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
     mailbox.request_power(frame.power)
+    if frame.hold_to_run:
+        tell_key(mailbox, frame.stream, frame.t_ns if frame.key_held else None)
     _pass_on_requests(mailbox, frame)
     mailbox.push_setpoint(frame.stream, frame.seq, frame.t_ns, frame.period_ns, frame.modes, frame.setpoints)
 

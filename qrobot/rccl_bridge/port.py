@@ -25,6 +25,7 @@ class SetpointFrame:
         clear_fault, stop: true only in the frame that raises the request.
         hand: 0 relaxed, 1 open, 2 closed.
         outputs: bits of the binary outputs.
+        hold_to_run: the stream moves the arm only while a key is held. key_held: it is held now.
     """
 
     stream: int
@@ -38,6 +39,8 @@ class SetpointFrame:
     stop: bool
     hand: int
     outputs: int
+    hold_to_run: bool = False
+    key_held: bool = False
 
 
 class RobotPort(Protocol):

@@ -17,7 +17,9 @@ from qrobot.wire.packets import Vector
 class Chg:
     """What the next command says. Fields mean what they mean in `wire.Command`.
 
-    `clear_fault` and `stop` go out once and are lowered again. Output 1 is bit 0 of `outputs`.
+    `clear_fault` and `stop` go out once and are lowered again. Once `hold_to_run` was said, the
+    arm moves only while `key_held` is: a program that jogs sets it at each sample from its key. Output 1 is bit 0 of
+    `outputs`.
     """
 
     n: int
@@ -29,6 +31,8 @@ class Chg:
     stream: int = 0
     hand: int = 0
     outputs: int = 0
+    hold_to_run: bool = False
+    key_held: bool = False
 
     def __post_init__(self) -> None:
         self.hold()
@@ -63,7 +67,7 @@ class Chg:
         """The command that answers `state`."""
         command = Command(
             state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
-            self.outputs, state.seq, t_ns,
+            self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held,
         )  # fmt: skip
         self.clear_fault = self.stop = False
         return command

@@ -67,15 +67,20 @@ def look_at_governor(root: Path = ROOT) -> Step:
     return Step(name, good, ", ".join(found), "" if good else "cpupower frequency-set -g performance")
 
 
+def throttled_to(root: Path = ROOT) -> float | None:
+    """Share of each period that the kernel leaves SCHED_FIFO threads; None where it does not throttle them."""
+    kernel = root / "proc/sys/kernel"
+    runtime, period = _read(kernel / "sched_rt_runtime_us"), _read(kernel / "sched_rt_period_us")
+    if runtime is None or period is None or runtime == "-1":
+        return None
+    return int(runtime) / int(period)
+
+
 def look_at_throttling(root: Path = ROOT) -> Step:
     """The kernel stops SCHED_FIFO threads that use up their share of a period."""
-    name, kernel = "throttling", root / "proc/sys/kernel"
-    runtime, period = _read(kernel / "sched_rt_runtime_us"), _read(kernel / "sched_rt_period_us")
-    if runtime is None or period is None:
-        return Step(name, True, "this kernel does not throttle real-time threads")
-    if runtime == "-1":
-        return Step(name, True, "off")
-    share = int(runtime) / int(period)
+    name, share = "throttling", throttled_to(root)
+    if share is None:
+        return Step(name, True, "the kernel does not throttle real-time threads")
     good = share >= _THROTTLE_FLOOR
     return Step(
         name, good, f"real-time threads get {share:.0%} of the time",

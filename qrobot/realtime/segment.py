@@ -56,7 +56,8 @@ class Segment:
         self.path = path
         self.owner = owner
         self._fd: int | None = fd
-        self._map = mmap.mmap(fd, n_words * WORD_BYTES)
+        populate = mmap.MAP_POPULATE if owner else 0  # the owner's loop shall not wait for pages
+        self._map = mmap.mmap(fd, n_words * WORD_BYTES, flags=mmap.MAP_SHARED | populate)
         self.words: Words = np.frombuffer(self._map, dtype=np.int64)
 
     @classmethod
@@ -77,7 +78,8 @@ class Segment:
         segment = cls(path, fd, n_words, owner=True)
         words = segment.words
         generation = int(words[GENERATION]) if words[MAGIC] == MAGIC_VALUE else 0
-        words[HEADER_WORDS:] = 0
+        if words[MAGIC] == MAGIC_VALUE:  # a new file is zero already
+            words[HEADER_WORDS:] = 0
         words[LAYOUT], words[OWNER_PID], words[GENERATION] = layout, os.getpid(), generation + 1
         words[MAGIC] = MAGIC_VALUE
         return segment

@@ -106,6 +106,10 @@ class Controlled(Protocol):
     def incident(self) -> Incident | None:
         """Why the servo last left a mode, see `servo.incident`."""
 
+    @property
+    def page_faults(self) -> int:
+        """Of the loop's thread since it began."""
+
     def say(self, message: str) -> None:
         """Tell people."""
 
@@ -211,6 +215,7 @@ class Controls:
             commander=self._authority.maybe_holder() or "",
             tick=snapshot.tick,
             late_cycles=snapshot.late_cycles,
+            page_faults=servo.page_faults,
             missed_frames=snapshot.missed_frames,
             hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
             inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),

@@ -123,6 +123,7 @@ class ServoStatus(Message):
         inputs: numbers of the discrete inputs that are on; the emergency stop's is no input here.
         outputs: the lines of the deployment by name, true for on.
         board: what became of the way to the board.
+        page_faults: how often the loop had to wait for memory since it began.
         commander: who commands, "" for nobody.
     """
 
@@ -144,6 +145,7 @@ class ServoStatus(Message):
     commander: str
     tick: int
     late_cycles: int
+    page_faults: int
     missed_frames: int
     hand: str
     inputs: Annotated[tuple[int, ...], Field(strict=False)]

@@ -15,10 +15,12 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.actuate import drive, write
 from qrobot.servo.calibrate import IDLE, calibrate, leave_calibration
 from qrobot.servo.calibration_state import STAGE
+from qrobot.servo.hold_to_run import watch_key
 from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.outputs import settle_outputs
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.reduced_speed import watch_tool
 from qrobot.servo.sense import estimate, read, watch_arm
 from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.state import (
@@ -79,6 +81,8 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     obey_requests(params, state, mail, now_ns)
     refer(params, state, mail, now_ns)
     keep_pace(state)
+    watch_key(state, mail, now_ns)
+    watch_tool(params, state)
     react(params, state, mail, now_ns)
     drive(params, state)
     react(params, state, mail, now_ns)

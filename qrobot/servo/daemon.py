@@ -9,25 +9,28 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import FrameType
 from typing import Any
 
 from qrobot.config import Robot
-from qrobot.errors import LinkError
-from qrobot.faultcodes import explain
+from qrobot.errors import LinkError, QRobotError
+from qrobot.faultcodes import FaultCode, explain
 from qrobot.hwif.memory import Lane, attach_board_memory, command_board_memory, discard_operations, local_board_memory
 from qrobot.hwif.port.bus import PortBus
 from qrobot.hwif.port.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.port.owner import own_board_memory
 from qrobot.hwif.port.permission import require_ports
 from qrobot.realtime.deadline import Deadline
-from qrobot.realtime.segment import Segment, Words
+from qrobot.realtime.machine import throttled_to
+from qrobot.realtime.page_faults import FaultWatch
+from qrobot.realtime.segment import Segment, Words, segment_path
 from qrobot.realtime.setup import Step, hold_dma_latency, insist_on, prepare_loop_thread
 from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.turn import await_turn, turn_is_awaited
@@ -38,7 +41,7 @@ from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.law import Law
 from qrobot.servo.law_process import tried_law
 from qrobot.servo.laws import law_label
-from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, one_cycle, run
+from qrobot.servo.loop import ENDED, MARGIN_MAX_NS, longest_margin, one_cycle, run
 from qrobot.servo.mailbox import (
     BEAT_SLIPS,
     BEAT_T_NS,
@@ -53,16 +56,18 @@ from qrobot.servo.mailbox import (
     local_servo_memory,
 )
 from qrobot.servo.modes import mode_name
+from qrobot.servo.pace import RATE, RT_BUDGET, WINDOW_NS, judge_budget, judge_pace
 from qrobot.servo.parameters import ServoParameters, servo_parameters
-from qrobot.servo.settings import ServoSettings
+from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
 from qrobot.servo.stability import check_gains
 from qrobot.servo.state import ServoState, make_state
 from qrobot.servo.swap import SwapState
-from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.servo.telemetry import SMALLEST_RING, Rows, TelemetryLayout, TelemetryReader, fitting_capacity
 
 BOARD_AWAY_NS = 1_000_000_000
 POLL_S = 0.05
 HUNG_S = 5.0  # [A] without a cycle, once the end was asked for: the loop does not come back
+PAGEFAULT = int(FaultCode.PAGEFAULT)
 
 Report = Callable[[str], None]
 Look = Callable[[ServoMailbox, Incident | None, bool], None]  # at the newest incident; True once the loop has ended
@@ -102,6 +107,7 @@ class ServoProcess:
     require_realtime: bool = False
     steps: tuple[Step, ...] = ()
     error: BaseException | None = None
+    faults: FaultWatch = field(default_factory=FaultWatch)
 
     def loop(self) -> None:
         """Body of the loop thread: set it up, then stay compiled until shutdown or until the board goes away."""
@@ -111,6 +117,8 @@ class ServoProcess:
             with hold_dma_latency() as idle:
                 self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
                 insist_on(self.steps, self.require_realtime, self.report)
+                self._insist_on_the_rate()
+                self.faults.begin(threading.get_native_id())
                 self.memory.words[INFO_READY] = 1
                 while self._run_once() != ENDED:
                     self._find_board_again()
@@ -118,9 +126,41 @@ class ServoProcess:
             self.error = error
 
     def _run_once(self) -> int:
-        margin_ns = MARGIN_MAX_NS // 2 if self.settings.spin else 0
         memories = self.memory.words, self.board.words, self.card
-        return int(run(self.params, self.state, *memories, margin_ns, BOARD_AWAY_NS))
+        return int(run(self.params, self.state, *memories, self._first_margin(), BOARD_AWAY_NS))
+
+    def _insist_on_the_rate(self) -> None:
+        """Let the loop run by itself for a moment. Raises QRobotError on a real board whose rate is not kept."""
+        pace = judge_pace(self._run_alone, self.settings.rate_hz)
+        budget = judge_budget(self._spin_share(), throttled_to()) if self._has_fifo() else None
+        judged = [(RATE, pace)] + ([(RT_BUDGET, budget)] if budget else [])
+        for code, step in judged:
+            self.steps += (step,)
+            self.report(f"{step.name}: {step.detail}" if step.ok else _complaint(code, step))
+            lateness_stops = self.settings.overrun != COUNTED_ONLY
+            if not step.ok and (lateness_stops or self.require_realtime) and not self.settings.unchecked_rate:
+                raise QRobotError(_complaint(code, step))
+
+    def _run_alone(self) -> Rows:
+        """Telemetry of the loop for a window, on memory of its own: it sees no board, and nothing can be powered."""
+        n, period_ns = self.robot.n, self.settings.period_ns
+        rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
+        mail = local_servo_memory(self.robot.name, law_label(self.law_name), n, period_ns, rows)
+        mail += 0  # touches every page: the loop shall not wait for them
+        params = servo_parameters(self.robot, replace(self.settings, board_slips=False))  # here is no board to wait for
+        state, info = make_state(params, self.law), ServoMailbox(mail).info
+        run(params, state, mail, local_board_memory(), make_card(NO_CARD), self._first_margin(), WINDOW_NS)
+        return TelemetryReader(mail, info.telemetry_base, info.telemetry_capacity, n).read(rows)
+
+    def _first_margin(self) -> int:
+        return MARGIN_MAX_NS // 2 if self.settings.spin else 0
+
+    def _spin_share(self) -> float:
+        """Most of a period that the loop spins."""
+        return int(longest_margin(self.settings.period_ns)) / self.settings.period_ns if self.settings.spin else 0.0
+
+    def _has_fifo(self) -> bool:
+        return any(step.name == "scheduler" and step.ok for step in self.steps)
 
     def _find_board_again(self) -> None:
         if self.board.is_current:
@@ -141,6 +181,11 @@ class ServoProcess:
         """Where another law is asked for."""
         return self.state.swap
 
+    @property
+    def page_faults(self) -> int:
+        """Of the loop's thread since it began."""
+        return self.faults.count
+
     def say(self, message: str) -> None:
         """Tell people."""
         self.report(message)
@@ -157,11 +202,16 @@ class ServoProcess:
         return int(block[STATE_MODE]), int(block[STATE_EVENT]), int(block[STATE_JOINT])
 
 
+def _complaint(code: int, step: Step) -> str:
+    return f"{FaultCode(code).name}: {step.detail}; {step.remedy}"
+
+
 class _Herald:
     """Tells people what became of the servo since it was last looked at."""
 
     def __init__(self, process: ServoProcess) -> None:
         self._process, self._told, self._number = process, process.told, 0
+        self._faults_told = 0
 
     def announce(self, incident: Incident | None) -> None:
         """A line for a new incident, then for any other change of mode and any other event."""
@@ -175,6 +225,15 @@ class _Herald:
             self._process.report(f"{mode_name(before[0])} -> {mode_name(mode)}")
         if event != before[1] and event != 0:
             self._process.report(f"joint {joint + 1}: {explain(event)}" if joint else explain(event))
+        self._announce_faults()
+
+    def _announce_faults(self) -> None:
+        """The first page fault of the loop, and then twice as many each time: they may come in floods."""
+        faults = self._process.faults
+        faults.look()
+        if faults.count > 2 * self._faults_told:
+            self._faults_told = faults.count
+            self._process.report(f"{explain(PAGEFAULT)} ({faults.count} since the loop began)")
 
 
 @contextlib.contextmanager
@@ -227,11 +286,10 @@ def serve(
     if board_comes_later:
         _insist_on_a_board(arm, card)
     board = _board_memory(arm, card, robot.n, settings.period_ns)
+    rows = _ring_rows(arm, robot, settings, report)
     with (
         interrupted_by_sigterm(),  # the loop is not there yet to be asked for an end
-        create_servo_memory(
-            arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, settings.telemetry_capacity
-        ) as memory,
+        create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         memory.words[BEAT_SLIPS] = int(settings.board_slips)
@@ -272,6 +330,18 @@ def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Segment
     if card[CARD_KIND] == NO_CARD:
         return command_board_memory(arm)
     return own_board_memory(arm, card, joints, period_ns)
+
+
+def _ring_rows(arm: str, robot: Robot, settings: ServoSettings, report: Report) -> int:
+    """Rows of the telemetry ring: as many as were chosen, or as there is room for."""
+    wanted, folder = settings.telemetry_capacity, segment_path(f"{arm}-servo").parent
+    rows = fitting_capacity(TelemetryLayout(robot.n).row_words, wanted, shutil.disk_usage(folder).free)
+    if rows < wanted:
+        kept = rows / settings.rate_hz
+        report(
+            f"the black box holds {kept:.0f} s in place of {settings.black_box_s:g} s: {folder} has room for no more"
+        )
+    return rows
 
 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:

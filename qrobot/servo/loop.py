@@ -47,6 +47,7 @@ SERVO_LANE: Final = int(Lane.SERVO)
 MARGIN_UP_NS: Final = 2_000
 MARGIN_DOWN_NS: Final = 2
 MARGIN_MAX_NS: Final = 150_000
+SPIN_PERCENT: Final = 60  # [A] of the period at most: with the cycle itself it stays below what `servo.pace` allows
 
 END_PATIENCE_NS: Final = (
     300_000_000  # [A] with a board that does not show that power is off; the guardian is left armed
@@ -70,13 +71,22 @@ def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> int:
 
 
 @lean_kernel
-def wait_until(deadline_ns: int, margin_ns: int) -> int:
-    """Sleep to `margin_ns` before the deadline and spin the rest (margin 0: sleep only). Returns the next margin."""
+def longest_margin(period_ns: int) -> int:
+    """The most that is spun before each deadline: a thread that hardly sleeps is throttled by the kernel."""
+    return min(MARGIN_MAX_NS, period_ns * SPIN_PERCENT // 100)
+
+
+@lean_kernel
+def wait_until(deadline_ns: int, margin_ns: int, most_ns: int = MARGIN_MAX_NS) -> int:
+    """Sleep to `margin_ns` before the deadline and spin the rest (margin 0: sleep only).
+
+    Returns the next margin, `most_ns` at most.
+    """
     sleep_until_ns(deadline_ns - margin_ns)
     if margin_ns == 0:
         return 0
     if monotonic_ns() > deadline_ns:
-        return min(margin_ns + MARGIN_UP_NS, MARGIN_MAX_NS)
+        return min(margin_ns + MARGIN_UP_NS, most_ns)
     while monotonic_ns() < deadline_ns:
         pause()
     return max(margin_ns - MARGIN_DOWN_NS, MARGIN_UP_NS)
@@ -111,8 +121,10 @@ def run(
     slipped = slipped_ns(board, params.board_slips)
     deadline = first_deadline(monotonic_ns() - slipped, params.period_ns)
     seen_ns, asked_ns = deadline, deadline
+    most_ns = longest_margin(params.period_ns)
+    margin_ns = min(margin_ns, most_ns)
     while True:
-        margin_ns = wait_until(deadline + slipped, margin_ns)
+        margin_ns = wait_until(deadline + slipped, margin_ns, most_ns)
         slipped = await_board(board, params.board_slips, deadline)
         mail[BEAT_SLIPPED_NS] = slipped
         started = monotonic_ns() - slipped

@@ -91,6 +91,8 @@ COMMAND_OFFS: Final = 63  # raised to take power away, whatever COMMAND_POWER sa
 
 COMMAND_OUTPUTS: Final = 65  # what the commander wants of the outputs, output 1 in bit 0; beside the queue's head
 COMMAND_OUTPUTS_NS: Final = 66  # when they last said so, on the servo's clock
+COMMAND_HELD_STREAM: Final = 67  # 1 + the stream that moves the arm only while a key is held; 0 for none
+COMMAND_HELD_NS: Final = 68  # when the commander last said that the key is held, on the servo's clock
 
 _READ_TRIES: Final = 20
 _READ_PAUSE_S: Final = 0.001

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.units import NS_PER_S
 
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
+FASTEST_TOOL_M_S, LONGEST_TOOL_M = 10.0, 2.0  # [A] beyond these somebody meant another unit
 DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC showed 3.2 ms at worst
 
 
@@ -60,13 +62,16 @@ class ServoSettings:
         spin: sleep short of each deadline and spin the rest; costs CPU, gains precision.
         cpu: processor for the loop thread, None for the last one allowed.
         priority: SCHED_FIFO priority of the loop thread.
-        telemetry_capacity: rows of the telemetry ring, a power of two.
+        black_box_s: how much the telemetry ring holds, at least, where shared memory has room for it.
+        unchecked_rate: somebody has signed for a rate that the self-test of `servo.pace` would refuse.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
             reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
             watched.
         exchange_ms: time between two exchanges with a board behind a gateway; 0 for a board without one.
         unchecked_gains: somebody has signed for gains that `servo.stability` would refuse.
+        reduced_speed_m_s: the most that the tool's tip may move, 0 for no such limit.
+        tool_m: the tool's tip from the flange, in its frame.
         outputs: lines that programs may switch.
         calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
     """
@@ -84,11 +89,14 @@ class ServoSettings:
     spin: bool = True
     cpu: int | None = None
     priority: int = 80
-    telemetry_capacity: int = 1 << 15
+    black_box_s: float = 60.0
+    unchecked_rate: bool = False
     sensor_channels: tuple[int, ...] = ()
     position_drives: bool = False
     exchange_ms: float = 0.0
     unchecked_gains: bool = False
+    reduced_speed_m_s: float = 0.0
+    tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     outputs: tuple[OutputWire, ...] = ()
     calibration: CalibrationTable | None = None
 
@@ -103,10 +111,14 @@ class ServoSettings:
             raise ConfigError(f"guardian time-out {self.guardian_timeout_ms} ms: allowed are 0.5 to 1000 ms")
         if not 0.0 < self.board_timeout_ms <= 1000.0:
             raise ConfigError(f"board time-out {self.board_timeout_ms} ms: allowed are 0 to 1000 ms")
-        if self.telemetry_capacity < 16 or self.telemetry_capacity & (self.telemetry_capacity - 1):
-            raise ConfigError(f"telemetry ring of {self.telemetry_capacity} rows: a power of two from 16 is needed")
+        if not 1.0 <= self.black_box_s <= 600.0:
+            raise ConfigError(f"black box of {self.black_box_s:g} s: allowed are 1 to 600 s")
         if not set(self.sensor_channels) <= set(range(N_ADCS)):
             raise ConfigError(f"sensor channels {self.sensor_channels}: the board has 0 to {N_ADCS - 1}")
+        if not 0.0 <= self.reduced_speed_m_s <= FASTEST_TOOL_M_S:
+            raise ConfigError(f"reduced speed {self.reduced_speed_m_s:g} m/s: 0 to {FASTEST_TOOL_M_S:g} are allowed")
+        if len(self.tool_m) != 3 or not all(abs(x) <= LONGEST_TOOL_M for x in self.tool_m):
+            raise ConfigError(f"tool {self.tool_m}: three numbers within {LONGEST_TOOL_M:g} m are needed")
         check_law_name(self.law)
         if self.position_drives and (self.law != DEFAULT_LAW or self.law_settings):
             raise ConfigError(f"law {self.law} means nothing to drives in position mode: leave it out")
@@ -116,6 +128,11 @@ class ServoSettings:
     def law_for(self, robot: Robot) -> Law:
         """The control law, made for a robot. Raises ConfigError when it cannot be."""
         return find_law(self.law, robot, self.law_settings)
+
+    @property
+    def telemetry_capacity(self) -> int:
+        """Rows of the telemetry ring, a power of two."""
+        return 1 << max(4, math.ceil(math.log2(self.black_box_s * self.rate_hz)))
 
     @property
     def period_ns(self) -> int:

@@ -53,6 +53,7 @@ from qrobot.servo.state import (
     STREAM,
     ServoState,
 )
+from qrobot.servo.tip_speed import check_tip_step
 
 PLAYOUT_FRAMES: Final = 0.5
 LOST_AFTER_FRAMES: Final = 2
@@ -195,11 +196,17 @@ def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
             )
         if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
-    return check_setpoint(
+    code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
         params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.i[FRAME_NS] * 1e-9,
         BEND_SLACK[state.i[BRIDGED]],
     )  # fmt: skip
+    if code == 0:
+        code = check_tip_step(
+            state.setpoint, state.setpoint_modes, state.knots, state.i[FRAME_NS] * 1e-9,
+            params.dynamics.chain, params.tip, params.tool_speed, state.scratch,
+        )  # fmt: skip
+    return code, joint
 
 
 @lean_kernel

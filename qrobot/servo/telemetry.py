@@ -20,6 +20,7 @@ from qrobot.realtime.jit import lean_kernel
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
 SMALLEST_RING: Final = 16  # rows; for memory that only warms kernels up
+WORD_BYTES: Final = 8
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
 CDR_HEADER: Final = b"\x00\x01\x00\x00"
 
@@ -95,6 +96,14 @@ class TelemetryLayout:
 def ring_words(row_words: int, capacity: int) -> int:
     """Size in words of a ring of `capacity` rows, its head included."""
     return RING_HEADER_WORDS + capacity * row_words
+
+
+def fitting_capacity(row_words: int, wanted: int, free_bytes: int) -> int:
+    """Rows of a ring that leaves half of `free_bytes` to others: `wanted`, a power of two, halved until it fits."""
+    capacity = wanted
+    while capacity > SMALLEST_RING and 2 * WORD_BYTES * ring_words(row_words, capacity) > free_bytes:
+        capacity //= 2
+    return capacity
 
 
 @lean_kernel

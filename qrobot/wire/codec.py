@@ -34,6 +34,7 @@ LONGEST_AUTH: Final = 1024
 
 _FIRST: Final = 7  # fields of the header
 _POWER, _CLEAR, _STOP = int(Request.POWER), int(Request.CLEAR_FAULT), int(Request.STOP)
+_HOLD_TO_RUN, _KEY_HELD = int(Request.HOLD_TO_RUN), int(Request.KEY_HELD)
 _YOU, _SOMEBODY = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED)
 _U32: Final = 0xFFFFFFFF
 _SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY)
@@ -113,6 +114,7 @@ def _encode_command(packet: Command) -> bytes:
     if not 0 <= packet.outputs <= _U32:
         raise LocalProtocolError(f"COMMAND with outputs {packet.outputs:#x}: 32 bits, output 1 in bit 0")
     requests = _POWER * packet.power | _CLEAR * packet.clear_fault | _STOP * packet.stop
+    requests |= _HOLD_TO_RUN * packet.hold_to_run | _KEY_HELD * packet.key_held
     return pack(
         layout.COMMAND, n, packet.seq, packet.ack, packet.t_ns, n, packet.hand, requests, packet.stream,
         packet.outputs, *packet.setpoints, *packet.modes,
@@ -128,7 +130,7 @@ def _decode_command(frame: bytes) -> Command:
         raise RemoteProtocolError(f"COMMAND with joint modes {modes} and hand {hand}: 0 to 2 exist")
     return Command(
         seq, modes, setpoints, bool(requests & _POWER), bool(requests & _CLEAR), bool(requests & _STOP),
-        stream, hand, outputs, ack, t_ns,
+        stream, hand, outputs, ack, t_ns, bool(requests & _HOLD_TO_RUN), bool(requests & _KEY_HELD),
     )  # fmt: skip
 
 

@@ -127,7 +127,7 @@ COMMAND: Final = Layout(
     (
         Field("joints", "B", "-", "n of WELCOME"),
         Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
-        Field("requests", "H", "bits", "1 power, 2 clear fault, 4 stop"),
+        Field("requests", "H", "bits", "1 power, 2 clear fault, 4 stop, 8 hold to run, 16 key held"),
         Field("stream", "I", "-", "names one run of setpoints; after any stop the arm follows only a new one"),
         Field(
             "outputs",

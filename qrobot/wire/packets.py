@@ -54,6 +54,8 @@ class Command:
         outputs: what the binary outputs are to be, output 1 in bit 0; begin with what STATE says.
         ack: seq of the newest STATE received.
         t_ns: the client's clock.
+        hold_to_run: this stream moves the arm only while a key is held; for as long as the stream lasts.
+        key_held: the key is held now; said again at least every 100 ms.
     """
 
     seq: int
@@ -67,6 +69,8 @@ class Command:
     outputs: int = 0
     ack: int = 0
     t_ns: int = 0
+    hold_to_run: bool = False
+    key_held: bool = False
 
     @property
     def n(self) -> int:

@@ -70,6 +70,8 @@ class Request(IntFlag):
     POWER = 1
     CLEAR_FAULT = 2
     STOP = 4
+    HOLD_TO_RUN = 8
+    KEY_HELD = 16
 
 
 class ErrorCode(IntEnum):

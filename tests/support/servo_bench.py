@@ -140,6 +140,8 @@ class ServoBench:
         position_drives: bool = False,
         outputs: tuple[OutputWire, ...] = (),
         board_timeout_ms: float = 1.0,
+        reduced_speed_m_s: float = 0.0,
+        tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         self.robot = robot or load_robot("puma560")
         n = self.robot.n
@@ -153,6 +155,8 @@ class ServoBench:
             position_drives=position_drives,
             outputs=outputs,
             board_timeout_ms=board_timeout_ms,
+            reduced_speed_m_s=reduced_speed_m_s,
+            tool_m=tool_m,
         )
         self.params = servo_parameters(self.robot, self.settings)
         if not obeys_model:  # cardboard has no mass: no torque explains how it moves

@@ -59,8 +59,8 @@ def test_a_wrong_deployment_is_refused_before_anything_starts(
     ("tokens", "status", "words"),
     [
         (["up", "nowhere.toml"], 1, ["nowhere.toml"]),
-        (["servo", "{deployment}", "--rate", "7"], 1, ["7", "50 to 20000 Hz"]),
-        (["servo", "{deployment}", "--rate", "0"], 1, ["0", "50 to 20000 Hz"]),
+        (["servo", "{deployment}", "--rate", "7"], 1, ["7", "50 to 10000 Hz"]),
+        (["servo", "{deployment}", "--rate", "0"], 1, ["0", "50 to 10000 Hz"]),
         (["servo", "{deployment}", "--law", "pid"], 1, ["pid", "pd"]),
         (["servo", "{deployment}", "--arm", "third"], 1, ["third"]),
         (["servo", "{deployment}"], 1, ["no shared memory", "-board"]),

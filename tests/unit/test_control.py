@@ -28,6 +28,7 @@ from qrobot.hwif.memory import (
     local_board_memory,
     publish_image,
 )
+from qrobot.realtime.page_faults import FaultWatch
 from qrobot.servo import client as client_module
 from qrobot.servo import control
 from qrobot.servo.board_status import board_status
@@ -69,6 +70,8 @@ class Bench:
     law: Law = field(default_factory=lambda: find_law("qrobot", load_robot("puma560")))
     law_name: str = "qrobot"
     said: list[str] = field(default_factory=list)
+    page_faults: int = 0
+    faults: FaultWatch = field(default_factory=FaultWatch)
 
     @property
     def mailbox(self) -> ServoMailbox:
