@@ -4,9 +4,11 @@ A segment of T samples between two corners begins with a transition whose second
 whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A transition
 over a change of velocity dv needs 2 Ta >= PEAK |dv| / a_max.
 
-Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S and at least what the joints need, and
-T is the shortest that has room for it. So a short way is done in the least time that transitions of this kind allow.
-To a goal that moves it is DEFAULT_TRANSITION_S: its speed comes on top, and is not known when its length is.
+Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S, at least what the joints need, and T is
+the shortest that has room for it. A joint gathers full speed in no less than OPEN_RAMP_S: what an arm follows whose
+load nobody told of. It stays DEFAULT_TRANSITION_S in Cartesian mode and in a motion that a force may end, near things
+where haste is felt as force; on a way to a goal that moves, whose speed comes on top and is not known when the length
+is; and in a motion to where the arm is.
 """
 
 from __future__ import annotations
@@ -14,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import Final
 
 import numpy as np
 
 from qrobot.motion.blend import PEAK, Blend
-from qrobot.motion.chart import JOINTS
+from qrobot.motion.chart import JOINTS, Straight
 from qrobot.motion.course import Course
 from qrobot.motion.errand import NOTHING, Following
 from qrobot.motion.limits import Floats, MotionLimits
@@ -27,6 +30,8 @@ from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
 
 DEFAULT_TRANSITION_S: Final = 0.2  # the transition time of the crank example, Hayward & Paul 1986
 OPEN_SHARE: Final = 1.0 / 7.0  # [A] of T; the ways of the QRobot paper's experiment keep the 0.2 s
+OPEN_RAMP_S: Final = 0.2  # [A] half a transition from rest to full speed, at least
+NO_WAY: Final = 1e-6  # rad or m, below any encoder's count: the goal is where the arm is
 
 
 MANY: Final = 1 << 30  # samples; more than any transition takes
@@ -105,7 +110,8 @@ class Scheduler:
         """
         asked = max(self._asked(request, course), self._least(course))
         if request.transition_s is None:
-            return _shortest(asked, partial(self._open, course, v0, least, most, following, rest))
+            share = self._open_share(request, course)
+            return _shortest(asked, partial(self._open, course, v0, least, most, following, rest, share))
         resting, turning = max(self.preferred(request), rest), following.transition
         transition = max(min(resting, most), least)
         while True:  # all transitions only grow, and what they need is bounded by the speed asked for
@@ -118,19 +124,34 @@ class Scheduler:
             transition, resting, turning = max(transition, entering), max(resting, braking), max(turning, turn)
 
     def _open(
-        self, course: Course, v0: Floats, least: int, most: int, following: Following, rest: int, length: int
-    ) -> Schedule | None:
+        self, course: Course, v0: Floats, least: int, most: int, following: Following, rest: int, share: float,
+        length: int,
+    ) -> Schedule | None:  # fmt: skip
         """The times of a request of `length` samples that leaves Ta open, None when they are too short."""
         seconds = length * self.period_s
-        open_s = OPEN_SHARE * seconds if course.chart.fixed else DEFAULT_TRANSITION_S
-        share = whole_samples(min(open_s, DEFAULT_TRANSITION_S), self.period_s)
-        arriving = course.arriving(seconds)
-        braking, entering = self.needed(arriving), self.needed(course.leaving(seconds) - v0)
-        turning = max(following.transition, self._turning(arriving, following))
-        transition, resting = max(min(share, most), least, entering), max(share, braking, rest)
+        arriving, dv = course.arriving(seconds), course.leaving(seconds) - v0
+        wished = max(self._default(share * seconds), self._ramp(dv))
+        braking, turning = self.needed(arriving), max(following.transition, self._turning(arriving, following))
+        transition = max(min(wished, most), least, self.needed(dv))
+        resting = max(self._default(share * seconds), self._ramp(arriving), braking, rest)
         enough = self._least(course, transition) <= length
         fits = transition + max(resting, turning) <= length
         return Schedule(transition, length, braking, resting) if enough and fits else None
+
+    def _open_share(self, request: MoveRequest, course: Course) -> float:
+        """Ta over T where it is left open; without end where it is to be DEFAULT_TRANSITION_S."""
+        nowhere = float(np.abs(course.way.joints).max()) <= NO_WAY
+        near_things = request.limits is not None or isinstance(course.chart, Straight)
+        return inf if nowhere or near_things or not course.chart.fixed else OPEN_SHARE
+
+    def _default(self, seconds: float) -> int:
+        """An open Ta of `seconds`, in samples: DEFAULT_TRANSITION_S at most."""
+        return whole_samples(min(seconds, DEFAULT_TRANSITION_S), self.period_s)
+
+    def _ramp(self, dv: Floats) -> int:
+        """An open Ta, in samples, that a change of velocity `dv` is to have at least. Shape (n,)."""
+        share = float((np.abs(dv) / self.limits.v_max).max())
+        return min(enough_samples(OPEN_RAMP_S * share, self.period_s), self._default(DEFAULT_TRANSITION_S))
 
     def _turning(self, arriving: Floats, following: Following) -> int:
         """Least Ta, in samples, of the transition into what follows."""

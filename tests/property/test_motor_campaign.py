@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
+from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.modes import Mode
@@ -131,16 +131,20 @@ def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:
 # ------------------------------------------------------------------------------------------------------ false alarms
 
 
-def random_path(seed: int, seconds: float) -> Floats:
-    """Random moves through the whole range, as fast as the slowest joint of each allows; one row a frame."""
+def random_path(seed: int, seconds: float, shortest: float = 1.0) -> Floats:
+    """Random moves, as fast as the slowest joint of each allows; one row a frame.
+
+    They go through the whole range, or a share of the way from `shortest` to 1.
+    """
     random = np.random.default_rng(seed)
     generator = Generator(motion_limits(PUMA), FRAME_S, PUMA.poses["ready"])
     rows, here, tick = [PUMA.poses["ready"]], PUMA.poses["ready"], 0
     low, high = PUMA.limits.q_min + 0.05, PUMA.limits.q_max - 0.05
     while len(rows) < seconds / FRAME_S:
         target = random.uniform(low, high)
-        way = np.abs(target - here)
-        generator.push(MoveRequest("random", target, JointSpeed(0.95 * way.max() / (way / PUMA.limits.v_max).max())))
+        if shortest < 1.0:
+            target = here + random.uniform(shortest, 1.0) * (target - here)
+        generator.push(MoveRequest("random", target, SpeedShare(0.95)))
         here, moving = target, True
         while moving:
             tick += 1
@@ -148,6 +152,27 @@ def random_path(seed: int, seconds: float) -> Floats:
             rows.append(output.q)
             moving = output.moving
     return np.array(rows)
+
+
+def fly_a_stranger(rate_hz: float, law: str, velocity: str, draw: int, path: Floats) -> LockstepRig:
+    """An arm of the mismatched `draw` with a load of 2.5 kg that its servo knows nothing of, at the end of `path`."""
+    plant = Emulator(
+        PUMA, start="ready", physics="rigid", payload_kg=2.5, mismatch=PlantMismatch.mismatched(N, seed=draw)
+    )
+    rig = LockstepRig(PUMA, ServoSettings(rate_hz=rate_hz, law=law, velocity=velocity), plant, keep_telemetry=False)
+    rig.ticks(3)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.1)
+    for seq, q in enumerate(path):
+        rig.mailbox.push_setpoint(1, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+        rig.run_for(FRAME_S)
+    return rig
+
+
+def assert_no_fault(rig: LockstepRig) -> None:
+    seen = rig.mailbox.snapshot()
+    assert (Mode(seen.mode), FaultCode(seen.event)) == (Mode.TRACKING, FaultCode.NONE)
+    assert read_incident(rig.state.watch.incident) is None
 
 
 @pytest.mark.parametrize(
@@ -162,16 +187,10 @@ def random_path(seed: int, seconds: float) -> Floats:
 def test_a_wrong_model_and_an_unknown_load_at_full_speed_are_no_fault(
     rate_hz: float, law: str, velocity: str, draw: int
 ) -> None:
-    plant = Emulator(
-        PUMA, start="ready", physics="rigid", payload_kg=2.5, mismatch=PlantMismatch.mismatched(N, seed=draw)
-    )
-    rig = LockstepRig(PUMA, ServoSettings(rate_hz=rate_hz, law=law, velocity=velocity), plant, keep_telemetry=False)
-    rig.ticks(3)
-    rig.mailbox.request_power(True)
-    rig.run_for(0.1)
-    for seq, q in enumerate(random_path(draw, 60.0)):
-        rig.mailbox.push_setpoint(1, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
-        rig.run_for(FRAME_S)
-    seen = rig.mailbox.snapshot()
-    assert (Mode(seen.mode), FaultCode(seen.event)) == (Mode.TRACKING, FaultCode.NONE)
-    assert read_incident(rig.state.watch.incident) is None
+    assert_no_fault(fly_a_stranger(rate_hz, law, velocity, draw, random_path(draw, 60.0)))
+
+
+@pytest.mark.parametrize("draw", [2, 4, 8, 13])
+def test_nor_are_they_on_short_ways_whose_transitions_the_program_leaves_open(draw: int) -> None:
+    """Half transitions of 0.15 s to full speed, not 0.2 s, were VEL_LIMIT in these; of 0.9 a_max RUNAWAY as well."""
+    assert_no_fault(fly_a_stranger(1000.0, "qrobot", "difference", draw, random_path(draw, 30.0, shortest=0.02)))
