@@ -46,8 +46,8 @@ class CanRoad:
     def __init__(self, endpoint: Endpoint) -> None:
         self.channel = uuid.uuid4().hex
         self.wire = WeakWire(self.interface())
-        self._clock = VirtualClock()
-        self.node = BoardNode(self.wire, endpoint, watchdog_ms=PATIENCE_MS, now_ns=self._clock)  # type: ignore[arg-type]
+        self.clock = VirtualClock()
+        self.node = BoardNode(self.wire, endpoint, watchdog_ms=PATIENCE_MS, now_ns=self.clock)  # type: ignore[arg-type]
         self.bus = CanBus("virtual", self.channel, timeout_s=PATIENCE_S)
 
     def interface(self) -> can.BusABC:
@@ -66,7 +66,7 @@ class CanRoad:
 
     def expire(self) -> None:
         """Let the time of the node's watchdog pass."""
-        self._clock.pass_ms(PATIENCE_MS + 1.0)
+        self.clock.pass_ms(PATIENCE_MS + 1.0)
         wait_until(lambda: self.node.expired, "the watchdog of the far end acts")
 
     def garbage(self) -> None:

@@ -41,6 +41,7 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/rig/experiment.py": "tells how long an experiment took, and decides nothing by it",
     "qrobot/rig/deployed.py": "remembers when it asked for a guardian, to tell it from its predecessor",
     "qrobot/rccl/c/cell.py": "bounds a wait for the answer of a program in C",
+    "qrobot/cli/identify_fit.py": "dates a model when nobody says from which day it is",
     "qrobot/log/follow.py": "names a log by the time it begins; each step of a follower is told the time",
     "qrobot/servo/mailbox.py": "pauses between two tries of a read, of which it makes a number",
     "qrobot/servo/board_status.py": "tells the age of the board's image, and decides nothing by it",
@@ -49,6 +50,7 @@ CALLERS: Final[dict[str, str]] = {
 
 # Tests that may, though they are not `realtime`, by the beginning of their name, and why.
 TESTS: Final[dict[str, str]] = {
+    "tests/system/test_wrong_commands.py::test_a_wrong_command_is_one_line[guardian": "beats before it looks",
     "tests/unit/test_modbus_io.py::test_modules_of_a_deployment_file": "runs the loops of modules, which own a clock",
     "tests/unit/test_port.py::test_the_servo_owns_the_memory_of_its_card": "a card's images are stamped by the servo",
     "tests/unit/test_port.py::test_the_servos_loop_reads_the_card": "runs the servo's loop, which owns a clock",

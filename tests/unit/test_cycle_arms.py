@@ -67,12 +67,17 @@ def test_the_hand_keeps_what_it_holds_over_power_off() -> None:
     assert bench.mode is Mode.OFF
 
 
-def test_discrete_is_written_only_when_it_changes_and_every_dac_every_tick() -> None:
+def test_discrete_is_written_until_the_board_shows_it_and_then_when_it_changes_and_every_dac_every_tick() -> None:
     bench = ServoBench().hold()
     bench.tick(100)
     ticks = {write.t_ns for write in bench.writes}
     assert all(sum(offset >= DAC for offset, _ in writes_at(bench, t_ns)) == N_DACS for t_ns in ticks)
-    assert len([write for write in bench.writes if write.offset == DISCRETE]) == 2  # at start, and power
+    discrete = [write for write in bench.writes if write.offset == DISCRETE]
+    powered = [write for write in discrete if write.value & DISCRETE_POWER]
+    assert len(powered) == 1
+    assert discrete[-1] == powered[0]
+    assert len({write.value for write in discrete}) == 2  # at start, and power
+    assert len(discrete) <= 1 + 4  # without power until two newer images show it, see `servo.arming`
     assert N_DACS + 1 <= MAX_OPS
 
 

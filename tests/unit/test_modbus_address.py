@@ -10,8 +10,8 @@ from qrobot.hwif.modbus.server import split_address
 
 
 def test_an_address_has_a_host_a_port_and_perhaps_a_patience() -> None:
-    assert split_address("127.0.0.1:1502") == ("127.0.0.1", 1502, WATCHDOG_MS)
-    assert split_address("board.lab:502@0") == ("board.lab", 502, 0.0)
+    assert split_address("127.0.0.1:1502") == ("127.0.0.1", 1502, WATCHDOG_MS, ())
+    assert split_address("board.lab:502@0") == ("board.lab", 502, 0.0, ())
 
 
 @pytest.mark.parametrize("address", ["", "1502", ":1502", "here:", "here:x", "here:70000", "here:1502@soon"])

@@ -117,7 +117,7 @@ def test_the_bias_decays_with_its_time_constant_however_long_a_cycle_lasts(bias:
     state = ServoBench().state.swap
     state.bias[:] = bias
     fade_bias(state, dt)
-    np.testing.assert_allclose(state.bias, bias * np.exp(-dt / FADE_S), rtol=1e-12)
+    np.testing.assert_allclose(state.bias, bias * np.exp(-dt / FADE_S), rtol=1e-12, atol=1e-12)
 
 
 def test_power_up_begins_without_a_bias() -> None:
