@@ -43,7 +43,7 @@ FACTS: Final = {
     ),
     F.ENC_JUMP: Fact("3 cycles; a single jump is held back", BREAKS),
     F.ENC_SIGN: Fact(
-        "4 ms in motion; from standstill it shows as RUNAWAY, at the first motion",
+        "3 to 8 ms of torque before the motor has gone its way once; mostly it shows as RUNAWAY, at the first motion",
         f"{MOTOR}::test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion",
     ),
     F.ENC_LOSS: Fact(

@@ -139,8 +139,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "reset; lower the commanded speed"),
     FaultCode.DAC_STUCK: (
-        "a torque nobody commanded went on through a controlled stop: a motor does not follow its command",
-        "check DAC, amplifier and motor (or what pushes the arm), then reset",
+        "a torque nobody commanded outlasted a controlled stop: the arm is held or pushed, or a motor does not obey",
+        "clear what pushes or holds the arm; if nothing does, check DAC, amplifier and motor; then reset",
     ),
     FaultCode.RUNAWAY: ("a joint runs away from its command", "check DAC and amplifier before powering again"),
     FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then reset and power on"),

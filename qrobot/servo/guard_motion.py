@@ -5,16 +5,22 @@ One observation serves all of it, the torque nobody commanded (`servo.residual`)
 | the joint                                                         | code        |
 |-------------------------------------------------------------------|-------------|
 | shows no count although it was fast, or is driven                 | ENC_STUCK   |
-| accelerates backwards as hard as it is driven, or turned at once  | ENC_SIGN    |
-| is faster than its reference, driven by what nobody commanded     | RUNAWAY     |
+| accelerates backwards as hard as it is driven, or turned at once; |             |
+| it has never gone the way of its torque since power came on       | ENC_SIGN    |
+| is faster than its reference, driven by what nobody commanded;    |             |
+| that has not taken more energy from the arm than it gives         | RUNAWAY     |
 | anything else                                                     | COLLISION   |
 | that, and a controlled stop does not end it                       | DAC_STUCK   |
 
 A joint that shows no count at all is watched by `servo.encoder_watch` too, sooner and beside its potentiometer.
 
-A passive obstacle can only slow a joint down; that tells COLLISION from RUNAWAY. What cannot be told apart: a jammed
-joint from a dead encoder, a body that keeps pushing from an amplifier that does, a push that outruns the reference from
-a runaway. The name with the harder stop is taken then.
+A passive obstacle gives back no more energy than it took. It can throw one joint about with what it takes from another
+- an arm that comes down on a table turns its wrist -, but all pushes together take energy from the arm; that tells
+COLLISION from RUNAWAY. Signs are wired while power is off: a motor that has gone the way of its torque for a quarter of
+a turn since has the right one, and what goes against its torque afterwards has hit something.
+
+What cannot be told apart: a jammed joint from a dead encoder, a body that keeps pushing or holding the arm from an
+amplifier that does not obey. The name with the harder stop is taken then.
 
 As in `servo.guard`: every check answers with a fault code, 0 for all well, and is written `not (x <= limit)`.
 """
@@ -50,15 +56,22 @@ SIGN_MOST: Final = 2.5
 SIGN_S: Final = 0.0045
 TURNED_S: Final = 0.008  # after a push beyond all torque: by then the velocity shows whether the counts run backwards
 SIGN_DRIVE: Final = 0.3  # of the threshold: with less torque there is no telling
+FELT_SHARE: Final = 0.5  # of the threshold: smaller pushes may be the model's, and do not count as work [A]
+WORK_S: Final = 0.025  # in which work is forgotten: longer than a blow [A]
 
 
 @lean_kernel
-def stopped_dead(still_s: float, v_moving: float, unit_per_count: float, inertia: float, impossible: float) -> bool:
+def stopped_dead(
+    still_s: float, v_moving: float, unit_per_count: float, inertia: float, impossible: float, over_s: float
+) -> bool:
     """A joint that moved at `v_moving` shows no count for `still_s`: long enough for many, too short to have stopped.
 
-    Such a stop takes a torque above `impossible`, N m (N).
+    Such a stop takes a torque above `impossible`, N m (N). A push that has been above its threshold for `over_s`, since
+    before the last count, was seen by an encoder that lives: the estimate of velocity lags behind such a stop.
     """
     speed = abs(v_moving)
+    if over_s > still_s:
+        return False
     if still_s < OVERDUE_S or still_s * speed < OVERDUE_COUNTS * unit_per_count:
         return False
     return inertia * speed > impossible * still_s
@@ -89,9 +102,32 @@ def outruns(push: float, v: float, v_ref: float, margin: float) -> bool:
 
 
 @lean_kernel
+def counts_along(along: int, step: int, torque: float, enough: float) -> int:
+    """Counts a motor has gone along its `torque`, less those it went against it, after `step` more of them.
+
+    Never below 0; once there are `enough` it stays at that.
+    """
+    if along >= enough:
+        return along
+    return max(0, along + abs(step) if step * torque > 0.0 else along - abs(step))
+
+
+@lean_kernel
+def power_given(push: float, v: float, limit: float) -> float:
+    """Power a push gives its joint, W, 0 where the model may be what is wrong."""
+    return 0.0 if abs(push) <= FELT_SHARE * limit else push * v
+
+
+@lean_kernel
+def recent_work(work: float, power: float, dt: float) -> float:
+    """Work of the pushes of late, J, after `dt` seconds at `power`; forgotten with WORK_S."""
+    return work + dt * power - work * min(1.0, dt / WORK_S)
+
+
+@lean_kernel
 def check_push(
     push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, margin: float,
-    still_s: float, overdue: float, impossible: float,
+    still_s: float, overdue: float, impossible: float, taken: bool, proven: bool,
 ) -> int:  # fmt: skip
     """Code of one joint's symptom, see the table above.
 
@@ -99,27 +135,31 @@ def check_push(
         push: torque nobody commanded. limit: its threshold. over_s: for how long it has been above.
         drive: torque beyond load and friction. v, v_ref: measured and desired velocity. margin: see `outruns`.
         still_s: time without a count. overdue: counts that should have come meanwhile.
-        impossible: more torque than there is.
+        impossible: more torque than there is. taken: all pushes together have taken energy from the arm of late.
+        proven: its motor has gone the way of its torque.
     """
     if abs(push) <= limit:
         return NONE
     if still_s >= FROZEN_S:
         return ENC_STUCK
-    if outruns(push, v, v_ref, margin):
+    if outruns(push, v, v_ref, margin) and not taken:
         return RUNAWAY
     if over_s < NOTICE_S or overdue >= SUSPECT_COUNTS:
         return NONE
-    return name_push(push, limit, over_s, drive, v, v_ref, impossible)
+    return name_push(push, limit, over_s, drive, v, v_ref, impossible, taken or proven)
 
 
 @lean_kernel
 def name_push(
-    push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, impossible: float
+    push: float, limit: float, over_s: float, drive: float, v: float, v_ref: float, impossible: float, signed: bool
 ) -> int:  # fmt: skip
-    """Code of a push that has lasted, on a joint that counts and does not outrun its reference; see `check_push`."""
-    if over_s < SIGN_S and acts_backwards(push, drive, v, limit):
+    """Code of a push that has lasted, on a joint that counts and does not run away; see `check_push`.
+
+    signed: it is not its sign that is wrong.
+    """
+    if not signed and over_s < SIGN_S and acts_backwards(push, drive, v, limit):
         return ENC_SIGN
-    if abs(push) > impossible and over_s < TURNED_S:
+    if not signed and abs(push) > impossible and over_s < TURNED_S:
         return ENC_SIGN if turned_round(v, v_ref) else NONE
     if over_s < (MOVING_PUSH_S if abs(v) > STANDSTILL else STANDING_PUSH_S):
         return COLLISION

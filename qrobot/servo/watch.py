@@ -27,6 +27,9 @@ from qrobot.servo.guard_motion import (
     check_parked,
     check_push,
     check_saturation,
+    counts_along,
+    power_given,
+    recent_work,
     stopped_dead,
 )
 from qrobot.servo.guard_timing import check_overrun, check_slowness, grown_row, skipped_points
@@ -64,6 +67,7 @@ from qrobot.servo.watch_state import (
     SWEPT,
     UNPOWERED_S,
     WARNINGS,
+    WORK,
 )
 
 HOLDING: Final = int(Mode.HOLDING)
@@ -141,6 +145,7 @@ def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None
     watch.f[SAMPLE_S] = dt
     for j in range(state.q.size):
         step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
+        watch.step[j] = step
         if step != 0:
             watch.travel[j] = watch.travel[j] + step if watch.travel[j] * step > 0 else step
             watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
@@ -164,17 +169,31 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
         for j in range(state.q.size):
             _forget_motor(params, state, j)
             forget_encoder(state, j)
-            state.watch.counts_on[j] = state.counts[j]
+            state.watch.counts_on[j], state.watch.along[j] = state.counts[j], 0
+        state.watch.f[WORK] = 0.0
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
     motor_demand(params, state)
     inertial_torques(params, state)
+    observe_motors(params, state, stale)
+    if stale:
+        return
+    for j in range(state.q.size):
+        _watch_motor(params, state, j)
+        _watch_encoder(params, state, j)
+
+
+@lean_kernel
+def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> None:
+    """The torque on every joint that nobody commanded, and what all of them together have done to the arm of late."""
+    watch, power = state.watch, 0.0
     for j in range(state.q.size):
         if stale:
             _forget_motor(params, state, j)
         else:
-            _watch_motor(params, state, j)
-            _watch_encoder(params, state, j)
+            _observe_motor(params, state, j)
+        power += power_given(watch.push[j], state.v[j], params.watch.unexplained[j])
+    watch.f[WORK] = recent_work(watch.f[WORK], power, state.f[DT])
 
 
 @lean_kernel
@@ -255,19 +274,27 @@ def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
 
 
 @lean_kernel
-def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
-    watch, limits, dt = state.watch, params.watch, state.f[DT]
+def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    """Whether the motor goes along its torque, and what else drives the joint."""
+    watch = state.watch
+    if state.i[UNSEEN] == 0:
+        watch.along[j] = counts_along(watch.along[j], watch.step[j], state.tau_motor[j], params.watch.proof[j])
     watch.expected[j], watch.push[j] = observe_push(
         params.inertia[j] * state.v[j], state.tau[j] - watch.load[j] - state.friction[j],
-        dt, limits.pace, watch.expected[j], watch.push[j],
+        state.f[DT], params.watch.pace, watch.expected[j], watch.push[j],
     )  # fmt: skip
+
+
+@lean_kernel
+def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    watch, limits, dt = state.watch, params.watch, state.f[DT]
     if abs(watch.push[j]) <= limits.unexplained[j]:
         watch.over_s[j] = 0.0
     else:
         watch.over_s[j] += dt
         _name_push(params, state, j)
-    still_s, v_moving = watch.still_s[j], watch.v_moving[j]
-    if stopped_dead(still_s, v_moving, limits.unit_per_count[j], params.inertia[j], limits.impossible[j]):
+    still_s, v_moving, unit = watch.still_s[j], watch.v_moving[j], limits.unit_per_count[j]
+    if stopped_dead(still_s, v_moving, unit, params.inertia[j], limits.impossible[j], watch.over_s[j]):
         raise_code(state, ENC_STUCK, j, params.inertia[j] * abs(v_moving) / still_s, limits.impossible[j])
     watch.clipped_s[j] = watch.clipped_s[j] + dt if abs(state.tau[j]) >= params.tau_max[j] else 0.0
     raise_code(
@@ -278,16 +305,17 @@ def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
 @lean_kernel
 def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     watch, limits = state.watch, params.watch
-    push, still_s = watch.push[j], watch.still_s[j]
+    push, still_s, margin = watch.push[j], watch.still_s[j], limits.runaway_speed[j]
     code = check_push(
         push, limits.unexplained[j], watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
-        state.v[j], state.v_ref[j], limits.runaway_speed[j],
+        state.v[j], state.v_ref[j], margin,
         still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
+        watch.f[WORK] < 0.0, watch.along[j] >= limits.proof[j],
     )  # fmt: skip
     if code == ENC_STUCK and pot_is_watching(params, state, j):
         return  # a matter of the potentiometer, see `_watch_encoder`
     if code == RUNAWAY:
-        raise_code(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + limits.runaway_speed[j])
+        raise_code(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
     else:
         raise_code(state, code, j, abs(push), limits.unexplained[j])
 

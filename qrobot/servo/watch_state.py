@@ -19,6 +19,7 @@ HELD_SHARE: Final = 1.3 * 1.3 / 0.8
 RISE_SHARE: Final = 0.3 * 1.3 / 0.8
 RESTLESS_COUNTS: Final = 2.0  # between two counts the position loop goes on by so many, however coarse they are [A]
 IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
+PROOF_TURNS: Final = 0.25  # of the motor, net, the way of its torque: the sign is right [A]; backlash is a hundredth
 
 # indexes into `WatchState.i`
 (
@@ -38,8 +39,9 @@ IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint 
     UNPOWERED_S,  # time since power was last wanted
     SAMPLE_S,  # between the newest two samples of the encoders
     SWEPT,  # way of all references together, rad (m)
+    WORK,  # of the torques nobody commanded, of late, J
     N_FLOATS,
-) = range(4)
+) = range(5)
 
 
 class WatchParams(NamedTuple):
@@ -53,6 +55,7 @@ class WatchParams(NamedTuple):
     brake_slip: Any  # rad (m)
     unit_per_count: Any  # rad (m) a count stands for, positive
     count_way: Any  # 1 or -1: which way the joint goes when counts rise, int64
+    proof: Any  # counts along its torque after which a motor's sign is right
     holds_up: Any  # upward torque of a motor, N m (N), that friction and unknown load may take up without motion
     holds_down: Any  # the same, downward
     rise_up: Any  # from a motor's sliding torque to break-away, N m (N)
@@ -77,6 +80,8 @@ class WatchState(NamedTuple):
     counts: Any  # encoder counts at the last sample, int64
     counts_on: Any  # encoder counts when power came on, int64
     still_s: Any  # for how long they have not changed
+    step: Any  # counts of the newest sample, positive with the joint, int64
+    along: Any  # counts along the torque since power came on, see `guard_motion.counts_along`, int64
     travel: Any  # counts since the motor last turned round, positive with the joint, int64
     going: Any  # 1: its reference has gone on that way since the last count, int64
     slid: Any  # motor torque beyond the load that slid it when the encoder last counted, at most, N m (N)
@@ -113,6 +118,7 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         brake_slip=guard.brake_slip * np.ones(robot.n),
         unit_per_count=unit_per_count,
         count_way=np.sign(robot.transmission.rad_per_count).astype(np.int64),
+        proof=PROOF_TURNS * robot.transmission.counts_per_rev,
         holds_up=torque * (HELD_SHARE * friction.coulomb_pos + load + step),
         holds_down=torque * (HELD_SHARE * friction.coulomb_neg + load + step),
         rise_up=torque * (RISE_SHARE * friction.coulomb_pos + step),
@@ -137,7 +143,8 @@ def make_watch_state(n: int) -> WatchState:
 
     return WatchState(
         i=integers(N_INTEGERS), f=np.zeros(N_FLOATS), load=vector(), expected=vector(), push=vector(),
-        over_s=vector(), counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
+        over_s=vector(), step=integers(n), along=integers(n),
+        counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
         swept_then=vector(), bend=vector(), inertial=vector(), driven=integers(n),
         clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),

@@ -67,6 +67,30 @@ def test_an_encoder_wired_the_wrong_way_is_cut_at_the_first_motion(joint: int, r
 
 
 @RATES
+def test_a_sign_is_right_once_the_motor_has_gone_along_its_torque_and_until_power_goes(rate_hz: float) -> None:
+    leg = FastLeg(rate_hz)
+    leg.power_on()
+    watch = leg.rig.state.watch
+    assert not watch.along.any()
+    leg.fly(25)
+    assert (watch.along[:3] >= leg.rig.params.watch.proof[:3]).all()
+    leg.rig.mailbox.request_power(False)
+    leg.frames(10)
+    assert not watch.along.any()
+
+
+@RATES
+def test_a_wrong_sign_never_looks_right(rate_hz: float) -> None:
+    leg = FastLeg(rate_hz, "encoder:1 reversed")
+    leg.power_on()
+    most = 0
+    while leg.mode is not Mode.FAULT:
+        leg.fly(1)
+        most = max(most, leg.rig.state.watch.along[0])
+    assert most < 0.1 * leg.rig.params.watch.proof[0]
+
+
+@RATES
 @pytest.mark.parametrize(
     ("joint", "codes"), [(1, (FaultCode.ENC_STUCK, FaultCode.FOLLOWING)), (2, (FaultCode.ENC_STUCK,))]
 )

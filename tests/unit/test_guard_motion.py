@@ -10,6 +10,7 @@ import pytest
 
 from qrobot.faultcodes import FaultCode as F
 from qrobot.servo.guard_motion import (
+    FELT_SHARE,
     FROZEN_S,
     MOVING_PUSH_S,
     NOTICE_S,
@@ -23,11 +24,15 @@ from qrobot.servo.guard_motion import (
     STANDSTILL,
     SUSPECT_COUNTS,
     TURNED_S,
+    WORK_S,
     acts_backwards,
     check_parked,
     check_push,
     check_saturation,
+    counts_along,
     outruns,
+    power_given,
+    recent_work,
     stopped_dead,
 )
 
@@ -45,7 +50,7 @@ def below(x: float) -> float:
 # a joint pushed backwards by more than its threshold, long enough to be told of, and still moving forwards
 PUSHED: dict[str, Any] = {
     "push": -10.0, "limit": 8.0, "over_s": 0.01, "drive": 1.0, "v": 0.2, "v_ref": 0.5, "margin": 0.125,
-    "still_s": 0.0, "overdue": 0.0, "impossible": 64.0,
+    "still_s": 0.0, "overdue": 0.0, "impossible": 64.0, "taken": False, "proven": False,
 }  # fmt: skip
 
 
@@ -116,6 +121,14 @@ def test_a_joint_driven_faster_than_its_reference_runs_away(push: float, v: floa
     assert verdict(push=push, v=v, v_ref=v_ref) == expected
 
 
+def test_a_joint_thrown_about_by_what_takes_energy_from_the_arm_does_not_run_away() -> None:
+    thrown = {"push": 10.0, "v": 2.0, "taken": True}
+    assert verdict(**thrown, over_s=below(NOTICE_S)) == F.NONE
+    assert verdict(**thrown, over_s=NOTICE_S) == F.COLLISION
+    assert verdict(**thrown, over_s=MOVING_PUSH_S) == F.DAC_STUCK
+    assert verdict(**thrown, still_s=FROZEN_S) == F.ENC_STUCK
+
+
 def test_a_light_joint_runs_away_too() -> None:
     assert verdict(push=1.0, limit=0.5, v=0.7, v_ref=0.5) == F.RUNAWAY
 
@@ -160,6 +173,63 @@ def test_such_a_joint_has_a_wrong_sign() -> None:
     assert verdict(**backwards, over_s=SIGN_S) == F.COLLISION
 
 
+@pytest.mark.parametrize("known", ["proven", "taken"])
+def test_a_joint_whose_sign_is_right_has_hit_something(known: str) -> None:
+    backwards = {"push": -10.0, "drive": 5.0, "v": -0.1, "over_s": NOTICE_S, known: True}
+    assert verdict(**backwards) == F.COLLISION
+    turned = {"push": -above(64.0), "v": -above(STANDSTILL), "over_s": NOTICE_S, known: True}
+    assert verdict(**turned) == F.COLLISION
+    assert verdict(**turned | {"v": 0.2}) == F.COLLISION
+
+
+@pytest.mark.parametrize(
+    ("along", "step", "torque", "expected"),
+    [
+        (100, 3, 5.0, 103),
+        (100, -3, -5.0, 103),
+        (100, 3, -5.0, 97),
+        (100, -3, 5.0, 97),
+        (100, 3, 0.0, 97),
+        (100, 0, 5.0, 100),
+        (2, 3, -5.0, 0),
+        (3, 2, -5.0, 1),
+        (0, 3, -0.125, 0),
+        (249, 4, 0.125, 253),
+        (249, 4, -0.125, 245),
+        (250, 4, 5.0, 250),
+        (253, 9, -5.0, 253),
+        (100, 3, NAN, 97),
+    ],
+)
+def test_the_way_along_the_torque_is_counted_until_there_is_enough_of_it(
+    along: int, step: int, torque: float, expected: int
+) -> None:
+    assert counts_along(along, step, torque, 250.0) == expected
+
+
+@pytest.mark.parametrize(
+    ("push", "v", "expected"),
+    [
+        (10.0, -0.5, -5.0),
+        (-10.0, -0.5, 5.0),
+        (8.0 * FELT_SHARE, 0.5, 0.0),
+        (above(8.0 * FELT_SHARE), 0.5, 0.5 * above(8.0 * FELT_SHARE)),
+        (-8.0 * FELT_SHARE, 0.5, 0.0),
+        (-above(8.0 * FELT_SHARE), 0.5, -0.5 * above(8.0 * FELT_SHARE)),
+        (0.0, 0.5, 0.0),
+    ],
+)
+def test_a_push_that_the_model_does_not_explain_gives_power_or_takes_it(push: float, v: float, expected: float) -> None:
+    assert power_given(push, v, 8.0) == expected
+
+
+def test_work_is_the_sum_of_power_and_is_forgotten() -> None:
+    assert recent_work(0.0, -8.0, 0.25) == -2.0
+    assert recent_work(2.0, 0.0, WORK_S / 2) == 1.0
+    assert recent_work(-2.0, 4.0, WORK_S / 2) == -1.0 + 2.0 * WORK_S
+    assert recent_work(2.0, 3.0, 2.0) == 6.0
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
@@ -202,7 +272,12 @@ COUNT, INERTIA, IMPOSSIBLE = 2.0**-10, 4.0, 128.0
 def test_a_fast_joint_without_counts_has_a_dead_encoder_unless_something_could_have_stopped_it(
     still_s: float, v: float, expected: bool
 ) -> None:
-    assert stopped_dead(still_s, v, COUNT, INERTIA, IMPOSSIBLE) == expected
+    assert stopped_dead(still_s, v, COUNT, INERTIA, IMPOSSIBLE, 0.0) == expected
+
+
+def test_a_push_from_before_the_last_count_has_been_seen_by_an_encoder_that_lives() -> None:
+    assert stopped_dead(2.0**-8, 4.0, COUNT, INERTIA, IMPOSSIBLE, 2.0**-8)
+    assert not stopped_dead(2.0**-8, 4.0, COUNT, INERTIA, IMPOSSIBLE, above(2.0**-8))
 
 
 @pytest.mark.parametrize(

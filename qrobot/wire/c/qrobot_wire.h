@@ -156,7 +156,7 @@ static inline const char *qrobot_fault_text(int code)
     case 8: return "ENC_LOSS: an encoder has lost or gained counts: an index pulse came elsewhere than it must";
     case 9: return "BOARD_GONE: the board does not answer or its data are stale";
     case 10: return "VEL_LIMIT: a joint moved faster than its limit";
-    case 11: return "DAC_STUCK: a torque nobody commanded went on through a controlled stop: a motor does not follow its command";
+    case 11: return "DAC_STUCK: a torque nobody commanded outlasted a controlled stop: the arm is held or pushed, or a motor does not obey";
     case 12: return "RUNAWAY: a joint runs away from its command";
     case 14: return "POWER_LOST: arm power dropped while in use";
     case 15: return "POWER_NO_ACK: arm power did not come on in time";
