@@ -33,14 +33,7 @@ from typing import Final
 from qrobot.realtime.jit import lean_kernel
 
 SLID_COUNTS: Final = 10  # so far one way a joint has slid: backlash and presliding are behind it [A]
-MISSING_COUNTS: Final = 4.0  # so many the model is sure of, and none came [A]
-DRIVEN_COUNTS: Final = 5.0  # the reference has gone on by so many since the last: the motor is driven [A]
-GONE_TURNS: Final = 0.25  # of the motor, by its potentiometer: 37 units, of which noise and rounding are 7 (1 sigma)
-GONE_READINGS: Final = 2  # in a row
-STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
-COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
-WRONG_INERTIA: Final = 2.0
-SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
+WRONG_INERTIA: Final = 2.0  # times that of the robot file [A]
 LAG_S: Final = 0.05  # in which the joints follow their references [A]
 BASE_SHARE: Final = 0.25  # of a new reading in the mean, where counts and potentiometer may go together
 FAILED_TURNS: Final = 1.0  # from one reading to the next: no motor, but a potentiometer that has failed
@@ -50,7 +43,7 @@ FIRST_READINGS: Final = 4
 @lean_kernel
 def lasting(peak: float, size: float, dt: float) -> float:
     """The larger of `size` and of an earlier `peak` that is forgotten with LAG_S, `dt` seconds later."""
-    return max(abs(size), peak * (1.0 - min(1.0, dt / LAG_S)))
+    return max(abs(size), peak * (1.0 - dt / LAG_S))
 
 
 @lean_kernel

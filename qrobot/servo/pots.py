@@ -34,7 +34,7 @@ from qrobot.servo.calibration_state import (
     VERDICT,
     Stage,
 )
-from qrobot.servo.encoder_watch import FIRST_READINGS, GONE_TURNS, follow_pot
+from qrobot.servo.encoder_watch import FIRST_READINGS, follow_pot
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import MODE, REVISION, STATUS, TICK, ServoState
@@ -48,6 +48,7 @@ ROWS_BEYOND: Final = 3  # a table begins in the second turn of the range, and an
 OFF_TURNS: Final = 0.6  # pot against table: backlash 0.3 turns, waviness, noise
 TRACK_UNITS: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the track of a potentiometer ends, ADC units; it begins at 0
 HALF_STEP_E: Final = 0.5 * ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # what 8 bits leave open, ADC units
+GONE_TURNS: Final = 0.25  # of the motor, by its potentiometer: 37 units, of which noise and rounding are 7 (1 sigma)
 CALIBRATING: Final = int(Mode.CALIBRATING)
 SWEEPING: Final = int(Stage.SWEEPING)
 

@@ -11,12 +11,6 @@ from qrobot.model.transmission import torque_to_motor
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.actuate import motor_rates
 from qrobot.servo.encoder_watch import (
-    COUPLING_SHARE,
-    DRIVEN_COUNTS,
-    GONE_READINGS,
-    MISSING_COUNTS,
-    SCALE_SHARE,
-    STANDS_TURNS,
     is_missing,
     lasting,
     predict_travel,
@@ -80,6 +74,12 @@ IO_LOST: Final = int(FaultCode.IO_LOST)
 RUNAWAY: Final = int(FaultCode.RUNAWAY)
 
 MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
+MISSING_COUNTS: Final = 4.0  # so many the model is sure of, and none came [A]
+DRIVEN_COUNTS: Final = 5.0  # the reference has gone on by so many since the last: the motor is driven [A]
+GONE_READINGS: Final = 2  # of a potentiometer in a row that show a motor gone
+STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
+COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
+SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
 SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
 

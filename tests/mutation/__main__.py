@@ -25,7 +25,7 @@ from _pytest.runner import runtestprotocol
 from tests.mutation.explained import EXPLAINED
 from tests.mutation.mutants import Mutant, mutants
 
-GATES: Final = ("guard", "guard_motion", "guard_timing")
+GATES: Final = ("guard", "guard_motion", "guard_timing", "encoder_watch")
 PATIENCE_S: Final = 30  # a mutant that never ends is noticed
 SURVIVED = 255  # of a process that ends; else the place of the test that has noticed, or a signal
 

@@ -11,7 +11,6 @@ from qrobot.servo.encoder_watch import (
     FAILED_TURNS,
     FIRST_READINGS,
     LAG_S,
-    MISSING_COUNTS,
     SLID_COUNTS,
     WRONG_INERTIA,
     follow_pot,
@@ -80,10 +79,10 @@ def test_downwards_it_is_the_same_and_within_the_bounds_nothing_is_sure_but_the_
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_more_counts_than_the_limit_are_missing_and_so_is_what_is_no_number(sign: float) -> None:
-    limit = MISSING_COUNTS * 1e-4
-    assert not is_missing(sign * limit, MISSING_COUNTS, 1e-4)
-    assert is_missing(sign * math.nextafter(limit, INF), MISSING_COUNTS, 1e-4)
-    assert is_missing(NAN, MISSING_COUNTS, 1e-4)
+    limit = 4.0 * 1e-4
+    assert not is_missing(sign * limit, 4.0, 1e-4)
+    assert is_missing(sign * math.nextafter(limit, INF), 4.0, 1e-4)
+    assert is_missing(NAN, 4.0, 1e-4)
 
 
 def test_a_peak_lasts_for_as_long_as_joints_take_to_follow() -> None:
@@ -103,7 +102,8 @@ def test_a_bend_leaves_room_for_an_inertia_up_to_twice_as_large(acceleration: fl
     torque = 20.0
     assert sliding_torque(torque, 1, 1.0, abs(acceleration)) >= torque - inertia * acceleration
     assert sliding_torque(torque, -1, 1.0, abs(acceleration)) <= torque - inertia * acceleration
-    assert sliding_torque(torque, 1, 1.0, 2.0) == torque + WRONG_INERTIA * 2.0
+    assert sliding_torque(torque, 1, 4.0, 2.0) == torque + WRONG_INERTIA * 8.0
+    assert sliding_torque(torque, 0, 4.0, 2.0) == torque - WRONG_INERTIA * 8.0
 
 
 TURN = 150.0
@@ -120,6 +120,7 @@ def test_a_potentiometer_begins_with_the_mean_of_its_first_readings() -> None:
 
 def test_later_it_follows_only_what_is_free_to_go_together() -> None:
     assert follow_pot(40.0, 0.0, 0.0, FIRST_READINGS, True, TURN) == (40.0 * BASE_SHARE, True)
+    assert follow_pot(50.0, 40.0, 10.0, FIRST_READINGS, True, TURN) == (10.0 + 40.0 * BASE_SHARE, True)
     assert follow_pot(40.0, 0.0, 0.0, FIRST_READINGS, False, TURN) == (0.0, True)
 
 
@@ -128,3 +129,9 @@ def test_a_step_that_no_motor_makes_is_a_potentiometer_that_has_failed(step: flo
     assert follow_pot(step, 0.0, 0.0, 9, True, TURN)[1]
     assert follow_pot(math.nextafter(step, math.copysign(INF, step)), 0.0, 7.0, 9, True, TURN) == (7.0, False)
     assert follow_pot(NAN, 0.0, 7.0, 9, True, TURN) == (7.0, False)
+    assert follow_pot(-0.6 * TURN, 0.6 * TURN, 7.0, 9, True, TURN) == (7.0, False)
+    assert follow_pot(80.0 - TURN, 80.0, 7.0, 9, False, TURN) == (7.0, True)
+
+
+def test_where_a_potentiometer_is_found_first_is_no_step() -> None:
+    assert follow_pot(9.0 * TURN, 0.0, 0.0, 0, True, TURN) == (9.0 * TURN, True)
