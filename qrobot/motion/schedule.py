@@ -8,7 +8,7 @@ Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S,
 the shortest that has room for it. A joint gathers full speed in no less than OPEN_RAMP_S: what an arm follows whose
 load nobody told of. It stays DEFAULT_TRANSITION_S in Cartesian mode and in a motion that a force may end, near things
 where haste is felt as force; on a way to a goal that moves, whose speed comes on top and is not known when the length
-is; and in a motion to where the arm is.
+is; and in a motion to where the arm is already.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
 DEFAULT_TRANSITION_S: Final = 0.2  # the transition time of the crank example, Hayward & Paul 1986
 OPEN_SHARE: Final = 1.0 / 7.0  # [A] of T; the ways of the QRobot paper's experiment keep the 0.2 s
 OPEN_RAMP_S: Final = 0.2  # [A] half a transition from rest to full speed, at least
-NO_WAY: Final = 1e-6  # rad or m, below any encoder's count: the goal is where the arm is
+NO_WAY: Final = 1e-3  # [A] rad or m: so near the goal an arm at rest is where it was asked to be
 
 
 MANY: Final = 1 << 30  # samples; more than any transition takes

@@ -78,7 +78,7 @@ def test_an_open_transition_is_no_harder_than_that_of_200_ms_to_full_speed(size)
 
 @pytest.mark.parametrize("limits", [None, ForceLimits(force=np.full(6, 60.0))])
 def test_a_motion_to_where_the_arm_is_or_that_a_force_may_end_takes_the_papers_time(limits) -> None:
-    way = 0.0 if limits is None else 0.001
+    way = 0.0005 if limits is None else 0.005
     gen = puma_generator()
     gen.push(MoveRequest("there", PARK + way, SpeedShare(1.0), limits=limits))
     assert sum(1 for _ in run(gen)) == 1 + 4 * 7
