@@ -221,8 +221,11 @@ class PlanFile(Table):
 
 
 def kind_of(number: int) -> Kind:
-    """The row with that number. Raises KeyError."""
-    return {kind.number: kind for kind in KINDS}[number]
+    """The row with that number. Raises ConfigError when there is none: somebody has damaged the board memory."""
+    for kind in KINDS:
+        if kind.number == number:
+            return kind
+    raise ConfigError(f"the board memory holds a fault of kind {number}, which does not exist: restart the board")
 
 
 def _component(word: str, line: str) -> tuple[str, int | None]:

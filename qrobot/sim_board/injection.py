@@ -325,7 +325,8 @@ class FaultPanel:
 
     def reports(self) -> list[Injected]:
         """What came of every fault since the last `clear`, in the order they were injected."""
-        return [self.report(place) for place in range(int(self._memory[PANEL_FAULTS]))]
+        in_use = min(max(int(self._memory[PANEL_FAULTS]), 0), FAULT_SLOTS)
+        return [self.report(place) for place in range(in_use)]
 
 
 def _fault_in(slot: list[int]) -> Fault:

@@ -7,7 +7,16 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import FAULT_SLOTS, IMAGE_COUNT, IMAGE_T_NS, IMAGE_WORDS, fetch_image, local_board_memory
+from qrobot.hwif.memory import (
+    FAULT_SLOTS,
+    IMAGE_COUNT,
+    IMAGE_T_NS,
+    IMAGE_WORDS,
+    PANEL_FAULT_SLOTS,
+    PANEL_FAULTS,
+    fetch_image,
+    local_board_memory,
+)
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
@@ -26,7 +35,7 @@ from qrobot.hwif.registers import (
 from qrobot.model.transmission import signed_word
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.sim_board.faults import FaultPlan
-from qrobot.sim_board.injection import Injected
+from qrobot.sim_board.injection import FaultPanel, Injected
 from tests.support.bench import OP_WRITE, post, read_word
 
 PUMA = load_robot("puma560")
@@ -467,3 +476,13 @@ def test_a_report_names_the_fault() -> None:
 def test_an_emulator_nobody_met_has_nowhere_to_put_faults() -> None:
     with pytest.raises(ConfigError, match="connect the emulator first"):
         _ = Emulator(PUMA, physics="rigid").faults
+
+
+def test_a_spoilt_panel_is_told_and_read_no_further_than_it_reaches() -> None:
+    memory = local_board_memory()
+    memory[PANEL_FAULTS], memory[PANEL_FAULT_SLOTS] = 1, 12345
+    with pytest.raises(ConfigError, match="restart the board"):
+        FaultPanel(memory).reports()
+    for count in (-1, -(2**63)):
+        memory[PANEL_FAULTS] = count
+        assert FaultPanel(memory).reports() == []
