@@ -22,8 +22,9 @@ may be far by the time that u has passed B + L. So a potentiometer is asked, whe
 hangs on the same motor by other wires; while the counts stand it shows a quarter of a turn of a motor that is driven.
 
 A joint that something holds fails the same way. Where its potentiometer still stands when the model is sure of half a
-motor turn, both channels agree that it does: a brake that did not release, or an obstacle. Without a potentiometer it
-is stopped as hard as for a dead encoder, and gets that name.
+motor turn, both channels agree that it does: a brake that did not release, or something it presses on, which is no
+fault as long as the unexplained torque is bounded. Without a potentiometer it is stopped as hard as for a dead
+encoder, and gets that name.
 """
 
 from __future__ import annotations

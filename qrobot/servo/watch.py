@@ -260,9 +260,13 @@ def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
 
 @lean_kernel
 def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
-    """Code of a joint that is driven and stands, as encoder and potentiometer agree."""
+    """Code of a joint that is driven and stands, as encoder and potentiometer agree; 0 for one that something holds.
+
+    How hard a joint may push against what holds it is a matter of the unexplained torque: a peg on the rim of its hole,
+    or a tool that is pressed on a surface, is no fault.
+    """
     moved = abs(state.counts[j] - state.watch.counts_on[j]) > MOVED_COUNTS
-    return COLLISION if moved or params.watch.braked[j] == 0 else BRAKE_STUCK
+    return 0 if moved or params.watch.braked[j] == 0 else BRAKE_STUCK
 
 
 @lean_kernel
