@@ -166,6 +166,20 @@ class Segment:
         self.close(unlink=self.owner)
 
 
+def discard_dead(name: str) -> None:
+    """Remove segment `name` when its owner was killed; what a living process owns, or is no segment, stays."""
+    path = segment_path(name)
+    try:
+        with look_into_folder() as folder:
+            fd = folder.open_file(path.name, os.O_RDWR)
+    except (FileNotFoundError, LinkError):
+        return
+    if _lock(fd) and _same_file(fd, path):
+        path.unlink(missing_ok=True)
+        tidy_folder(path.parent)
+    os.close(fd)
+
+
 def _lock_first_byte(fd: int, kind: int) -> None:
     """Take or drop the record lock of whoever commands; it is this open file's. Raises OSError when another has it."""
     fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _CLAIM.pack(kind, os.SEEK_SET, 0, 1, 0))

@@ -23,6 +23,7 @@ from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
 from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
+from qrobot.realtime.segment import discard_dead
 from qrobot.realtime.supervised import Supervision
 from qrobot.realtime.turn import TURN_VARIABLE
 from qrobot.rig.interrupts import interrupts_deferred
@@ -164,6 +165,7 @@ class ProcessRig:
         """End all children, highest rank first."""
         for child in sorted(self.children.values(), key=lambda child: -child.plan.rank):
             child.end()
+            discard_dead(child.name)  # of one that was killed: its memory has its name
         self._supervision.close()
 
     def _output(self, plan: Plan) -> Path:

@@ -96,6 +96,7 @@ COMMAND_HELD_NS: Final = 68  # when the commander last said that the key is held
 
 _READ_TRIES: Final = 20
 _READ_PAUSE_S: Final = 0.001
+_START_TRIES: Final = 500
 
 # STATE: one seqlocked block
 (
@@ -232,7 +233,14 @@ def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, teleme
 
 
 def servo_info(words: Words) -> ServoInfo:
-    """Read the INFO block. Raises LinkError when it contradicts the memory it stands in: somebody has spoilt it."""
+    """Read the INFO block, of a servo that is just starting a moment later.
+
+    Raises LinkError when it contradicts the memory it stands in: somebody has spoilt it.
+    """
+    for _ in range(_START_TRIES):  # the owner has zeroed the memory and is about to say what it is
+        if words[INFO_JOINTS] != 0 or words[INFO_PERIOD_NS] != 0:
+            break
+        time.sleep(_READ_PAUSE_S)
     _insist_on_sense(words)
     return ServoInfo(
         robot_name=_read_text(words, INFO_NAME),

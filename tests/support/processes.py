@@ -117,14 +117,6 @@ class Killing(NamedTuple):
     after_ns: int
 
 
-def kill(process: subprocess.Popen[Any]) -> Killing:
-    """kill -9, and wait until the process is gone."""
-    before_ns = time.monotonic_ns()
-    process.kill()
-    process.wait()
-    return Killing(before_ns, time.monotonic_ns())
-
-
 class RunningArm:
     """Processes of one arm and what they show. Shared memory is mapped anew at every look, as restarts replace it."""
 
@@ -144,8 +136,15 @@ class RunningArm:
         return {child.name.removeprefix(f"{self.name}-"): child.process.pid for child in children if child.alive}
 
     def kill(self, command: str) -> Killing:
-        """kill -9, and wait until the process is gone. Times are the arm's."""
-        before_ns, after_ns = kill(self._rig.children[self.processes.name_of(command)].process)
+        """kill -9 for one of its processes, and wait until it is gone. Times are the arm's."""
+        return self.kill_process(self._rig.children[self.processes.name_of(command)].process)
+
+    def kill_process(self, process: subprocess.Popen[Any]) -> Killing:
+        """The same for a program of its own."""
+        before_ns = time.monotonic_ns()
+        process.kill()
+        process.wait()
+        after_ns = time.monotonic_ns()
         slipped_ns = self.word(BEAT_SLIPPED_NS)
         return Killing(before_ns - slipped_ns, after_ns - slipped_ns)
 

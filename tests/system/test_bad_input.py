@@ -42,10 +42,17 @@ def one_line(process: subprocess.Popen[str]) -> str:
     return complaint
 
 
-@pytest.mark.parametrize("command", ["board", "servo", "guardian"])
+@pytest.mark.parametrize(
+    ("command", "complaint"),
+    [
+        ("board", "-board' belongs to a running process"),
+        ("servo", " has a controller already, a servo or another program"),
+        ("guardian", "-guardian' belongs to a running process"),
+    ],
+)
 @pytest.mark.usefixtures("undisturbed")
-def test_a_second_process_of_its_kind_is_refused(arm: RunningArm, command: str) -> None:
-    assert f"{arm.name}-{command}' belongs to a running process" in one_line(qrobot(command, arm.deployment))
+def test_a_second_process_of_its_kind_is_refused(arm: RunningArm, command: str, complaint: str) -> None:
+    assert f"{arm.name}{complaint}" in one_line(qrobot(command, arm.deployment))
 
 
 @pytest.mark.usefixtures("undisturbed")

@@ -27,7 +27,7 @@ from qrobot.servo.parameters import GUARDIAN_PERIODS
 from qrobot.servo.stream import SILENCE_MARGIN
 from qrobot.servo.telemetry import Rows
 from tests.support.patience import PATIENCE_S, STALL_MS, give_time, wait_until
-from tests.support.processes import GUARDIAN_MS, UNHURRIED_MS, Killing, RunningArm, kill
+from tests.support.processes import GUARDIAN_MS, UNHURRIED_MS, Killing, RunningArm
 
 pytestmark = pytest.mark.realtime
 
@@ -182,7 +182,7 @@ def assert_log_reaches(path: Path, t_ns: int) -> None:
 def test_a_killed_program_leaves_a_stop_on_the_path_within_two_frames(arm: RunningArm, legs: Path) -> None:
     before = arm.running()
     with fast_leg(arm, legs) as program:
-        killing = kill(program)
+        killing = arm.kill_process(program)
         arm.wait_for(Mode.HOLDING)
         assert arm.lamps == HELD
     stop = stop_of(arm.telemetry(), killing.before_ns)
@@ -217,13 +217,13 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
     with fast_leg(arm, legs) as program:
         log = arm.newest_log()
         arm.kill("servo")
-        beat_ns = arm.word(BEAT_T_NS)
-        assert_safe_by_the_boards_stamps(arm, beat_ns)
+        last_ns = arm.snapshot().t_ns
+        assert_safe_by_the_boards_stamps(arm, arm.word(BEAT_T_NS))
         assert_braked(arm)
         assert arm.lamps == HELD
         assert_the_rest_runs(arm, before, "servo")
         assert program.wait(PATIENCE_S) == 1
-    assert_log_reaches(log, beat_ns)
+    assert_log_reaches(log, last_ns)
     arm.processes.start("servo")
     arm.wait_for(Mode.FAULT)  # it finds the board taken
     wait_until(lambda: arm.lamps == NONE, "a servo that starts switches everything off")

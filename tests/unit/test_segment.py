@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
-from qrobot.realtime.segment import GENERATION, HEADER_WORDS, OWNER_PID, Segment, segment_path
+from qrobot.realtime.segment import GENERATION, HEADER_WORDS, OWNER_PID, Segment, discard_dead, segment_path
 from tests.support.patience import PATIENCE_S
 
 OWN_AND_WAIT = """
@@ -92,6 +92,16 @@ def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str)
     with Segment.create(name, 1, 64):
         peer.communicate(timeout=PATIENCE_S)
         assert peer.returncode == 0
+
+
+def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:
+    owner = start_owner(name)
+    discard_dead(name)
+    assert segment_path(name).exists()
+    kill(owner)
+    discard_dead(name)
+    assert not segment_path(name).exists()
+    discard_dead(name)  # there is nothing
 
 
 def test_one_peer_at_a_time_commands_and_another_is_refused_until_it_has_closed(name: str) -> None:
