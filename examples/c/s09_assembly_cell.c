@@ -137,7 +137,7 @@ int i;
     move(pick);                        /* above it */
     setmode('c');
     setvel(60., 60.);
-    distance("dz", 10.);
+    distance("dz", 15.);               /* the turn to what follows begins 6 mm before its end */
     evalfn(barrier);
     move(pick);                        /* down until the barrier sees the hand */
     setime(100., 600.);

@@ -21,6 +21,7 @@ from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import read_setpoints
 from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.calibration_table import load_table
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Command
@@ -149,7 +150,8 @@ def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_it
     monkeypatch.setenv("CELL_DB", str(tmp_path / "cell.db"))
     program = compiled(EXAMPLES / "c" / "s09_assembly_cell.c", tmp_path, "-O2", "-lm")
     scene = Scene(kind="peg")
-    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, scene=scene))
+    settings = ServoSettings(rate_hz=1000.0, calibration=load_table("puma560", ROBOT))  # as packaged deployments do
+    rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, scene=scene))
     lesson = "joint 6 5\nq\nworld dx -150 dy 120 dz -50\nrecord\nq\ny\n"
     with rccl.use(partial(link_factory, rig, 28_000)), keyboard(lesson):
         assert run_executable(program) == 0
