@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
-from qrobot.servo.mailbox import COMMAND_SHUTDOWN
+from qrobot.servo.mailbox import COMMAND_SHUTDOWN, GUARD_T_NS
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.state import MODE
+from qrobot.servo.supervisor import guardian_alive
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 
 N = 6
@@ -344,3 +346,12 @@ def test_torque_flows_in_no_mode_but_those_of_the_table() -> None:
         if not gives_torque(row["mode"]):
             assert np.all(row["dac"] == DAC_ZERO)
     assert bench.state.i[MODE] == Mode.FAULT
+
+
+@pytest.mark.parametrize(("slips", "earliest_ms"), [(0, -100), (1, -1100)])
+def test_a_heartbeat_from_the_future_is_none_but_where_time_was_put_back(slips: int, earliest_ms: int) -> None:
+    params = SimpleNamespace(guardian_timeout_ns=100_000_000, board_slips=slips)
+    alive = getattr(guardian_alive, "py_func", guardian_alive)
+    mail = {GUARD_T_NS: 5_000_000_000}
+    ages_ms = {-10_000: False, earliest_ms - 1: False, earliest_ms: True, 0: True, 100: True, 101: False}
+    assert {age: alive(params, mail, mail[GUARD_T_NS] + age * 1_000_000) for age in ages_ms} == ages_ms
