@@ -13,6 +13,7 @@ import shutil
 import signal
 import threading
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -66,6 +67,7 @@ from qrobot.servo.telemetry import SMALLEST_RING, Rows, TelemetryLayout, Telemet
 
 BOARD_AWAY_NS = 1_000_000_000
 POLL_S = 0.05
+KEPT_PROBLEMS = 8
 HUNG_S = 5.0  # [A] without a cycle, once the end was asked for: the loop does not come back
 PAGEFAULT = int(FaultCode.PAGEFAULT)
 
@@ -347,13 +349,15 @@ def _ring_rows(arm: str, robot: Robot, settings: ServoSettings, report: Report) 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:
     """Run the loop in its thread; beside it answer the control interface, in another one, and tell what happens."""
     controls, herald = Controls(process), _Herald(process)
-    with ControlSocket(process.arm, controls.begin, controls.farewell) as control, _served(control, process):
+    with ControlSocket(process.arm, controls.begin, controls.farewell) as control, _served(control) as problems:
         thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
         thread.start()
         running = _Running(process, thread)
         try:
             while running.goes_on():
                 controls.note_fallback()
+                while problems:
+                    process.say(problems.popleft())
                 incident = process.incident
                 herald.announce(incident)
                 look(process.mailbox, incident, False)
@@ -367,21 +371,22 @@ def _run_and_watch(process: ServoProcess, look: Look) -> None:
 
 
 @contextlib.contextmanager
-def _served(control: ControlSocket, process: ServoProcess) -> Iterator[None]:
-    """Serve the control interface in a thread that waits for nothing else."""
-    done = threading.Event()
+def _served(control: ControlSocket) -> Iterator[deque[str]]:
+    """Serve the control interface in a thread that waits for nothing else; yields what went wrong there, to be told."""
+    done, problems = threading.Event(), deque[str](maxlen=KEPT_PROBLEMS)
 
     def serve_visitors() -> None:
         while not done.is_set():
             try:
                 control.serve(POLL_S)
-            except Exception:  # our mistake: the next request may be a stop
-                process.say(traceback.format_exc())
+            except Exception:  # our mistake: the next request may be a stop; a terminal that is held must not delay it
+                problems.append(traceback.format_exc())
+                done.wait(POLL_S)
 
     thread = threading.Thread(target=serve_visitors, name="servo-control", daemon=True)
     thread.start()
     try:
-        yield
+        yield problems
     finally:
         done.set()
         thread.join()

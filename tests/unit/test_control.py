@@ -10,6 +10,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ from qrobot.servo.client import ServoClient
 from qrobot.servo.control import Controls
 from qrobot.servo.control_messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
 from qrobot.servo.control_socket import MAX_CLIENTS, ControlSocket, Visitor, connect_to_servo
-from qrobot.servo.daemon import _run_and_watch
+from qrobot.servo.daemon import _run_and_watch, _served
 from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.journal import JournalReader
 from qrobot.servo.law import KP, KV, Law
@@ -590,3 +591,19 @@ def test_the_status_of_a_faulted_servo_tells_what_was_measured_and_what_was_allo
     status = Controls(Bench(bench)).status()
     assert (status.mode, status.fault) == ("FAULT", FaultCode.FOLLOWING)
     assert re.match(r"joint 3: 0\.\d+ rad, limit 0\.06 rad; FOLLOWING: a joint lags", status.text)
+
+
+def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_terminal() -> None:
+    class Broken:
+        served = 0
+
+        def serve(self, _seconds: float) -> None:
+            self.served += 1
+            if self.served == 1:
+                raise ZeroDivisionError("ours")
+
+    broken: Any = Broken()
+    with _served(broken) as problems:
+        wait_until(lambda: broken.served > 2, "it goes on")
+    (told,) = problems
+    assert "ZeroDivisionError: ours" in told
