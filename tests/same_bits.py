@@ -52,7 +52,7 @@ def experiment() -> Iterator[tuple[str, str]]:
 
 
 def qrobot(*words: str) -> str:
-    """Why a command failed, which is a result like another; nothing when it did not. What asks is answered by <return>."""
+    """Why a command failed, which is a result as well, or nothing. A program that asks is answered by <return>."""
     keyboard, sys.stdin = sys.stdin, io.StringIO("\n" * 8)
     told = io.StringIO()
     try:
