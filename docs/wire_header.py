@@ -8,7 +8,7 @@ from enum import IntEnum
 from textwrap import fill
 from typing import Final
 
-from qrobot.faultcodes import EXPLANATION
+from qrobot.faultcodes import EXPLANATION, NO_JOINT
 from qrobot.wire import layout, vocabulary
 from qrobot.wire.layout import CRC_BYTES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
 
@@ -26,6 +26,7 @@ _LIMITS: Final = {
     "VERSION": vocabulary.VERSION,
     "DEFAULT_PORT": vocabulary.DEFAULT_PORT,
     "MAX_JOINTS": vocabulary.MAX_JOINTS,
+    "NO_JOINT": NO_JOINT,
     "SHORTEST_PERIOD_US": vocabulary.SHORTEST_PERIOD_US,
     "LONGEST_PERIOD_US": vocabulary.LONGEST_PERIOD_US,
     "LARGEST_SETPOINT": vocabulary.LARGEST_SETPOINT,

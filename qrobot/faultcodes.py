@@ -6,6 +6,10 @@ The numbers travel on the wire and stand in logs: never renumber, only add.
 from __future__ import annotations
 
 from enum import Enum, IntEnum
+from typing import Final
+
+NO_JOINT: Final = -1
+"""In place of the number of a joint (from 0), wherever a code speaks of none: in memory, on the wire, in logs."""
 
 
 class FaultCode(IntEnum):
@@ -243,11 +247,16 @@ def quantity_of(code: int) -> Quantity:
     return _QUANTITY.get(code, Quantity.NOTHING)  # type: ignore[call-overload, no-any-return]
 
 
-def explain(code: int) -> str:
-    """One line for people: name, what happened, what to do."""
+def of_joint(joint: int) -> str:
+    """How a line for people about `joint` (from 0) begins: "joint 3: "; empty for NO_JOINT."""
+    return "" if joint == NO_JOINT else f"joint {joint + 1}: "
+
+
+def explain(code: int, joint: int = NO_JOINT) -> str:
+    """One line for people: the joint (from 0) if the code speaks of one, name, what happened, what to do."""
     try:
         fault = FaultCode(code)
     except ValueError:
-        return f"fault {code} (unknown to this version)"
+        return f"{of_joint(joint)}fault {code} (unknown to this version)"
     what, remedy = EXPLANATION[fault]
-    return f"{fault.name}: {what}; {remedy}"
+    return f"{of_joint(joint)}{fault.name}: {what}; {remedy}"

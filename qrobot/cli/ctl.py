@@ -62,9 +62,7 @@ def _do(where: Where | None, act: Callable[[ServoClient], ServoStatus]) -> int:
 
 
 def _line(status: ServoStatus) -> str:
-    named = status.event_joint == 0 or status.text.startswith("joint ")
-    joint = "" if named else f" (joint {status.event_joint + 1})"
-    why = f": {status.text}{joint}" if status.text else ""
+    why = f": {status.text}" if status.text else ""
     by = f", commanded by {status.commander}" if status.commander else ""
     settings = f" ({settings_text(status.law_settings)})" if status.law_settings else ""
     return f"{status.arm}: {status.mode}{why}, law {status.law}{settings}{by}"

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import MotionError, ServoFault
-from qrobot.faultcodes import explain
+from qrobot.faultcodes import NO_JOINT, explain
 from qrobot.rci import Chg
 from qrobot.wire import RobotMode, RobotState
 
@@ -20,8 +20,8 @@ ARRIVED: Final = 1e-6  # rad or m
 def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = ()) -> ServoFault:
     """The error for a servo that gave up: its latched fault, or else what it reported last; `trace` ends with it."""
     code = robot.fault or robot.event
-    joint = f" (joint {robot.event_joint + 1})" if code == robot.event and code else ""
-    reason = f"{explain(code)}{joint}" if code else f"the servo is in mode {mode_name(robot.mode)}"
+    joint = robot.event_joint if code == robot.event else NO_JOINT
+    reason = explain(code, joint) if code else f"the servo is in mode {mode_name(robot.mode)}"
     return ServoFault(code, f"{what}: {reason}", tuple(trace))
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from qrobot.errors import LinkError
+from qrobot.faultcodes import NO_JOINT
 from qrobot.rccl_bridge.port import SetpointFrame
 from qrobot.realtime.segment import GENERATION, Segment, Words
 from qrobot.servo.mailbox import (
@@ -181,7 +182,7 @@ def _to_wire(mailbox: ServoMailbox) -> RobotState:
         q_setpoint=tuple(s.q_ref.tolist()),
         fault=s.fault & _U16,
         event=s.event & _U16,
-        event_joint=s.joint & _U16,
+        event_joint=s.joint if 0 <= s.joint < mailbox.info.n else NO_JOINT,
         flags=s.flags,
         late_cycles=s.late_cycles,
         missed_frames=s.missed_frames,

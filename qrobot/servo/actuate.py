@@ -117,7 +117,7 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
     swap = state.swap
     if not call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
         state.i[LAW_FAILED] = 1
-        raise_code(state, LAW_BOUNDS, 0)
+        raise_code(state, LAW_BOUNDS)
         built_in_law(params, state)
         return
     if state.i[MODE] == TRACKING:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
 from qrobot.hwif.registers import (
     DISCRETE,
@@ -52,10 +52,11 @@ from qrobot.servo.calibration_state import (
     WANTED,
     Stage,
 )
+from qrobot.servo.event import note_event
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.pots import move_frame
-from qrobot.servo.state import DISCRETE_WORD, DT, EVENT, JOINT, STATUS, ServoState
+from qrobot.servo.state import DISCRETE_WORD, DT, STATUS, ServoState
 from qrobot.servo.supervisor import allow_range, enter, hold_here, hold_reference
 from qrobot.servo.vote import find_rows
 
@@ -118,7 +119,7 @@ def refuse(state: ServoState, code: int, joint: int) -> None:
     """End the attempt: hold where the arm is, uncalibrated, and say why."""
     leave_calibration(state)
     hold_here(state)
-    state.i[EVENT], state.i[JOINT] = code, joint
+    note_event(state, code, joint)
     enter(state, UNCALIBRATED)
 
 
@@ -292,7 +293,7 @@ def post_latches(state: ServoState, n: int) -> int:
 def _settle(params: ServoParameters, state: ServoState) -> None:
     """Wait until no counter has moved for a while, then have the new counts loaded."""
     cal = state.cal
-    restless = -1
+    restless = NO_JOINT
     for j in range(state.raw.size):
         if state.raw[j] != cal.before[j]:
             restless = j
@@ -301,7 +302,7 @@ def _settle(params: ServoParameters, state: ServoState) -> None:
     _nudge(params, state, restless)
     cal.i[WAITED] += 1
     if cal.i[WAITED] > params.settle_patience:
-        refuse(state, CAL_MOVED, 0)
+        refuse(state, CAL_MOVED, restless)
     elif cal.i[STILL] >= params.settle_cycles:
         for j in range(state.raw.size):
             cal.words[j] = count_word(state.counts[j] + cal.shift[j])
@@ -348,7 +349,7 @@ def see_load(params: ServoParameters, state: ServoState, words: Any) -> bool:
     if new <= NEAR_COUNTS and new <= old:
         _take_frame(params, state)
         if cal.i[MOVED] != 0:
-            refuse(state, CAL_MOVED, 0)
+            refuse(state, CAL_MOVED, NO_JOINT)
     return False
 
 
@@ -368,7 +369,7 @@ def _see_it_done(params: ServoParameters, state: ServoState) -> None:
     """Wait for the image to show what was posted: the counters, then the CALIB bit."""
     state.cal.i[WAITED] += 1
     if state.cal.i[WAITED] > params.load_patience:
-        refuse(state, CAL_MOVED, 0)
+        refuse(state, CAL_MOVED, NO_JOINT)
     elif state.cal.i[STAGE] == MARKING:
         state.i[DISCRETE_WORD] |= DISCRETE_CALIBRATED
         if state.i[STATUS] & STATUS_CALIBRATED != 0:

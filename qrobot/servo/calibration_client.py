@@ -138,5 +138,5 @@ def _until(
 
 
 def _refusal(state: ServoSnapshot, what: str) -> str:
-    joint = f"joint {state.joint + 1}: " if state.event else ""
-    return f"{what}: {joint}{explain(state.event or state.fault)}"
+    told = explain(state.event, state.joint) if state.event else explain(state.fault)
+    return f"{what}: {told}"

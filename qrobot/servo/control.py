@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
-from qrobot.faultcodes import FaultCode, explain
+from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.realtime.segment import Segment
 from qrobot.servo.authority import Authority
@@ -197,6 +197,7 @@ class Controls:
         gains = servo.swap.gains
         mode, fault = (Mode.FAULT, GUARD_TRIP) if self._guardian_acts else (snapshot.mode, snapshot.fault)
         code = fault or snapshot.event
+        joint = snapshot.joint if code == snapshot.event else NO_JOINT
         return ServoStatus(
             arm=servo.arm,
             robot=servo.robot.name,
@@ -207,7 +208,7 @@ class Controls:
             fault=fault,
             event=snapshot.event,
             event_joint=snapshot.joint,
-            text=self._text(code),
+            text=self._text(code, joint),
             powered=bool(snapshot.flags & FLAG_POWERED) and not self._guardian_acts,
             calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
             estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
@@ -229,12 +230,12 @@ class Controls:
             board=board_status(servo.board.words, lambda: arm_time_ns(servo.board.words, servo.settings.board_slips)),
         )
 
-    def _text(self, code: int) -> str:
+    def _text(self, code: int, joint: int) -> str:
         """What a code means, with what was measured when it is why the servo last left a mode."""
         incident = self._servo.incident
         if incident is not None and incident.code == code:
             return incident.why(self._servo.robot.prismatic)
-        return explain(code) if code else ""
+        return explain(code, joint) if code else ""
 
     def _authorise(self, visitor: Visitor) -> None:
         if self._commander not in (None, visitor):

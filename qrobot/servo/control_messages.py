@@ -119,6 +119,7 @@ class ServoStatus(Message):
 
     Attributes:
         event: newest code worth knowing, 0 for none; `text` explains it, or the fault, to people.
+        event_joint: joint it speaks of, from 0; -1 (`faultcodes.NO_JOINT`) for none.
         hand: relaxed, open or closed, as it was last asked for.
         inputs: numbers of the discrete inputs that are on; the emergency stop's is no input here.
         outputs: the lines of the deployment by name, true for on.

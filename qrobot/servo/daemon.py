@@ -226,7 +226,7 @@ class _Herald:
         if mode != before[0]:
             self._process.report(f"{mode_name(before[0])} -> {mode_name(mode)}")
         if event != before[1] and event != 0:
-            self._process.report(f"joint {joint + 1}: {explain(event)}" if joint else explain(event))
+            self._process.report(explain(event, joint))
         self._announce_faults()
 
     def _announce_faults(self) -> None:

@@ -1,6 +1,7 @@
 """The safety gate: trusts neither the law, nor the sensors, nor whoever writes setpoints.
 
-Every check answers with a fault code (0: all well) and is written `not (x <= limit)`, so that NaN fails. No check
+Every check answers with a fault code (0: all well), where it looks at joints with the first of them that fails too
+(`NO_JOINT`: all well), and is written `not (x <= limit)`, so that NaN fails. No check
 allocates, raises or prints. What follows from a code stands in `STOP_CATEGORY`.
 """
 
@@ -10,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.modes import Stop
 from qrobot.servo.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
@@ -84,7 +85,7 @@ def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
 
     A joint that runs away is told of before one that is only too fast, whichever comes first in the arm.
     """
-    code, joint = NONE, 0
+    code, joint = NONE, NO_JOINT
     for j in range(v.size):
         if not abs(v[j]) <= VELOCITY_CATEGORY_0 * v_max[j]:
             return RUNAWAY, j
@@ -99,7 +100,7 @@ def check_following(q_ref: Any, q: Any, allowed: Any) -> tuple[int, int]:
     for j in range(q.size):
         if not abs(q_ref[j] - q[j]) <= allowed[j]:
             return FOLLOWING, j
-    return NONE, 0
+    return NONE, NO_JOINT
 
 
 @lean_kernel
@@ -108,7 +109,7 @@ def check_range(q: Any, q_min: Any, q_max: Any, margin: Any) -> tuple[int, int]:
     for j in range(q.size):
         if not (q_min[j] - margin[j] <= q[j] <= q_max[j] + margin[j]):
             return JOINT_LIMIT, j
-    return NONE, 0
+    return NONE, NO_JOINT
 
 
 @lean_kernel
@@ -132,7 +133,7 @@ def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
 
     What is no finite number becomes zero torque: an infinity is a division by zero, not a wish for full torque.
     """
-    code, joint, clipped = NONE, 0, 0
+    code, joint, clipped = NONE, NO_JOINT, 0
     for j in range(tau.size):
         if not abs(tau[j]) <= tau_max[j]:
             clipped += 1
@@ -152,7 +153,7 @@ def check_first_setpoint(setpoint: Any, modes: Any, q_ref: Any, tolerance: float
     for j in range(setpoint.size):
         if modes[j] == POSITION_SETPOINT and not abs(setpoint[j] - q_ref[j]) <= tolerance:
             return START_POSE, j
-    return NONE, 0
+    return NONE, NO_JOINT
 
 
 @lean_kernel
@@ -186,4 +187,4 @@ def check_setpoint(
                 return SP_STEP, j
         elif modes[j] == TORQUE_SETPOINT and not abs(setpoint[j]) <= tau_max[j]:
             return SP_LIMIT, j
-    return NONE, 0
+    return NONE, NO_JOINT

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 
 NONE: Final = int(FaultCode.NONE)
@@ -178,4 +178,4 @@ def check_parked(q: Any, q_parked: Any, braked: Any, slip: Any) -> tuple[int, in
     for j in range(q.size):
         if braked[j] != 0 and not abs(q[j] - q_parked[j]) <= slip[j]:
             return BRAKE_SLIP, j
-    return NONE, 0
+    return NONE, NO_JOINT

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.mailbox import COMMAND_HELD_NS, COMMAND_HELD_STREAM
 from qrobot.servo.modes import Mode
@@ -38,5 +38,5 @@ def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
         return
     for j in range(state.v_ref.size):
         if state.v_ref[j] != 0.0 or state.torque_setpoint[j] != 0.0:
-            raise_code(state, HOLD_TO_RUN, 0, (now_ns - held_ns) * 1e-9, PATIENCE_NS * 1e-9)
+            raise_code(state, HOLD_TO_RUN, NO_JOINT, (now_ns - held_ns) * 1e-9, PATIENCE_NS * 1e-9)
             return

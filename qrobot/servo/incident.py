@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.faultcodes import FaultCode, Quantity, explain, quantity_of
+from qrobot.faultcodes import FaultCode, Quantity, explain, of_joint, quantity_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
 from qrobot.servo.modes import mode_name
@@ -30,7 +30,6 @@ _UNITS: Final = {
     Quantity.FAULTS: ("page faults", "page faults"),
     Quantity.NOTHING: ("", ""),
 }
-_OF_A_JOINT: Final = (Quantity.POSITION, Quantity.SPEED, Quantity.TORQUE)
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Incident:
     Attributes:
         number: counts incidents from 1 since the servo started.
         t_ns, tick: planned time and number of the cycle that decided.
-        code: see `faultcodes.FaultCode`. joint: index of the joint it speaks of, 0 when of none.
+        code: see `faultcodes.FaultCode`. joint: index of the joint it speaks of, NO_JOINT when of none.
         value, limit: what was measured and what was allowed, in the unit of the code; both 0 when nothing was measured.
         mode_from, mode_to: modes before and after that cycle.
         frame_seq: sequence number of the setpoint being played.
@@ -65,16 +64,14 @@ class Incident:
         quantity = quantity_of(self.code)
         if quantity is Quantity.NOTHING or self.value == self.limit == 0.0:
             return ""
-        per_joint = quantity in _OF_A_JOINT
-        slides = per_joint and len(prismatic) > 0 and prismatic[self.joint]
+        slides = 0 <= self.joint < len(prismatic) and prismatic[self.joint]
         unit = _UNITS[quantity][int(slides)]
-        where = f"joint {self.joint + 1}: " if per_joint else ""
-        return f"{where}{self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
+        return f"{of_joint(self.joint)}{self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
 
     def why(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
         """One line for people: what was measured, what happened, what to do."""
         measured = self.measured(prismatic)
-        return f"{measured}; {explain(self.code)}" if measured else explain(self.code)
+        return f"{measured}; {explain(self.code)}" if measured else explain(self.code, self.joint)
 
     def line(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
         """The same after the modes it came between."""

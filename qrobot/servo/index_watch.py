@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
 from qrobot.hwif.registers import DISCRETE, ENC_INDEX, INDEX_BIT_0
 from qrobot.model.transmission import signed_word
@@ -60,7 +60,7 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
     seen = watch.i[ARMED] & ~status & every
     watch.i[REARM] = every & ~watch.i[ARMED]
     if seen == 0 or state.image[IMAGE_COUNT] < watch.i[VALID_AT]:
-        return 0, 0
+        return 0, NO_JOINT
     watch.i[REARM] |= seen
     for j in range(n):
         if seen & INDEX_BIT_0 << j:
@@ -68,7 +68,7 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
             count = state.counts[j] + signed_word(latched - state.raw[j]) - transmission.count_offset[j]
             if abs(off_phase(count, phase[j], transmission.counts_per_rev[j])) > LOST_COUNTS:
                 return ENC_LOSS, j
-    return 0, 0
+    return 0, NO_JOINT
 
 
 @lean_kernel

@@ -39,7 +39,7 @@ from qrobot.servo.setpoint_queue import (
 from qrobot.servo.telemetry import RING_HEADER_WORDS, TelemetryLayout, append_row, ring_capacity, ring_words
 from qrobot.servo.velocity import ESTIMATORS
 
-LAYOUT: Final = 4
+LAYOUT: Final = 5
 MAX_JOINTS: Final = 32
 FORCE_AXES: Final = 6
 

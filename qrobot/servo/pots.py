@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_VOLT_PER_COUNT, STATUS_CALIBRATED
 from qrobot.model.transmission import counts_to_joint
 from qrobot.realtime.jit import lean_kernel
@@ -167,7 +168,7 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
     if enough and not gives_torque(state.i[MODE]):
         _judge(params, state)
     elif state.adc.i[TIMEOUTS] - state.pots.i[TIMEOUTS_BEFORE] >= MOST_SILENCES:
-        state.pots.i[VERDICT], state.pots.i[SUSPECT] = SILENT, 0
+        state.pots.i[VERDICT], state.pots.i[SUSPECT] = SILENT, NO_JOINT
 
 
 @lean_kernel

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
@@ -32,7 +33,7 @@ def watch_tool(params: ServoParameters, state: ServoState) -> None:
     chain, tip = params.dynamics.chain, (params.tip[0], params.tip[1], params.tip[2])
     asked = tip_speed(state.q_ref, state.v_ref, chain, tip)
     most = REFERENCE_FACTOR * params.tool_speed
-    raise_code(state, check_tip_speed(asked, most), 0, asked, most)
+    raise_code(state, check_tip_speed(asked, most), NO_JOINT, asked, most)
     most = MEASURED_FACTOR * params.tool_speed
     measured = tip_speed(state.q, state.v, chain, tip)
-    raise_code(state, check_tip_speed(measured, most), 0, measured, most)
+    raise_code(state, check_tip_speed(measured, most), NO_JOINT, measured, most)

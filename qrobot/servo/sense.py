@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
 from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
@@ -65,6 +65,7 @@ OBSERVER: Final = int(Estimator.OBSERVER)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 CALIBRATING: Final = int(Mode.CALIBRATING)
 LOADING: Final = int(Stage.LOADING)
+NONE: Final = int(FaultCode.NONE)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
 
@@ -110,7 +111,7 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
     joint = unwrap_counts(words, state.raw, state.counts, state.jump)
-    if joint < 0:
+    if joint == NO_JOINT:
         state.i[GLITCHES] = 0
         return
     state.i[GLITCHES] += 1
@@ -197,14 +198,17 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
         return
     code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
     factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
-    raise_code(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
+    if code != NONE:
+        raise_code(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
     code, joint = check_following(state.q_ref, state.q, params.following_error)
-    raise_code(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
+    if code != NONE:
+        raise_code(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
     if state.i[MODE] not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
-        end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
-        raise_code(state, code, joint, state.q[joint], end)
+        if code != NONE:
+            end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
+            raise_code(state, code, joint, state.q[joint], end)
         watch_indexes(params, state)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
@@ -31,7 +32,7 @@ from qrobot.servo.watch_state import WatchState, make_watch_state
     MODE,
     FAULT,  # code that latched the FAULT mode
     EVENT,  # newest code of any kind
-    JOINT,  # joint the newest code speaks of
+    JOINT,  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`
     TICK,
     STARTED,  # 0 until the first whole image was seen
     LAST_NOW_NS,
@@ -170,6 +171,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     numbers = np.zeros(N_INTEGERS, dtype=np.int64)
     numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT, SAFE_HEAD, SAFE_IMAGE]] = -1
+    numbers[[JOINT, PENDING_JOINT]] = NO_JOINT
     numbers[ARMED] = 1  # nobody knows yet what a predecessor has left at the board
     numbers[ADOPT] = ADOPT_BOARD
     return record_of(ServoState(

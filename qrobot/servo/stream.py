@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import bits_float
 from qrobot.servo.guard import check_first_setpoint, check_setpoint
@@ -103,10 +103,10 @@ def asks_for_nothing(state: ServoState) -> bool:
 def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[bool, int, int]:
     """(play now, code, joint): while holding, watch for a stream that begins where the reference stands."""
     if not look_at_frame(state, mail):
-        return False, 0, 0
+        return False, 0, NO_JOINT
     if asks_for_nothing(state):
         drop_frame(mail)
-        return False, 0, 0
+        return False, 0, NO_JOINT
     frame_ns = state.frame[FRAME_PERIOD_NS]
     code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
     if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
@@ -114,7 +114,7 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
         return False, code if code != 0 else SP_INVALID, joint
     state.i[FRAME_NS] = frame_ns
     state.i[PLAY_AT_NS] = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
-    return now_ns >= state.i[PLAY_AT_NS], 0, 0
+    return now_ns >= state.i[PLAY_AT_NS], 0, NO_JOINT
 
 
 @lean_kernel
@@ -180,14 +180,14 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     state.i[MISSED] += 1
     state.i[BRIDGED] = 1
     shift_extrapolated(state.knots)
-    return (STREAM_LOST, 0) if state.i[MISSES] >= LOST_AFTER_FRAMES else (0, 0)
+    return (STREAM_LOST if state.i[MISSES] >= LOST_AFTER_FRAMES else 0), NO_JOINT
 
 
 @lean_kernel
 def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
     if state.frame[FRAME_PERIOD_NS] != state.i[FRAME_NS]:
-        return SP_INVALID, 0
+        return SP_INVALID, NO_JOINT
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has

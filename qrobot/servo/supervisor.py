@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration_state import (
@@ -25,6 +25,7 @@ from qrobot.servo.calibration_state import (
     WANTED,
     Stage,
 )
+from qrobot.servo.event import note_event
 from qrobot.servo.guard import category_of
 from qrobot.servo.incident import note_incident
 from qrobot.servo.interpolator import line_through, rest_at, room_duration, stop_duration
@@ -53,7 +54,6 @@ from qrobot.servo.state import (
     CLEAR_UNTIL_NS,
     CLEARS_SEEN,
     DISCRETE_WORD,
-    EVENT,
     FAULT,
     GLITCHES,
     IMAGE_OK,
@@ -93,6 +93,7 @@ TRACKING: Final = int(Mode.TRACKING)
 STOPPING: Final = int(Mode.STOPPING)
 FAULTED: Final = int(Mode.FAULT)
 
+NONE: Final = int(FaultCode.NONE)
 ESTOP: Final = int(FaultCode.ESTOP)
 BOARD_GONE: Final = int(FaultCode.BOARD_GONE)
 POWER_LOST: Final = int(FaultCode.POWER_LOST)
@@ -115,7 +116,7 @@ STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no po
 
 
 @lean_kernel
-def raise_code(state: ServoState, code: int, joint: int, value: float = 0.0, limit: float = 0.0) -> None:
+def raise_code(state: ServoState, code: int, joint: int = NO_JOINT, value: float = 0.0, limit: float = 0.0) -> None:
     """Note a code for this tick; of several the one with the lowest stop category counts, then the first.
 
     `value` was measured where `limit` is allowed, in the unit of `faultcodes.quantity_of`. In FAULT nothing
@@ -222,19 +223,19 @@ def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, no
     """Raise what the board, the guardian and the operator's chain call for."""
     mode, status = state.i[MODE], state.i[STATUS]
     if mail[GUARD_TAKEOVER] != 0:
-        raise_code(state, GUARD_TRIP, 0)
+        raise_code(state, GUARD_TRIP)
     if state.i[IMAGE_OK] == 0:
         if mode == OFF:
-            state.i[EVENT] = BOARD_GONE  # nothing is driven: no fault, but no power either
+            note_event(state, BOARD_GONE)  # nothing is driven: no fault, but no power either
         else:
-            raise_code(state, BOARD_GONE, 0)
+            raise_code(state, BOARD_GONE)
     elif wants_power(mode):
         if status & STATUS_ESTOP_OK == 0:
-            raise_code(state, ESTOP, 0)
+            raise_code(state, ESTOP)
         if gives_torque(mode) and status & STATUS_POWER == 0:
-            raise_code(state, POWER_LOST, 0)
+            raise_code(state, POWER_LOST)
     if wants_power(mode) and not guardian_alive(params, mail, now_ns):
-        raise_code(state, GUARD_LOST, 0)
+        raise_code(state, GUARD_LOST)
 
 
 @lean_kernel
@@ -249,20 +250,20 @@ def _at_rest(state: ServoState) -> bool:
 def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Power is wanted: grant the request or say why not."""
     if state.i[IMAGE_OK] == 0:
-        state.i[EVENT] = BOARD_GONE
+        note_event(state, BOARD_GONE)
     elif state.i[STATUS] & STATUS_ESTOP_OK == 0:
-        state.i[EVENT] = ESTOP
+        note_event(state, ESTOP)
     elif not guardian_alive(params, mail, now_ns):
-        state.i[EVENT] = GUARD_LOST
+        note_event(state, GUARD_LOST)
     elif not _at_rest(state):
-        state.i[EVENT] = MOVING_AT_START
+        note_event(state, MOVING_AT_START)
     elif not pots_judged(params, state):
         state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
-        state.i[EVENT] = 0  # what was said of an earlier request is no answer to this one
+        note_event(state, NONE)  # what was said of an earlier request is no answer to this one
     elif state.pots.i[VERDICT] > PLAUSIBLE:
-        state.i[EVENT], state.i[JOINT] = CAL_MISMATCH, state.pots.i[SUSPECT]
+        note_event(state, CAL_MISMATCH, state.pots.i[SUSPECT])
     else:
-        state.i[EVENT] = 0
+        note_event(state, NONE)
         state.i[POWERING_SINCE_NS] = now_ns
         enter(state, POWERING)
 
@@ -278,7 +279,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         drop_all_frames(mail)
         enter(state, HOLDING if state.i[STATUS] & STATUS_CALIBRATED != 0 else UNCALIBRATED)
     elif now_ns - state.i[POWERING_SINCE_NS] > params.power_timeout_ns:
-        state.i[EVENT] = POWER_NO_ACK
+        note_event(state, POWER_NO_ACK)
         enter(state, OFF)
 
 
@@ -287,19 +288,20 @@ def _forget_calibration(state: ServoState) -> None:
     """Without power, asked to calibrate counters that the potentiometers contradict: they are not calibrated at all."""
     if state.pots.i[VERDICT] == IMPLAUSIBLE:
         state.i[DISCRETE_WORD] &= ~STATUS_CALIBRATED
-        state.i[ADOPT], state.i[EVENT] = ADOPT_JUMPED, 0
+        state.i[ADOPT] = ADOPT_JUMPED
+        note_event(state, NONE)
 
 
 @lean_kernel
 def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) -> None:
     """Leave UNCALIBRATED for CALIBRATING, or say why not; `indexes` pulses a joint, 0 for the default."""
     if not has_table(params):
-        state.i[EVENT] = CAL_NO_TABLE
+        note_event(state, CAL_NO_TABLE)
         return
     wanted = indexes if indexes > 0 else DEFAULT_INDEXES
     state.cal.i[WANTED] = min(max(wanted, FEWEST_INDEXES), MOST_INDEXES)
     state.cal.i[STAGE], state.cal.f[SPEED] = STAGE_IDLE, 0.0
-    state.i[EVENT], state.i[JOINT] = 0, 0
+    note_event(state, NONE)
     enter(state, CALIBRATING)
 
 
@@ -310,7 +312,7 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
     asked = mail[COMMAND_CALIBRATE] != state.i[CALIBRATES_SEEN]
     state.i[CALIBRATES_SEEN] = mail[COMMAND_CALIBRATE]
     if mode == CALIBRATING and stopped:
-        state.i[EVENT], state.i[JOINT] = CAL_STOPPED, state.cal.i[JOINT_NOW]
+        note_event(state, CAL_STOPPED, state.cal.i[JOINT_NOW])
         hold_here(state)
         enter(state, UNCALIBRATED)
     elif mode == UNCALIBRATED and asked:
@@ -323,7 +325,7 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
 def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     play, code, joint = stream_ready(params, state, mail, now_ns)
     if code != 0:
-        state.i[EVENT], state.i[JOINT] = code, joint
+        note_event(state, code, joint)
     elif play:
         start_stream(params, state, now_ns)
         enter(state, TRACKING)
@@ -341,10 +343,11 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
             state.i[ADOPT] = ADOPT_JUMPED
         if state.i[LAW_FAILED] != 0:
             fall_back(state.swap)
-        state.i[FAULT], state.i[EVENT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0, 0
+        state.i[FAULT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0
+        note_event(state, NONE)
         enter(state, OFF)
     elif now_ns > state.i[CLEAR_UNTIL_NS]:
-        state.i[EVENT] = RESET_DENIED
+        note_event(state, RESET_DENIED)
         state.i[CLEAR_UNTIL_NS] = 0
 
 
@@ -355,7 +358,7 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         begin_stop(params, state, mail, now_ns, OFF)
     elif state.i[MODE] != FAULTED:
         if state.i[MODE] == CALIBRATING:
-            state.i[EVENT], state.i[JOINT] = CAL_STOPPED, state.cal.i[JOINT_NOW]
+            note_event(state, CAL_STOPPED, state.cal.i[JOINT_NOW])
         enter(state, OFF)
 
 
@@ -397,7 +400,7 @@ def obey_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         if stopped:
             begin_stop(params, state, mail, now_ns, HOLDING)
         elif stream_silent(params, state, mail, now_ns):
-            raise_code(state, STREAM_LOST, 0)
+            raise_code(state, STREAM_LOST)
     elif mode == FAULTED:
         if cleared:
             state.i[CLEAR_UNTIL_NS] = now_ns + CLEAR_PATIENCE_NS
@@ -410,7 +413,7 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     code = state.i[PENDING]
     if code == 0:
         return
-    state.i[EVENT], state.i[JOINT] = code, state.i[PENDING_JOINT]
+    note_event(state, code, state.i[PENDING_JOINT])
     state.i[PENDING] = 0
     mode, category = state.i[MODE], category_of(code)
     if code == COLLISION:

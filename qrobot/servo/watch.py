@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.model.transmission import torque_to_motor
 from qrobot.realtime.jit import lean_kernel
@@ -17,6 +17,7 @@ from qrobot.servo.encoder_watch import (
     sliding_torque,
     torque_bounds,
 )
+from qrobot.servo.event import note_event
 from qrobot.servo.guard_motion import (
     check_parked,
     check_push,
@@ -37,7 +38,6 @@ from qrobot.servo.state import (
     DT,
     EVENT,
     IMAGE_OK,
-    JOINT,
     LAW_FAILED,
     MODE,
     MODULE_LOSSES,
@@ -85,11 +85,11 @@ NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again b
 
 
 @lean_kernel
-def warn(state: ServoState, code: int, joint: int) -> None:
+def warn(state: ServoState, code: int, joint: int = NO_JOINT) -> None:
     """Tell of something that stops nothing, unless there is worse to tell; counted."""
     state.watch.i[WARNINGS] += 1
     if state.i[EVENT] == 0:
-        state.i[EVENT], state.i[JOINT] = code, joint
+        note_event(state, code, joint)
 
 
 @lean_kernel
@@ -106,7 +106,7 @@ def watch_timing(params: ServoParameters, state: ServoState, dt_ns: int, late: b
     watch.i[POINTS] += 1 + skipped
     watch.i[MISSES_SEEN] += missed
     code = check_overrun(watch.i[LATE_ROW], limits.misses_in_a_row, watch.i[MISSES_SEEN], limits.misses_allowed)
-    raise_code(state, code, 0, watch.i[MISSES_SEEN], limits.misses_allowed)
+    raise_code(state, code, NO_JOINT, watch.i[MISSES_SEEN], limits.misses_allowed)
     if watch.i[POINTS] >= limits.window_points:
         watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0
     _watch_length(params, state)
@@ -121,11 +121,11 @@ def _watch_length(params: ServoParameters, state: ServoState) -> None:
     code = check_slowness(watch.i[SLOW_ROW])
     if code != 0:
         state.i[LAW_FAILED] = 1
-        raise_code(state, code, 0, busy_ns * 1e-9, params.period_ns * 1e-9)
+        raise_code(state, code, NO_JOINT, busy_ns * 1e-9, params.period_ns * 1e-9)
         return
     code = check_slowness(watch.i[HEAVY_ROW])
     if code != 0:
-        warn(state, code, 0)
+        warn(state, code)
         watch.i[HEAVY_ROW] = 0
 
 
@@ -134,7 +134,7 @@ def watch_modules(state: ServoState) -> None:
     """A remote module that is lost while the arm is held or moves is told of: what hangs on its inputs may matter."""
     watch, losses = state.watch, state.i[MODULE_LOSSES]
     if losses > watch.i[LOSSES_TOLD] and state.i[MODE] in (HOLDING, TRACKING, STOPPING):
-        warn(state, IO_LOST, 0)
+        warn(state, IO_LOST)
     watch.i[LOSSES_TOLD] = losses
 
 
@@ -345,7 +345,7 @@ def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
     if code == 0:
         return
-    state.i[EVENT], state.i[JOINT] = code, joint
+    note_event(state, code, joint)
     moved = abs(state.q[joint] - watch.q_parked[joint])
     mode = state.i[MODE]
     note_incident(

@@ -48,6 +48,11 @@ def invalid_joint(command: Command) -> int | None:
     return None
 
 
+def takes_away(command: Command) -> bool:
+    """The command asks for a stop, or for no power: it is sent and obeyed whatever its setpoints are."""
+    return command.stop or not command.power
+
+
 class Connection:
     """One end of a conversation.
 
@@ -101,12 +106,13 @@ class Connection:
     def send(self, packet: Packet) -> bytes:
         """Bytes to hand to the far end.
 
-        Raises LocalProtocolError when the packet is malformed or out of turn; nothing has changed then.
+        Raises LocalProtocolError when the packet is malformed or out of turn; nothing has changed then. Impossible
+        setpoints beside a stop or a power-off are left to the far end to refuse, for the sake of what must get through.
         """
         target = self._target(self.side, packet)
         if target is None:
             raise LocalProtocolError(f"the {self.side.value} may not send {_name(packet)} while {self._where}")
-        if isinstance(packet, Command) and (joint := invalid_joint(packet)) is not None:
+        if isinstance(packet, Command) and not takes_away(packet) and (joint := invalid_joint(packet)) is not None:
             raise LocalProtocolError(f"setpoint {packet.setpoints[joint]} of joint {joint + 1} is not a sane number")
         self._check_joints(packet, LocalProtocolError)
         data = encode(packet)

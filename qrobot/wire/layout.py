@@ -21,6 +21,7 @@ NAME_BYTES: Final = 64
 C_TYPES: Final = {
     "B": "uint8_t",
     "H": "uint16_t",
+    "h": "int16_t",
     "I": "uint32_t",
     "q": "int64_t",
     "d": "double",
@@ -79,7 +80,7 @@ class Layout:
 
 HEADER_FIELDS: Final = (
     Field("magic", "s", "-", 'the bytes "QROB"', 4),
-    Field("version", "B", "-", "1; this header, HELLO and ERROR keep their layout in every version"),
+    Field("version", "B", "-", "2; this header, HELLO and ERROR keep their layout in every version"),
     Field("kind", "B", "-", "which packet"),
     Field("length", "H", "byte", "of the whole packet, header and CRC included; at most 4096"),
     Field("seq", "I", "-", "counts sample periods; wraps (see Sequence numbers)"),
@@ -151,7 +152,7 @@ STATE: Final = Layout(
         Field("mode", "B", "-", "of the servo (see Modes)"),
         Field("fault", "H", "-", "code that latched the fault mode, 0 for none"),
         Field("event", "H", "-", "newest code of any kind, 0 for none"),
-        Field("event_joint", "H", "-", "joint the event speaks of, from 0"),
+        Field("event_joint", "h", "-", "joint the event speaks of, from 0; -1 for none"),
         Field("flags", "I", "bits", "see Flags"),
         Field("late_cycles", "I", "-", "servo cycles that came late, since it started; wraps"),
         Field("missed_frames", "I", "-", "sample periods without a usable COMMAND, since the servo started; wraps"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.wire.vocabulary import ClientRole, RobotFlag
 
 Vector: TypeAlias = tuple[float, ...]
@@ -86,7 +87,7 @@ class RobotState:
         t_ns: time of the sample on the server's monotonic clock.
         mode: a `RobotMode`; plain int, so that a mode of a newer servo gets through.
         fault: `FaultCode` that latched the FAULT mode, 0 for none.
-        event, event_joint: newest code of any kind and the joint (from 0) it speaks of.
+        event, event_joint: newest code of any kind and the joint (from 0) it speaks of, NO_JOINT for none.
         flags: `RobotFlag` bits of the servo.
         q, v, tau, q_setpoint: measured position and velocity, commanded torque, momentary setpoint. Shape (n,).
         force: wrist sensor fx fy fz mx my mz, N and N m. Shape (6,).
@@ -101,7 +102,7 @@ class RobotState:
     q_setpoint: Vector
     fault: int = 0
     event: int = 0
-    event_joint: int = 0
+    event_joint: int = NO_JOINT
     flags: int = 0
     late_cycles: int = 0
     missed_frames: int = 0

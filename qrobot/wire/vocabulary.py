@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum, IntFlag
 from typing import Final
 
-VERSION: Final = 1
+VERSION: Final = 2
 MAX_JOINTS: Final = 32
 SHORTEST_PERIOD_US: Final = 1_000
 LONGEST_PERIOD_US: Final = 100_000

@@ -294,6 +294,37 @@ def test_an_impossible_setpoint_takes_no_power_off_down_with_it(modes: tuple[int
     assert rig.mode is Mode.OFF  # and no power-on either: nothing begins with a COMMAND that is wrong
 
 
+IMPOSSIBLE = (nan, float("inf"), -float("inf"), 1e300)  # no frame at all
+BEYOND = (1e6, -9.0, 0.6)  # out of range, out of range, too far away: the servo's to refuse
+FLAGS = ("power", "clear_fault", "stop", "hold_to_run", "key_held")
+
+
+@pytest.mark.parametrize("wrong", IMPOSSIBLE + BEYOND)
+@pytest.mark.parametrize("bits", range(1 << len(FLAGS)))
+def test_beside_every_wrong_setpoint_stop_and_power_off_are_obeyed_and_nothing_else_moves(
+    bits: int, wrong: float
+) -> None:
+    asked = {name: bool(bits >> k & 1) for k, name in enumerate(FLAGS)}
+    rig = ServoBench().hold()
+    client = Client(MailboxPort(rig.mail), Lease())
+    client.join()
+    at = tuple(rig.q.tolist())
+    moving = tuple(angle + 0.002 for angle in at)
+    for seq, setpoints in enumerate((at, at, at, moving), start=1):
+        client.now_ns = rig.now_ns
+        client.say(replace(MOVE, seq=seq, setpoints=setpoints))
+        rig.run(0.028)
+    assert rig.mode is Mode.TRACKING
+    client.now_ns = rig.now_ns
+    client.say_bytes(encode(replace(MOVE, seq=5, setpoints=(*at[:3], wrong, *at[4:]), **asked)))
+    rig.run(0.028)
+    if asked["stop"] or not asked["power"]:
+        assert rig.mode is not Mode.TRACKING
+    rig.run(0.5)  # nothing more is said: the stream is lost at the latest
+    assert rig.mode is (Mode.HOLDING if asked["power"] else Mode.OFF)
+    assert abs(rig.q - at).max() < 0.02  # it has come to rest on its path, and the wrong one left no trace
+
+
 def test_a_commander_whose_power_request_is_locked_may_still_stop(client: Client, port: FakePort) -> None:
     client.join()
     client.say(replace(MOVE, seq=1, power=True))

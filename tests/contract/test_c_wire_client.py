@@ -38,6 +38,7 @@ from qrobot.wire import (
     WireError,
 )
 from qrobot.wire.codec import encode
+from qrobot.wire.vocabulary import Request
 from tests.support.bridge import Bridge
 from tests.support.mutants import N, mutant
 from tests.support.packets import resting
@@ -146,9 +147,9 @@ def test_commands_made_in_c_are_those_of_the_codec_byte_by_byte(client: Path) ->
 @pytest.mark.parametrize(
     ("text", "objection"),
     [
-        ("1 1 0 0 0 0 0 0 1 nan", "a setpoint is not a number of sane size"),
-        ("1 1 0 0 0 0 0 0 1 -inf", "a setpoint is not a number of sane size"),
-        ("1 1 0 0 0 0 0 0 1 1.1e6", "a setpoint is not a number of sane size"),
+        ("1 1 0 0 0 0 1 0 1 nan", "a setpoint is not a number of sane size"),
+        ("1 1 0 0 0 0 1 0 1 -inf", "a setpoint is not a number of sane size"),
+        ("1 1 0 0 0 0 3 0 1 1.1e6", "a setpoint is not a number of sane size"),
         ("1 1 0 0 0 0 0 0 3 0.0", "there is no such joint mode"),
         ("1 1 0 0 0 0 0 3 1 0.0", "there is no such state of the hand"),
         ("1 1 0 0 0 0 65536 0 1 0.0", "requests have 16 bits"),
@@ -156,6 +157,14 @@ def test_commands_made_in_c_are_those_of_the_codec_byte_by_byte(client: Path) ->
 )
 def test_a_command_nobody_could_follow_is_not_sent(client: Path, text: str, objection: str) -> None:
     assert ask(client, "commands", data=text.encode()) == [f"refused command 1: {objection}"]
+
+
+@pytest.mark.parametrize("requests", range(32))
+def test_a_stop_and_a_power_off_are_sent_whatever_the_setpoint_beside_them(client: Path, requests: int) -> None:
+    text = "\n".join(f"1 1 0 0 0 0 {requests} 0 1 {wrong}" for wrong in ("nan", "inf", "-1.1e6"))
+    takes_away = not requests & Request.POWER or requests & Request.STOP
+    answers = ask(client, "commands", data=text.encode())
+    assert [answer.split()[0] for answer in answers] == ["made" if takes_away else "refused"] * 3
 
 
 @pytest.mark.parametrize("reason", ["", "done", "x" * 512, "x" * 600, "x" * 511 + "é"])

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
 from qrobot.servo.modes import Mode
 from qrobot.wire import (
+    VERSION,
     Bye,
     ClientRole,
     Command,
@@ -100,8 +101,20 @@ def test_an_impossible_setpoint_is_an_event_not_the_end(bad: float, joint: int) 
 def test_our_own_side_does_not_send_an_impossible_setpoint() -> None:
     client, _ = connected(N)
     with pytest.raises(LocalProtocolError, match="joint 3"):
-        client.send(replace(STILL, setpoints=(0.0, 0.0, nan, 0.0, 0.0, 0.0)))
+        client.send(replace(STILL, setpoints=(0.0, 0.0, nan, 0.0, 0.0, 0.0), power=True))
     assert client.send(STILL) == encode(STILL)
+
+
+@pytest.mark.parametrize("asked", [{"power": False}, {"power": True, "stop": True}, {"power": False, "stop": True}])
+@pytest.mark.parametrize("bad", [nan, inf, -inf, 1e300])
+def test_our_own_side_sends_what_takes_away_whatever_the_setpoints_beside_it(
+    asked: dict[str, bool], bad: float
+) -> None:
+    client, server = connected(N)
+    server.receive_data(client.send(replace(STILL, setpoints=(bad,) * N, **asked)))
+    event = server.next_event()
+    assert isinstance(event, InvalidSetpoint)
+    assert {name: getattr(event.command, name) for name in asked} == asked
 
 
 def test_repeated_and_late_frames_are_dropped_and_counted() -> None:
@@ -158,12 +171,12 @@ def test_after_a_broken_packet_nothing_is_listened_to_but_the_reason_can_be_told
 
 def test_another_version_is_named_and_its_error_is_still_understood() -> None:
     client, server = Connection(Side.CLIENT), Connection(Side.SERVER)
-    server.receive_data(_as_version(2, client.send(Hello(ClientRole.COMMANDER, "puma560"))))
-    with pytest.raises(RemoteProtocolError, match="speaks version 2"):
+    server.receive_data(_as_version(VERSION + 1, client.send(Hello(ClientRole.COMMANDER, "puma560"))))
+    with pytest.raises(RemoteProtocolError, match=f"speaks version {VERSION + 1}"):
         server.next_event()
-    assert server.peer_version == 2
-    complaint = WireError(ErrorCode.VERSION, "this is version 2", fatal=True)
-    client.receive_data(_as_version(2, encode(complaint)))
+    assert server.peer_version == VERSION + 1
+    complaint = WireError(ErrorCode.VERSION, "this is another version", fatal=True)
+    client.receive_data(_as_version(VERSION + 1, encode(complaint)))
     assert client.next_event() == complaint
 
 

@@ -17,8 +17,8 @@ from qrobot.wire.layout import HEADER_FIELDS, LAYOUTS, Field, Layout
 
 PAGE = (Path(__file__).parents[2] / "docs/reference/wire-protocol.md").read_text()
 C_NUMBERS = {
-    "B": ctypes.c_uint8, "H": ctypes.c_uint16, "I": ctypes.c_uint32, "q": ctypes.c_int64, "d": ctypes.c_double,
-    "s": ctypes.c_char, "x": ctypes.c_uint8,
+    "B": ctypes.c_uint8, "H": ctypes.c_uint16, "h": ctypes.c_int16, "I": ctypes.c_uint32, "q": ctypes.c_int64,
+    "d": ctypes.c_double, "s": ctypes.c_char, "x": ctypes.c_uint8,
 }  # fmt: skip
 
 
@@ -47,7 +47,7 @@ def test_the_dump_on_the_page_is_the_packet_it_is_said_to_be() -> None:
 
 
 def test_the_dump_can_be_written_by_hand_from_the_tables() -> None:
-    body = struct.pack("<4sBBHIIqBBHIII2d2BH", b"QROB", 1, 3, 64, 258, 258, 1000, 2, 0, 1, 1, 0, 0, 0.5, 0.0, 1, 0, 0)
+    body = struct.pack("<4sBBHIIqBBHIII2d2BH", b"QROB", 2, 3, 64, 258, 258, 1000, 2, 0, 1, 1, 0, 0, 0.5, 0.0, 1, 0, 0)
     assert body + struct.pack("<I", crc32(body)) == dumped_bytes()
 
 

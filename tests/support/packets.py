@@ -39,8 +39,8 @@ def robot_states(n: int) -> st.SearchStrategy[RobotState]:
     vector = vectors(n)
     return st.builds(
         RobotState, t_ns=T_NS, mode=U8, q=vector, v=vector, tau=vector, q_setpoint=vector, fault=U16, event=U16,
-        event_joint=U16, flags=st.integers(0, 0xFF), late_cycles=U32, missed_frames=U32, inputs=U32, hand=U8,
-        force=vectors(6), outputs=U16,
+        event_joint=st.integers(-1, 31), flags=st.integers(0, 0xFF), late_cycles=U32, missed_frames=U32,
+        inputs=U32, hand=U8, force=vectors(6), outputs=U16,
     )  # fmt: skip
 
 

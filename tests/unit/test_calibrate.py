@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qrobot.errors import ConfigError, ServoFault
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.memory import PANEL_PUSH
 from qrobot.servo.calibration_state import Stage
 from qrobot.servo.mailbox import FLAG_CALIBRATED
@@ -233,7 +233,7 @@ def test_without_a_table_it_says_so_and_holds_as_ever() -> None:
     rig = CalibratingRig(table=None).powered()
     rig.mailbox.request_calibration()
     rig.run_for(0.1)
-    refused(rig, FaultCode.CAL_NO_TABLE, 0)
+    refused(rig, FaultCode.CAL_NO_TABLE, NO_JOINT)
 
 
 def test_a_potentiometer_outside_the_table_is_a_mismatch() -> None:
@@ -347,7 +347,7 @@ def test_a_count_lost_between_reading_and_loading_spoils_the_attempt() -> None:
     rig.emulator.bundle.board.encoders.counter[3] += 1
     rig.emulator.connect(rig.board, rig.now_ns)
     rig.run_for(0.1)
-    refused(rig, FaultCode.CAL_MOVED, 0)
+    refused(rig, FaultCode.CAL_MOVED, NO_JOINT)
 
 
 def test_an_arm_that_is_shaken_is_not_loaded() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot.faultcodes import FaultCode
+from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.servo.guard import (
     category_of,
     check_first_setpoint,
@@ -24,7 +24,7 @@ from qrobot.servo.guard import (
 from qrobot.servo.modes import Stop
 
 NAN, INF = math.nan, math.inf
-WELL = (FaultCode.NONE, 0)
+WELL = (FaultCode.NONE, NO_JOINT)
 any_float = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -133,16 +133,16 @@ def test_no_torque_leaves_the_gate_that_is_not_finite_and_within_limits(tau: lis
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_torque_exactly_at_the_limit_passes_untouched(sign: float) -> None:
     tau = np.array([sign * 5.0])
-    assert limit_torque(tau, np.array([5.0])) == (FaultCode.NONE, 0, 0)
+    assert limit_torque(tau, np.array([5.0])) == (FaultCode.NONE, NO_JOINT, 0)
     tau[0] = sign * just_above(5.0)
-    assert limit_torque(tau, np.array([5.0])) == (FaultCode.NONE, 0, 1)
+    assert limit_torque(tau, np.array([5.0])) == (FaultCode.NONE, NO_JOINT, 1)
     assert tau[0] == sign * 5.0
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_weak_joint_is_limited_in_its_own_direction(sign: float) -> None:
     tau = np.array([sign * 0.75])
-    assert limit_torque(tau, np.array([0.5])) == (FaultCode.NONE, 0, 1)
+    assert limit_torque(tau, np.array([0.5])) == (FaultCode.NONE, NO_JOINT, 1)
     assert tau[0] == sign * 0.5
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.faultcodes import FaultCode as F
 from qrobot.servo.guard_motion import (
     FELT_SHARE,
@@ -290,7 +291,7 @@ def test_a_torque_may_stay_at_its_limit_for_so_long(clipped_s: float, expected: 
 @pytest.mark.parametrize(
     ("q", "expected"),
     [
-        ([0.125, -0.25, 9.0], (F.NONE, 0)),
+        ([0.125, -0.25, 9.0], (F.NONE, NO_JOINT)),
         ([above(0.125), 0.0, 0.0], (F.BRAKE_SLIP, 0)),
         ([0.0, -above(0.25), 0.0], (F.BRAKE_SLIP, 1)),
         ([0.0, NAN, 0.0], (F.BRAKE_SLIP, 1)),
@@ -300,5 +301,5 @@ def test_a_parked_joint_with_a_brake_stays_within_the_slip_allowed(q: list[float
     brake, slip = np.array([1, 1, 0]), np.array([0.125, 0.25, 0.125])
     assert check_parked(np.array(q), np.zeros(3), brake, slip) == expected
     parked = np.array([0.5, -2.0, 0.0])
-    assert check_parked(parked, parked, brake, slip) == (F.NONE, 0)
+    assert check_parked(parked, parked, brake, slip) == (F.NONE, NO_JOINT)
     assert check_parked(-parked, parked, brake, slip) == (F.BRAKE_SLIP, 0)

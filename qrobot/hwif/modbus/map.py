@@ -124,7 +124,7 @@ ROBOT_ROWS: Final[tuple[Row, ...]] = (
     Row(ROBOT, 1, "MODE", "u16", "read", "of the servo, as in the list of modes"),
     Row(ROBOT + 1, 1, "FAULT", "u16", "read", "fault it stands in, 0 for none"),
     Row(ROBOT + 2, 1, "EVENT", "u16", "read", "newest event"),
-    Row(ROBOT + 3, 1, "JOINT", "u16", "read", "joint the event is about, counted from 0; 0 too where it is about none"),
+    Row(ROBOT + 3, 1, "JOINT", "i16", "read", "joint the event is about, counted from 0; -1 (65535) where it is about none"),
     Row(ROBOT + 4, 1, "FLAGS", "u16", "read", "1 powered, 2 calibrated, 4 emergency stop healthy, 8 guarded, 16 at rest"),
     Row(ROBOT + 5, 1, "INPUTS", "u16", "read", "discrete inputs"),
     Row(ROBOT + 6, 1, "HAND", "u16", "read", "as commanded: 0 relaxed, 1 open, 2 closed"),

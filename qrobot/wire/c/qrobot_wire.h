@@ -1,4 +1,4 @@
-/* The client's end of QRobot's wire protocol, version 1: everything a controller in C needs to command a robot.
+/* The client's end of QRobot's wire protocol, version 2: everything a controller in C needs to command a robot.
  *
  *     #include "qrobot_wire.h"                            before any system header
  *
@@ -59,9 +59,10 @@
 
 /* generated: constants */
 #define QROBOT_MAGIC "QROB"
-#define QROBOT_VERSION 1
+#define QROBOT_VERSION 2
 #define QROBOT_DEFAULT_PORT 5600
 #define QROBOT_MAX_JOINTS 32
+#define QROBOT_NO_JOINT -1
 #define QROBOT_SHORTEST_PERIOD_US 1000
 #define QROBOT_LONGEST_PERIOD_US 100000
 #define QROBOT_LARGEST_SETPOINT 1e+06
@@ -245,7 +246,7 @@ struct qrobot_state {
     int joints;
     int mode;             /* QROBOT_MODE_... */
     int fault;            /* code that latched the fault mode; see qrobot_fault_text */
-    int event, event_joint; /* newest code of any kind, and its joint from 0 */
+    int event, event_joint; /* newest code of any kind, and its joint from 0, or QROBOT_NO_JOINT */
     uint32_t flags;       /* QROBOT_FLAG_... */
     uint32_t late_cycles, missed_frames, dropped, inputs;
     int hand;             /* QROBOT_HAND_... */
@@ -434,9 +435,12 @@ static inline int qrw_is_newer(uint32_t seq, uint32_t newest, int has_newest)
     return !has_newest || (seq != newest && seq - newest < 0x80000000); /* RFC 1982 */
 }
 
-/* What is wrong with a command: NULL, or why it cannot be sent. */
+/* What is wrong with a command: NULL, or why it cannot be sent. Impossible setpoints beside a stop or a power-off are
+ * left to the bridge to refuse, for the sake of what must get through. */
 static inline const char *qrw_objection(const struct qrobot_link *link, const struct qrobot_command *command)
 {
+    int takes_away = (command->requests & QROBOT_REQUEST_STOP) != 0 || (command->requests & QROBOT_REQUEST_POWER) == 0;
+
     if (link->phase != QROBOT_COMMANDING)
         return "only a commander that was welcomed may send COMMAND";
     if (!qrw_is_newer(command->seq, link->sent, link->has_sent))
@@ -448,7 +452,8 @@ static inline const char *qrw_objection(const struct qrobot_link *link, const st
     for (int i = 0; i < link->joints; i++) {
         if (command->mode[i] < 0 || command->mode[i] > QROBOT_JOINT_TORQUE)
             return "there is no such joint mode";
-        if (!(command->setpoint[i] >= -QROBOT_LARGEST_SETPOINT && command->setpoint[i] <= QROBOT_LARGEST_SETPOINT))
+        if (!takes_away &&
+            !(command->setpoint[i] >= -QROBOT_LARGEST_SETPOINT && command->setpoint[i] <= QROBOT_LARGEST_SETPOINT))
             return "a setpoint is not a number of sane size";
     }
     return NULL;
@@ -524,7 +529,7 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     state->mode = frame[QROBOT_AT_STATE_MODE];
     state->fault = (int)qrw_get(frame + QROBOT_AT_STATE_FAULT, 2);
     state->event = (int)qrw_get(frame + QROBOT_AT_STATE_EVENT, 2);
-    state->event_joint = (int)qrw_get(frame + QROBOT_AT_STATE_EVENT_JOINT, 2);
+    state->event_joint = (int16_t)qrw_get(frame + QROBOT_AT_STATE_EVENT_JOINT, 2);
     state->flags = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_FLAGS, 4);
     state->late_cycles = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_LATE_CYCLES, 4);
     state->missed_frames = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_MISSED_FRAMES, 4);

@@ -1,0 +1,16 @@
+"""The newest event: a code, and the joint it speaks of or `NO_JOINT`. Nobody writes one without the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from qrobot.faultcodes import NO_JOINT
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.state import EVENT, JOINT
+
+
+@lean_kernel
+def note_event(state: Any, code: int, joint: int = NO_JOINT) -> None:
+    """Make `code` the newest event of a `ServoState`; 0 takes back what was said."""
+    state.i[EVENT] = code
+    state.i[JOINT] = joint
