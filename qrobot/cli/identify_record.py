@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -28,7 +28,8 @@ from qrobot.rci import TcpLink
 from qrobot.servo.telemetry import Rows
 from qrobot.units import US_PER_MS
 
-Plant = Literal["nominal", "mismatched"]
+if TYPE_CHECKING:
+    from qrobot.rig.experiment import Plant
 
 
 def record_emulated(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from pydantic import Field
 
 from qrobot.config.document import Table
-
-ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]
+from qrobot.config.values import ExchangePeriod
 
 
 class ModbusRoad(Table):

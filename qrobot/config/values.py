@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, PlainValidator, ValidationInfo
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from qrobot.units import RAD_PER_DEG
 
@@ -168,3 +168,4 @@ JointDegrees = Annotated[Floats, PlainValidator(_joint_degrees)]
 JointDegreesPositive = Annotated[JointDegrees, AfterValidator(_positive)]
 Vector = Annotated[Floats, PlainValidator(_vector)]
 Coupling = Annotated[Floats, PlainValidator(_coupling)]
+ExchangePeriod = Annotated[float, Field(ge=0.2, le=100, allow_inf_nan=False)]  # ms between two images over a bus
