@@ -4,8 +4,13 @@ Hayward & Paul 1986, sections 3.2 and 3.3: a motion ends when the arm exerts too
 transform the value it must have, and the arm then presses on what it has found (`comply`). Where nothing stands the
 motion ends at its goal, and the program says so.
 
-    qrobot run --lockstep --scene table examples/07_guarded_approach.py
+    qrobot run --lockstep examples/07_guarded_approach.py
 """
+
+# /// script
+# [tool.qrobot]
+# scene = "table"
+# ///
 
 from qrobot import rccl
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtrans, t6, yunit

@@ -4,8 +4,13 @@ Hayward & Paul 1986, section 3.4.2. Two opposite rotations carry the controlled 
 handle, so its x axis always points to the shaft, and the arm gives way along it; the goal is exact along the way round
 alone. The paper's hand holds the handle; here a rod stands in its hole and is pressed down a little.
 
-    qrobot run --lockstep --scene crank examples/08_crank.py
+    qrobot run --lockstep examples/08_crank.py
 """
+
+# /// script
+# [tool.qrobot]
+# scene = "crank"
+# ///
 
 from qrobot import rccl
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, rot, t6, yunit, zunit

@@ -3,11 +3,15 @@
 Hayward & Paul 1986, section 2.4, name it as what their PUMA could do. The peg comes down while the arm gives way to the
 sides: its round end slides into the mouth, and the hole leads it. A force limit guards the way down.
 
-    qrobot run --lockstep --scene peg examples/09_peg_in_hole.py
+    qrobot run --lockstep examples/09_peg_in_hole.py
 """
 
 import sys
 
+# /// script
+# [tool.qrobot]
+# scene = "peg"
+# ///
 from qrobot import rccl
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
 

@@ -111,11 +111,11 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.NONE: ("no fault", "nothing to do"),
     FaultCode.ENC_STUCK: (
         "an encoder counts nothing although its motor is driven",
-        "check the encoder cable (or its brake, or what jams the joint), then reset",
+        "check the encoder cable (or its brake, or what jams the joint), then `qrobot ctl clear`",
     ),
     FaultCode.ENC_JUMP: (
         "encoder counts jumped further than the joint can move",
-        "check the encoder cable, then reset",
+        "check the encoder cable, then `qrobot ctl clear`",
     ),
     FaultCode.ENC_SIGN: (
         "a joint accelerates against its torque",
@@ -135,23 +135,23 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.ENC_LOSS: (
         "an encoder has lost or gained counts: an index pulse came elsewhere than it must",
-        "check the encoder cable, reset, then `qrobot calibrate`",
+        "check the encoder cable, `qrobot ctl clear`, then `qrobot calibrate`",
     ),
     FaultCode.BOARD_GONE: (
         "the board does not answer or its data are stale",
-        "check the board or its process, then reset",
+        "check the board or its process, then `qrobot ctl clear`",
     ),
-    FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "reset; lower the commanded speed"),
+    FaultCode.VEL_LIMIT: ("a joint moved faster than its limit", "lower the commanded speed, then `qrobot ctl clear`"),
     FaultCode.DAC_STUCK: (
         "a torque nobody commanded outlasted a controlled stop: the arm is held or pushed, or a motor does not obey",
-        "clear what pushes or holds the arm; if nothing does, check DAC, amplifier and motor; then reset",
+        "clear what pushes or holds the arm; if nothing does, check DAC, amplifier and motor; then `qrobot ctl clear`",
     ),
     FaultCode.RUNAWAY: ("a joint runs away from its command", "check DAC and amplifier before powering again"),
-    FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then reset and power on"),
+    FaultCode.POWER_LOST: ("arm power dropped while in use", "find what cut it, then `qrobot ctl clear` and power on"),
     FaultCode.POWER_NO_ACK: ("arm power did not come on in time", "press ARM POWER, release the E-stop, try again"),
     FaultCode.BRAKE_STUCK: (
         "a driven joint has not moved since power came on, as encoder and potentiometer say: its brake did not release",
-        "check the brake supply, then reset",
+        "check the brake supply, then `qrobot ctl clear`",
     ),
     FaultCode.BRAKE_SLIP: ("the arm moved with closed brakes", "support the arm and service the brake"),
     FaultCode.SATURATED: (
@@ -164,15 +164,15 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.OVERRUN: (
         "too many cycles were late or skipped",
-        "see `qrobot doctor`, lower the rate or relax [arm.servo] overrun, then reset",
+        "see `qrobot doctor`, lower the rate or relax [arm.servo] overrun, then `qrobot ctl clear`",
     ),
-    FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "reset"),
-    FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then reset"),
+    FaultCode.GUARD_TRIP: ("the guardian cut the torque because the servo's heartbeat stopped", "`qrobot ctl clear`"),
+    FaultCode.GUARD_LOST: ("the guardian is gone", "restart the guardian, then `qrobot ctl clear`"),
     FaultCode.MOVING_AT_START: (
         "the arm moves although it should be at rest",
-        "wait until it stands still, then reset",
+        "wait until it stands still, then `qrobot ctl clear`",
     ),
-    FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then reset"),
+    FaultCode.LAW_NAN: ("the control law returned no finite torque", "correct the law, then `qrobot ctl clear`"),
     FaultCode.LAW_SLOW: (
         "the cycle with its law took more than half its period (a warning) or all of it (a stop with the built-in law)",
         "make the law faster or lower the rate",
@@ -195,7 +195,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.LAW_BOUNDS: (
         "the control law wrote past the end of an array",
-        "correct the law, then reset: the law before it is in force again",
+        "correct the law, then `qrobot ctl clear`: the law before it is in force again",
     ),
     FaultCode.STREAM_LOST: ("setpoints stopped arriving", "restart the program; it begins from where the arm stands"),
     FaultCode.SP_INVALID: ("a setpoint was not a finite number", "correct the program"),
@@ -204,10 +204,13 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.START_POSE: ("the first setpoint is far from where the arm stands", "start from the measured position"),
     FaultCode.JOINT_LIMIT: (
         "a joint left its range",
-        "move it back by hand with brakes released, or reset and jog back",
+        "move it back by hand with brakes released, or `qrobot ctl clear` and jog back",
     ),
-    FaultCode.FOLLOWING: ("a joint lags behind its setpoint by more than allowed", "clear obstacles, then reset"),
-    FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then reset"),
+    FaultCode.FOLLOWING: (
+        "a joint lags behind its setpoint by more than allowed",
+        "clear obstacles, then `qrobot ctl clear`",
+    ),
+    FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then `qrobot ctl clear`"),
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",
         "lower the speed of the program, or start the servo without reduced speed",
@@ -233,7 +236,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "a remote module beside the board does not answer; its inputs read as safe",
         "check the module and its cable; it is used again as soon as it answers",
     ),
-    FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then reset and power on"),
+    FaultCode.ESTOP: ("the emergency stop is pressed", "release it, then `qrobot ctl clear` and power on"),
     FaultCode.HOLD_TO_RUN: (
         "the key that lets the arm move was released, or its signal stayed away",
         "hold the key to go on",

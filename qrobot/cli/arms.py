@@ -12,7 +12,8 @@ from qrobot.config.outputs import BoardOutput
 from qrobot.errors import ConfigError
 from qrobot.realtime.segment import Words
 from qrobot.servo.calibration_table import CalibrationTable, load_table
-from qrobot.servo.laws.file import is_file_law, split_name
+from qrobot.servo.laws import check_law_name
+from qrobot.servo.laws.file import is_file_law, load_law, split_name
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.units import MM_PER_M
@@ -146,6 +147,18 @@ def overrun_of(arm: Arm) -> Overrun:
     if chosen is None:
         return COUNTED_ONLY if arm.board.kind == "emulator" else Overrun()
     return Overrun(chosen.misses_in_a_row, chosen.late_share, chosen.window_s)
+
+
+def check_law(name: str, robot: Robot) -> str:
+    """The whole name of a law that is there for a robot, so that nothing begins without it; its file is run.
+
+    Raises:
+        ConfigError: there is no such law, or its file fails.
+    """
+    check_law_name(name)
+    if is_file_law(name):
+        load_law(name, robot)
+    return whole_law_name(name)
 
 
 def whole_law_name(name: str) -> str:

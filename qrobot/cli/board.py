@@ -13,6 +13,7 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.console import note
+from qrobot.cli.option_types import OutputFile
 from qrobot.config.deployment import Arm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
@@ -36,7 +37,7 @@ def board(
     faults: Path | None = None,
     scene: SceneKind | None = None,
     serve: Annotated[tuple[str, ...], Parameter(negative="")] = (),
-    record: Path | None = None,
+    record: OutputFile | None = None,
 ) -> None:
     """Emulate a TRC004 board and the arm behind it, or be the gateway to a board, until Ctrl-C.
 
@@ -77,11 +78,12 @@ def board(
     if record is not None:
         raise ConfigError(f"--record: the emulated board of {chosen.name} is behind no road; its log has every cycle")
     from qrobot.hwif.bus import MemoryEndpoint
-    from qrobot.hwif.roads import modules_beside, servers
+    from qrobot.hwif.roads import check_servers, modules_beside, servers
     from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
     from qrobot.sim_board.server import serve as serve_emulator
 
+    check_servers(serve)
     robot = robot_of_arm(chosen)
     plan = FaultPlan.load(faults) if faults else FaultPlan()
     plan = FaultPlan(plan.faults + FaultPlan.parse(fault).faults, plan.seed)

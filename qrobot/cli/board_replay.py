@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from qrobot.cli.console import out, write_json
+from qrobot.cli.console import print_table, write_json
 
 if TYPE_CHECKING:
     from qrobot.hwif.replay import Recording
@@ -35,7 +35,7 @@ def replay(file: Path, *, json: bool = False) -> None:
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     for name, value in facts.items():
         table.add_row(name.replace("_", " "), _in_words(value))
-    out.print(table)
+    print_table(table)
 
 
 def _in_words(value: Any) -> str:

@@ -6,11 +6,12 @@ import logging
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note
+from qrobot.cli.option_types import Port
 
 PRIORITY = 30  # below board and servo, above the programs' trajectory threads
 
 
-def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port: int | None = None) -> None:
+def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port: Port | None = None) -> None:
     """Serve the packet protocol for one arm, until Ctrl-C.
 
     One client commands, any number watch. The bridge may be started before the servo and outlives it; clients are told

@@ -11,7 +11,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
-from qrobot.cli.console import SUCCESS, err, note, out, write_json
+from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
+from qrobot.cli.option_types import Indexes, OutputFile
 from qrobot.servo.calibration_table import TableFormat
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ def calibrate(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,
     arm: str | None = None,
-    indexes: int = 5,
-    make_table: Path | None = None,
+    indexes: Indexes = 5,
+    make_table: OutputFile | None = None,
     table_format: Annotated[TableFormat, Parameter(name="--format")] = "qrobot",
     json: bool = False,
 ) -> int:
@@ -62,7 +63,7 @@ def calibrate(
     elif report.was_calibrated:
         out.print(f"{chosen.name} is calibrated already: its board has kept the counters")
     else:
-        out.print(_results(robot_of_arm(chosen), report))
+        print_table(_results(robot_of_arm(chosen), report))
     return SUCCESS
 
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from cyclopts import App, CycloptsError, UnknownCommandError
-from rich.console import Console
+from rich.console import Console, ConsoleDimensions
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from qrobot.errors import QRobotError
+from qrobot.errors import ConfigError, QRobotError
 from qrobot.printable import printable
 
 SUCCESS: Final = 0
@@ -23,8 +24,21 @@ FAILURE: Final = 1  # what was asked could not be done
 USAGE: Final = 2  # it was not asked properly
 INTERRUPTED: Final = 130  # 128 + SIGINT, as shells have it
 
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+PIPE_COLUMNS: Final = 10_000  # what is not shown on a terminal is cut nowhere
+
+
+class _Results(Console):
+    """A console as wide as its terminal, or as anything may be where a pipe or a file takes the lines."""
+
+    @property  # type: ignore[misc]  # Rich also sets it, which nobody does here
+    def size(self) -> ConsoleDimensions:
+        """Columns and lines."""
+        found = super().size
+        return found if self.is_terminal else ConsoleDimensions(PIPE_COLUMNS, found.height)
+
+
+out = _Results(highlight=False, markup=False)  # paths and names may have brackets
+err = Console(stderr=True, highlight=False, markup=False)
 
 
 def complain(message: str) -> None:
@@ -45,20 +59,35 @@ def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Tabl
     return table
 
 
+def print_table(table: Table) -> None:
+    """Print a table with all of its words and numbers, where the terminal is too narrow for them wider than that."""
+    everything = out.options.update(max_width=PIPE_COLUMNS)
+    needed = Measurement.get(out, everything, table).minimum
+    if needed <= out.width:
+        out.print(table)
+        return
+    wide = Console(width=needed, file=out.file, force_terminal=out.is_terminal, highlight=False, markup=False)
+    wide.print(table)
+
+
 def write_json(value: Any, path: Path | None = None) -> None:
-    """Print `value` as JSON, or write it to `path`. Raises OSError when the file cannot be written."""
+    """Print `value` as JSON, or write it to `path`. Raises ConfigError when the file cannot be written."""
     text = json.dumps(value, indent=2)
     if path is None:
         out.print(text, soft_wrap=True, markup=False)
     else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text + "\n")
+        except OSError as error:
+            raise ConfigError(f"cannot write {path}: {error.strerror}") from None
 
 
 def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lambda: None) -> int:
     """Run `prepare` and one command; returns the exit status: the command's own when it returns an integer.
 
-    Every QRobotError becomes one line; anything else is our mistake and keeps its traceback.
+    Every QRobotError becomes one line, and so does what the system says of a file; anything else is our mistake and
+    keeps its traceback.
     """
     app.suppress_keyboard_interrupt = False  # it would exit from inside
     try:
@@ -66,7 +95,7 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
-        complain(f"{_sentence(error)} (see `qrobot --help`)")
+        complain(f"{_sentence(error)} (see `{' '.join(['qrobot', *(error.command_chain or ())])} --help`)")
         return USAGE
     except QRobotError as error:
         complain(str(error))
@@ -76,6 +105,11 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
     except BrokenPipeError:  # `qrobot log info | head`: the reader has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
+    except OSError as error:
+        if error.filename is None:
+            raise
+        complain(f"{error.filename}: {error.strerror}")  # a file or folder of the user's, or the disk behind it
+        return FAILURE
     return result if isinstance(result, int) else SUCCESS
 
 

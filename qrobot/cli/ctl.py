@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Annotated, Final, Literal
 
@@ -9,7 +10,8 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
-from qrobot.cli.console import SUCCESS, note, out, write_json
+from qrobot.cli.console import SUCCESS, note, out, print_table, write_json
+from qrobot.cli.option_types import Gains, Indexes, Seconds
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.servo.client import ServoClient
@@ -79,7 +81,7 @@ def status(*, where: Where | None = None) -> int:
         write_json(now.model_dump())
         return SUCCESS
     out.print(_line(now), soft_wrap=True)
-    out.print(_joints(robot_of_arm(chosen), now))
+    print_table(_joints(robot_of_arm(chosen), now))
     out.print(_lines_line(now), soft_wrap=True)
     out.print(_board_line(now.board), soft_wrap=True)
     return SUCCESS
@@ -134,15 +136,15 @@ def clear(*, where: Where | None = None) -> int:
 
 
 @app.command
-def calibrate(*, indexes: int = 0, where: Where | None = None) -> int:
+def calibrate(*, indexes: Indexes | None = None, where: Where | None = None) -> int:
     """Begin to calibrate a powered arm; `qrobot calibrate` also powers it and shows how it goes.
 
     Parameters
     ----------
     indexes
-        Index pulses of each joint, 3 to 14; 0 leaves the number to the servo.
+        Index pulses of each joint, 3 to 14; left to the servo if left out.
     """
-    return _do(where, lambda servo: servo.calibrate(indexes))
+    return _do(where, lambda servo: servo.calibrate(indexes or 0))
 
 
 @app.command
@@ -168,17 +170,20 @@ def law(
 def _setting(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
-        return name.strip(), float(value)
+        number = float(value)
     except ValueError:
-        raise ConfigError(f"setting {text!r}: name=number is wanted") from None
+        number = math.nan
+    if not (name.strip() and math.isfinite(number)):
+        raise ConfigError(f"setting {text!r}: name=number is wanted, such as band=0.01, and the number is finite")
+    return name.strip(), number
 
 
 @app.command
 def gains(
     *,
-    kp: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
-    kv: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
-    inertia: Annotated[list[float] | None, Parameter(consume_multiple=True)] = None,
+    kp: Gains | None = None,
+    kv: Gains | None = None,
+    inertia: Gains | None = None,
     force: bool = False,
     where: Where | None = None,
 ) -> int:
@@ -199,7 +204,7 @@ def gains(
 
 
 @app.command
-def watch(*, seconds: float = float("inf"), where: Where | None = None) -> int:
+def watch(*, seconds: Seconds = float("inf"), where: Where | None = None) -> int:
     """Print a line whenever mode, fault, law or commander change, until Ctrl-C.
 
     Parameters

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.table import Table
+from rich.text import Text
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT
-from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, write_json
+from qrobot.cli.console import FAILURE, SUCCESS, err, note, out, print_table, write_json
+from qrobot.cli.option_types import OutputFile, OutputFolder
 from qrobot.config.deployment import Interpolation, Velocity
 from qrobot.errors import Stalled
 
@@ -30,8 +32,8 @@ def demo(
     velocity: Velocity | None = None,
     interpolation: Interpolation | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,
-    out_dir: Path = Path("out/demo"),
-    json: Path | None = None,
+    out_dir: OutputFolder = Path("out/demo"),
+    json: OutputFile | None = None,
 ) -> int:
     """Move an emulated PUMA 560 through the experiment of the QRobot paper and show how well it tracked.
 
@@ -61,19 +63,21 @@ def demo(
     json
         Write a summary as JSON to this file as well.
     """
+    from qrobot.cli.arms import check_law, choose_arm, robot_of_arm
     from qrobot.rig.bounds import judge
     from qrobot.rig.experiment import plan
-    from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 
-    check_law_name(law or DEFAULT_LAW)
+    robot = robot_of_arm(choose_arm(deployment, None))
+    law = None if law is None else check_law(law, robot)
     runs = plan(lockstep, rate, plant, law, velocity, interpolation)
     results = _run_all(runs, deployment, out_dir)
     verdicts = judge(results)
     for table in results_tables(results):
-        out.print(table)
+        print_table(table)
         out.print()
     for verdict in verdicts:
-        out.print(f"{'[green]holds[/]' if verdict.holds else '[red]FAILS[/]'}  {verdict.what}", soft_wrap=True)
+        mark = Text("holds", "green") if verdict.holds else Text("FAILS", "red")
+        out.print(mark, f" {verdict.what}", soft_wrap=True)
     for path in _draw(results, out_dir):
         out.print(f"figure {path}")
     out.print(f"logs   {out_dir}  (look at one with `qrobot log info FILE`)")

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qrobot.cli.checks import Finding, Weight, all_findings
-from qrobot.cli.console import FAILURE, SUCCESS, out, write_json
+from qrobot.cli.console import FAILURE, SUCCESS, out, print_table, write_json
 
 MARKS = {Weight.NEEDED: ("✘", "bold red"), Weight.TIMING: ("!", "yellow"), Weight.OPTIONAL: ("·", "cyan")}
 
@@ -36,7 +36,7 @@ def doctor(deployment: str = "emulator", *, json: bool = False) -> int:
     if json:
         write_json({"usable": usable, "findings": [_plain(finding) for finding in findings]})
     else:
-        out.print(_table(findings))
+        print_table(_table(findings))
         out.print(_verdict(findings))
     return SUCCESS if usable else FAILURE
 

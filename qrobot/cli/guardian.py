@@ -7,12 +7,13 @@ from types import FrameType
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm
 from qrobot.cli.console import note
+from qrobot.cli.option_types import Seconds
 from qrobot.errors import QRobotError
 
 LINGER_S = 5.0
 
 
-def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, linger: float = LINGER_S) -> None:
+def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, linger: Seconds = LINGER_S) -> None:
     """Watch the servo of one arm; zero its torque and drop arm power when its heartbeat stops.
 
     Ends by itself when there has been no servo process for a while; the board is safe by then.

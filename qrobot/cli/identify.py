@@ -10,8 +10,9 @@ from cyclopts import App
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
-from qrobot.cli.console import note, out, plain_table, write_json
+from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.identify_options import FitOptions, KnownTorque, PlanOptions, RobotFile
+from qrobot.cli.option_types import LoadKg, MoveNumber, OutputFile, OutputLog
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def plan(
     table = Table(title=f"what of {_told_of(made)} can be told", title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, combination in _combinations(base).items():
         table.add_row(name, combination)
-    out.print(table)
+    print_table(table)
     out.print(f"cannot be told, and does not matter: {', '.join(base.unseen)}", soft_wrap=True)
 
 
@@ -78,13 +79,13 @@ def plan(
 def record(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,
-    output: Path,
+    output: OutputLog,
     arm: str | None = None,
     lockstep: bool = False,
     go: bool = False,
-    first: int = 1,
+    first: MoveNumber = 1,
     plant: Literal["nominal", "mismatched"] | None = None,
-    load_kg: float = 0.0,
+    load_kg: LoadKg = 0.0,
     options: PlanOptions | None = None,
 ) -> None:
     """Let an arm make the moves of its plan, and write the servo's log of it.
@@ -136,7 +137,7 @@ def record(
 @app.command
 def fit(
     *logs: Path,
-    output: Path,
+    output: OutputFile,
     options: FitOptions | None = None,
     json: bool = False,
 ) -> None:
@@ -171,7 +172,7 @@ def fit(
 @app.command
 def report(
     *logs: Path,
-    output: Path,
+    output: OutputFile,
     previous: Path | None = None,
     options: FitOptions | None = None,
 ) -> None:
@@ -220,7 +221,7 @@ def friction(*logs: Path, robot: RobotFile = None, known_torque: KnownTorque = F
     if json:
         write_json({"motors": found.robot.joint_names} | fitted.to_dict())
         return
-    out.print(friction_table(found.robot, fitted))
+    print_table(friction_table(found.robot, fitted))
     if (fitted.speed_factor > UNTOLD).any():
         note("where it fades is hardly told: record with --slow")
 
@@ -294,7 +295,7 @@ def _show_plan(robot: Robot, made: Plan | Excitation) -> None:
             for centre, half in zip(move.centre * scale, move.half * scale, strict=True)
         ]
         table.add_row(str(number), move.name, *cells)
-    out.print(table)
+    print_table(table)
     out.print(
         f"takes {made.seconds / 60.0:.1f} minutes; condition of the parameters of {_told_of(made)} {made.condition:.1f}"
     )
@@ -315,12 +316,12 @@ def _report(robot: Robot, model: IdentifiedModel, as_json: bool) -> None:
     for value in model.value:
         numbers = f"{value.value:.4f}", f"± {value.half_width:.4f}", f"{value.before:.4f}"
         table.add_row(value.name, *numbers, value.unit)
-    out.print(table)
+    print_table(table)
     columns = _errors(model)
     errors = plain_table("error of predicted torque, N m (N)", "joint", *columns)
     for name, *each in zip(robot.joint_names, *columns.values(), strict=True):
         errors.add_row(name, *(f"{error:.3f}" for error in each))
-    out.print(errors)
+    print_table(errors)
 
 
 def _errors(model: IdentifiedModel) -> dict[str, Floats]:

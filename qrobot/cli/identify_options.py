@@ -8,6 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from qrobot.cli.option_types import LoadKg, Poses, Seed
+
 RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
 KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
 
@@ -18,9 +20,9 @@ class PlanOptions:
     """What the arm is to do."""
 
     poses: Annotated[
-        int, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")
+        Poses, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")
     ] = 24
-    seed: Annotated[int, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")] = 0
+    seed: Annotated[Seed, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")] = 0
     slow: Annotated[bool, Parameter(help="Sweep slowly too, at 1, 2 and 4 %: for friction that falls with speed.")] = (
         False
     )
@@ -40,7 +42,7 @@ class FitOptions:
         Parameter(help="Logs of the arm with a load in its hand besides: its mass and centre are found too."),
     ] = ()
     load_kg: Annotated[
-        float | None, Parameter(help="Mass of that load where it was weighed: torque scales are then of true torque.")
+        LoadKg | None, Parameter(help="Mass of that load where it was weighed: torque scales are then of true torque.")
     ] = None
     known_torque: KnownTorque = False
     dynamic: Annotated[

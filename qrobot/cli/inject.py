@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
-from qrobot.cli.console import out, write_json
+from qrobot.cli.console import out, print_table, write_json
 from qrobot.errors import LinkError
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def _show(reports: list[Injected], json: bool) -> None:
         for report in reports:
             state = "over" if report.over else "active" if report.steps else "waiting"
             table.add_row(Text(str(report.fault)), state, str(report.steps), str(report.acted))
-        out.print(table)
+        print_table(table)
     else:
         out.print("nothing is broken; `qrobot inject --list` tells what can be")
 
@@ -97,7 +97,7 @@ def _list_kinds(json: bool) -> None:
     table = Table("what", "how", "value", "what happens", box=None)
     for kind in KINDS:
         table.add_row(Text(kind.address), kind.name, _value(kind), Text(f"it {kind.what}"))
-    out.print(table)
+    print_table(table)
 
 
 def _value(kind: Kind) -> str:

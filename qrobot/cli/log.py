@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.console import note, out, write_json
+from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
+from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def info(file: Path, *, json: bool = False) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts.items():
         table.add_row(name.replace("_", " "), _plain(value))
-    out.print(table)
+    print_table(table)
 
 
 def _facts(log: Log) -> dict[str, Any]:
@@ -145,7 +146,7 @@ def events(file: Path, *, json: bool = False) -> None:
 def plot(
     file: Path,
     *,
-    output: Path | None = None,
+    output: OutputFolder | None = None,
     only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
 ) -> None:
     """Draw a log: desired positions, tracking errors, torques, wake-up errors; one PNG each.
@@ -175,7 +176,7 @@ app.command(compare)
 
 
 @app.command
-def export(file: Path, target: Path) -> None:
+def export(file: Path, target: OutputFile) -> None:
     """Turn a log into a table, one row per cycle.
 
     Examples:
@@ -206,8 +207,8 @@ def record(
     deployment: str = "emulator",
     *,
     arm: str | None = None,
-    output: Path | None = None,
-    max_megabytes: Annotated[float, Parameter(name="--max-mb")] = 1000.0,
+    output: OutputLog | None = None,
+    max_megabytes: Annotated[Megabytes, Parameter(name="--max-mb")] = 1000.0,
     plant: str | None = None,
 ) -> None:
     """Record every cycle of a servo until Ctrl-C, from one servo process to the next.

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from qrobot.cli.console import note, out, plain_table, write_json
+from qrobot.cli.console import note, out, plain_table, print_table, write_json
+from qrobot.cli.option_types import OutputFile
 
 if TYPE_CHECKING:
     from qrobot.log.compare import JointComparison, LogComparison
 
 
-def compare(a: Path, b: Path, *, plot: Path | None = None, json: bool = False) -> None:
+def compare(a: Path, b: Path, *, plot: OutputFile | None = None, json: bool = False) -> None:
     """Lay two logs of one robot side by side: tracking errors, punctuality, and what was different about the runs.
 
     Time counts from the first tracking cycle of each; a further shift, as another interpolation or sample period makes
@@ -47,7 +48,7 @@ def compare(a: Path, b: Path, *, plot: Path | None = None, json: bool = False) -
         write_json(comparison.to_dict())
         return
     for table in (_errors(comparison), _cycles(comparison), _differences(comparison)):
-        out.print(table)
+        print_table(table)
         out.print()
 
 

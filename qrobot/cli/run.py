@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 import runpy
 import sys
-from collections.abc import Sequence
-from contextlib import nullcontext
+import traceback as python_traceback
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import FAILURE, complain, err, note
+from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz
+from qrobot.cli.program_errors import own_place, own_traceback
 from qrobot.config.scene import SceneKind
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, QRobotError
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
@@ -30,9 +33,14 @@ def run(
     arm: str | None = None,
     lockstep: bool = False,
     offline: bool = False,
-    output: Path | None = None,
+    output: OutputFolder | None = None,
     plant: Literal["nominal", "mismatched"] | None = None,
     scene: SceneKind | None = None,
+    law: str | None = None,
+    model: str | None = None,
+    rate: RateHz | None = None,
+    log: OutputLog | None = None,
+    traceback: bool = False,
 ) -> int:
     """Run a program that moves an arm through `qrobot.rccl`: a script in Python, or what `qrobot cc` made of one in C.
 
@@ -67,30 +75,91 @@ def run(
     plant
         With --lockstep: overrides the deployment file.
     scene
-        With --lockstep: overrides the deployment file: what stands around the arm.
+        With --lockstep: what stands around the arm. It overrides what the program says of itself (`scene = "crank"`
+        below [tool.qrobot] in its head, see the page on touching things), and that overrides the deployment file.
+    law
+        With --lockstep: control law of the servo, overriding the file's: pd, qrobot, ... or your own as
+        path/to/file.py:name, from this folder.
+    model
+        With --lockstep: identified model of the arm (`qrobot identify fit`), overriding the file.
+    rate
+        With --lockstep: cycles per second of the servo, overriding the file: 1000, 2000, 4000, ...
+    log
+        With --lockstep: log of every cycle to write, a file (.mcap) or a folder for one; a running arm has its own.
+    traceback
+        Show all frames of an exception of the program's, not those in files of yours alone.
     """
+    emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
+    given = [f"--{name}" for name, value in emulated.items() if value is not None]
+    _check(program, given, lockstep, offline)
+    chosen = choose_arm(deployment, arm)
+    start = partial(_start, program, arguments, chosen.robot)
+
+    def perform() -> int:
+        if offline:
+            return _run_through(_offline_links(chosen), start, output or Path("out") / "offline" / program.stem, True)
+        if not lockstep:
+            _tell_scene(program)
+            return _run_through(_bridge_links(chosen), start, output)
+        from qrobot.cli.run_lockstep import LockstepRun
+
+        return LockstepRun(chosen, program, plant, scene, law, model, rate).perform(
+            partial(_run_through, start=start, output=output), deployment, log
+        )
+
+    return _told(perform, traceback)
+
+
+def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool) -> None:
+    """Raise ConfigError for no program, or options that do not go together; `emulated` needs an emulated arm."""
     if not program.is_file():
         raise ConfigError(f"no program {program}")
     if program.suffix == ".c":
         raise ConfigError(
             f"{program} is a source: compile it with `qrobot cc {program} -o {program.stem}`, and run that"
         )
-    if offline and (lockstep or plant is not None or scene is not None):
-        raise ConfigError("--offline knows no board: leave out --lockstep, --plant and --scene")
-    chosen = choose_arm(deployment, arm)
-    start = partial(_start, program, arguments, chosen.robot)
-    if offline:
-        factory, output = _offline_links(chosen), output or Path("out") / "offline" / program.stem
-    else:
-        factory = _lockstep_links(chosen, plant, scene) if lockstep else _bridge_links(chosen)
+    if offline and (lockstep or emulated):
+        raise ConfigError(f"--offline knows no servo and no board: leave out {', '.join(emulated) or '--lockstep'}")
+    if emulated and not lockstep:
+        raise ConfigError(f"{', '.join(emulated)}: only with --lockstep; a running arm has what it was started with")
+
+
+def _tell_scene(program: Path) -> None:
+    """Nothing can be put round an arm that runs."""
+    from qrobot.cli.program_settings import settings_of
+
+    if scene := settings_of(program).scene:
+        note(f"{program.name} is made for the scene {scene!r}: something of the kind has to stand around the arm")
+
+
+def _told(perform: Callable[[], int], everything: bool) -> int:
+    """Run it, and tell an exception of the program by the user's own lines; one of ours is one line, with the place."""
+    try:
+        return perform()
+    except QRobotError as error:
+        if not everything:
+            complain(f"{error}{own_place(error)}")
+            return FAILURE
+        python_traceback.print_exc()
+    except Exception as error:  # whatever a user's program raises
+        if everything:
+            python_traceback.print_exc()
+        else:
+            err.print(own_traceback(error), end="", markup=False, soft_wrap=True)
+    return FAILURE
+
+
+def _run_through(
+    factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False
+) -> int:
+    """Run the program over links of `factory`; what it did is written to `output`, if there is one."""
     if output is not None:
         from qrobot.cli.traced import run_traced
 
-        return run_traced(start, factory, output, ideal=offline)
+        return run_traced(start, factory, output, ideal)
     from qrobot import rccl
-    from qrobot.realtime.interrupt import heed_interrupts
 
-    with rccl.use(factory), heed_interrupts() if lockstep else nullcontext():
+    with rccl.use(factory):
         return start()
 
 
@@ -114,16 +183,6 @@ def _bridge_links(arm: Arm) -> LinkFactory:
     await_turn()
     os.environ.setdefault("QROBOT_BRIDGE", f"{arm.bridge.host}:{arm.bridge.port}")
     return lambda hello: TcpLink(hello, bridge_address())
-
-
-def _lockstep_links(arm: Arm, plant: Literal["nominal", "mismatched"] | None, scene: SceneKind | None) -> LinkFactory:
-    from qrobot.rig.lockstep import LockstepRig, link_factory
-    from qrobot.sim_board.deployed import emulator_of_arm
-
-    robot = robot_of_arm(arm)
-    emulator = emulator_of_arm(arm, robot, plant=plant, scene=scene)
-    rig = LockstepRig(controlled_robot(arm)[0], servo_settings(arm), emulator, keep_telemetry=False)
-    return partial(link_factory, rig, round(arm.bridge.period_ms * US_PER_MS))
 
 
 def _offline_links(arm: Arm) -> LinkFactory:

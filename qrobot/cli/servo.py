@@ -12,6 +12,7 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm, controlled_robot, servo_settings
 from qrobot.cli.console import SUCCESS, note
+from qrobot.cli.option_types import RateHz
 from qrobot.config.deployment import Arm, Interpolation, Velocity
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def servo(
     deployment: str = DEFAULT_DEPLOYMENT,
     *,
     arm: str | None = None,
-    rate: float | None = None,
+    rate: RateHz | None = None,
     law: str | None = None,
     model: str | None = None,
     velocity: Velocity | None = None,

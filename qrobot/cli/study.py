@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from qrobot.cli.console import err, note, out, write_json
+from qrobot.cli.console import err, note, out, print_table, write_json
+from qrobot.cli.option_types import ArmCount, Factors, OutputFile, Poses, Range, RateHz, Workers
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -31,10 +32,11 @@ An arm is drawn by its number, so it is the same everywhere. Each outcome is kep
 the same command goes on, and one with more --arms adds to what is there.
 """
 
-Arms = Annotated[int, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
-Plot = Annotated[Path | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
+Arms = Annotated[ArmCount, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
+Plot = Annotated[OutputFile | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
 Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
-MOST_STICTION: Final = 3.0  # times Coulomb friction
+Stiction = Annotated[float, Parameter(validator=Range(1.0, 3.0))]
+"""Friction at rest, times Coulomb friction."""
 app = App(name="study", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
@@ -43,13 +45,14 @@ app = App(name="study", help=HELP, help_format="plaintext", group_commands="Comm
 class Campaign:
     """What every study is told."""
 
-    output: Annotated[Path, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
+    output: Annotated[OutputFile, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
     robot: Annotated[
         str, Parameter(help="Robot whose kind the arms are: a packaged one, or a file that every host has.")
     ] = "puma560"
-    rate: Annotated[float, Parameter(help="Of the servo, Hz.")] = 1000.0
+    rate: Annotated[RateHz, Parameter(help="Of the servo, Hz.")] = 1000.0
     workers: Annotated[
-        int | None, Parameter(help="Processes on this machine; default one for each processor, 1 is this one itself.")
+        Workers | None,
+        Parameter(help="Processes on this machine; default one for each processor; 1 is this one."),
     ] = None
     scheduler: Annotated[
         str | None, Parameter(help="Dask scheduler whose workers do it in place of those, as tcp://host:8786.")
@@ -63,10 +66,10 @@ def identify(
     *,
     arms: Arms = 50,
     campaign: Campaign,
-    poses: int = 24,
+    poses: Poses = 24,
     torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
-    stiction: float = 1.0,
+    stiction: Stiction = 1.0,
     dynamic: bool = False,
 ) -> None:
     """Identify arms that are up to 30 % off their file in masses, centres and friction, and hold up to 2.5 kg.
@@ -89,8 +92,6 @@ def identify(
     """
     from qrobot.study.identification import IdentificationStudy
 
-    if not 1.0 <= stiction <= MOST_STICTION:
-        raise ConfigError(f"--stiction {stiction:g}: 1, which is none, to {MOST_STICTION:g}")
     study = IdentificationStudy(campaign.robot, campaign.rate, poses, torque, tracking, stiction, dynamic)
     _run(study, arms, campaign)
 
@@ -102,8 +103,8 @@ def gains(
     campaign: Campaign,
     law: str = "qrobot",
     velocity: str = "difference",
-    bandwidth: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0),
-    damping: tuple[float, ...] = (0.5, 1.0),
+    bandwidth: Factors = (0.5, 0.7, 1.0, 1.4, 2.0),
+    damping: Factors = (0.5, 1.0),
 ) -> None:
     """Track the paper's experiment with a grid of gains on each of many arms, none as the robot file has it.
 
@@ -118,8 +119,11 @@ def gains(
     damping
         Factors on Kv beside.
     """
+    from qrobot.cli.arms import check_law
+    from qrobot.config import load_robot
     from qrobot.study.gains import GainStudy
 
+    law = check_law(law, load_robot(campaign.robot))
     _run(GainStudy(campaign.robot, campaign.rate, law, velocity, bandwidth, damping), arms, campaign)
 
 
@@ -141,8 +145,6 @@ def _run(study: Study, arms: int, campaign: Campaign) -> None:
     from qrobot.study.campaign import carry_out
     from qrobot.study.engine import engine
 
-    if arms < 1:
-        raise ConfigError(f"--arms {arms}: at least 1")
     count = campaign.workers if campaign.workers is not None else len(os.sched_getaffinity(0))
     try:
         with engine(min(count, arms), campaign.scheduler) as made, _bar(study.kind, made.workers) as told:
@@ -184,7 +186,7 @@ def _report(results: Results, plot: Path | None, as_json: bool) -> None:
         write_json({"terms": results.terms} | summary.to_dict())
         return
     for table in view.tables(summary):
-        out.print(table)
+        print_table(table)
         out.print()
     for line in view.lines(summary):
         out.print(line, soft_wrap=True)

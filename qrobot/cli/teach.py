@@ -8,13 +8,14 @@ from pathlib import Path
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import out
+from qrobot.cli.option_types import OutputFile
 from qrobot.errors import ConfigError
 
 PROMPT = "? "
 
 
 def teach(
-    database: Path = Path("taught.db"),
+    database: OutputFile = Path("taught.db"),
     *,
     script: Path | None = None,
     offline: bool = False,

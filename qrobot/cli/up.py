@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
+from qrobot.cli.option_types import OutputFolder
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import Arm
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 POLL_S = 0.2
 
 
-def up(deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir: Path = Path("out/processes")) -> int:
+def up(
+    deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir: OutputFolder = Path("out/processes")
+) -> int:
     """Start board, servo, guardian, bridge and log of every arm of a deployment file; end them with Ctrl-C.
 
     Programs then reach the arms through their bridges (`qrobot run PROGRAM`). When board, servo or guardian dies the

@@ -114,7 +114,7 @@ def create_board_memory(arm: str) -> Segment:
 
 def attach_board_memory(arm: str) -> Segment:
     """Map the board memory of `arm` (a controller). Raises LinkError when no board serves it."""
-    return Segment.attach(f"{arm}-board", LAYOUT)
+    return Segment.attach(f"{arm}-board", LAYOUT, "the arm with `qrobot up`, or its board with `qrobot board`")
 
 
 def command_board_memory(arm: str) -> Segment:

@@ -103,10 +103,40 @@ def _serve_modbus(address: str, endpoint: Endpoint, report: Report) -> AbstractC
     return modbus_server(address, endpoint, report)
 
 
+def _check_can(address: str) -> None:
+    from qrobot.hwif.canbus.interface import load_can
+
+    load_can()
+    from qrobot.hwif.canbus.server import split_address
+
+    split_address(address)
+
+
+def _check_modbus(address: str) -> None:
+    require_pymodbus()
+    from qrobot.hwif.modbus.server import check_address
+
+    check_address(address)
+
+
+CHECKS: Final[dict[str, Callable[[str], None]]] = {"can": _check_can, "modbus": _check_modbus}
 SERVERS: Final[dict[str, Callable[[str, Endpoint, Report], AbstractContextManager[object]]]] = {
     "can": _serve_can,
     "modbus": _serve_modbus,
 }
+
+
+def _road_and_address(text: str) -> tuple[str, str]:
+    kind, _, address = text.partition("=")
+    if kind not in SERVERS or not address:
+        raise ConfigError(f"--serve {text!r}: give ROAD=ADDRESS, with a road out of {', '.join(SERVERS)}")
+    return kind, address
+
+
+def check_servers(wanted: tuple[str, ...]) -> None:
+    """Raise ConfigError where `servers` would, while nothing has begun."""
+    for kind, address in map(_road_and_address, wanted):
+        CHECKS[kind](address)
 
 
 @contextmanager
@@ -117,9 +147,6 @@ def servers(wanted: tuple[str, ...], endpoint: Endpoint, report: Report) -> Iter
         ConfigError: no such road, or an address it cannot have. LinkError: the address is in use, or not there.
     """
     with ExitStack() as stack:
-        for text in wanted:
-            kind, _, address = text.partition("=")
-            if kind not in SERVERS or not address:
-                raise ConfigError(f"--serve {text!r}: give ROAD=ADDRESS, with a road out of {', '.join(SERVERS)}")
+        for kind, address in map(_road_and_address, wanted):
             stack.enter_context(SERVERS[kind](address, endpoint, report))
         yield

@@ -108,7 +108,6 @@ __all__ = [
     "newtrans",
     "nextmove",
     "pose",
-    "rccl",
     "release",
     "rot",
     "sample",

@@ -85,14 +85,17 @@ class Segment:
         return segment
 
     @classmethod
-    def attach(cls, name: str, layout: int) -> Segment:
-        """Map an existing segment. Raises LinkError when it is missing, has another layout or is another account's."""
+    def attach(cls, name: str, layout: int, start: str = "the process that serves it") -> Segment:
+        """Map an existing segment; `start` tells what to start when there is none.
+
+        Raises LinkError when it is missing, has another layout or is another account's.
+        """
         path = segment_path(name)
         try:
             with look_into_folder() as folder:
                 fd = folder.open_file(path.name, os.O_RDWR)
         except FileNotFoundError:
-            raise LinkError(f"no shared memory {path.name!r}: is the process that serves it running?") from None
+            raise LinkError(f"no shared memory {path.name!r}: start {start} (looked in {path.parent})") from None
         n_words = os.fstat(fd).st_size // WORD_BYTES
         if n_words < HEADER_WORDS:
             os.close(fd)

@@ -24,6 +24,7 @@ from qrobot.servo.control_messages import (
     Stop,
     decode_reply,
     encode,
+    make_request,
 )
 from qrobot.servo.control_socket import connect_to_servo
 
@@ -48,7 +49,7 @@ class ServoClient:
 
     Raises:
         LinkError: no servo of that arm runs here. Every method: LinkTimeout, LinkLost when it does not answer;
-            QRobotError with the servo's own words when it refuses.
+            QRobotError with the servo's own words when it refuses; ConfigError when no such request can be made.
     """
 
     def __init__(self, arm: str, timeout_s: float = TIMEOUT_S) -> None:
@@ -103,7 +104,7 @@ class ServoClient:
 
         Raises QRobotError with what prevents it.
         """
-        status = self._ask(Calibrate(indexes=indexes))
+        status = self._ask(make_request(Calibrate, indexes=indexes))
         if status.mode == "UNCALIBRATED":
             raise QRobotError(f"no calibration: {status.text or 'it has ended already'}")
         return status
@@ -116,7 +117,7 @@ class ServoClient:
         patience_s = self._socket.gettimeout()
         self._socket.settimeout(COMPILE_PATIENCE_S)
         try:
-            return self._ask(ChangeLaw(name=name, settings=dict(settings or {})))
+            return self._ask(make_request(ChangeLaw, name=name, settings=dict(settings or {})))
         finally:
             self._socket.settimeout(patience_s)
 
@@ -128,7 +129,8 @@ class ServoClient:
         force: bool = False,
     ) -> ServoStatus:
         """Change gains, holding or without power; what is left out stays. Shapes (n,), see `ChangeGains`."""
-        return self._ask(ChangeGains(kp=_maybe(kp), kv=_maybe(kv), inertia=_maybe(inertia), force=force))
+        rows = {"kp": _maybe(kp), "kv": _maybe(kv), "inertia": _maybe(inertia)}
+        return self._ask(make_request(ChangeGains, **rows, force=force))
 
     def watch(self, seconds: float = float("inf")) -> Iterator[ServoStatus]:
         """The status now, and again whenever mode, fault, event, law or commander change."""

@@ -8,11 +8,11 @@ A request that is not exactly one of those below is refused and changes nothing.
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from qrobot.errors import RemoteProtocolError
+from qrobot.errors import ConfigError, RemoteProtocolError
 
 VERSION: Final = 1
 MAX_LINE_BYTES: Final = 8192  # a longer line is no request; 32 joints' gains take a third of it
@@ -91,6 +91,8 @@ Request = Annotated[
 ]
 ANYBODY: Final = (Status, Stop, PowerOff)  # what needs no authority
 
+RequestT = TypeVar("RequestT", bound=Message)
+
 _REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Request)
 
 
@@ -166,6 +168,14 @@ class Reply(Message):
     ok: bool
     error: str = ""
     status: ServoStatus | None = None
+
+
+def make_request(kind: type[RequestT], **values: Any) -> RequestT:
+    """A request with these values. Raises ConfigError naming the value that is none."""
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        raise ConfigError(f"no request to the servo: {_first(error)}") from None
 
 
 def decode_request(line: bytes) -> Request:

@@ -221,7 +221,7 @@ def create_servo_memory(
 
 def attach_servo_memory(arm: str) -> Segment:
     """Map the servo memory of `arm`. Raises LinkError when no servo serves it."""
-    return Segment.attach(f"{arm}-servo", LAYOUT)
+    return Segment.attach(f"{arm}-servo", LAYOUT, "the arm with `qrobot up`, or its servo with `qrobot servo`")
 
 
 def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> Words:

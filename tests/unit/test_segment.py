@@ -134,7 +134,7 @@ def test_an_orderly_end_removes_the_file_and_a_peer_notices(name: str) -> None:
 
 
 def test_a_peer_of_another_layout_or_without_an_owner_is_refused(name: str) -> None:
-    with pytest.raises(LinkError, match="is the process that serves it running"):
+    with pytest.raises(LinkError, match="start the process that serves it"):
         Segment.attach(name, 1)
     with Segment.create(name, 1, 64), pytest.raises(LinkError, match="layout 1, this version expects 2"):
         Segment.attach(name, 2)

@@ -163,7 +163,6 @@ def test_show_prints_a_table_or_json_and_draws(
     ("words", "said"),
     [
         (["show", "nowhere.jsonl"], "cannot read results"),
-        (["identify", "--output", "r.jsonl", "--arms", "0"], "--arms 0: at least 1"),
         (["identify", "--output", "r.jsonl", "--robot", "pumo560"], "no configuration named 'pumo560'"),
         (["gains", "--output", "r.jsonl", "--law", "qrobt", "--workers", "1"], "no control law 'qrobt'"),
     ],

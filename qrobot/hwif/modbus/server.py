@@ -139,6 +139,13 @@ def split_address(address: str) -> Address:
     return Address(host, int(port), float(patience or WATCHDOG_MS), tuple(filter(None, clients.split(","))))
 
 
+def check_address(address: str) -> Address:
+    """The same, where a server may be. Raises ConfigError also for clients that are none, or when all could come."""
+    found = split_address(address)
+    _networks(found.host, found.allowed)
+    return found
+
+
 def _networks(host: str, allowed: Sequence[str]) -> Allowed:
     """Networks out of their texts. Raises ConfigError for one that is none, or when a server for all allows nobody."""
     if not is_loopback(host) and not allowed:

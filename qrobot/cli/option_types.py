@@ -1,0 +1,118 @@
+"""Types of options whose values are checked before a command begins: numbers in a range, files that can be written.
+
+Every number that a command takes has one of these types, and so has every path that it writes to: what cannot be done
+is refused while nothing has been started, moved or computed. Defaults are checked too, for the folder they are in may
+not be writable either.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
+
+from qrobot.servo.calibration_state import FEWEST_INDEXES, MOST_INDEXES
+from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
+
+PROBE_BYTES: Final = 4096  # a full disk takes an empty file
+MOST_GAIN: Final = 1e12  # [A] above the stiffest joint by far; the servo knows what its arm bears
+MOST_SEED: Final = 2**32 - 1
+MOST_ARMS: Final = 1_000_000  # [A]
+MOST_POSES: Final = 1_000  # [A] a plan of 24 takes minutes
+MOST_WORKERS: Final = 1_024  # [A] processes of one machine
+MOST_FACTOR: Final = 100.0  # [A] of a study's grid of gains
+MOST_LOAD_KG: Final = 1_000.0  # [A] of a weighed load
+MOST_MB: Final = 1e9  # [A]
+LEAST_MB: Final = 0.1  # [A] a part of a log has a header and files of some tens of kilobytes
+
+
+@dataclass(frozen=True)
+class Range:
+    """Refuses numbers outside of `least` to `most`, each one of several, and NaN; infinity unless it is `most`."""
+
+    least: float
+    most: float = math.inf
+    unit: str = ""
+
+    def __call__(self, _type: Any, value: float | Sequence[float] | None) -> None:
+        """Raises ValueError with what is allowed."""
+        for each in value if isinstance(value, Sequence) else (value,):
+            if each is not None and not self.least <= each <= self.most:
+                raise ValueError(f"Allowed: {self}")
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if self.most == math.inf:
+            return f"at least {self.least:g}{unit}"
+        return f"{self.least:.10g} to {self.most:.10g}{unit}"
+
+
+def require_writable_file(path: Path) -> None:
+    """Raise ValueError when `path` cannot be written; nothing is changed, and an existing file is left as it is."""
+    _tell(path, _try_file)
+
+
+def require_writable_folder(path: Path) -> None:
+    """Raise ValueError when there can be no files in the folder `path`; it is not made."""
+    _tell(path, _try_folder)
+
+
+def require_writable_log(path: Path) -> None:
+    """Raise ValueError when neither the log (.mcap) nor the folder `path` can be written."""
+    _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
+
+
+def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
+    try:
+        attempt(path)
+    except OSError as error:
+        raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _try_file(path: Path) -> None:
+    if not path.exists():
+        _try_folder(path.parent)
+    elif path.is_file():
+        with path.open("ab"):
+            pass
+    elif path.is_dir() or not os.access(path, os.W_OK):
+        raise OSError("it is a folder, and a file is wanted" if path.is_dir() else "it may not be written")
+
+
+def _try_folder(folder: Path) -> None:
+    place = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise OSError(f"{place} is no folder")
+    with tempfile.TemporaryFile(dir=place) as probe:
+        probe.write(bytes(PROBE_BYTES))
+        probe.flush()
+
+
+def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], None]:
+    """As Cyclopts calls it: with the type, and also with the value of an option that was left out."""
+    return lambda _type, path: None if path is None else require(path)
+
+
+OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
+OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
+OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
+
+Seconds = Annotated[float, Parameter(validator=Range(0.0, unit="s"))]
+RateHz = Annotated[float, Parameter(validator=Range(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, "Hz"))]
+Port = Annotated[int, Parameter(validator=Range(0, 65_535))]
+Indexes = Annotated[int, Parameter(validator=Range(FEWEST_INDEXES, MOST_INDEXES))]
+Gains = Annotated[list[float], Parameter(validator=Range(0.0, MOST_GAIN), consume_multiple=True)]
+Factors = Annotated[tuple[float, ...], Parameter(validator=Range(0.01, MOST_FACTOR))]
+Seed = Annotated[int, Parameter(validator=Range(0, MOST_SEED))]
+Poses = Annotated[int, Parameter(validator=Range(1, MOST_POSES))]
+MoveNumber = Annotated[int, Parameter(validator=Range(1))]
+ArmCount = Annotated[int, Parameter(validator=Range(1, MOST_ARMS))]
+Workers = Annotated[int, Parameter(validator=Range(1, MOST_WORKERS))]
+Megabytes = Annotated[float, Parameter(validator=Range(LEAST_MB, MOST_MB, "MB"))]
+LoadKg = Annotated[float, Parameter(validator=Range(0.0, MOST_LOAD_KG, "kg"))]

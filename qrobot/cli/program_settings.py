@@ -1,0 +1,51 @@
+"""What a program in Python says of itself in its head, in the form that PEP 723 gives scripts:
+
+# /// script
+# [tool.qrobot]
+# scene = "crank"
+# ///
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, Final
+
+from qrobot.config.document import Table, check_document
+from qrobot.config.scene import SceneKind
+from qrobot.errors import ConfigError
+
+BLOCK: Final = re.compile(r"(?m)^# /// script$\s(?P<lines>(^#(| .*)$\s)+)^# ///$")  # as in PEP 723
+
+
+class ProgramSettings(Table):
+    """What a program needs besides an arm.
+
+    Attributes:
+        scene: what has to stand around an emulated arm; a real one has what it has.
+    """
+
+    scene: SceneKind | None = None
+
+
+def settings_of(program: Path) -> ProgramSettings:
+    """The settings in the head of a program; none where it has no such head, or is no text.
+
+    Raises:
+        ConfigError: the head cannot be read, or names something else.
+    """
+    try:
+        found = BLOCK.search(program.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        return ProgramSettings()
+    return ProgramSettings() if found is None else _read(found["lines"], program)
+
+
+def _read(lines: str, program: Path) -> ProgramSettings:
+    try:
+        head: dict[str, Any] = tomllib.loads("\n".join(line.removeprefix("#") for line in lines.splitlines()))
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{program}, in its head: {error}") from error
+    return check_document(ProgramSettings, head.get("tool", {}).get("qrobot", {}), f"{program.name}, [tool.qrobot]")

@@ -1,0 +1,129 @@
+"""`qrobot run --lockstep`: with the choices and the log that a running arm has; and whose lines an exception shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.log.read import read_log
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SHORT = """
+from qrobot import rccl
+with rccl.control("puma560", period_ms=28) as arm:
+    arm.move(arm.pose("park"))
+    arm.waitfor(arm.completed)
+"""
+LAW = """
+from qrobot.servo.law import law
+
+@law
+def mine(q, v, q_ref, v_ref, a_ref, kp, kv, inertia, gravity, friction, dt, memory, sensors, settings, tau):
+    for j in range(tau.size):
+        tau[j] = kp[j] * (q_ref[j] - q[j]) + kv[j] * (v_ref[j] - v[j]) + gravity[j]
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*words: str) -> int:
+    return run_app(make_app("run"), ["run", *words])
+
+
+def test_an_example_brings_its_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--lockstep", str(EXAMPLES / "08_crank.py")) == 0
+    assert "turned 4 times" in capsys.readouterr().out
+
+
+def test_a_run_in_lockstep_has_law_rate_and_log(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "short.py").write_text(SHORT)
+    words = ["--law", "computed-torque", "--rate", "2000", "--plant", "mismatched", "--log", "logs/run.mcap"]
+    assert run("--lockstep", *words, "short.py") == 0
+    log = read_log(here / "logs" / "run.mcap")
+    header = log.header
+    assert (header.law, header.rate_hz, header.plant, header.clock) == (
+        "computed-torque",
+        2000.0,
+        "mismatched",
+        "lockstep",
+    )
+    assert log.rows.size > 100
+    assert set(log.attachments) == {"puma560.toml", "emulator.toml"}
+    assert "qrobot log info logs/run.mcap" in capsys.readouterr().err
+
+
+def test_the_log_of_a_program_that_fails_is_kept(here: Path) -> None:
+    (here / "fails.py").write_text(SHORT + "    raise RuntimeError('mine')\n")
+    assert run("--lockstep", "--log", str(here), "fails.py") == 1
+    (path,) = here.glob("puma560-*.mcap")
+    assert read_log(path).rows.size > 100
+
+
+@pytest.mark.parametrize(
+    "words", [("--law", "pd"), ("--rate", "2000"), ("--model", "x.toml"), ("--log", "x.mcap"), ("--scene", "peg")]
+)
+def test_what_only_an_emulated_arm_has_is_refused_elsewhere(
+    here: Path, words: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "short.py").write_text(SHORT)
+    for other in ((), ("--offline",)):
+        assert run(*other, *words, "short.py") == 1
+        assert words[0] in capsys.readouterr().err
+    assert not (here / "x.mcap").exists()
+
+
+FAILS = """
+import helper
+from qrobot.rccl import EQ, TL, control, gentr_trsl, makeposition, newtrans, t6
+arm = control("puma560")
+arm.setmode("cartesian")
+tool = gentr_trsl("TOOL", 0, 0, 100)
+arm.move(makeposition("P", t6, tool, EQ, gentr_trsl("A", 500, 100, 0), newtrans("R", helper.turn), TL, tool))
+arm.waitfor(arm.completed)
+"""
+HELPER = """
+def turn(t):
+    raise RuntimeError("mine")
+"""
+
+
+def test_an_exception_shows_the_frames_of_ones_own_files_alone(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "fails.py").write_text(FAILS)
+    (here / "helper.py").write_text(HELPER)
+    assert run("--offline", "fails.py") == 1
+    told = capsys.readouterr().err
+    assert {Path(name).name for name in re.findall(r'File "([^"]+)"', told)} == {"fails.py", "helper.py"}
+    assert told.splitlines()[-1] == "RuntimeError: mine"
+    assert "--traceback shows them" in told
+    assert run("--offline", "--traceback", "fails.py") == 1
+    assert "runpy" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["x = (", "\0", "import nothing_of_the_kind", "1 / 0", "open('/nowhere/x')"])
+def test_whatever_a_program_raises_has_no_frame_of_ours(
+    here: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "fails.py").write_text(text)
+    assert run("--offline", "fails.py") == 1
+    told = capsys.readouterr().err
+    assert not re.search(r"cyclopts|runpy|qrobot/", told)
+    assert re.match(r"\w*Error: ", told.splitlines()[-1])
+
+
+def test_an_error_of_ours_names_the_line_of_the_program(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "fails.py").write_text(SHORT.replace('pose("park")', 'pose("bed")'))
+    assert run("--offline", "fails.py") == 1
+    assert re.search(r"no pose 'bed'.*\(.*fails\.py, line 4\)$", capsys.readouterr().err.strip())
+
+
+def test_a_star_import_gives_the_names_of_the_library(here: Path) -> None:
+    (here / "star.py").write_text("from qrobot.rccl import *\nassert callable(control)\n")
+    assert run("--offline", "star.py") == 0

@@ -1,0 +1,192 @@
+"""Every option of every command, with values that cannot be: refused in one line, before anything has begun."""
+
+from __future__ import annotations
+
+import math
+import re
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import pytest
+from cyclopts import App
+from cyclopts.argument import Argument
+
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.cli.option_types import Range
+
+APP: Final = make_app()
+READ: Final = {"--program", "--file", "--script", "--a", "--b", "LOGS", "--loaded", "--dynamic", "--previous"} | {
+    "--model",
+    "--results",
+    "--faults",
+}
+"""Paths that a command reads."""
+WORDS: Final[dict[str, tuple[str, ...]]] = {
+    "--deployment": ("nowhere", "/", "/dev/null", "missing.toml", ""),
+    "--arm": ("nobody", "", "../x"),
+    "--law": ("nolaw", "", "missing.py", "missing.py:law", ":"),
+    "--name": ("nolaw", "", "missing.py:law"),
+    "--model": ("missing.toml", "/", "/dev/null"),
+    "--robot": ("norobot", "/", "/dev/null", ""),
+    "--set": ("x", "x=", "=1", "x=nan", "x=inf", "x=-inf", "x=one"),
+    "--serve": ("x", "can=", "modbus=", "modbus=nohost", "modbus=127.0.0.1:70000", "modbus=127.0.0.1:0@nan", "usb=1"),
+    "--fault": ("x", "encoder:9 stuck", "dac:1 gain nan", "encoder:1 stuck @-1s", "encoder:1 stuck @nans", ""),
+    "FAULTS": ("x", "encoder:9 stuck", "dac:1 gain nan", "encoder:1 stuck @-1s", ""),
+    "--listen": ("x", "127.0.0.1", "127.0.0.1:70000", ":", "127.0.0.1:-1", ""),
+    "--scheduler": ("x", "tcp://", "tcp://nohost.invalid:1"),
+    "--velocity": ("novelocity", ""),
+    "--date": ("nonsense", "2026-13-01", ""),
+    "--plant": ("noplant", ""),
+}
+"""What a word may not be, by option; `--plant` of `log record` is free text."""
+FREE: Final = {("log", "record", "--plant"), ("cc", "ARGUMENTS"), ("run", "ARGUMENTS"), ("servo", "ctl", "WORDS")}
+NUMBERS: Final = ("nan", "-1", "-inf", "1e400", "9" * 400, "x", "")
+ENDLESS: Final = ("1e400", "9" * 400)
+"""Allowed where a number has no upper bound."""
+REQUIRED: Final = {"--state": "on", "--name": "pd", "--program": "p.py", "--output": "out.mcap", "--target": "out.csv"}
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option or argument of one command."""
+
+    command: tuple[str, ...]
+    argument: Argument
+    others: tuple[Argument, ...]
+
+    @property
+    def name(self) -> str:
+        return self.argument.name
+
+    @property
+    def kinds(self) -> set[Any]:
+        return set(kinds_of(self.argument.hint))
+
+    @property
+    def ranges(self) -> list[Range]:
+        return [each for each in as_tuple(self.argument.parameter.validator) if isinstance(each, Range)]
+
+    def tokens(self, value: str) -> list[str]:
+        """The command with `value` for this option, and something for those that it needs besides."""
+        needed = [each for each in self.others if each.required and each.name != self.name]
+        words = [f"{each.name}={REQUIRED.get(each.name, 'missing')}" for each in needed]
+        own = [f"{self.name}={value}"] if self.name.startswith("--") else ["--", value]
+        return [*self.command, *words, *own]
+
+    def __str__(self) -> str:
+        return " ".join((*self.command, self.name))
+
+
+def as_tuple(value: Any) -> tuple[Any, ...]:
+    return tuple(value) if isinstance(value, tuple | list) else (value,)
+
+
+def kinds_of(hint: Any) -> Iterator[Any]:
+    """The plain types in an annotation; of a Literal itself."""
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType, tuple, list):
+        for part in typing.get_args(hint):
+            yield from kinds_of(part)
+    else:
+        yield Literal if origin is Literal else hint
+
+
+def all_options(app: App = APP, path: tuple[str, ...] = ()) -> Iterator[Option]:
+    for name in (name for name in app if not name.startswith("-")):
+        yield from all_options(app[name], (*path, name))
+    if path and app.default_command is not None:
+        arguments = [each for each in app.assemble_argument_collection() if each.name != "*"]
+        for argument in arguments:
+            yield Option(path, argument, tuple(arguments))
+
+
+OPTIONS: Final = tuple(all_options())
+NUMERIC: Final = tuple(option for option in OPTIONS if {int, float} & option.kinds)
+PATHS: Final = tuple(option for option in OPTIONS if Path in option.kinds)
+WRITTEN: Final = tuple(option for option in PATHS if option.name not in READ)
+WORDED: Final = tuple(
+    option for option in OPTIONS if str in option.kinds and (*option.command, option.name) not in FREE
+)
+
+
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Commands run in a folder of their own; nothing may be in it afterwards that was not before."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("qrobot.study.engine.PATIENCE_S", 0.1)
+    monkeypatch.setattr("qrobot.rci.tcp.ANSWER_TIMEOUT_S", 0.1)
+    yield folder
+    assert list(folder.iterdir()) == []
+
+
+def refused(capsys: pytest.CaptureFixture[str], tokens: list[str], *statuses: int) -> str:
+    """What a command says that cannot be done: one line, with the status that belongs to it."""
+    status = run_app(make_app(tokens[0]), tokens)
+    captured = capsys.readouterr()
+    complaint = captured.err.splitlines()[-1] if captured.err else ""
+    assert status in statuses, (tokens, complaint)
+    assert captured.out == ""
+    assert re.match(r"(qrobot|SyntaxError): \S", complaint), tokens
+    return complaint
+
+
+def test_there_are_options_of_every_kind() -> None:
+    assert len(OPTIONS) > 100
+    assert min(len(NUMERIC), len(WRITTEN), len(WORDED)) > 10
+
+
+@pytest.mark.parametrize("option", NUMERIC, ids=str)
+def test_every_number_has_a_range(option: Option) -> None:
+    assert option.ranges
+
+
+@pytest.mark.parametrize("option", NUMERIC, ids=str)
+def test_a_number_that_cannot_be_is_refused_with_what_is_allowed(
+    capsys: pytest.CaptureFixture[str], option: Option
+) -> None:
+    (allowed,) = option.ranges
+    for value in set(NUMBERS) - set(ENDLESS if allowed.most == math.inf else ()):
+        complaint = refused(capsys, option.tokens(value), 2)
+        assert str(allowed) in complaint or "unable to convert" in complaint
+        assert complaint.endswith(f"(see `qrobot {' '.join(option.command)} --help`)")
+
+
+@pytest.mark.parametrize("option", WRITTEN, ids=str)
+def test_every_path_that_is_written_is_checked(option: Option) -> None:
+    assert [each for each in as_tuple(option.argument.parameter.validator) if each is not None]
+
+
+@pytest.mark.parametrize("option", WRITTEN, ids=str)
+def test_what_cannot_be_written_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option) -> None:
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file" / "x.mcap", Path("/proc/nowhere/x.mcap"), tmp_path / ("n" * 300)):
+        assert f"cannot write {place}: " in refused(capsys, option.tokens(str(place)), 2)
+
+
+@pytest.mark.parametrize("option", PATHS, ids=str)
+def test_a_path_that_leads_nowhere_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option
+) -> None:
+    rubbish = tmp_path / "rubbish.mcap"
+    rubbish.write_bytes(bytes(range(256)) * 8)
+    if option.name in READ:
+        for value in ("missing", "/", "/dev/null", str(rubbish), str(rubbish / "x"), "n" * 300, ""):
+            refused(capsys, option.tokens(value), 1, 2)
+
+
+@pytest.mark.parametrize("option", WORDED, ids=str)
+def test_every_word_has_something_that_it_may_not_be(option: Option) -> None:
+    assert option.name in WORDS
+
+
+@pytest.mark.parametrize("option", WORDED, ids=str)
+def test_a_word_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str], option: Option) -> None:
+    for value in WORDS[option.name]:
+        refused(capsys, option.tokens(value), 1, 2)
