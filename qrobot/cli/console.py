@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from cyclopts import App, CycloptsError, UnknownCommandError
+from cyclopts import App, CycloptsError, UnknownCommandError, ValidationError
 from rich.console import Console, ConsoleDimensions
 from rich.measure import Measurement
 from rich.table import Table
@@ -116,7 +116,15 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
 def _sentence(error: CycloptsError) -> str:
     if isinstance(error, UnknownCommandError) and error.app is not None and error.unused_tokens:
         return _unknown_command(error.unused_tokens[0], [name for name in error.app if not name.startswith("-")])
+    if isinstance(error, ValidationError):
+        return _refused_value(error)
     return str(error).strip().rstrip(".")
+
+
+def _refused_value(error: ValidationError) -> str:
+    """What a check of `option_types.py` says, which tells the value itself; of a default Cyclopts knows no option."""
+    option = f"{error.argument.name}: " if error.argument is not None else ""
+    return f"{option}{error.exception_message}"
 
 
 def _unknown_command(word: str, known: list[str]) -> str:

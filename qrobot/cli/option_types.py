@@ -21,6 +21,7 @@ from qrobot.servo.calibration_state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 
 PROBE_BYTES: Final = 4096  # a full disk takes an empty file
+SHOWN_DIGITS: Final = 40  # of a number that is none
 MOST_GAIN: Final = 1e12  # [A] above the stiffest joint by far; the servo knows what its arm bears
 MOST_SEED: Final = 2**32 - 1
 MOST_ARMS: Final = 1_000_000  # [A]
@@ -44,7 +45,7 @@ class Range:
         """Raises ValueError with what is allowed."""
         for each in value if isinstance(value, Sequence) else (value,):
             if each is not None and not self.least <= each <= self.most:
-                raise ValueError(f"Allowed: {self}")
+                raise ValueError(f"{str(each)[:SHOWN_DIGITS]} is not allowed, only {self}")
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""

@@ -29,8 +29,8 @@ def test_a_table_made_is_one_that_can_be_loaded(tmp_path: Path, capsys: pytest.C
 def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert run_app(make_app(), ["calibrate", "--make-table", str(blocked / "arm.txt")]) == 1
-    assert "cannot be written" in capsys.readouterr().err
+    assert run_app(make_app(), ["calibrate", "--make-table", str(blocked / "arm.txt")]) == 2
+    assert "cannot write" in capsys.readouterr().err
 
 
 def test_without_a_servo_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
