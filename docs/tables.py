@@ -12,7 +12,7 @@ from qrobot.faultcodes import EXPLANATION, FaultCode
 from qrobot.servo import modes
 from qrobot.servo.guard import stop_category
 from qrobot.servo.laws import DEFAULT_LAW, LAWS
-from qrobot.servo.telemetry import COUNTERS, SCALARS, VECTORS
+from qrobot.servo.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
 from qrobot.sim_board.faults import KINDS
 
 SERVO: Final = Path(__file__).parents[1] / "qrobot/servo"
@@ -81,4 +81,7 @@ def telemetry() -> str:
     rows = [(f"`{name}`", "int64", meaning) for name, meaning in SCALARS]
     rows += [(f"`{name}`", "float64[n]", meaning) for name, meaning in VECTORS]
     rows += [(f"`{name}`", "int64[n]", meaning) for name, meaning in COUNTERS]
+    rows += [(f"`{name}`", "float64[n]", meaning) for name, meaning in TERMS]
+    rows += [(f"`{name}`", f"float64[{length}]", meaning) for name, length, meaning in ARRAYS]
+    rows += [(f"`{name}`", "int64", meaning) for name, meaning in LINES]
     return table(("field", "type", "meaning"), rows)

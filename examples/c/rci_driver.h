@@ -20,7 +20,7 @@ struct how {
     double time;        /* s since startup, by the robot's clock */
     double angle[QROBOT_MAX_JOINTS];    /* rad or m, measured */
     double setpoint[QROBOT_MAX_JOINTS]; /* rad or m, where the servo wants the joints: begin a motion here */
-    double force[6];    /* wrist sensor, N and N m */
+    double force[6];    /* on the wrist sensor, N and N m; NaN where it is not known */
     int hand;
 };
 

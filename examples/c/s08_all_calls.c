@@ -188,7 +188,7 @@ char **argv;
     taught(argc > 1 ? argv[1] : "cell.db");
     move(park);
     waitfor(completed)
-    report("functions at every sample", samples > 100 && commands >= samples - 1 && how.adcr == 0);
+    report("functions at every sample", samples > 100 && commands >= samples - 1 && how.adcr == ADC_NONE);
     release("all calls made");
     return 0;
 }

@@ -7,6 +7,7 @@ from pathlib import Path
 from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
 from qrobot.config.deployment import Arm, load_deployment
+from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.identified import load_model, with_model
 from qrobot.config.outputs import BoardOutput
 from qrobot.errors import ConfigError
@@ -105,6 +106,7 @@ def servo_settings(
         board_slips=arm.board.slips,
         cpu=arm.servo.cpu,
         sensor_channels=arm.servo.sensor_channels,
+        force_sensor=force_calibration_of(arm),
         exchange_ms=arm.board.period_ms,
         unchecked_gains=arm.servo.unchecked_gains,
         unchecked_rate=arm.servo.unchecked_rate,
@@ -117,6 +119,22 @@ def servo_settings(
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
     )
+
+
+def force_calibration_of(arm: Arm) -> ForceCalibration | None:
+    """How the servo of an arm makes forces of volts; an emulated sensor tells of itself when the file does not.
+
+    Raises ConfigError when one of its channels carries a potentiometer.
+    """
+    emulated, given = arm.board.force_sensor, arm.servo.force_sensor
+    if given is None:
+        return calibration_of_emulated(emulated) if emulated is not None else None
+    pots = robot_of_arm(arm).transmission.pot_channels.tolist() if arm.board.pots else []
+    for channel in given.channels:
+        if channel in pots:
+            joint = pots.index(channel) + 1
+            raise ConfigError(f"servo.force_sensor: channel {channel} carries the potentiometer of joint {joint}")
+    return given
 
 
 def _reduced_speed(arm: Arm, asked: bool) -> float:

@@ -15,6 +15,7 @@ from qrobot.config.can import CanRoad
 from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesRoad
+from qrobot.config.force_calibration import ForceCalibration
 from qrobot.config.modbus import ModbusRoad
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import BoardOutput, OutputLine
@@ -166,6 +167,7 @@ class ServoChoice(Table):
     needs less of the processor, and is later.
 
     `sensor_channels` are the ADC channels the servo samples all the time, round robin, for laws that use sensors.
+    `force_sensor` makes the force and torque at the wrist of them, which programs and logs see.
     """
 
     rate_hz: int = Field(default=1000, ge=100, le=10_000)
@@ -185,6 +187,7 @@ class ServoChoice(Table):
     reduced_speed_mm_s: float | None = Field(default=None, ge=1, le=10_000, allow_inf_nan=False)
     tool_mm: tuple[Millimetres, Millimetres, Millimetres] = Field(default=(0.0, 0.0, 0.0), strict=False)
     sensor_channels: tuple[int, ...] = Field(default=(), strict=False)
+    force_sensor: ForceCalibration | None = None
 
 
 class BridgeChoice(Table):
@@ -198,8 +201,8 @@ class BridgeChoice(Table):
 class LogChoice(Table):
     """Where logs go; an empty directory name switches them off.
 
-    The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 29 MB at 1 kHz and
-    117 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
+    The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 48 MB at 1 kHz and
+    193 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
     """
 
     directory: str = "out"

@@ -8,15 +8,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.read import Log
-from qrobot.servo.telemetry import COUNTERS, SCALARS, VECTORS
+from qrobot.servo.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
 
 ANGULAR_UNITS: Final = {
-    "q_ref": "rad", "v_ref": "rad_s", "a_ref": "rad_s2", "q": "rad", "v": "rad_s", "tau": "Nm",
+    "q_ref": "rad", "v_ref": "rad_s", "a_ref": "rad_s2", "q": "rad", "v": "rad_s", "tau": "Nm", "gravity": "Nm",
+    "friction": "Nm",
 }  # fmt: skip
 LINEAR_UNITS: Final = {
-    "q_ref": "m", "v_ref": "m_s", "a_ref": "m_s2", "q": "m", "v": "m_s", "tau": "N",
+    "q_ref": "m", "v_ref": "m_s", "a_ref": "m_s2", "q": "m", "v": "m_s", "tau": "N", "gravity": "N", "friction": "N",
 }  # fmt: skip
 _CSV_ROWS: Final = 10_000  # turned into text at a time
 
@@ -24,14 +26,25 @@ _CSV_ROWS: Final = 10_000  # turned into text at a time
 def table_columns(log: Log) -> dict[str, NDArray[Any]]:
     """Columns by name: the scalars of a row, then each vector joint by joint with its unit, e.g. `q_ref_elbow_rad`."""
     columns = {name: log.rows[name] for name, _ in SCALARS}
-    for name, _ in VECTORS:
+    for name, _ in (*VECTORS, *TERMS):
         for j, joint in enumerate(log.header.joint_names):
             unit = (LINEAR_UNITS if log.header.is_prismatic(j) else ANGULAR_UNITS)[name]
             columns[f"{name}_{joint}_{unit}"] = log.rows[name][:, j]
     for name, _ in COUNTERS:
         for j, joint in enumerate(log.header.joint_names):
             columns[f"{name}_{joint}"] = log.rows[name][:, j]
+    for name, length, _ in ARRAYS:
+        for k, suffix in enumerate(_suffixes(name, length)):
+            columns[f"{name}_{suffix}"] = log.rows[name][:, k]
+    columns |= {name: log.rows[name] for name, _ in LINES}
     return columns
+
+
+def _suffixes(name: str, length: int) -> tuple[str, ...]:
+    """What tells the columns of an array apart, with the unit."""
+    if name == "force":
+        return tuple(f"{axis}_{'N' if axis.startswith('f') else 'Nm'}" for axis in FORCE_AXES)
+    return tuple(f"{k}_V" if name == "volts" else str(k + 1) for k in range(length))
 
 
 def export_csv(log: Log, path: Path) -> None:

@@ -110,4 +110,4 @@ def _join(blocks: list[Rows], layout: TelemetryLayout) -> Rows:
     """One array of all rows. NumPy joins words several times faster than records."""
     if not blocks:
         return layout.empty(0)
-    return np.concatenate([block.view(np.int64) for block in blocks]).view(layout.dtype)
+    return layout.complete(np.concatenate([block.view(np.int64) for block in blocks]).view(blocks[0].dtype))

@@ -28,7 +28,7 @@ from qrobot.log.header import METADATA_NAME, LogHeader
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
 from qrobot.servo.journal import LawInForce
-from qrobot.servo.telemetry import Rows, TelemetryLayout
+from qrobot.servo.telemetry import ROW_VERSION, Rows, TelemetryLayout
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, length of what follows
@@ -54,6 +54,7 @@ class Contents:
         rows: blocks of rows, in order.
         laws: entries of the servo's journal, in order.
         ended: the writer came to a regular end.
+        layout: of the rows, as the file tells; None before it does.
     """
 
     header: LogHeader | None = None
@@ -64,6 +65,7 @@ class Contents:
     laws: list[LawInForce] = field(default_factory=list)
     status: LogStatus = field(default_factory=LogStatus)
     ended: bool = False
+    layout: TelemetryLayout | None = None
 
 
 def scan_file(path: Path) -> Contents:
@@ -120,40 +122,47 @@ def _take_record(found: Contents, opcode: int, body: memoryview) -> None:
         found.attachments[attachment.name] = attachment.data
     elif opcode == Opcode.CHUNK and found.header is not None:
         stream, length = get_chunk_data_stream(records.Chunk.read(_stream(body)), validate_crc=True)
-        _take_chunk(found, found.header.layout, stream.read(length))
+        _take_chunk(found, found.header.n, stream.read(length))
     elif opcode == Opcode.DATA_END:
         found.ended = True
 
 
-def _take_chunk(found: Contents, layout: TelemetryLayout, data: bytes) -> None:
+def _take_chunk(found: Contents, n: int, data: bytes) -> None:
     view, at = memoryview(data), 0
     while at < len(data):
         opcode, length = _RECORD_HEAD.unpack_from(data, at)
         body = view[at + _RECORD_HEAD.size : at + _RECORD_HEAD.size + length]
         topic = found.topics.get(int.from_bytes(body[:2], "little")) if opcode == Opcode.MESSAGE else None
-        if topic == TICK_TOPIC:
-            rows = _run_of_rows(data, at, layout)
+        if topic == TICK_TOPIC and found.layout is not None:
+            rows = _run_of_rows(data, at, found.layout)
             found.rows.append(rows)
-            at += rows.size * _row_record(layout).itemsize
+            at += rows.size * _row_record(found.layout).itemsize
             continue
         if topic == STATUS_TOPIC:
             found.status = LogStatus.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :])
         elif topic == LAW_TOPIC:
-            found.laws.append(law_message.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :], layout.n))
+            found.laws.append(law_message.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :], n))
         elif opcode == Opcode.SCHEMA:
             schema = records.Schema.read(_stream(body))
             found.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            _take_channel(found, layout, records.Channel.read(_stream(body)))
+            _take_channel(found, n, records.Channel.read(_stream(body)))
         at += _RECORD_HEAD.size + length
 
 
-def _take_channel(found: Contents, layout: TelemetryLayout, channel: records.Channel) -> None:
+def _take_channel(found: Contents, n: int, channel: records.Channel) -> None:
     found.topics[channel.id] = channel.topic
     if channel.topic == TICK_TOPIC:
-        definition = found.schemas[channel.schema_id].data.decode()
-        if _fields(definition) != _fields(layout.ros2msg()):
-            raise LogError("the rows of this log have other fields than this version knows")
+        found.layout = _layout_of(found.schemas[channel.schema_id].data.decode(), n)
+
+
+def _layout_of(definition: str, n: int) -> TelemetryLayout:
+    """Layout of rows defined so, whichever version wrote them. Raises LogError when it is none of ours."""
+    for version in range(ROW_VERSION, 0, -1):
+        layout = TelemetryLayout(n, version)
+        if _fields(definition) == _fields(layout.ros2msg()):
+            return layout
+    raise LogError("the rows of this log have other fields than this version knows")
 
 
 def _fields(definition: str) -> list[str]:

@@ -22,6 +22,7 @@ from qrobot.motion.limits import Floats
 from qrobot.motion.trail import DEPTH, motion_of
 from qrobot.units import NS_PER_US
 from qrobot.wire import ClientRole, Command, Hello, JointMode, RobotFlag, RobotMode, RobotState, State, Welcome
+from qrobot.wire.packets import UNKNOWN_FORCE
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 START_POSE: Final = "park"
@@ -74,7 +75,8 @@ class OfflineLink:
         q = self._robot.poses[START_POSE] if start is None else start
         still = (0.0,) * self._robot.n
         place = tuple(map(float, q))
-        self._state = State(0, RobotState(0, RobotMode.OFF, place, still, still, place, flags=_READY), you_command=True)
+        waits = RobotState(0, RobotMode.OFF, place, still, still, place, flags=_READY, force=UNKNOWN_FORCE)
+        self._state = State(0, waits, you_command=True)
         self._torques = _Torques(self._robot, self._period_us * 1e-6)
 
     def open(self) -> Welcome:

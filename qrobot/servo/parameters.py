@@ -23,6 +23,7 @@ from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.velocity import find_estimator
 from qrobot.servo.watch_state import WatchParams, watch_params
+from qrobot.servo.wrench import WrenchParams, wrench_params
 from qrobot.units import NS_PER_S
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
@@ -90,6 +91,7 @@ class ServoParameters(NamedTuple):
     power_timeout_ns: int
     shortest_stop_s: float
     sensor_mask: int  # ADC channels that are always sampled
+    wrench: WrenchParams
     adc_patience: int  # cycles a conversion may take
     index_phase: Any  # int64[n] index pulse modulo counts_per_rev
     pot_channel: Any  # int64[n]
@@ -155,7 +157,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             guardian_timeout_ns=guardian_ns if needs_guardian else 0,
             power_timeout_ns=POWER_TIMEOUT_NS,
             shortest_stop_s=SHORTEST_STOP_S,
-            sensor_mask=sum(1 << channel for channel in set(settings.sensor_channels)),
+            sensor_mask=sum(1 << channel for channel in settings.sampled_channels),
+            wrench=wrench_params(settings.force_sensor),
             adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
             index_phase=np.array(robot.transmission.index_phase),
             pot_channel=np.array(robot.transmission.pot_channels),

@@ -60,6 +60,7 @@ from qrobot.servo.unseen import lose_sight, see_again
 from qrobot.servo.velocity import Estimator, difference, observe, start_observer
 from qrobot.servo.watch import follow_counts
 from qrobot.servo.watch_state import UNPOWERED_S
+from qrobot.servo.wrench import measure_wrench
 
 OBSERVER: Final = int(Estimator.OBSERVER)
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
@@ -89,6 +90,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
     if fresh and state.i[IMAGE_OK] != 0:
         read_encoders(params, state)
     channel = collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
+    measure_wrench(params.wrench, state.sensors, state.adc.done, state.i[IMAGE_OK] != 0, state.wrench)
     if state.i[STARTED] != 0:
         watch_pots(params, state, channel)
         gather_pot(params, state, channel)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from qrobot.config import Robot
+from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.calibration_table import CalibrationTable
@@ -65,6 +66,7 @@ class ServoSettings:
         black_box_s: how much the telemetry ring holds, at least, where shared memory has room for it.
         unchecked_rate: somebody has signed for a rate that the self-test of `servo.pace` would refuse.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
+        force_sensor: how volts become force and torque at the wrist; its channels are sampled all the time, too.
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
             reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
             watched.
@@ -92,6 +94,7 @@ class ServoSettings:
     black_box_s: float = 60.0
     unchecked_rate: bool = False
     sensor_channels: tuple[int, ...] = ()
+    force_sensor: ForceCalibration | None = None
     position_drives: bool = False
     exchange_ms: float = 0.0
     unchecked_gains: bool = False
@@ -128,6 +131,12 @@ class ServoSettings:
     def law_for(self, robot: Robot) -> Law:
         """The control law, made for a robot. Raises ConfigError when it cannot be."""
         return find_law(self.law, robot, self.law_settings)
+
+    @property
+    def sampled_channels(self) -> frozenset[int]:
+        """ADC channels that are sampled all the time."""
+        force = self.force_sensor.channels if self.force_sensor is not None else ()
+        return frozenset((*self.sensor_channels, *force))
 
     @property
     def telemetry_capacity(self) -> int:

@@ -26,6 +26,7 @@ from qrobot.servo.setpoint_queue import frame_words
 from qrobot.servo.swap import SwapState, make_swap_state
 from qrobot.servo.telemetry import TelemetryLayout
 from qrobot.servo.watch_state import WatchState, make_watch_state
+from qrobot.servo.wrench import N_COMPONENTS
 
 # indexes into `i`
 (
@@ -142,6 +143,7 @@ class ServoState(NamedTuple):
     joint_modes: Any  # in force, int64
     torque_setpoint: Any
     frame: Any
+    wrench: Any  # (6,) force and torque at the wrist, N and N m; NaN where it is not known
     sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
     adc: AdcState
     index_watch: IndexWatch
@@ -182,7 +184,8 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
-        torque_setpoint=vector(), frame=frame, sensors=np.zeros(N_ADCS), adc=make_adc_state(),
+        torque_setpoint=vector(), frame=frame, wrench=np.full(N_COMPONENTS, np.nan),
+        sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law, params.gains), copies=make_law_copies(n),

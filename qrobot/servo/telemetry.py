@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
 from qrobot.realtime.jit import lean_kernel
 
@@ -23,6 +24,8 @@ SMALLEST_RING: Final = 16  # rows; for memory that only warms kernels up
 WORD_BYTES: Final = 8
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
 CDR_HEADER: Final = b"\x00\x01\x00\x00"
+N_FORCES: Final = 6
+N_SIGNALS: Final = 8
 
 # name, meaning
 SCALARS: Final = (
@@ -47,15 +50,34 @@ COUNTERS: Final = (
     ("counts", "encoder counts, unwrapped"),
     ("dac", "DAC words written"),
 )
+# since version 2 of the row
+TERMS: Final = (
+    ("gravity", "torque by which the model carries the arm, N m or N; while motors give torque"),
+    ("friction", "torque that the drives lose by the model, N m or N; while motors give torque"),
+)
+ARRAYS: Final = (
+    ("volts", N_ADCS, "at the converter's channels when they were last sampled, V"),
+    ("force", N_FORCES, "on the wrist's sensor in its frame: fx fy fz tx ty tz, N and N m; NaN where it is not known"),
+    ("signals", N_SIGNALS, "numbers that the law in force tells, see /servo/law"),
+)
+LINES: Final = (
+    ("inputs", "STATUS bits of the binary inputs"),
+    ("outputs", "binary outputs in force, output 1 in bit 0"),
+)
+ROW_VERSION: Final = 2
 
 Rows = NDArray[Any]  # structured, one record per cycle: dtype of a `TelemetryLayout`
 
 
 @dataclass(frozen=True)
 class TelemetryLayout:
-    """Where each field of a row of `n` joints stands, in the three views of it."""
+    """Where each field of a row of `n` joints stands, in the three views of it.
+
+    A row of version 1, as older logs have it, ends with its COUNTERS.
+    """
 
     n: int
+    version: int = ROW_VERSION
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:
@@ -63,12 +85,16 @@ class TelemetryLayout:
         fields: list[Any] = [(name, "<i8") for name, _ in SCALARS]
         fields += [(name, "<f8", (self.n,)) for name, _ in VECTORS]
         fields += [(name, "<i8", (self.n,)) for name, _ in COUNTERS]
+        if self.version > 1:
+            fields += [(name, "<f8", (self.n,)) for name, _ in TERMS]
+            fields += [(name, "<f8", (length,)) for name, length, _ in ARRAYS]
+            fields += [(name, "<i8") for name, _ in LINES]
         return np.dtype(fields)
 
     @property
     def row_words(self) -> int:
         """64-bit words of one row."""
-        return len(SCALARS) + (len(VECTORS) + len(COUNTERS)) * self.n
+        return self.dtype.itemsize // WORD_BYTES
 
     def offset(self, name: str) -> int:
         """Index of the first word of field `name`. Raises KeyError for an unknown name."""
@@ -86,11 +112,28 @@ class TelemetryLayout:
         lines = [f"int64 {name}  # {meaning}" for name, meaning in SCALARS]
         lines += [f"float64[{self.n}] {name}  # {meaning}" for name, meaning in VECTORS]
         lines += [f"int64[{self.n}] {name}  # {meaning}" for name, meaning in COUNTERS]
+        if self.version > 1:
+            lines += [f"float64[{self.n}] {name}  # {meaning}" for name, meaning in TERMS]
+            lines += [f"float64[{length}] {name}  # {meaning}" for name, length, meaning in ARRAYS]
+            lines += [f"int64 {name}  # {meaning}" for name, meaning in LINES]
         return "\n".join(lines) + "\n"
 
     def empty(self, rows: int) -> Rows:
         """Zeroed rows, shape (rows,)."""
         return np.zeros(rows, dtype=self.dtype)
+
+    def complete(self, rows: Rows) -> Rows:
+        """Rows of another version as rows of this one, shape (m,); numbers that they do not tell are NaN, words 0."""
+        if rows.dtype == self.dtype:
+            return rows
+        whole = self.empty(rows.size)
+        known = rows.dtype.names or ()
+        for name in self.dtype.names or ():
+            if name in known:
+                whole[name] = rows[name]
+            elif whole[name].dtype.kind == "f":
+                whole[name] = np.nan
+        return whole
 
 
 def ring_words(row_words: int, capacity: int) -> int:

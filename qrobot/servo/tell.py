@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.hwif.registers import (
+    N_ADCS,
     STATUS_CALIBRATED,
     STATUS_ESTOP_OK,
     STATUS_INPUTS,
@@ -14,6 +15,7 @@ from qrobot.realtime.atomics import store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.record import float_bits
 from qrobot.servo.calibration_state import FOUND, JOINT_NOW, STAGE, WANTED
+from qrobot.servo.law import SIGNALS_AT
 from qrobot.servo.mailbox import (
     BEAT_T_NS,
     CALIBRATION_STAGE,
@@ -24,6 +26,7 @@ from qrobot.servo.mailbox import (
     FLAG_GUARDED,
     FLAG_POWERED,
     FLAG_UNSEEN,
+    FORCE_AXES,
     STATE_EVENT,
     STATE_FAULT,
     STATE_FLAGS,
@@ -66,6 +69,7 @@ from qrobot.servo.state import (
 from qrobot.servo.supervisor import (
     guardian_alive,
 )
+from qrobot.servo.telemetry import N_SIGNALS
 
 CALIBRATING: Final = int(Mode.CALIBRATING)
 
@@ -88,6 +92,8 @@ def tell(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, lat
         block[STATE_VECTORS + n + j] = float_bits(state.v[j])
         block[STATE_VECTORS + 2 * n + j] = float_bits(state.tau[j])
         block[STATE_VECTORS + 3 * n + j] = float_bits(state.q_ref[j])
+    for k in range(FORCE_AXES):
+        block[STATE_VECTORS + 4 * n + k] = float_bits(state.wrench[k])
     publish_state(mail, n, block)
     if state.i[MODE] == CALIBRATING or mail[CALIBRATION_STAGE] != 0:
         cal = state.cal
@@ -131,3 +137,17 @@ def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
         row[8 + 5 * n + j] = float_bits(state.tau[j])
         row[8 + 6 * n + j] = state.counts[j]
         row[8 + 7 * n + j] = state.dac[j]
+        row[8 + 8 * n + j] = float_bits(state.gravity[j])
+        row[8 + 9 * n + j] = float_bits(state.friction[j])
+    at = 8 + 10 * n
+    for k in range(N_ADCS):
+        row[at + k] = float_bits(state.sensors[k])
+    at += N_ADCS
+    for k in range(FORCE_AXES):
+        row[at + k] = float_bits(state.wrench[k])
+    at += FORCE_AXES
+    for k in range(N_SIGNALS):
+        row[at + k] = float_bits(state.memory[SIGNALS_AT + k])
+    at += N_SIGNALS
+    row[at] = state.i[STATUS] & STATUS_INPUTS
+    row[at + 1] = state.i[OUTPUTS]

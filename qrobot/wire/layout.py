@@ -170,7 +170,9 @@ STATE: Final = Layout(
         Field("v", "d", "rad/s or m/s", "measured joint velocities", "n"),
         Field("tau", "d", "N·m or N", "commanded joint torques", "n"),
         Field("q_setpoint", "d", "rad or m", "where the servo wants the joints at this instant", "n"),
-        Field("force", "d", "N, N·m", "wrist sensor: fx fy fz mx my mz", 6),
+        Field(
+            "force", "d", "N, N·m", "on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known", 6
+        ),
     ),
 )
 

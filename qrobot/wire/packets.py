@@ -6,13 +6,16 @@ the header (see `layout`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from qrobot.faultcodes import NO_JOINT
 from qrobot.wire.vocabulary import ClientRole, RobotFlag
 
 Vector: TypeAlias = tuple[float, ...]
+
+UNKNOWN_FORCE: Final[Vector] = (math.nan,) * 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,7 @@ class RobotState:
         event, event_joint: newest code of any kind and the joint (from 0) it speaks of, NO_JOINT for none.
         flags: `RobotFlag` bits of the servo.
         q, v, tau, q_setpoint: measured position and velocity, commanded torque, momentary setpoint. Shape (n,).
-        force: wrist sensor fx fy fz mx my mz, N and N m. Shape (6,).
+        force: on the wrist sensor in its frame, fx fy fz mx my mz, N and N m; NaN where it is not known. Shape (6,).
         outputs: binary outputs in force, output 1 in bit 0; a stop may have switched some off that are asked for.
     """
 

@@ -19,6 +19,7 @@ from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, Recorder, write_log
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.setup import Step
+from qrobot.servo.telemetry import TelemetryLayout
 from tests.support.patience import PATIENCE_S
 
 
@@ -308,3 +309,24 @@ def test_kill_9_of_the_writer_costs_no_more_than_the_last_flush(tmp_path: Path) 
     assert log.status.rows == 900
     assert log.rows["t_ns"][0] == START_NS
     np.testing.assert_array_equal(log.rows, make_rows(900))
+
+
+def test_a_log_of_version_1_reads_as_ever_and_its_missing_numbers_are_nan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, old = make_rows(50), TelemetryLayout(6, 1)
+    rows = old.empty(50)
+    for name in old.dtype.names or ():
+        rows[name] = whole[name]
+    with monkeypatch.context() as before:
+        before.setattr(LogHeader, "layout", property(lambda header: TelemetryLayout(header.n, 1)))
+        write_log(tmp_path / "old.mcap", rows, make_header())
+    read = read_log(tmp_path / "old.mcap").rows
+    assert read.dtype == TelemetryLayout(6).dtype
+    for name in read.dtype.names or ():
+        if name in (old.dtype.names or ()):
+            np.testing.assert_array_equal(read[name], rows[name])
+        elif read.dtype[name].base.kind == "f":
+            assert np.isnan(read[name]).all()
+        else:
+            assert not read[name].any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from typing import Final
@@ -14,6 +15,15 @@ from qrobot.rccl.c.shared import CHG, HOW, SharedMemory, SharedTransform
 from qrobot.rccl.channel import Channel
 
 MILLI: Final = 1e3
+ADC_NONE: Final = -(1 << 31)  # of rccl.h
+LARGEST_READING: Final = 2e6  # N or N m that fit into an int of thousandths
+
+
+def reading(value: float) -> int:
+    """What `how.adcr` shows of a force or torque in N or N m: thousandths, ADC_NONE for NaN."""
+    if math.isnan(value):
+        return ADC_NONE
+    return round(MILLI * min(max(value, -LARGEST_READING), LARGEST_READING))
 
 
 class Variables:
@@ -53,7 +63,7 @@ class Variables:
         shown["time"] = channel.time
         for name in ("q", "v", "tau", "q_setpoint"):
             shown[name][:n] = getattr(how, name)
-        shown["force"], shown["adcr"] = how.force, round(MILLI * how.force[self.adc_channel])
+        shown["force"], shown["adcr"] = how.force, reading(how.force[self.adc_channel])
         if self._arm is None or self._arm.robot is not channel.robot:
             self._arm = Arm(channel.robot)
         self.t6.set(self._arm.forward(np.array(how.q)))

@@ -253,7 +253,7 @@ struct qrobot_state {
     uint32_t outputs;     /* binary outputs in force; a stop may have switched off some of those asked for */
     double q[QROBOT_MAX_JOINTS], v[QROBOT_MAX_JOINTS], tau[QROBOT_MAX_JOINTS]; /* measured; NaN of a broken sensor */
     double q_setpoint[QROBOT_MAX_JOINTS]; /* where the servo wants the joints at this instant */
-    double force[6];      /* wrist sensor: N and N m */
+    double force[6];      /* on the wrist sensor, in its frame: N and N m; NaN where it is not known */
 };
 
 struct qrobot_link {

@@ -149,6 +149,7 @@ void dumpdb(void);
 /* ---------------------------------------------------------------------------------------------- the real-time layer */
 
 #define RCCL_JOINTS 32
+#define ADC_NONE (-2147483647 - 1) /* of how.adcr: the sensor does not tell, or there is none */
 
 /* The robot at the newest sample: rad, rad/s, N m (m, m/s, N on a sliding joint). */
 struct rccl_how {
@@ -158,10 +159,10 @@ struct rccl_how {
     int inputs;      /* bits */
     int hand;        /* 0 relaxed, 1 open, 2 closed */
     int outputs;     /* bits, output 1 is bit 0: those that are on */
-    int adcr;        /* the reading that adcopen chose, thousandths of N or N m */
+    int adcr;        /* the reading that adcopen chose, thousandths of N or N m; ADC_NONE where it is not known */
     double time;     /* ms since control */
     double q[RCCL_JOINTS], v[RCCL_JOINTS], tau[RCCL_JOINTS], q_setpoint[RCCL_JOINTS];
-    double force[6]; /* wrist sensor, N and N m; 0 without one */
+    double force[6]; /* wrist sensor, N and N m, in its frame; NaN where it is not known */
 };
 
 /* What the next command says. Hand and outputs are the program's at any time; the joints are those of the motions, anew at
