@@ -161,8 +161,12 @@ bool fit()                 /* the part into the hole */
     setvel(250., 120.);
     distance("dz", -40.);
     move(insert);
-    waitfor(insert->end)
     setmode('c');
+    setvel(50., 30.);
+    distance("dz", -4.);               /* as near as it is safe: an arm that gives way drifts */
+    move(insert);
+    waitfor(insert->end)
+    waitfor(insert->end)
     setvel(20., 20.);
     comply("fx fy", 0., 0.);
     limit("fz", 60.);

@@ -166,12 +166,14 @@ def _run_through(
 def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
     """Run the program; its exit status. One in C does not say itself which robot it wants."""
     from qrobot.rccl.c.program import is_executable, run_executable
+    from qrobot.rccl.program import ending
 
     if is_executable(program):
         return run_executable(program, arguments, robot)
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
-    runpy.run_path(str(program), run_name="__main__")
+    with ending():
+        runpy.run_path(str(program), run_name="__main__")
     return 0
 
 

@@ -24,17 +24,26 @@ INCLUDE: Final = HERE / "rccl" / "c" / "include"
 SOURCES: Final = HERE / "rccl" / "c" / "shim"
 WIRE: Final = HERE / "wire" / "c"
 """Of the header of the wire protocol's client."""
-LEGACY: Final = ("-std=gnu89", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
-"""C as it was: implicit int, K&R definitions, variables defined in several files, arithmetic that wraps."""
+LEGACY: Final = ("-std=gnu99", "-fgnu89-inline", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
+"""C as it was: implicit int, K&R definitions, variables defined in several files, arithmetic that wraps.
+
+Not gnu89, in which a `main` that falls off its end returns whatever a register holds: since C99 (5.1.2.2.3) it is 0.
+"""
 QUIET: Final = "-w"
+PERMISSIVE: Final = "-fpermissive"
+"""What gcc 14 and later needs to take C as it was without -std=gnu89; gcc before does not know it in C, and says so
+where it may say anything."""
+PERMISSIVE_SINCE: Final = 14
 TOLERATED: Final = (
+    "implicit-int",
+    "implicit-function-declaration",
     "return-type",
     "return-mismatch",
     "int-conversion",
     "incompatible-pointer-types",
     "incompatible-function-pointer-types",
 )
-"""What clang takes for errors even in C as it was, where gcc warns (clang 19; gcc 14 with -std=gnu89)."""
+"""What clang takes for errors (clang 19), and gcc 14 too without -fpermissive."""
 STRICT: Final = ("-std=gnu11", "-O2", "-gdwarf-4", "-Wall", "-Wextra", "-fPIC", "-pthread")
 """Of the library. Valgrind before 3.20 gives up at what clang writes for debuggers of today, hence DWARF 4."""
 LIBRARY: Final = "qrobot_rccl"
@@ -62,13 +71,13 @@ def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
 
 def _unsaid() -> list[str]:
     """Nothing is said; every compiler takes a -Wno- that it does not know."""
-    return [QUIET, *(f"-Wno-{name}" for name in TOLERATED)]
+    return [QUIET, PERMISSIVE, *(f"-Wno-{name}" for name in TOLERATED)]
 
 
 def _as_warnings() -> list[str]:
-    """What is said is no error; gcc, which does not take unknown names here, needs to be told nothing."""
+    """What is said is no error; to gcc, which does not take unknown names here, that is said in one word."""
     if "clang" not in _answer_of([*compiler(), "--version"]):
-        return []
+        return [PERMISSIVE] * (int(_answer_of([*compiler(), "-dumpversion"]).partition(".")[0]) >= PERMISSIVE_SINCE)
     return ["-Wno-unknown-warning-option", *(f"-Wno-error={name}" for name in TOLERATED)]
 
 

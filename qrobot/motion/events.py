@@ -26,7 +26,8 @@ class EventKind(Enum):
     """What happened."""
 
     BEGUN = "begun"  # the transition into the request's segment begins
-    ENDED = "ended"  # the next one's begins, or the arm came to rest
+    INTERRUPTED = "interrupted"  # it is cut short, and the arm is brought to rest; ENDED follows when it stands
+    ENDED = "ended"  # its via point is passed, in the middle of the transition; or the next one cuts it short; or rest
     LOST = "lost"  # the arm had arrived, but could not follow the goal any further
     IDLE = "idle"  # the arm is at rest and nothing waits
 

@@ -24,7 +24,7 @@ from qrobot.motion.events import Termination
 from qrobot.motion.leg import Shape
 from qrobot.motion.limits import Floats, MotionLimits
 from qrobot.motion.news import News
-from qrobot.motion.output import Output, Stop
+from qrobot.motion.output import Output, Passing, Stop
 from qrobot.motion.path import Segment
 from qrobot.motion.planner import Departure, Planner, Room
 from qrobot.motion.progress import Progress
@@ -70,6 +70,7 @@ class Generator:
         self._path = self._at.path
         self._stop: Stop | None = None
         self._corner = Corner(self._planner)
+        self._passing: Passing | None = None
         self._interrupted: tuple[Segment | None, int] | None = None  # what was under way then, and the code
         self._arrived: MoveRequest | None = None
         self._news = News()
@@ -85,6 +86,16 @@ class Generator:
     def busy(self) -> bool:
         """A request is being served, or waits."""
         return self._path.segment is not None or self._stop is not None or len(self._queue) > 0
+
+    @property
+    def stopping(self) -> bool:
+        """An absolute stop is under way."""
+        return self._stop is not None
+
+    @property
+    def has_news(self) -> bool:
+        """Events are still to be told, if only that the arm is idle; also when nothing was left to be done for them."""
+        return self._news.pending
 
     @property
     def goal(self) -> Goal | None:
@@ -161,6 +172,8 @@ class Generator:
         self._at.advance(tick, standing)
         self._look()
         q = self._follow()
+        if self._passing is not None and self._at.clock >= self._passing.middle:
+            self._pass_via_point()
         self._at.give_out(q)
         return self._output(q)
 
@@ -202,7 +215,10 @@ class Generator:
         events = self._news.take(self.busy)
         if self._stop is not None:
             return Output(q, self._stop.request, self._stop.scal, events, True)
-        return Output(q, self.serving, self._scal(), events, self.busy)
+        if (passing := self._passing) is None:
+            return Output(q, self.serving, self._scal(), events, self.busy)
+        passed = passing.segment.scal(self._at.clock, self._shape.blend, ending=False)
+        return Output(q, self.serving, self._scal(), events, self.busy, passing.segment.request, passed)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 
@@ -301,15 +317,25 @@ class Generator:
 
     def _enter(self, departure: Departure, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
-        self._end_present(code)
+        if code == Termination.COMPLETED and self._path.segment is not None:
+            self._passing = Passing(self._path.segment, departure.segment.begin)
+        else:
+            self._end_present(code)
         self._corner.forget()
         self._at.enter(departure, begin)
         self._news.begun(self._queue.pop().request)
 
     def _end_present(self, code: int | None) -> None:
         """The present request, if there is one, ends with `code`."""
+        self._pass_via_point()
         if self.serving is not None and code is not None:
             self._news.ended(self.serving, code)
+
+    def _pass_via_point(self) -> None:
+        """The request whose via point the path turns round has ended: half way, or cut short like the next one."""
+        if self._passing is not None:
+            self._news.ended(self._passing.segment.request, Termination.COMPLETED)
+            self._passing = None
 
     # --------------------------------------------------------------------------------- interruptions, stops, failures
 
@@ -366,15 +392,21 @@ class Generator:
         if not self._at.on_joint_path or segment is None:
             self._begin_halt(request, code, seconds)
             return
-        self._stop = Stop(request, code, self._scal(), on_path=True)
-        self._corner.forget()
+        self._cut_short(request, code, on_path=True)
         self._at.brake(segment, seconds, self._scheduler)
 
     def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
         """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
-        self._stop = Stop(request, code, self._scal(), on_path=False)
-        self._corner.forget()
+        self._cut_short(request, code, on_path=False)
         self._at.halt(seconds, self._limits)
+
+    def _cut_short(self, request: MoveRequest | None, code: int, on_path: bool) -> None:
+        """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
+        self._stop = Stop(request, code, self._scal(), on_path)
+        self._corner.forget()
+        self._pass_via_point()
+        if request is not None and code != Termination.COMPLETED:
+            self._news.interrupted(request, code)
 
     def _finish_stop(self) -> bool:
         """Stand where the joints, or path time, have come to rest."""

@@ -15,6 +15,11 @@ class News:
         self._events: list[MotionEvent] = []
         self._told_idle = True
 
+    @property
+    def pending(self) -> bool:
+        """Something has happened, or was asked for, that the next samples tell."""
+        return bool(self._events) or not self._told_idle
+
     def expect(self) -> None:
         """Something was asked for: tell when all is done."""
         self._told_idle = False
@@ -22,6 +27,10 @@ class News:
     def begun(self, request: MoveRequest) -> None:
         """The transition into its segment begins."""
         self._events.append(MotionEvent(EventKind.BEGUN, request))
+
+    def interrupted(self, request: MoveRequest, code: int) -> None:
+        """It is cut short: it will end with `code` when the arm has come to rest."""
+        self._events.append(MotionEvent(EventKind.INTERRUPTED, request, code))
 
     def ended(self, request: MoveRequest, code: int) -> None:
         """It ended with `code`."""

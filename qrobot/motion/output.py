@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from qrobot.motion.events import MotionEvent
 from qrobot.motion.limits import Floats
+from qrobot.motion.path import Segment
 from qrobot.motion.request import MoveRequest
 
 
@@ -27,6 +28,19 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
+class Passing:
+    """A via point on the way to which the transition into the next segment has begun.
+
+    Attributes:
+        segment: that ends there.
+        middle: path time at the middle of the transition, where the path is nearest to the via point.
+    """
+
+    segment: Segment
+    middle: float
+
+
+@dataclass(frozen=True, eq=False)
 class Output:
     """One sample.
 
@@ -36,6 +50,8 @@ class Output:
         scal: how much of its segment is done, 0 to 1; 1 at rest.
         events: what happened since the sample before, oldest first.
         moving: a request is being served, or waits.
+        passing: in the first half of a transition the request whose via point is passed in its middle, else None.
+        passing_scal: how much of its segment is done, 1 at the via point.
     """
 
     q: Floats
@@ -43,3 +59,5 @@ class Output:
     scal: float
     events: tuple[MotionEvent, ...]
     moving: bool
+    passing: MoveRequest | None = None
+    passing_scal: float = 1.0

@@ -18,10 +18,9 @@ from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Exerted, Trsf
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Event
-from qrobot.rccl.hold import Hold
+from qrobot.rccl.hold import Hold, ended_well
 from qrobot.rccl.parameters import (
     Parameters,
-    Update,
     force_limits,
     milliseconds,
     numbers,
@@ -82,12 +81,33 @@ class Channel:
         """
         self._hold.release(power_off)
 
+    def finish(self, look: Callable[[], object] = lambda: None) -> None:
+        """Wait until the motions that were asked for are done, as a program does that simply ends.
+
+        Hayward and Paul's programs end with a `move` (1986, sections 3.3 and 3.4.2). Does nothing after `release`.
+
+        Args:
+            look: called at each sample; what it raises ends the waiting.
+
+        Raises:
+            MotionError: one of them could not be done.
+            ServoFault, LinkError: control of the arm was lost.
+        """
+        self._hold.finish(look)
+
     def __enter__(self) -> Channel:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        try:
+            if ended_well(error):
+                self.finish()
+        finally:
+            self._let_go(error)
+
+    def _let_go(self, error: BaseException | None) -> None:
         try:
             self.release()
         except QRobotError:
@@ -225,13 +245,16 @@ class Channel:
     def update(self, trsf: Trsf, position: Position) -> None:
         """When the next motion ends, give `trsf` the value that makes the equation of `position` true.
 
-        The measured T6 counts, as it is at that instant.
+        The measured T6 counts, as it is at that instant: at rest, half way round a via point, or where the motion is
+        interrupted, whether the arm then goes on or is brought to rest. A motion that is dropped before it has begun
+        updates nothing. Several transforms may be updated by one motion, in the order of the calls.
 
         Raises:
-            MotionError: the position has no equation, or that does not name the transform once.
+            MotionError: the position has no equation, or that does not name the transform once; or the next motion is
+                to update that transform already.
         """
         self.check_update(trsf, position)
-        self._say(update=Update(trsf, position.equation))
+        self._said.update(trsf, position)
 
     def check_update(self, trsf: Trsf, position: Position) -> None:
         """Raise what `update` would, and do nothing else."""
@@ -352,6 +375,13 @@ class Channel:
         with self._hold.task():
             return self._task.generator.waiting
 
+    @property
+    def unserved(self) -> int:
+        """Number of motions that wait or are under way, but for one that is being stopped."""
+        with self._hold.task():
+            generator = self._task.generator
+            return generator.waiting + int(generator.serving is not None and not generator.stopping)
+
     # ---------------------------------------------------------------------------------------------------- waiting
 
     def waitfor(self, event: Event) -> None:
@@ -372,7 +402,7 @@ class Channel:
 
     def expect(self, event: str) -> None:
         """Raise MotionError in lock-step, where nobody else could, when no motion is left to signal that event."""
-        if self._alone and not self._task.busy:
+        if self._alone and not self._task.eventful:
             raise MotionError(f"waitfor({event}): no motion is left that could signal it")
 
     def _say(self, **once: Any) -> None:

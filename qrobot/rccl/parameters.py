@@ -6,7 +6,7 @@ Every call only fills in a `MoveRequest` (Hayward & Paul 1986, section 3.2). Uni
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, nan
 from typing import Final, SupportsFloat
 
@@ -46,7 +46,7 @@ _FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
 @dataclass(frozen=True)
 class Update:
-    """Solve `equation` for `trsf` with the measured T6 when the motion ends."""
+    """Solve `equation` for `trsf` with the measured T6 when the motion ends or is interrupted."""
 
     trsf: Trsf
     equation: Equation
@@ -59,12 +59,12 @@ class Order:
     Attributes:
         request: for the generator.
         position: whose fields tell how it goes.
-        update: to be done when it ends.
+        updates: to be done when it ends or is interrupted.
     """
 
     request: MoveRequest
     position: Position
-    update: Update | None = None
+    updates: tuple[Update, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Once:
     setime: tuple[float, float] | None = None
     evalfn: Callable[[], object] | None = None
     distance: Floats | None = None
-    update: Update | None = None
+    updates: tuple[Update, ...] = ()
     limit: ForceLimits | None = None
 
 
@@ -123,6 +123,15 @@ class Parameters:
         except ConfigError as error:
             raise MotionError(str(error)) from error
 
+    def update(self, trsf: Trsf, position: Position) -> None:
+        """See `Channel.update`."""
+        if any(known.trsf is trsf for known in self.once.updates):
+            raise MotionError(
+                f"update({trsf.name}, {position.name}): the next motion has to update {trsf.name} already; "
+                "call `move` between the two"
+            )
+        self.once = replace(self.once, updates=(*self.once.updates, Update(trsf, position.equation)))
+
     def comply(self, dirs: str, values: tuple[float, ...]) -> None:
         """See `Channel.comply`."""
         asked = named_values("comply", dirs, values, _FORCES)
@@ -153,7 +162,7 @@ class Parameters:
         request = MoveRequest(
             position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
         )
-        return Order(request, position, once.update)
+        return Order(request, position, once.updates)
 
 
 def _goal(position: Position, distance: Floats | None, compliance: Compliance | None) -> Floats | Goal | Here:

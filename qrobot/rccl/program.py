@@ -12,6 +12,7 @@ from qrobot.motion import Blend, Trsf
 from qrobot.rccl.channel import YES, Channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
+from qrobot.rccl.hold import Hold, ended_well
 from qrobot.rccl.lesson import teach as teach_arm
 from qrobot.rccl.opening import open_channel
 from qrobot.rccl.position import Position
@@ -52,6 +53,20 @@ def use(factory: LinkFactory, traces: list[Trace] | None = None) -> Iterator[Non
     finally:
         _factory.reset(token)
         _traces.reset(traces_token)
+
+
+@contextmanager
+def ending() -> Iterator[None]:
+    """A program runs in this block: when it ends well its motions are done first, else its arms stop; all are released.
+
+    Raises what a motion ends with that cannot be done.
+    """
+    try:
+        yield
+    except BaseException as error:
+        Hold.end_all(ended_well(error))
+        raise
+    Hold.end_all(well=True)
 
 
 def control(

@@ -27,19 +27,15 @@ from qrobot.motion import (
     ForceControl,
     Generator,
     Goal,
-    MotionEvent,
-    MoveRequest,
-    Output,
     Seen,
-    Termination,
     motion_limits,
     reach_of,
 )
 from qrobot.motion.limits import Floats
 from qrobot.rccl.event import Level
+from qrobot.rccl.orders import Orders
 from qrobot.rccl.parameters import Order
 from qrobot.rccl.player import Player
-from qrobot.rccl.position import Position
 from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.slot import Slot
@@ -81,6 +77,7 @@ class TrajectoryTask:
         period_s: sample period.
         tick: samples so far.
         force: what the arm exerts, and the joints that give way.
+        orders: motions that have not ended.
         slot: the time that functional transforms take.
         each_sample: called at each sample once the command is made up, before it goes out.
     """
@@ -101,10 +98,10 @@ class TrajectoryTask:
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._robot = robot
         self._limits = motion_limits(robot)
-        self._arm = Arm(robot)
-        self._reach = reach_of(self._arm)
+        arm = Arm(robot)
+        self._reach = reach_of(arm)
         self._blend = blend
-        self._arrived: Position | None = None
+        self.orders = Orders(arm)
         self._player: Player | None = None  # whose setpoints go out instead of the generator's
         self.begin(period_s, trace, clear_fault)
 
@@ -117,7 +114,6 @@ class TrajectoryTask:
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
-        self._orders: dict[MoveRequest, Order] = {}
         self._seq: int | None = None
         self._started_tick = 0
         self._trace = trace
@@ -136,6 +132,11 @@ class TrajectoryTask:
         """Motions are going on or waiting."""
         return self._player is not None or (self._generator is not None and self._generator.busy)
 
+    @property
+    def eventful(self) -> bool:
+        """Events of motions are still to come; in the next sample also when a stop has left nothing to be done."""
+        return self.busy or (self._generator is not None and self._generator.has_news)
+
     def push(self, order: Order) -> None:
         """Queue a motion whose course is told to its position.
 
@@ -149,7 +150,7 @@ class TrajectoryTask:
         self.generator.push(order.request)
         if self._trace is not None:
             self._trace.asked(order.request)
-        self._orders[order.request] = order
+        self.orders.add(order, self._follows)
         self.completed.count = 0
 
     def play(self, setpoints: Setpoints, label: str) -> None:
@@ -259,9 +260,16 @@ class TrajectoryTask:
                 self._trace.told(event)
             self._trace.sampled(output.q, seen.q)
         if output.events:
-            for event in output.events:
-                self._tell(event)
-        self._tell_progress(output)
+            self.orders.tell(output.events, seen.q, self.tick, self._follows)
+            if any(event.kind is EventKind.IDLE for event in output.events):
+                self.completed.signal()
+        self.orders.tell_progress(output)
+
+    @property
+    def _follows(self) -> bool:
+        """The arm goes to, or stays with, a frame that moves or against which it gives way."""
+        goal = self.generator.goal
+        return goal is not None and not goal.fixed
 
     def _play(self, player: Player, how: RobotState) -> None:
         q = player.step()
@@ -276,30 +284,3 @@ class TrajectoryTask:
     def _stand_at(self, q: Floats) -> None:
         """A generator that is at rest at `q`."""
         self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, reach=self._reach)
-
-    def _tell(self, event: MotionEvent) -> None:
-        """Pass an event on to the position it concerns."""
-        if event.request is None:
-            if event.kind is EventKind.IDLE:
-                self.completed.signal()
-            return
-        if event.kind is EventKind.BEGUN:
-            position = self._orders[event.request].position
-            position.code, position.scal = Termination.NONE, 0.0
-        elif event.kind is EventKind.ENDED:
-            self._end(self._orders.pop(event.request), event.code)
-        elif event.kind is EventKind.LOST and self._arrived is not None:
-            self._arrived.code = event.code
-
-    def _end(self, order: Order, code: int) -> None:
-        position = self._arrived = order.position
-        if order.update is not None and self.how is not None:
-            update = order.update
-            update.trsf.set(update.equation.solve(update.trsf, self._arm.forward(np.array(self.how.q)), self.tick))
-        position.code = code
-        position.scal = 1.0 if code == Termination.COMPLETED else position.scal
-        position.end.signal()
-
-    def _tell_progress(self, output: Output) -> None:
-        if output.request is not None:
-            self._orders[output.request].position.scal = output.scal

@@ -52,7 +52,7 @@ def test_the_trace_names_every_position_in_order_with_times_that_join(folder: Pa
     assert {request["code"] for request in traced} == {int(Termination.COMPLETED)}
     assert [request["mode"] for request in traced] == ["joint"] + ["cartesian"] * 16
     for before, after in pairwise(traced):
-        assert before["ended_s"] == after["begun_s"]
+        assert after["begun_s"] <= before["ended_s"] < after["begun_s"] + 0.3  # in the middle of the transition
     text = (folder / "requests.txt").read_text()
     assert text.count("completed") == 17
 

@@ -98,8 +98,8 @@ def test_events_tell_begin_and_end_of_each_request_and_the_idle_arm_once() -> No
     kinds = [(event.kind, event.request and event.request.name) for output in run(gen) for event in output.events]
     assert kinds == [
         (EventKind.BEGUN, "a"),
-        (EventKind.ENDED, "a"),
         (EventKind.BEGUN, "b"),
+        (EventKind.ENDED, "a"),
         (EventKind.ENDED, "b"),
         (EventKind.IDLE, None),
     ]

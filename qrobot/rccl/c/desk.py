@@ -156,10 +156,15 @@ class Desk:
             self._arm = self._take_arm()
         return None
 
-    def release(self, _: Message) -> Answer:
-        """Let go of it."""
-        self.let_go()
-        return None
+    def release(self, message: Message) -> Answer:
+        """Let go of it; when `n`, after all motions are done. The answer says how many were left."""
+        try:
+            if message.n and self._arm is not None:
+                self._arm.finish(self._talk.listen)
+            left = 0 if self._arm is None else self._arm.unserved
+        finally:
+            self.let_go()
+        return Message(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
 
     def let_go(self) -> None:
         """Bring the arm to rest and release it, if there is one. Raises what ended control of it before."""

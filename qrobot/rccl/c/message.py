@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 3
+VERSION: Final = 4
 REFS: Final = 24
 NUMBERS: Final = 32
 TEXT: Final = 256

@@ -1,7 +1,7 @@
 /* rccl.h - RCCL 1.0 for programs in C (Hayward & Paul 1986).
  *
  * Millimetres, degrees, milliseconds, newtons, newton metres. The table of all names and where they come from is
- * docs/reference/c-surface.md. Compile with `qrobot cc`.
+ * docs/reference/c-surface.md; later releases of RCCL have other calls. Compile with `qrobot cc`.
  */
 #ifndef RCCL_H
 #define RCCL_H
@@ -30,30 +30,43 @@ typedef struct transform {
     VECT n, o, a, p; /* three axes, and a position in mm */
 } TRSF, *TRSF_PTR;
 
-/* The kinds of newtrans: what is none of them is a function. What the gentr_ functions make is const. */
-#define rccl_const ((int (*)()) 1)
-#define varb ((int (*)()) 2)
-#define hold ((int (*)()) 3)
+/* What is a macro here was a function, and may be declared as one: `TRSF_PTR newtrans();` declares, and does nothing else.
+ * RCCL_CALL(f, g, ...) is f where there are arguments, and g where there are none. */
+#define RCCL_FIRST(first, ...) first
+#define RCCL_CALL(call, name, ...) RCCL_FIRST(__VA_OPT__(call, ) name, ~)
 
-/* `const` was an ordinary name when RCCL was written, and is a keyword now: newtrans looks for it before C does. */
-#define RCCL_KIND_const ~, rccl_const
-#define RCCL_KIND_varb ~, varb
-#define RCCL_KIND_hold ~, hold
-#define RCCL_SECOND_OF(first, second, ...) second
-#define RCCL_SECOND(...) RCCL_SECOND_OF(__VA_ARGS__)
-#define newtrans(name, type) rccl_newtrans(name, RCCL_SECOND(RCCL_KIND_##type, type, ~))
+/* The kinds of newtrans: what is none of them is a function. What the gentr_ functions make is const. These three are for
+ * functions of a program that take a kind themselves; const, hold and varb are known to newtrans alone, so that variables
+ * may have such names. */
+#define rccl_const ((int (*)()) 1)
+#define rccl_varb ((int (*)()) 2)
+#define rccl_hold ((int (*)()) 3)
+
+/* `const` was an ordinary name when RCCL was written, and is a keyword now. So that it may stand where else a function
+ * does, `(type) - 0` is written for it: with a function that is a difference, with const it casts 0 to a const int. */
+#define newtrans(...) RCCL_CALL(RCCL_NEWTRANS, newtrans, __VA_ARGS__)(__VA_ARGS__)
+#define RCCL_NEWTRANS(name, type)                                                                     \
+    __extension__({                                                                                   \
+        char *rccl_name = (name);                                                                     \
+        enum { varb = 2, hold = 3 };                                                                  \
+        _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wimplicit-int\"")           \
+        int (*rccl_kind)() = (int (*)()) (long) ((type) - 0);                                         \
+        _Pragma("GCC diagnostic pop")                                                                 \
+        rccl_newtrans(rccl_name, rccl_kind, #type);                                                   \
+    })
 
 extern VECT_PTR xunit, yunit, zunit;
 extern TRSF_PTR t6; /* where the last link was measured at the newest sample */
 
-TRSF_PTR rccl_newtrans(char *name, int (*kind)());
+TRSF_PTR newtrans();
+TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word);
 TRSF_PTR gentr_trsl(char *name, double px, double py, double pz);
 TRSF_PTR gentr_rot(char *name, double px, double py, double pz, VECT_PTR v, double a);
 TRSF_PTR gentr_eul(char *name, double px, double py, double pz, double phi, double theta, double psi);
 TRSF_PTR gentr_rpy(char *name, double px, double py, double pz, double roll, double pitch, double yaw);
 TRSF_PTR gentr_pao(char *name, double px, double py, double pz, double ax, double ay, double az, double ox, double oy,
                    double oz);
-void freetrans(TRSF_PTR t);
+int freetrans(TRSF_PTR t);
 
 /* These change their first argument and return it. */
 TRSF_PTR rot(TRSF_PTR t, VECT_PTR v, double angle);
@@ -70,54 +83,66 @@ TRSF_PTR invert(TRSF_PTR t, TRSF_PTR other);
 #define Assigntr (void) assigntr
 #define Trmult (void) trmult
 #define Invert (void) invert
-void printr(TRSF_PTR t, FILE *file);
+int printr(TRSF_PTR t, FILE *file);
 
 /* -------------------------------------------------------------------------------------------------- positions */
 
 typedef struct position {
     char *name;
-    volatile int code;   /* why the latest motion to it ended: -1 at its goal, or the number given to nextmove; 0 under way */
-    volatile float scal; /* 0 to 1 during the motion */
+    volatile int code;   /* why the latest motion to it ended: -1 at its goal, or the number given to nextmove; 0 before */
+    volatile float scal; /* 0 from `move` on, grows to 1 during the motion */
     volatile event end;  /* signalled at the end of each motion */
 } POS, *POS_PTR;
 
 #define EQ ((TRSF_PTR) 1)
 #define TL ((TRSF_PTR) 2)
-#define makeposition(...) rccl_makeposition(__VA_ARGS__, (TRSF_PTR) 0)
+#define makeposition(...) \
+    RCCL_CALL(rccl_makeposition, makeposition, __VA_ARGS__)(__VA_OPT__(__VA_ARGS__, (TRSF_PTR) 0))
 
 extern POS_PTR park, there; /* there: always where the arm is, so that a move to it is an absolute stop */
 
+POS_PTR makeposition();
 POS_PTR rccl_makeposition(char *name, ...);
-#define jposition(name, ...) rccl_jposition(name, RCCL_VALUES(__VA_ARGS__)) /* degrees, mm on a sliding joint */
+#define jposition(...) RCCL_CALL(RCCL_JPOSITION, jposition, __VA_ARGS__)(__VA_ARGS__) /* degrees, mm on a sliding joint */
+#define RCCL_JPOSITION(name, ...) rccl_jposition(name, RCCL_VALUES(__VA_ARGS__))
+POS_PTR jposition();
 POS_PTR rccl_jposition(char *name, int count, double *degs);
-void freepos(POS_PTR p);
+int freepos(POS_PTR p);
 
 /* ---------------------------------------------------------------------------------------------------- motions */
 
-void move(POS_PTR p);
-void stop(double ms);
+/* Functions without a type were int: `int move(), setvel();` may be declared. They return YES. */
+int move(POS_PTR p);
+int stop(double ms);
 
-void setvel(double tv, double rv);
+int setvel(double tv, double rv);
 #define setval setvel
-#define setmode(m) rccl_setmode((long) (m)) /* 'j', 'c', "joint", "cartesian" */
+#define setmode(...) RCCL_CALL(rccl_setmode, setmode, __VA_ARGS__)(__VA_OPT__((long) (__VA_ARGS__)))
 #define setmod setmode
-void setconf(char *letters);
-void sample(double ms);
-void rccl_setmode(long mode);
+int setconf(char *letters);
+int sample(double ms);
+int setmode(); /* 'j', 'c', "joint", "cartesian" */
+int rccl_setmode(long mode);
 
-void setime(double ta, double ts);
-void evalfn(int (*fn)());
-#define distance(spec, ...) rccl_distance(spec, RCCL_VALUES(__VA_ARGS__))
-#define limit(spec, ...) rccl_limit(spec, RCCL_VALUES(__VA_ARGS__))
-#define comply(dirs, ...) rccl_comply(dirs, RCCL_VALUES(__VA_ARGS__))
-void lock(char *dirs);
-void update(TRSF_PTR trans, POS_PTR equa);
+int setime(double ta, double ts);
+int evalfn(int (*fn)());
+#define distance(...) RCCL_CALL(RCCL_DISTANCE, distance, __VA_ARGS__)(__VA_ARGS__)
+#define limit(...) RCCL_CALL(RCCL_LIMIT, limit, __VA_ARGS__)(__VA_ARGS__)
+#define comply(...) RCCL_CALL(RCCL_COMPLY, comply, __VA_ARGS__)(__VA_ARGS__)
+int distance();
+int limit();
+int comply();
+int lock(char *dirs);
+int update(TRSF_PTR trans, POS_PTR equa);
 
 /* How many numbers there are, and they themselves, integers among them made into floating point. */
 #define RCCL_VALUES(...) ((int) (sizeof((double[]) {__VA_ARGS__}) / sizeof(double))), ((double[]) {__VA_ARGS__})
-void rccl_distance(char *spec, int count, double *values);
-void rccl_limit(char *spec, int count, double *values);
-void rccl_comply(char *dirs, int count, double *values);
+#define RCCL_DISTANCE(spec, ...) rccl_distance(spec, RCCL_VALUES(__VA_ARGS__))
+#define RCCL_LIMIT(spec, ...) rccl_limit(spec, RCCL_VALUES(__VA_ARGS__))
+#define RCCL_COMPLY(dirs, ...) rccl_comply(dirs, RCCL_VALUES(__VA_ARGS__))
+int rccl_distance(char *spec, int count, double *values);
+int rccl_limit(char *spec, int count, double *values);
+int rccl_comply(char *dirs, int count, double *values);
 
 #define OPEN rccl_open_hand();
 #define CLOSE rccl_close_hand();
@@ -135,16 +160,16 @@ extern volatile int nbrequest;   /* motions that wait in the queue */
 #define waitas(predicate) while (!(predicate)) rccl_sample();
 void rccl_waitfor(volatile event *e);
 void rccl_sample(void);
-void suspendfg(void);
+int suspendfg(void);
 
 /* ------------------------------------------------------------------------------------------ teaching, data base */
 
 int teach(TRSF_PTR trans, POS_PTR pos);
-void stepmode(void);
-void makedb(char *file);
+int stepmode(void);
+int makedb(char *file);
 int getr(TRSF_PTR t);
-void saver(TRSF_PTR t);
-void dumpdb(void);
+int saver(TRSF_PTR t);
+int dumpdb(void);
 
 /* ---------------------------------------------------------------------------------------------- the real-time layer */
 
@@ -180,13 +205,16 @@ extern volatile int terminate; /* not 0: the arm comes to rest and the program e
 extern char *mess;             /* printed at the end */
 
 /* Both may be left out: fn1 and fn2 are called at every sample, and may change chg. */
-#define control(...) rccl_control((int (*[3])()) {__VA_ARGS__})
+#define control(...) \
+    RCCL_CALL(rccl_control, control, __VA_ARGS__)(__VA_OPT__((int (*[3])()) {__VA_ARGS__}))
 /* What is said at the end; may be left out. */
-#define release(...) rccl_release((char *[2]) {__VA_ARGS__})
+#define release(...) RCCL_CALL(rccl_release, release, __VA_ARGS__)(__VA_OPT__((char *[2]) {__VA_ARGS__}))
+int control();
+int release();
 int rccl_control(int (**functions)());
-void rccl_release(char **said);
-void adcopen(int channel);
-void enctoang(real *angles, int *counts); /* the first argument is the result */
-void angtoenc(int *counts, real *angles);
+int rccl_release(char **said);
+int adcopen(int channel);
+int enctoang(real *angles, int *counts); /* the first argument is the result */
+int angtoenc(int *counts, real *angles);
 
 #endif

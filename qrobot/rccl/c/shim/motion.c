@@ -3,13 +3,13 @@
 
 #include "shim.h"
 
-static struct message ask(enum op op, const char *text, double first, double second)
+static int ask(enum op op, const char *text, double first, double second)
 {
     struct message m = shim_message(op, text);
     m.numbers[0] = first;
     m.numbers[1] = second;
     shim_call(&m);
-    return m;
+    return YES;
 }
 
 API int rccl_control(int (**functions)())
@@ -21,88 +21,104 @@ API int rccl_control(int (**functions)())
     return YES;
 }
 
-API void rccl_release(char **said)
+API int (control)(void)
 {
-    ask(OP_RELEASE, "", 0, 0);
+    return rccl_control((int (*[2])()) {NULL, NULL});
+}
+
+API int rccl_release(char **said)
+{
+    struct message m = shim_message(OP_RELEASE, "");
+    shim_call(&m);
     if (said[0])
         printf("%s\n", said[0]);
     fflush(stdout);
+    shim_say("release", m.text);
     shim_say_mess();
+    return YES;
 }
 
-API void move(POS_PTR p)
+API int (release)(void)
+{
+    return rccl_release((char *[1]) {NULL});
+}
+
+API int move(POS_PTR p)
 {
     struct message m = shim_message(OP_MOVE, "");
     shim_start();
     m.refs[0] = shim_ref(p);
     shim_call(&m);
+    return YES;
 }
 
-API void stop(double ms)
+API int stop(double ms)
 {
-    ask(OP_STOP, "", ms, 0);
+    return ask(OP_STOP, "", ms, 0);
 }
 
-API void setvel(double tv, double rv)
+API int setvel(double tv, double rv)
 {
-    ask(OP_SETVEL, "", tv, rv);
+    return ask(OP_SETVEL, "", tv, rv);
 }
 
 /* A letter or a word, as either was written. */
-API void rccl_setmode(long mode)
+API int rccl_setmode(long mode)
 {
     char letter[2] = {(char) mode, 0};
-    ask(OP_SETMODE, mode > 0 && mode < 256 ? letter : (char *) mode, 0, 0);
+    return ask(OP_SETMODE, mode > 0 && mode < 256 ? letter : (char *) mode, 0, 0);
 }
 
-API void setconf(char *letters)
+API int setconf(char *letters)
 {
-    ask(OP_SETCONF, letters, 0, 0);
+    return ask(OP_SETCONF, letters, 0, 0);
 }
 
-API void sample(double ms)
+API int sample(double ms)
 {
-    ask(OP_SAMPLE_PERIOD, "", ms, 0);
+    return ask(OP_SAMPLE_PERIOD, "", ms, 0);
 }
 
-API void setime(double ta, double ts)
+API int setime(double ta, double ts)
 {
-    ask(OP_SETIME, "", ta, ts);
+    return ask(OP_SETIME, "", ta, ts);
 }
 
-API void evalfn(int (*fn)())
+API int evalfn(int (*fn)())
 {
     struct message m = shim_message(OP_EVALFN, "");
-    m.refs[0] = (intptr_t) fn;
+    m.refs[0] = (intptr_t) shim_need((void *) fn, "evalfn", "a function");
     shim_call(&m);
+    return YES;
 }
 
-static void name_directions(enum op op, char *names, int count, const double *values)
+static int name_directions(enum op op, char *names, int count, const double *values)
 {
     struct message m = shim_message(op, names);
     m.n = count < SHIM_NUMBERS ? count : SHIM_NUMBERS;
     memcpy(m.numbers, values, (size_t) m.n * sizeof *values);
     shim_call(&m);
+    return YES;
 }
 
-API void rccl_distance(char *spec, int count, double *values)
+API int rccl_distance(char *spec, int count, double *values)
 {
-    name_directions(OP_DISTANCE, spec, count, values);
+    return name_directions(OP_DISTANCE, spec, count, values);
 }
 
-API void rccl_limit(char *spec, int count, double *values)
+API int rccl_limit(char *spec, int count, double *values)
 {
-    name_directions(OP_LIMIT, spec, count, values);
+    return name_directions(OP_LIMIT, spec, count, values);
 }
 
-API void rccl_comply(char *dirs, int count, double *values)
+API int rccl_comply(char *dirs, int count, double *values)
 {
-    name_directions(OP_COMPLY, dirs, count, values);
+    return name_directions(OP_COMPLY, dirs, count, values);
 }
 
-API void lock(char *dirs)
+API int lock(char *dirs)
 {
-    ask(OP_LOCK, dirs, 0, 0);
+    return ask(OP_LOCK, dirs, 0, 0);
 }
 
 API void rccl_open_hand(void)
@@ -117,9 +133,9 @@ API void rccl_close_hand(void)
 
 /* --------------------------------------------------------------------------------------------------- waiting */
 
-static void let_a_sample_pass(const char *wanted)
+static int let_a_sample_pass(const char *wanted)
 {
-    ask(OP_NEXT_SAMPLE, wanted, 0, 0);
+    return ask(OP_NEXT_SAMPLE, wanted, 0, 0);
 }
 
 API void rccl_sample(void)
@@ -127,9 +143,9 @@ API void rccl_sample(void)
     let_a_sample_pass("");
 }
 
-API void suspendfg(void)
+API int suspendfg(void)
 {
-    let_a_sample_pass("");
+    return let_a_sample_pass("");
 }
 
 /* Use up one signal, if there is one; `completed` stays true until the next motion. */
@@ -151,19 +167,21 @@ API void rccl_waitfor(volatile event *e)
         let_a_sample_pass(shim_ref(e) < 0 ? "" : e == &completed ? "completed" : "end");
 }
 
-API void stepmode(void)
+API int stepmode(void)
 {
-    ask(OP_STEPMODE, "", 0, 0);
+    return ask(OP_STEPMODE, "", 0, 0);
 }
 
-API void adcopen(int channel)
+API int adcopen(int channel)
 {
-    ask(OP_ADCOPEN, "", channel, 0);
+    return ask(OP_ADCOPEN, "", channel, 0);
 }
 
-API void enctoang(real *angles, int *counts)
+API int enctoang(real *angles, int *counts)
 {
     struct message m = shim_message(OP_ENCTOANG, "");
+    shim_need(angles, "enctoang", "an array for the result");
+    shim_need(counts, "enctoang", "an array");
     if (!how.n)
         control();
     for (int j = 0; j < how.n; j++)
@@ -171,11 +189,14 @@ API void enctoang(real *angles, int *counts)
     shim_call(&m);
     for (int j = 0; j < m.n; j++)
         angles[j] = (real) m.numbers[j];
+    return YES;
 }
 
-API void angtoenc(int *counts, real *angles)
+API int angtoenc(int *counts, real *angles)
 {
     struct message m = shim_message(OP_ANGTOENC, "");
+    shim_need(counts, "angtoenc", "an array for the result");
+    shim_need(angles, "angtoenc", "an array");
     if (!how.n)
         control();
     for (int j = 0; j < how.n; j++)
@@ -183,4 +204,5 @@ API void angtoenc(int *counts, real *angles)
     shim_call(&m);
     for (int j = 0; j < m.n; j++)
         counts[j] = (int) m.numbers[j];
+    return YES;
 }

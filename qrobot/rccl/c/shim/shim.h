@@ -11,7 +11,7 @@
 
 #include "rccl.h"
 
-#define SHIM_VERSION 3
+#define SHIM_VERSION 4
 #define SHIM_REFS 24
 #define SHIM_NUMBERS 32
 #define SHIM_TEXT 256
@@ -109,6 +109,8 @@ void shim_wait_closed(int timeout_ms);
 /* start.c */
 void shim_start(void); /* Reach the engine; does nothing the second time. */
 void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */
+void *shim_need(void *given, const char *call, const char *what); /* What was given; ends the program at NULL. */
+void shim_say(const char *who, const char *text); /* On stderr, unless there is no text. */
 void shim_say_mess(void);
 
 #endif

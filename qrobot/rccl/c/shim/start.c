@@ -57,17 +57,38 @@ void shim_die(const char *text)
     exit(1);
 }
 
-/* At exit: whoever has an arm lets go of it first. After an error a function may hang, so nobody waits for its thread. */
-static void leave(void)
+void *shim_need(void *given, const char *call, const char *what)
+{
+    char text[SHIM_TEXT];
+    snprintf(text, sizeof text, "%s: %s is needed, and a null pointer was given", call, what);
+    if (!given)
+        shim_die(text);
+    return given;
+}
+
+void shim_say(const char *who, const char *text)
+{
+    if (*text)
+        fprintf(stderr, "%s: %s: %s\n", program_invocation_short_name, who, text);
+}
+
+/* At exit: whoever has an arm lets go of it first; with status 0 when the motions that wait are done (Hayward and Paul's
+ * programs end with a `move`). After an error a function may hang, so nobody waits for its thread. */
+static void leave(int status, void *unused)
 {
     struct message m = shim_message(OP_RELEASE, "");
     int orderly = !over && !pthread_equal(pthread_self(), background);
+    char who[32];
+    (void) unused;
     if (owner != getpid())
         return;
     if (orderly) {
         over = 1;
+        m.n = status == 0;
         shim_call(&m);
         fflush(stdout);
+        snprintf(who, sizeof who, "ended with status %d", status);
+        shim_say(who, m.text);
         shim_say_mess();
     }
     farewell();
@@ -201,5 +222,5 @@ void shim_start(void)
     shim_open(channels[0]);
     start_serving(channels[1]);
     catch_signals();
-    atexit(leave);
+    on_exit(leave, NULL);
 }

@@ -3,10 +3,10 @@
 
 int pumatask();
 
+/* The motions that it leaves are done at exit, as those of any program. */
 int main(void)
 {
     control();
     pumatask();
-    release();
     return 0;
 }

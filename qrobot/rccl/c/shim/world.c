@@ -4,12 +4,19 @@
 
 #include "shim.h"
 
+#define TRANSFORM "a transform"
+#define VECTOR "a vector"
+
 enum { FUNCTION = 0, MOST_KINDS = 3 };
 
-API TRSF_PTR rccl_newtrans(char *name, int (*kind)())
+/* `word` is what the program has written: the cast of newtrans makes 0 of const. */
+API TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word)
 {
     struct message m = shim_message(OP_NEWTRANS, name);
-    int functional = (intptr_t) kind > MOST_KINDS;
+    if (!strcmp(word, "const"))
+        kind = rccl_const;
+    shim_need((void *) kind, "newtrans", "const, varb, hold or a function");
+    int functional = (intptr_t) kind < 0 || (intptr_t) kind > MOST_KINDS;
     shim_start();
     TRSF_PTR t = shim_new_transform(name);
     t->fn = functional ? kind : NULL;
@@ -20,12 +27,13 @@ API TRSF_PTR rccl_newtrans(char *name, int (*kind)())
     return t;
 }
 
-API void freetrans(TRSF_PTR t)
+API int freetrans(TRSF_PTR t)
 {
     struct message m = shim_message(OP_FREETRANS, "");
     m.refs[0] = shim_ref(t);
     shim_call(&m);
     shim_free(t);
+    return YES;
 }
 
 /* A transform goes along as its place, and as twelve numbers in case it lies in the program's own memory. */
@@ -50,6 +58,7 @@ static TRSF_PTR receive_transform(struct message *m, TRSF_PTR t)
 static TRSF_PTR make(TRSF_PTR t, const char *how, int count, const double *values)
 {
     struct message m = shim_message(OP_MAKE, how);
+    shim_need(t, how, TRANSFORM);
     shim_start();
     m.refs[0] = shim_ref(t);
     m.n = count;
@@ -58,7 +67,7 @@ static TRSF_PTR make(TRSF_PTR t, const char *how, int count, const double *value
 }
 
 #define MAKE(t, how, ...) make(t, how, RCCL_VALUES(__VA_ARGS__))
-#define NEW(how, ...) MAKE(rccl_newtrans(name, rccl_const), how, __VA_ARGS__)
+#define NEW(how, ...) MAKE(rccl_newtrans(name, rccl_const, ""), how, __VA_ARGS__)
 
 API TRSF_PTR gentr_trsl(char *name, double px, double py, double pz)
 {
@@ -67,6 +76,7 @@ API TRSF_PTR gentr_trsl(char *name, double px, double py, double pz)
 
 API TRSF_PTR gentr_rot(char *name, double px, double py, double pz, VECT_PTR v, double a)
 {
+    shim_need(v, "gentr_rot", VECTOR);
     return NEW("rot", px, py, pz, v->x, v->y, v->z, a);
 }
 
@@ -88,6 +98,7 @@ API TRSF_PTR gentr_pao(char *name, double px, double py, double pz, double ax, d
 
 API TRSF_PTR rot(TRSF_PTR t, VECT_PTR v, double angle)
 {
+    shim_need(v, "rot", VECTOR);
     return MAKE(t, "rot", 0, 0, 0, v->x, v->y, v->z, angle);
 }
 
@@ -110,6 +121,10 @@ API TRSF_PTR rpy(TRSF_PTR t, double roll, double pitch, double yaw)
 static TRSF_PTR combine(enum op op, TRSF_PTR t, TRSF_PTR left, TRSF_PTR right)
 {
     struct message m = shim_message(op, "");
+    const char *call = op == OP_TRMULT ? "trmult" : "invert";
+    shim_need(t, call, TRANSFORM);
+    shim_need(left, call, TRANSFORM);
+    shim_need(right, call, TRANSFORM);
     shim_start();
     send_transform(&m, 0, left);
     send_transform(&m, 1, right);
@@ -129,16 +144,21 @@ API TRSF_PTR invert(TRSF_PTR t, TRSF_PTR other)
 
 API TRSF_PTR assigntr(TRSF_PTR t, TRSF_PTR other)
 {
+    shim_need(t, "assigntr", TRANSFORM);
+    shim_need(other, "assigntr", TRANSFORM);
     memcpy(&t->n, &other->n, 4 * sizeof(VECT));
     return t;
 }
 
-API void printr(TRSF_PTR t, FILE *file)
+API int printr(TRSF_PTR t, FILE *file)
 {
+    shim_need(t, "printr", TRANSFORM);
+    shim_need(file, "printr", "a file");
     const real *n = &t->n.x;
     fprintf(file, "%s:\n", t->name ? t->name : "");
     for (int row = 0; row < 3; row++)
         fprintf(file, "%8.3f %8.3f %8.3f %10.3f\n", n[row], n[row + 3], n[row + 6], n[row + 9]);
+    return YES;
 }
 
 /* ------------------------------------------------------------------------------------------------- positions */
@@ -182,12 +202,13 @@ API POS_PTR rccl_jposition(char *name, int count, double *degs)
     return new_position(&m, name);
 }
 
-API void freepos(POS_PTR p)
+API int freepos(POS_PTR p)
 {
     struct message m = shim_message(OP_FREEPOS, "");
     m.refs[0] = shim_ref(p);
     shim_call(&m);
     shim_free(p);
+    return YES;
 }
 
 static int of_transform_and_position(enum op op, TRSF_PTR trans, POS_PTR pos)
@@ -198,9 +219,10 @@ static int of_transform_and_position(enum op op, TRSF_PTR trans, POS_PTR pos)
     return shim_call(&m)->n;
 }
 
-API void update(TRSF_PTR trans, POS_PTR equa)
+API int update(TRSF_PTR trans, POS_PTR equa)
 {
     of_transform_and_position(OP_UPDATE, trans, equa);
+    return YES;
 }
 
 API int teach(TRSF_PTR trans, POS_PTR pos)
@@ -217,10 +239,11 @@ static int of_transform(enum op op, TRSF_PTR t)
     return shim_call(&m)->n;
 }
 
-API void makedb(char *file)
+API int makedb(char *file)
 {
-    struct message m = shim_message(OP_MAKEDB, file);
+    struct message m = shim_message(OP_MAKEDB, shim_need(file, "makedb", "the name of a file"));
     shim_call(&m);
+    return YES;
 }
 
 API int getr(TRSF_PTR t)
@@ -228,13 +251,14 @@ API int getr(TRSF_PTR t)
     return of_transform(OP_GETR, t);
 }
 
-API void saver(TRSF_PTR t)
+API int saver(TRSF_PTR t)
 {
-    of_transform(OP_SAVER, t);
+    return of_transform(OP_SAVER, t);
 }
 
-API void dumpdb(void)
+API int dumpdb(void)
 {
     struct message m = shim_message(OP_DUMPDB, "");
     shim_call(&m);
+    return YES;
 }

@@ -1,0 +1,107 @@
+"""The motions a program has asked for and that have not ended, and what their positions tell of them.
+
+    code   0 from `move` on, why it ended from then on
+    scal   0 from `move` on, grows to 1 during the motion, and stays where it was at its end
+    end    signalled at its end
+
+A motion ends where its via point is passed, in the middle of the transition, or where the arm comes to rest. Of several
+motions to one position the oldest that has not ended counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
+
+from qrobot.model.arm import Arm
+from qrobot.motion import EventKind, MotionEvent, MoveRequest, Output, Termination
+from qrobot.motion.limits import Floats
+from qrobot.rccl.parameters import Order
+from qrobot.rccl.position import Position
+from qrobot.rccl.trace import reason_of
+
+_FAILURES: Final = {Termination.JOINT_LIMIT, Termination.UNREACHABLE, Termination.SINGULAR, Termination.TOO_FAST}
+
+
+class Orders:
+    """Those of one arm.
+
+    Args:
+        arm: whose measured T6 `update` takes.
+
+    Attributes:
+        failures: motions that turned out to be impossible, in words.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.failures: list[str] = []
+        self._arm = arm
+        self._open: dict[MoveRequest, Order] = {}
+        self._begun: set[MoveRequest] = set()
+        self._arrived: Position | None = None
+
+    def add(self, order: Order, frames_move: bool) -> None:
+        """A motion was asked for.
+
+        Args:
+            order: the motion.
+            frames_move: the arm follows a frame, which may be a function of `scal`: that must not jump before the arm
+                leaves the frame.
+        """
+        if not frames_move and self._oldest(order.position) is None:
+            order.position.code, order.position.scal = Termination.NONE, 0.0
+        self._open[order.request] = order
+
+    def tell(self, events: Iterable[MotionEvent], q: Floats, tick: int, frames_move: bool) -> None:
+        """Pass events of one sample on to the positions they concern; the arm was measured at `q` (n,)."""
+        for event in events:
+            if event.kind is EventKind.LOST and self._arrived is not None:
+                self._arrived.code = event.code
+            elif event.request is None:
+                continue
+            elif event.kind is EventKind.BEGUN:
+                self._begin(event.request)
+            elif event.kind is EventKind.INTERRUPTED:
+                self._measure(event.request, q, tick)
+            elif event.kind is EventKind.ENDED:
+                self._measure(event.request, q, tick)
+                self._end(event.request, event.code, frames_move)
+
+    def tell_progress(self, output: Output) -> None:
+        """How much of the motions under way is done: two of them in the first half of a transition."""
+        if output.request is not None:
+            self._open[output.request].position.scal = output.scal
+        if output.passing is not None:  # the older one; it counts when both go to one position
+            self._open[output.passing].position.scal = output.passing_scal
+
+    def _begin(self, request: MoveRequest) -> None:
+        self._begun.add(request)
+        position = self._open[request].position
+        if self._oldest(position) is request:
+            position.code, position.scal = Termination.NONE, 0.0
+
+    def _measure(self, request: MoveRequest, q: Floats, tick: int) -> None:
+        """Do what `update` has asked for, once; a motion that never began has been nowhere."""
+        order = self._open[request]
+        if order.updates and request in self._begun:
+            t6 = self._arm.forward(q)
+            for update in order.updates:
+                update.trsf.set(update.equation.solve(update.trsf, t6, tick))
+        self._open[request] = replace(order, updates=())
+
+    def _end(self, request: MoveRequest, code: int, frames_move: bool) -> None:
+        position = self._arrived = self._open.pop(request).position
+        self._begun.discard(request)
+        if code in _FAILURES:
+            self.failures.append(f"{position.name}: {reason_of(code)}")
+        if (following := self._oldest(position)) is None or following not in self._begun:
+            position.code = code
+            position.scal = 1.0 if code == Termination.COMPLETED else position.scal
+        if following is not None and not frames_move:
+            position.scal = 0.0
+        position.end.signal()
+
+    def _oldest(self, position: Position) -> MoveRequest | None:
+        """The oldest open motion to `position`."""
+        return next((request for request, order in self._open.items() if order.position is position), None)

@@ -1,0 +1,323 @@
+"""What `end`, `code`, `scal`, `completed` and `update` say at each instant, in lock-step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from qrobot import rccl
+from qrobot.errors import MotionError
+from qrobot.motion import Termination
+from qrobot.motion.limits import Floats
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, rot, t6, yunit, zunit
+from qrobot.rci import VirtualLink
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK, arm, shift
+
+DONE, STOPPED = Termination.COMPLETED, Termination.STOPPED
+PERIOD_NS = 28_000_000
+TIP = shift(z=0.1).value
+E = gentr_trsl("E", 0, 0, 100)
+TABLE = gentr_rot("TABLE", 500, 50, -300, yunit, 180)
+
+
+@pytest.fixture
+def robot() -> Iterator[FakeRobot]:
+    with programmed() as fake:
+        yield fake
+
+
+@contextmanager
+def programmed() -> Iterator[FakeRobot]:
+    """A robot that a program has taken, in Cartesian mode."""
+    fake = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
+        rccl.control()
+        rccl.setvel(200, 90)
+        rccl.setmode("cartesian")
+        yield fake
+        rccl.release()
+
+
+def on_table(name: str, *terms) -> rccl.Position:
+    return makeposition(name, t6, E, EQ, TABLE, *terms, TL, E)
+
+
+def place(name: str, *mm: float) -> rccl.Position:
+    return on_table(name, gentr_trsl(name, *mm))
+
+
+def tip_at(q: tuple[float, ...] | Floats) -> Floats:
+    """The tip of the tool in the table's frame, mm. Shape (3,)."""
+    return 1000.0 * (np.linalg.inv(TABLE.value) @ arm().forward(np.array(q)) @ TIP)[:3, 3]
+
+
+def each_sample(note: Callable[[], object]) -> None:
+    """Call `note` at each sample until nothing is to be done."""
+    rccl.waitas(lambda: (note(), rccl.completed.count > 0)[1])
+
+
+# ---------------------------------------------------------------------------------------- every motion ends, once
+
+ACTS = st.sampled_from(["move", "move again", "nextmove", "stop", "sample", "wait"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(ACTS, min_size=1, max_size=8))
+def test_whatever_is_stopped_or_skipped_every_motion_ends_once_and_completed_comes(acts: list[str]) -> None:
+    with programmed():
+        a, b = place("A", 0, 0, -20), place("B", 0, 30, -20)
+        asked = 0
+        for act in acts:
+            if act.startswith("move"):
+                rccl.move(a if act == "move" else b)
+                asked += 1
+            elif act == "nextmove":
+                rccl.nextmove(7)
+            elif act == "stop":
+                rccl.stop(0)
+            elif act == "sample":
+                begin = rccl.how.t_ns
+                rccl.waitas(lambda begin=begin: rccl.how.t_ns != begin)
+            else:
+                rccl.waitfor(rccl.completed)
+        rccl.waitfor(rccl.completed)
+        assert a.end.count + b.end.count == asked
+        assert {p.code for p in (a, b) if p.end.count} <= {DONE, STOPPED, 7}
+
+
+@pytest.mark.parametrize("event", [lambda _: rccl.completed, lambda p: p.end])
+@pytest.mark.parametrize("drop", [lambda: rccl.stop(0), lambda: rccl.nextmove(9)])
+def test_a_motion_that_is_dropped_before_it_begins_signals_that_it_ended(robot, drop, event) -> None:
+    p = place("P", 0, 0, 0)
+    rccl.move(p)
+    drop()
+    rccl.waitfor(event(p))
+    assert p.code in (STOPPED, 9)
+    with pytest.raises(MotionError, match="no motion is left that could signal it"):
+        rccl.waitfor(place("Q", 0, 0, 0).end)
+
+
+def test_a_motion_that_is_dropped_by_release_has_ended_too(robot) -> None:
+    p = place("P", 0, 0, 0)
+    rccl.move(p)
+    rccl.release()
+    assert (p.code, p.end.count) == (STOPPED, 1)
+
+
+# ------------------------------------------------------------------------------------------------- via points
+
+
+@pytest.mark.parametrize("mode", ["cartesian", "joint"])
+def test_the_end_of_a_via_point_comes_at_its_nearest_approach(robot, mode) -> None:
+    """Hayward & Paul 1986, section 3.3: "each time the manipulator moves through p0"."""
+    start, via, goal = place("START", 0, 0, 0), place("VIA", 0, 100, 0), place("GOAL", -100, 100, 0)
+    rccl.move(start)
+    rccl.waitfor(rccl.completed)
+    rccl.setmode(mode)
+    rccl.move(via)
+    rccl.move(goal)
+    away: list[float] = []
+    ends: list[int] = []
+
+    def note() -> None:
+        away.append(float(np.linalg.norm(tip_at(rccl.how.q_setpoint) - (0, 100, 0))))
+        ends.append(via.end.count)
+
+    each_sample(note)
+    assert abs(ends.index(1) - int(np.argmin(away))) <= 1
+    assert min(away) > 2.0  # it is turned round, not gone to
+    assert (via.end.count, via.code, via.scal) == (1, DONE, 1.0)
+
+
+def test_both_motions_of_a_transition_tell_how_far_they_are(robot) -> None:
+    via, goal = place("VIA", 0, 100, 0), place("GOAL", -100, 100, 0)
+    rccl.move(via)
+    rccl.move(goal)
+    rows: list[tuple[float, float, int]] = []
+    each_sample(lambda: rows.append((via.scal, goal.scal, via.end.count)))
+    turning = [row for row in rows if 0.0 < row[1] < 1.0 and row[2] == 0]
+    assert len(turning) >= 3  # the first half of the transition
+    scals = np.array([row[:2] for row in rows])
+    assert np.diff(scals[:, 0]).min() >= 0.0
+    assert np.diff(scals[:, 0]).max() < 0.1  # up to its via point, without a jump
+    assert np.diff(scals[:, 1]).min() >= 0.0
+
+
+def test_a_motion_that_is_interrupted_while_it_turns_out_of_a_via_point_ends_after_that(robot) -> None:
+    via, goal = place("VIA", 0, 100, 0), place("GOAL", -100, 100, 0)
+    rccl.move(via)
+    rccl.move(goal)
+    rccl.waitas(lambda: goal.scal > 0.0)
+    assert via.end.count == 0
+    rccl.nextmove(5)
+    rccl.waitfor(via.end)
+    rccl.waitfor(goal.end)
+    assert (via.code, goal.code) == (DONE, 5)
+
+
+def test_the_dwell_of_the_paper_takes_its_time_and_is_half_over_at_half_of_it(robot) -> None:
+    """S-02, Hayward & Paul 1986, section 3.3, at a sample period of which 400 ms are a multiple."""
+    rccl.sample(20)
+    p = place("P", 0, 0, 0)
+    rccl.distance("dz", -10)
+    rccl.move(p)
+    rccl.move(p)
+    rccl.setime(0, 400)
+    rccl.move(p)
+    rccl.waitfor(p.end)
+    rccl.waitfor(p.end)
+    begin = rccl.how.t_ns
+    rccl.waitas(lambda: p.scal > 0.5)
+    half_ms = (rccl.how.t_ns - begin) / 1e6
+    rccl.waitfor(p.end)
+    assert half_ms == pytest.approx(200, abs=20)
+    assert (rccl.how.t_ns - begin) / 1e6 == pytest.approx(400, abs=20)
+
+
+# ------------------------------------------------------------------------------------------------------- update
+
+
+@pytest.mark.parametrize("more", [False, True])
+@pytest.mark.parametrize("mode", ["cartesian", "joint"])
+def test_update_takes_the_place_of_the_interruption_whether_or_not_a_motion_follows(robot, mode, more) -> None:
+    """ "records the location at the time the motion is interrupted", Hayward & Paul 1986, section 3.3."""
+    rccl.move(place("BEGIN", 0, 0, 0))
+    rccl.waitfor(rccl.completed)
+    rccl.setmode(mode)
+    loc = gentr_trsl("LOC", 0, 200, 0)
+    p = on_table("P", loc)
+    seen: list[Floats] = []
+
+    def monitor() -> int:
+        if (tip := tip_at(rccl.how.q))[1] <= 90.0:
+            return 0
+        seen.append(tip)
+        return 7
+
+    rccl.evalfn(monitor)
+    rccl.update(loc, p)
+    rccl.move(p)
+    if more:
+        rccl.move(place("ELSEWHERE", 0, 0, -50))
+    rccl.waitfor(p.end)
+    assert p.code == 7
+    assert [*loc.p] == pytest.approx(seen[0], abs=1e-6)
+    rccl.waitfor(rccl.completed)
+    assert [*loc.p] == pytest.approx(seen[0], abs=1e-6)
+    if not more:
+        assert np.linalg.norm(tip_at(robot.q) - seen[0]) > 3.0  # the arm came to rest farther on
+
+
+def test_update_takes_the_place_where_stop_cut_the_motion_short(robot) -> None:
+    loc = gentr_trsl("LOC", 0, 200, 0)
+    p = on_table("P", loc)
+    rccl.update(loc, p)
+    rccl.move(p)
+    rccl.waitas(lambda: p.scal > 0.5)
+    rccl.stop(0)
+    begin = rccl.how.t_ns
+    rccl.waitas(lambda: rccl.how.t_ns != begin)
+    there = tip_at(rccl.how.q)
+    rccl.waitfor(p.end)
+    assert p.code == STOPPED
+    assert [*loc.p] == pytest.approx(there, abs=1e-6)
+
+
+def test_update_takes_the_rest_of_a_motion_that_nothing_interrupts_and_of_a_stop_that_was_asked_for(robot) -> None:
+    first, then = gentr_trsl("FIRST", 0, 50, 0), newtrans("THEN")
+    p = on_table("P", first)
+    rccl.distance("dz", -5)
+    rccl.update(first, p)
+    rccl.move(p)
+    rccl.update(then, on_table("Q", then))
+    rccl.move(rccl.there)
+    rccl.waitfor(rccl.completed)
+    assert [*first.p] == pytest.approx((0, 50, -5), abs=0.5)  # one sample behind the setpoint at most
+    assert [*then.p] == pytest.approx((0, 50, -5), abs=0.5)
+
+
+def test_a_motion_that_never_began_updates_nothing(robot) -> None:
+    loc = gentr_trsl("LOC", 0, 200, 0)
+    p = on_table("P", loc)
+    rccl.move(place("BEFORE", 0, 0, 0))
+    rccl.update(loc, p)
+    rccl.move(p)
+    rccl.waitas(lambda: rccl.nbrequest == 1)
+    rccl.stop(0)
+    rccl.waitfor(p.end)
+    assert [*loc.p] == [0, 200, 0]
+
+
+def test_several_transforms_are_updated_by_one_motion_and_a_second_time_is_refused(robot) -> None:
+    a, b = gentr_trsl("A", 0, 20, 0), newtrans("B")
+    p = on_table("P", a)
+    rccl.update(a, p)
+    rccl.update(b, on_table("Q", b))
+    with pytest.raises(MotionError, match=r"update\(A, P\): the next motion has to update A already"):
+        rccl.update(a, p)
+    rccl.distance("dx", 10)
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+    assert [*a.p] == pytest.approx([*b.p])
+    assert [*a.p] == pytest.approx((10, 20, 0), abs=0.5)
+    rccl.update(a, p)  # of another motion
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+
+
+# ------------------------------------------------------------------------------------------------ scal and code
+
+
+def test_scal_and_code_are_those_of_the_motion_that_was_asked_for_last(robot) -> None:
+    """A program that goes to one position twice and waits for the second half is not deceived by the first time."""
+    p = place("P", 0, 0, 0)
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+    assert (p.scal, p.code) == (1.0, DONE)  # a program that looks late still sees that it is done
+    rccl.distance("dz", -40)
+    rccl.move(p)
+    assert (p.scal, p.code) == (0.0, Termination.NONE)
+    begin = rccl.how.t_ns
+    rccl.waitas(lambda: p.scal > 0.5)
+    assert rccl.how.t_ns - begin > 3 * PERIOD_NS
+    rccl.waitfor(rccl.completed)
+
+
+def test_of_two_motions_to_one_position_the_older_one_counts_until_it_has_ended(robot) -> None:
+    p, between = place("P", 0, 0, 0), place("Q", 0, 60, 0)
+    for position in (p, between, p):
+        rccl.move(position)
+    rccl.waitfor(p.end)
+    assert (p.code, p.scal) == (DONE, 0.0)  # why the first ended, and how far the second is
+    rccl.waitas(lambda: p.scal > 0.5)
+    assert between.end.count == 1
+    rccl.waitfor(p.end)
+    assert (p.code, p.scal) == (DONE, 1.0)
+
+
+def test_a_frame_that_is_a_function_of_scal_stays_where_it_was_while_the_arm_is_with_it(robot) -> None:
+    """A quarter turn by `scal`: were that to be reset at the end, or by the next `move`, the arm would have to jump."""
+    turn: list[rccl.Position] = []
+    angle = newtrans("ANGLE", lambda t: rot(t, zunit, turn[0].scal * 40.0 if turn else 0.0))
+    turn.append(on_table("TURN", gentr_trsl("OFF", 0, 0, 0), angle))
+    away = place("AWAY", 0, 60, 0)
+    rccl.setime(200, 1500)
+    rccl.move(turn[0])
+    rccl.waitfor(turn[0].end)
+    path = [np.array(rccl.how.q_setpoint)]
+    rccl.move(away)
+    rccl.move(away)
+    rccl.distance("dz", -1)
+    rccl.move(turn[0])  # waits behind them
+    assert turn[0].scal == 1.0
+    rccl.waitas(lambda: (path.append(np.array(rccl.how.q_setpoint)), away.end.count == 1)[1])
+    assert turn[0].code == DONE
+    assert np.abs(np.diff(path, 2, axis=0)).max() < 0.02
+    rccl.stop(0)
+    rccl.waitfor(rccl.completed)
