@@ -113,7 +113,7 @@ def servo_settings(
         spin=arm.servo.spin,
         black_box_s=arm.log.black_box_s,
         reduced_speed_m_s=_reduced_speed(arm, reduced_speed) / MM_PER_M,
-        tool_m=_tool_of(arm),
+        tool_m=tool_of_arm(arm),
         position_drives=arm.board.position_drives,
         outputs=outputs_of(arm),
         overrun=overrun_of(arm),
@@ -145,7 +145,8 @@ def _reduced_speed(arm: Arm, asked: bool) -> float:
     return REDUCED_SPEED_MM_S if chosen is None else min(chosen, REDUCED_SPEED_MM_S)
 
 
-def _tool_of(arm: Arm) -> tuple[float, float, float]:
+def tool_of_arm(arm: Arm) -> tuple[float, float, float]:
+    """The tip of the tool from the flange, m."""
     x, y, z = arm.servo.tool_mm
     return x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
 

@@ -61,7 +61,7 @@ def record_emulated(
         settings.interpolation,
     )
     output.parent.mkdir(parents=True, exist_ok=True)
-    path = write_log(output, rows, header)[0]
+    path = write_log(output, rows, header, robot=robot)[0]
     option = "run.mcap --dynamic " if isinstance(plan, Excitation) else ""
     note(f"{rows.size} cycles in {path}: now `qrobot identify fit {option}{path} --output model.toml`")
 

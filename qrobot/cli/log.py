@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 MEGABYTE = 1_000_000
 TABLE_EVENTS: Final = 20
-FigureName = Literal["positions", "errors", "torques", "latency"]
+FigureName = Literal["positions", "errors", "torques", "forces", "latency"]
 
 HELP: Final = """
 Look at the logs that servos, programs and the demo leave behind, or record a running servo.
@@ -66,7 +66,7 @@ def _facts(log: Log) -> dict[str, Any]:
     from qrobot.faultcodes import explain
     from qrobot.log.events import log_events
     from qrobot.log.flight import incidents_of
-    from qrobot.log.summary import tracking_summary
+    from qrobot.log.summary import sensed, tracking_summary, wall_clock
 
     header, summary = log.header, tracking_summary(log).to_dict()
     return {
@@ -83,6 +83,8 @@ def _facts(log: Log) -> dict[str, Any]:
         "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
         "complete": not log.torn,
         "disk_errors": log.status.disk_errors,
+        "began": wall_clock(log),
+        "sensed": sensed(log),
         **summary,
         "faults": [explain(code) for code in summary["faults"]],
         "incidents": [incident.to_dict() | {"line": incident.line(header.prismatic)} for incident in incidents_of(log)],
@@ -149,7 +151,7 @@ def plot(
     output: OutputFolder | None = None,
     only: Annotated[tuple[FigureName, ...], Parameter(negative="")] = (),
 ) -> None:
-    """Draw a log: desired positions, tracking errors, torques, wake-up errors; one PNG each.
+    """Draw a log: desired positions, tracking errors, torques, forces, wake-up errors; one PNG each.
 
     Dashed lines mark other laws and gains, dotted ones faults.
 
@@ -160,13 +162,13 @@ def plot(
     output
         Directory for the figures; beside the log if left out.
     only
-        Which figures to draw; all if left out.
+        Which figures to draw; all that the log has numbers for if left out.
     """
-    from qrobot.log.plot import FIGURES, save_figure
+    from qrobot.log.plot import FIGURES, figures_of, save_figure
     from qrobot.log.read import read_log
 
     log = read_log(file)
-    for name in only or FIGURES:
+    for name in only or figures_of(log):
         path = (output or file.parent) / f"{file.stem}-{name}.png"
         save_figure(FIGURES[name](log), path)
         out.print(str(path), markup=False)
@@ -229,7 +231,7 @@ def record(
     plant
         What the log shall say of the plant, overriding the file.
     """
-    from qrobot.cli.arms import choose_arm, robot_of_arm
+    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
     from qrobot.config import deployment_path, robot_path
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
@@ -240,11 +242,12 @@ def record(
     robot = robot_of_arm(chosen)
     await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
+    tool = tool_of_arm(chosen)
     paths = log_paths(output or Path(chosen.log.directory or "."), chosen.name)
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
         header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
-        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE))
+        return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool)
 
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

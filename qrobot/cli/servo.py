@@ -92,7 +92,7 @@ def _flight_recorder(arm: Arm, robot: Robot) -> FlightRecorder:
     def header_of(servo: ServoInfo) -> LogHeader:
         return recorded_header(robot, servo, os.getpid(), arm.board.plant)
 
-    return FlightRecorder(Path(arm.log.directory) / "incidents", arm.name, header_of, note)
+    return FlightRecorder(Path(arm.log.directory) / "incidents", arm.name, header_of, note, robot=robot)
 
 
 @app.command(help_flags=[])

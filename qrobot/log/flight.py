@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.faultcodes import FaultCode
 from qrobot.log.follow import fresh_path
@@ -42,6 +43,7 @@ class FlightRecorder:
         arm: instance name, the beginning of each file's name; the code and the time (UTC) follow.
         header_of: header of a log of the servo with these facts.
         report: takes one line for people for each file, and for each that the disk refused.
+        robot: the arm, so that it can be looked at.
     """
 
     def __init__(
@@ -51,8 +53,10 @@ class FlightRecorder:
         header_of: Callable[[ServoInfo], LogHeader],
         report: Callable[[str], None],
         keep: int = KEEP,
+        robot: Robot | None = None,
     ) -> None:
         self._folder, self._arm, self._header_of, self._report, self._keep = folder, arm, header_of, report, keep
+        self._robot = robot
         self._seen = 0
         self._waiting: list[Incident] = []
 
@@ -79,7 +83,7 @@ class FlightRecorder:
             path = fresh_path(self._folder, f"{self._arm}-{code}")
             rows = _rows_since(mailbox, incidents[0].t_ns - BEFORE_NS)
             attachments = [Attachment(ATTACHMENT, data, "application/json")]
-            write_log(path, rows, self._header_of(mailbox.info), attachments, laws=_laws(mailbox))
+            write_log(path, rows, self._header_of(mailbox.info), attachments, laws=_laws(mailbox), robot=self._robot)
             self._thin_out()
         except (LogError, OSError) as error:
             self._report(f"the cycles around {code} are not saved: {error}")

@@ -1,9 +1,10 @@
 """One log file: rows of telemetry as ROS 2 messages in MCAP, by foxglove-sdk.
 
-A message is a row with a four-byte header in front (see `servo.telemetry`); its log time is the planned time of its
-cycle. Topic /servo/tick carries the rows, /servo/law what law is in force, /servo/log_status what was lost. A chunk is
-closed at each flush, and a reader can use every closed chunk of a file that was cut short (the MCAP specification,
-"Chunk").
+A message is a row with a four-byte header in front (see `servo.telemetry`); its log time is the wall clock at the
+planned time of its cycle, which on the servo's monotonic clock stands in the row. Topic
+/servo/tick carries the rows, /servo/law what law is in force, /servo/log_status what was lost; see `arm_view` for the
+others. A chunk is closed at each flush, and a reader can use every closed chunk of a file that was cut short (the MCAP
+specification, "Chunk").
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ import numpy as np
 from foxglove import Channel, Context, Schema, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
+from qrobot.config import Robot
 from qrobot.log import law_message
+from qrobot.log.arm_view import NO_TOOL, ArmView, Point
 from qrobot.log.header import METADATA_NAME, Attachment, LogHeader
 from qrobot.log.spool import SpoolFile
 from qrobot.log.status import SCHEMA_NAME, LogStatus
@@ -30,15 +33,22 @@ _CDR_WORD: Final = int.from_bytes(CDR_HEADER, "little")
 class LogStream:
     """The channels of one log, shared by its parts."""
 
-    def __init__(self, header: LogHeader) -> None:
+    def __init__(self, header: LogHeader, robot: Robot | None = None, tool_m: Point = NO_TOOL) -> None:
         self.context = Context()
+        self._offset_ns = header.wall_offset_ns
+        self._view = None if robot is None else ArmView(self.context, robot, header.wall_offset_ns, tool_m)
         layout = header.layout
         self.tick = Channel(
             TICK_TOPIC,
             message_encoding="cdr",
             context=self.context,
             schema=Schema(name=layout.schema_name, encoding="ros2msg", data=layout.ros2msg().encode()),
-            metadata={"robot": header.robot, "n": str(header.n), "rate_hz": f"{header.rate_hz:g}"},
+            metadata={
+                "robot": header.robot,
+                "n": str(header.n),
+                "rate_hz": f"{header.rate_hz:g}",
+                "joints": " ".join(header.joint_names),
+            },
         )
         self.status = Channel(
             STATUS_TOPIC,
@@ -59,16 +69,23 @@ class LogStream:
         framed = np.empty(rows.size, dtype=[("cdr", "<u4"), ("row", rows.dtype)])
         framed["cdr"], framed["row"] = _CDR_WORD, rows
         size, data, log = framed.dtype.itemsize, framed.tobytes(), self.tick.log
-        for i, t_ns in enumerate(rows["t_ns"].tolist()):
-            log(data[i * size : (i + 1) * size], log_time=t_ns)
+        for i, log_time in enumerate((rows["t_ns"] + self._offset_ns).tolist()):
+            log(data[i * size : (i + 1) * size], log_time=log_time)
+        if self._view is not None:  # behind all rows: those of a chunk are read in one piece
+            self._view.log_rows(rows)
+
+    def begin_part(self) -> None:
+        """What is logged from now on goes to another file."""
+        if self._view is not None:
+            self._view.begin_part()
 
     def log_status(self, status: LogStatus) -> None:
         """One message to the open part."""
-        self.status.log(status.to_bytes(), log_time=status.t_ns)
+        self.status.log(status.to_bytes(), log_time=status.t_ns + self._offset_ns)
 
     def log_law(self, law: LawInForce, begin_ns: int) -> None:
         """One message to the open part, at the earliest at `begin_ns`: a log's time does not begin before its rows."""
-        self.law.log(law_message.to_bytes(law), log_time=max(law.t_ns, begin_ns))
+        self.law.log(law_message.to_bytes(law), log_time=max(law.t_ns, begin_ns) + self._offset_ns)
 
 
 class LogPart:

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.events import Event, log_events
 from qrobot.log.read import Log
@@ -59,6 +60,23 @@ def torques_figure(log: Log) -> Figure:
     return _joint_figure(log, "Commanded torques", "torque", ("N·m", "N"), log.rows["tau"])
 
 
+def forces_figure(log: Log) -> Figure:
+    """Force and torque on the wrist's sensor over time; components that are not known leave a gap."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 7.8), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        for axes, first, quantity in ((above, 0, "force (N)"), (below, 3, "torque (N·m)")):
+            for k in range(first, first + 3):
+                axes.plot(*thin(log.time_s, log.rows["force"][:, k]), label=FORCE_AXES[k], color=COLOURS[k - first])
+            axes.set_ylabel(quantity)
+            _mark(axes, log_events(log))
+            axes.legend(**LEGEND)
+            axes.margins(x=0.01)
+        below.set_xlabel("time (s)")
+        _head(above, log, "Force and torque at the wrist")
+    return figure
+
+
 def latency_figure(log: Log) -> Figure:
     """Histogram of the wake-up error of all cycles, both axes logarithmic."""
     late_us = np.maximum(log.rows["late_ns"] / 1e3, 1e-2)
@@ -83,8 +101,15 @@ FIGURES: Final[dict[str, Callable[[Log], Figure]]] = {
     "positions": positions_figure,
     "errors": errors_figure,
     "torques": torques_figure,
+    "forces": forces_figure,
     "latency": latency_figure,
 }
+
+
+def figures_of(log: Log) -> list[str]:
+    """Names of the figures for which a log has numbers."""
+    without = set() if np.isfinite(log.rows["force"]).any() else {"forces"}
+    return [name for name in FIGURES if name not in without]
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.status import LogStatus
@@ -99,12 +100,15 @@ def write_log(
     attachments: Iterable[Attachment] = (),
     max_bytes: int | None = None,
     laws: Iterable[LawInForce] = (),
+    robot: Robot | None = None,
 ) -> list[Path]:
     """Write rows already in memory, shape (m,), and the laws they ran under; returns the files.
 
+    With `robot` the arm can be looked at, see `ArmView`.
+
     Raises LogError when the disk does not take them.
     """
-    writer = LogWriter(path, header, attachments, max_bytes)
+    writer = LogWriter(path, header, attachments, max_bytes, robot)
     for start in range(0, rows.size, READ_ROWS):
         writer.append(rows[start : start + READ_ROWS])
         writer.flush()

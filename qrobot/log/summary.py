@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.config.scene import FORCE_AXES
 from qrobot.log.read import Log
 from qrobot.servo.modes import Mode
+from qrobot.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -96,3 +99,22 @@ def _wake_up(late_ns: NDArray[np.int64]) -> WakeUp:
         return WakeUp(math.nan, math.nan, math.nan)
     p50, p99, largest = np.percentile(late_ns / 1e3, [50, 99, 100])
     return WakeUp(float(p50), float(p99), float(largest))
+
+
+def wall_clock(log: Log) -> str:
+    """When the log began, UTC; empty when its time is virtual."""
+    if not (log.rows.size and log.header.wall_offset_ns):
+        return ""
+    began_s = (int(log.rows["t_ns"][0]) + log.header.wall_offset_ns) / NS_PER_S
+    return datetime.fromtimestamp(began_s, UTC).isoformat(timespec="milliseconds")
+
+
+def sensed(log: Log) -> list[str]:
+    """What a wrist's sensor has told: for each component the least and the greatest; empty without one."""
+    told = []
+    for k, axis in enumerate(FORCE_AXES):
+        known = log.rows["force"][:, k][~np.isnan(log.rows["force"][:, k])]
+        if known.size:
+            unit = "N" if axis.startswith("f") else "N m"
+            told.append(f"{axis} {known.min():.4g} to {known.max():.4g} {unit}")
+    return told

@@ -8,6 +8,10 @@ from typing import Final
 TICK_TOPIC: Final = "/servo/tick"
 STATUS_TOPIC: Final = "/servo/log_status"
 LAW_TOPIC: Final = "/servo/law"
+JOINTS_TOPIC: Final = "/arm/joint_states"
+FRAMES_TOPIC: Final = "/tf"
+TOOL_TOPIC: Final = "/arm/tool_pose"
+SCENE_TOPIC: Final = "/arm/scene"
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from qrobot.config import Robot
 from qrobot.errors import LogError
+from qrobot.log.arm_view import NO_TOOL, Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.part import LogPart, LogStream
 from qrobot.log.status import LogStatus
@@ -23,17 +25,25 @@ class LogWriter:
         header: facts of the log; `part` is filled in here.
         attachments: files to carry in each part.
         max_bytes: size at which the next part begins; None for a single file.
+        robot: the arm, for those who want to look at it; see `ArmView`.
+        tool_m: the tip of its tool from the flange.
 
     Raises:
         LogError: the first part cannot be opened, or an old one not be removed. Later trouble is counted in `status`.
     """
 
     def __init__(
-        self, path: Path, header: LogHeader, attachments: Iterable[Attachment] = (), max_bytes: int | None = None
+        self,
+        path: Path,
+        header: LogHeader,
+        attachments: Iterable[Attachment] = (),
+        max_bytes: int | None = None,
+        robot: Robot | None = None,
+        tool_m: Point = NO_TOOL,
     ) -> None:
         self.path = path
         self._header, self._attachments, self._max_bytes = header, tuple(attachments), max_bytes
-        self._stream = LogStream(header)
+        self._stream = LogStream(header, robot, tool_m)
         _remove_parts_after_first(path)
         self._part = self._open(1)
         self._number = 1
@@ -42,6 +52,7 @@ class LogWriter:
 
     def _open(self, number: int) -> LogPart:
         header = replace(self._header, part=number)
+        self._stream.begin_part()
         return LogPart(self._stream, part_path(self.path, number), header, self._attachments)
 
     @property

@@ -152,7 +152,7 @@ def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Resul
     rows = rig.rows()
     header = header_for(robot, rig.period_ns, run.law, LOCKSTEP, run.plant, run.velocity, run.interpolation)
     directory.mkdir(parents=True, exist_ok=True)
-    path = write_log(directory / f"{run.name}.mcap", rows, header)[0]
+    path = write_log(directory / f"{run.name}.mcap", rows, header, robot=robot)[0]
     return _result(run, read_log(path), rig.realtime_factor, hashlib.sha256(rows.tobytes()).hexdigest())
 
 
