@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from qrobot import rccl
 from qrobot.cli.arms import controlled_robot, servo_settings
 from qrobot.cli.console import err, note
+from qrobot.cli.logs import read_and_warn
 from qrobot.config import Robot
 from qrobot.config.deployment import Arm
 from qrobot.errors import ConfigError, LogError
@@ -22,7 +23,6 @@ from qrobot.ident.perform import Progress as Told
 from qrobot.ident.perform import perform
 from qrobot.ident.plan import Plan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
-from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.rci import TcpLink
 from qrobot.servo.telemetry import Rows
@@ -141,7 +141,7 @@ def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows
     """
     if not logs:
         raise ConfigError("name at least one log; `qrobot identify record` writes them")
-    read = [read_log(path) for path in logs]
+    read = [read_and_warn(path) for path in logs]
     header = like or read[0].header
     for log in read:
         if (log.header.robot, log.header.period_ns) != (header.robot, header.period_ns):

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
+from qrobot.cli.logs import first_parts, read_and_warn
 from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog
 from qrobot.errors import ConfigError
 
@@ -38,22 +39,29 @@ app = App(name="log", help=HELP, help_format="plaintext", group_commands="Comman
 
 
 @app.command
-def info(file: Path, *, json: bool = False) -> None:
-    """Tell what is in a log: which run, how well it tracked, how punctual it was, what is missing.
+def info(*files: Path, json: bool = False) -> None:
+    """Tell what is in logs: which run, how well it tracked, how punctual it was, what is missing.
+
+    Of a damaged log everything is read that is whole, and what is lost is told.
 
     Parameters
     ----------
-    file
-        First file of the log; the parts of a rotated one are found by themselves.
+    files
+        First file of each log; the parts of a rotated one are found by themselves, and pass here for one log.
     json
-        Print JSON.
+        Print JSON: an object for one log, a list of them for several.
     """
-    from qrobot.log.read import read_log
-
-    facts = _facts(read_log(file))
+    found = [(file, _facts(read_and_warn(file))) for file in first_parts(files)]
     if json:
-        write_json(facts)
+        write_json([facts for _, facts in found] if len(found) > 1 else found[0][1])
         return
+    for number, (file, facts) in enumerate(found):
+        if number:
+            out.print()
+        _show_facts(file, facts)
+
+
+def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -81,7 +89,8 @@ def _facts(log: Log) -> dict[str, Any]:
         "clock": header.clock,
         "plant": header.plant,
         "duration_s": float(log.time_s[-1]) if log.rows.size else 0.0,
-        "complete": not log.torn,
+        "complete": not (log.torn or log.lost),
+        "lost_to_damage": [asdict(lost) | {"line": lost.line} for lost in log.lost],
         "disk_errors": log.status.disk_errors,
         "began": wall_clock(log),
         "sensed": sensed(log),
@@ -134,9 +143,8 @@ def events(file: Path, *, json: bool = False) -> None:
         Print JSON.
     """
     from qrobot.log.events import log_events
-    from qrobot.log.read import read_log
 
-    found = [event.to_dict() for event in log_events(read_log(file))]
+    found = [event.to_dict() for event in log_events(read_and_warn(file))]
     if json:
         write_json(found)
         return
@@ -165,9 +173,8 @@ def plot(
         Which figures to draw; all that the log has numbers for if left out.
     """
     from qrobot.log.plot import FIGURES, figures_of, save_figure
-    from qrobot.log.read import read_log
 
-    log = read_log(file)
+    log = read_and_warn(file)
     for name in only or figures_of(log):
         path = (output or file.parent) / f"{file.stem}-{name}.png"
         save_figure(FIGURES[name](log), path)
@@ -194,12 +201,11 @@ def export(file: Path, target: OutputFile) -> None:
         File to write; its suffix chooses the format, .csv or .parquet.
     """
     from qrobot.log.export import export_csv, export_parquet
-    from qrobot.log.read import read_log
 
     writers = {".csv": export_csv, ".parquet": export_parquet}
     if target.suffix not in writers:
         raise ConfigError(f"cannot export to {target.name}: the suffix must be .csv or .parquet")
-    log = read_log(file)
+    log = read_and_warn(file)
     writers[target.suffix](log, target)
     note(f"{log.rows.size} rows in {target}")
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
+from qrobot.cli.logs import read_and_warn
 from qrobot.cli.option_types import OutputFile
 
 if TYPE_CHECKING:
@@ -39,9 +40,8 @@ def compare(a: Path, b: Path, *, plot: OutputFile | None = None, json: bool = Fa
         Print JSON.
     """
     from qrobot.log.compare import compare_logs
-    from qrobot.log.read import read_log
 
-    comparison = compare_logs(read_log(a), read_log(b))
+    comparison = compare_logs(read_and_warn(a), read_and_warn(b))
     if plot is not None:
         _draw(comparison, plot)
     if json:

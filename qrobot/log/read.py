@@ -11,12 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.errors import LogError
+from qrobot.log.damage import DamagedPlace
 from qrobot.log.header import LogHeader
 from qrobot.log.scan import Contents, scan_file
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
 from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import Rows, TelemetryLayout
+
+
+@dataclass(frozen=True)
+class LostCycles:
+    """Cycles that a damaged place in a file has cost; None where there is nothing to know it by.
+
+    Attributes:
+        cycles: how many.
+        begin_s, end_s: time of the first and last of them, seconds since the log's first row.
+    """
+
+    cycles: int | None
+    begin_s: float | None
+    end_s: float | None
+
+    @property
+    def line(self) -> str:
+        """One line for people."""
+        number = "an unknown number of cycles" if self.cycles is None else f"{self.cycles} cycles"
+        if self.begin_s is None or self.end_s is None:
+            return f"{number} at an unknown time"
+        return f"{number} from {self.begin_s:.4f} s to {self.end_s:.4f} s"
 
 
 @dataclass(frozen=True)
@@ -31,6 +54,7 @@ class Log:
         attachments: files carried in the log, by name.
         torn: the writer did not end the log; everything up to its last flush is here.
         parts: the files read.
+        lost: what damage to the files has cost; empty when nothing.
         laws: laws and gains in force, from those at the first row on; empty when the log tells the name alone.
     """
 
@@ -42,6 +66,7 @@ class Log:
     torn: bool = False
     parts: tuple[Path, ...] = ()
     laws: tuple[LawInForce, ...] = ()
+    lost: tuple[LostCycles, ...] = ()
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -66,7 +91,7 @@ class Log:
 
 
 def read_log(path: Path | str) -> Log:
-    """Read a log and all parts that follow `path`.
+    """Read a log and all parts that follow `path`; of damaged ones what is whole.
 
     Raises:
         LogError: the file is missing, is no log of this program, or its format or layout is another version's.
@@ -88,7 +113,33 @@ def read_log(path: Path | str) -> Log:
         torn=not all(part.ended for part in parts),
         parts=tuple(part_path(first, number) for number in range(1, len(parts) + 1)),
         laws=laws,
+        lost=_lost_cycles(parts, rows, header.period_ns),
     )
+
+
+def _lost_cycles(parts: Sequence[Contents], rows: Rows, period_ns: int) -> tuple[LostCycles, ...]:
+    """What each damaged place has cost; nothing is told of one that cost no cycle."""
+    lost, before = [], 0
+    for part in parts:
+        lost += [_lost_at(place, before + place.rows, rows, period_ns) for place in part.damage]
+        before += sum(block.size for block in part.rows)
+    return tuple(dict.fromkeys(each for each in lost if each.cycles != 0))
+
+
+def _lost_at(place: DamagedPlace, at: int, rows: Rows, period_ns: int) -> LostCycles:
+    """Between two rows their numbers tell it; before the first and after the last what the damaged chunk says."""
+    if 0 < at < rows.size:
+        gap = rows[at - 1 : at + 1]
+        cycles = int(gap["tick"][1] - gap["tick"][0]) - 1
+        begin_ns, end_ns = int(gap["t_ns"][0]) + period_ns, int(gap["t_ns"][1]) - period_ns
+    elif place.begin_ns is not None and place.end_ns is not None:
+        begin_ns = place.begin_ns if at == 0 else max(place.begin_ns, int(rows["t_ns"][-1]) + period_ns)
+        end_ns = place.end_ns
+        cycles = max(0, round((end_ns - begin_ns) / period_ns) + 1)
+    else:
+        return LostCycles(None, None, None)
+    origin = int(rows["t_ns"][0]) if rows.size else begin_ns
+    return LostCycles(cycles, (begin_ns - origin) * 1e-9, (end_ns - origin) * 1e-9)
 
 
 def _laws_since(laws: Sequence[LawInForce], tick: int) -> tuple[LawInForce, ...]:

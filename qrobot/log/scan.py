@@ -1,15 +1,16 @@
 """Take one file of a log apart.
 
 A file is a sequence of records, each with its length in front (MCAP specification, "Records"), so one that was cut
-short yields every record that is whole. Rows have one length: a run of them becomes one array copy.
+short yields every record that is whole, and a damaged one every chunk that is whole, with the places that are not. Rows
+have one length: a run of them becomes one array copy.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import mmap
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +25,7 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from qrobot.errors import LogError
 from qrobot.log import law_message
+from qrobot.log.damage import RECORD_HEAD, DamagedPlace, chunk_times, next_chunk, record_at
 from qrobot.log.header import METADATA_NAME, LogHeader
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
@@ -31,7 +33,6 @@ from qrobot.servo.journal import LawInForce
 from qrobot.servo.telemetry import ROW_VERSION, Rows, TelemetryLayout
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE_HEAD: Final = [
     ("opcode", "u1"),
     ("length", "<u8"),
@@ -40,6 +41,8 @@ _MESSAGE_HEAD: Final = [
     ("log_time", "<u8"),
     ("publish_time", "<u8"),
 ]
+_SUMMARY_START: Final = struct.Struct("<Q")  # the first field of the footer
+_FOOTER_BYTES: Final = 20 + len(MAGIC)  # of its body, and what ends the file
 _MESSAGE_AT: Final = np.dtype(_MESSAGE_HEAD).itemsize  # where a message's own bytes begin
 # what damaged bytes make of a record; CRCValidationError and UnicodeDecodeError are ValueErrors
 _DAMAGE: Final = (McapError, ValueError, KeyError, OverflowError, struct.error, zstandard.ZstdError, MemoryError)
@@ -53,6 +56,7 @@ class Contents:
         header: None as long as the file has not told whose log it is.
         rows: blocks of rows, in order.
         laws: entries of the servo's journal, in order.
+        damage: places where something could not be read, in order.
         ended: the writer came to a regular end.
         layout: of the rows, as the file tells; None before it does.
     """
@@ -64,24 +68,55 @@ class Contents:
     rows: list[Rows] = field(default_factory=list)
     laws: list[LawInForce] = field(default_factory=list)
     status: LogStatus = field(default_factory=LogStatus)
+    damage: list[DamagedPlace] = field(default_factory=list)
     ended: bool = False
     layout: TelemetryLayout | None = None
 
 
 def scan_file(path: Path) -> Contents:
-    """Contents of one file, up to its end or to the first damage.
+    """Contents of one file: every whole chunk of it.
 
     Raises LogError when it cannot be read, is no MCAP file, or its rows are not those of its header.
     """
-    found = Contents()
-    for opcode, body in _walk(_map_file(path), len(MAGIC)):
-        try:
-            _take_record(found, opcode, body)
-        except _DAMAGE:
-            break
-        if found.ended:
-            break
+    found, data = Contents(), _map_file(path)
+    at: int | None = len(MAGIC)
+    while at is not None and not found.ended:
+        at = _take_next(found, data, at)
     return found
+
+
+def _take_next(found: Contents, data: memoryview, at: int) -> int | None:
+    """Take the record at offset `at`; where the next one begins, None when there is none."""
+    try:
+        record = record_at(data, at)
+    except _DAMAGE:
+        following = next_chunk(data, at + 1)
+        closed = data[-len(MAGIC) :].tobytes() == MAGIC
+        if following is not None or closed:  # else the file was cut short here
+            _note_damage(found, data)
+        found.ended = following is None and closed
+        return following
+    try:
+        _take_record(found, record.opcode, record.body)
+    except _DAMAGE:
+        _note_damage(found, data, *chunk_times(record))
+    return record.end
+
+
+def _note_damage(found: Contents, data: memoryview, begin_ns: int | None = None, end_ns: int | None = None) -> None:
+    """Something could not be read. What channels there are may have stood there; the summary tells it again."""
+    found.damage.append(DamagedPlace(sum(block.size for block in found.rows), begin_ns, end_ns))
+    if found.header is not None and TICK_TOPIC not in found.topics.values():
+        with contextlib.suppress(*_DAMAGE):
+            _take_summary(found, found.header.n, data)
+
+
+def _take_summary(found: Contents, n: int, data: memoryview) -> None:
+    """Schemas and channels that the end of a whole file repeats. Raises one of `_DAMAGE` when there is none."""
+    at = int(_SUMMARY_START.unpack_from(data, len(data) - _FOOTER_BYTES)[0])
+    while (record := record_at(data, at)).opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        _take_definition(found, n, record.opcode, record.body)
+        at = record.end
 
 
 def _map_file(path: Path) -> memoryview:
@@ -94,17 +129,6 @@ def _map_file(path: Path) -> memoryview:
     if data[: len(MAGIC)].tobytes() != MAGIC:
         raise LogError(f"{path} is not an MCAP file")
     return data
-
-
-def _walk(data: memoryview, at: int) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and body of each whole record from offset `at` on."""
-    while at + _RECORD_HEAD.size <= len(data):
-        opcode, length = _RECORD_HEAD.unpack_from(data, at)
-        at += _RECORD_HEAD.size
-        if at + length > len(data):
-            return
-        yield opcode, data[at : at + length]
-        at += length
 
 
 def _stream(body: memoryview) -> ReadDataStream:
@@ -130,24 +154,29 @@ def _take_record(found: Contents, opcode: int, body: memoryview) -> None:
 def _take_chunk(found: Contents, n: int, data: bytes) -> None:
     view, at = memoryview(data), 0
     while at < len(data):
-        opcode, length = _RECORD_HEAD.unpack_from(data, at)
-        body = view[at + _RECORD_HEAD.size : at + _RECORD_HEAD.size + length]
-        topic = found.topics.get(int.from_bytes(body[:2], "little")) if opcode == Opcode.MESSAGE else None
+        opcode, length = RECORD_HEAD.unpack_from(data, at)
+        body = view[at + RECORD_HEAD.size : at + RECORD_HEAD.size + length]
+        topic = found.topics[int.from_bytes(body[:2], "little")] if opcode == Opcode.MESSAGE else None
         if topic == TICK_TOPIC and found.layout is not None:
             rows = _run_of_rows(data, at, found.layout)
             found.rows.append(rows)
             at += rows.size * _row_record(found.layout).itemsize
             continue
         if topic == STATUS_TOPIC:
-            found.status = LogStatus.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :])
+            found.status = LogStatus.from_bytes(body[_MESSAGE_AT - RECORD_HEAD.size :])
         elif topic == LAW_TOPIC:
-            found.laws.append(law_message.from_bytes(body[_MESSAGE_AT - _RECORD_HEAD.size :], n))
-        elif opcode == Opcode.SCHEMA:
-            schema = records.Schema.read(_stream(body))
-            found.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            _take_channel(found, n, records.Channel.read(_stream(body)))
-        at += _RECORD_HEAD.size + length
+            found.laws.append(law_message.from_bytes(body[_MESSAGE_AT - RECORD_HEAD.size :], n))
+        else:
+            _take_definition(found, n, opcode, body)
+        at += RECORD_HEAD.size + length
+
+
+def _take_definition(found: Contents, n: int, opcode: int, body: memoryview) -> None:
+    if opcode == Opcode.SCHEMA:
+        schema = records.Schema.read(_stream(body))
+        found.schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        _take_channel(found, n, records.Channel.read(_stream(body)))
 
 
 def _take_channel(found: Contents, n: int, channel: records.Channel) -> None:
@@ -177,7 +206,7 @@ def _run_of_rows(data: bytes, at: int, layout: TelemetryLayout) -> Rows:
     """The rows of all messages from offset `at` on that are like the first: same channel, same length."""
     record = _row_record(layout)
     messages = np.frombuffer(data, dtype=record, count=(len(data) - at) // record.itemsize, offset=at)
-    if not messages.size or messages["length"][0] != record.itemsize - _RECORD_HEAD.size:
+    if not messages.size or messages["length"][0] != record.itemsize - RECORD_HEAD.size:
         raise LogError("the rows of this log have another length than its header says")
     like_first = np.logical_and.reduce(
         [messages[name] == messages[name][0] for name in ("opcode", "length", "channel")]

@@ -24,6 +24,7 @@ from qrobot.log.header import Attachment, header_for
 from qrobot.log.plot import FIGURES
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
+from qrobot.log.writer import LogWriter
 from qrobot.realtime.segment import segment_path
 from qrobot.realtime.setup import Step
 from qrobot.servo.mailbox import INFO_READY, create_servo_memory, servo_info
@@ -52,6 +53,75 @@ def test_info_as_json_has_the_numbers_of_the_log(log_file: Path, capsys: pytest.
     assert facts["faults"][0].startswith("FOLLOWING:")
     assert facts["setup"][0]["name"] == "scheduler"
     assert facts["attachments"] == ["robot.toml"]
+
+
+ROWS = 300
+
+
+def damaged(path: Path) -> Path:
+    """The same log with eight bytes of its first chunk wrong."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x04\x00\x00\x00zstd") + 200
+    data[at : at + 8] = bytes(byte ^ 0xFF for byte in data[at : at + 8])
+    path.write_bytes(data)
+    return path
+
+
+@pytest.fixture
+def damaged_file(tmp_path: Path) -> Path:
+    writer = LogWriter(tmp_path / "damaged.mcap", make_header())
+    for k in range(4):
+        writer.append(make_rows(ROWS, first=k * ROWS))
+        writer.flush()
+    writer.close()
+    return damaged(tmp_path / "damaged.mcap")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["info", "{log}"],
+        ["info", "{log}", "--json"],
+        ["events", "{log}"],
+        ["plot", "{log}", "--only", "errors"],
+        ["export", "{log}", "{folder}/x.csv"],
+        ["compare", "{log}", "{log}"],
+    ],
+    ids=lambda words: " ".join(words[:1] + words[2:]),
+)
+def test_every_command_reads_what_is_whole_of_a_damaged_log_and_tells_what_is_lost(
+    words: list[str], damaged_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {"log": damaged_file, "folder": tmp_path}
+    assert run_app(make_app(), ["log", *(word.format(**places) for word in words)]) == 0
+    assert f"is damaged: {ROWS} cycles from" in capsys.readouterr().err
+
+
+def test_info_of_a_damaged_log_says_that_it_is_not_complete(
+    damaged_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_app(make_app(), ["log", "info", str(damaged_file), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["complete"], facts["cycles"]) == (False, 3 * ROWS)
+    assert [lost["cycles"] for lost in facts["lost_to_damage"]] == [ROWS]
+
+
+def test_a_log_of_which_nothing_is_left_is_a_failure(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["log", "info", str(damaged(log_file))]) == 1
+    assert "is damaged, and no cycle can be read" in capsys.readouterr().err
+
+
+def test_info_tells_of_several_logs_and_of_a_rotated_one_once(
+    log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parts = write_log(tmp_path / "long.mcap", make_rows(30_000), make_header(), max_bytes=500_000)
+    assert len(parts) > 2
+    assert run_app(make_app(), ["log", "info", str(log_file), *map(str, parts)]) == 0
+    told = capsys.readouterr().out
+    assert told.count("rate hz") == 2
+    assert run_app(make_app(), ["log", "info", str(log_file), *map(str, parts), "--json"]) == 0
+    assert [facts["cycles"] for facts in json.loads(capsys.readouterr().out)] == [400, 30_000]
+    assert run_app(make_app(), ["log", "info"]) == 1
 
 
 def test_info_for_people_says_the_same_in_a_table(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

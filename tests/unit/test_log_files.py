@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from log_samples import START_NS, FullDisk, Ring, make_header, make_rows
+from mcap.opcode import Opcode
 
 from qrobot.errors import LogError
+from qrobot.log.damage import record_at
 from qrobot.log.header import LOCKSTEP, Attachment, LogHeader
 from qrobot.log.read import read_log
 from qrobot.log.record import BACKLOG_BYTES, FLUSH_NS, Recorder, write_log
@@ -186,7 +188,70 @@ def test_garbled_bytes_never_give_wrong_rows(tmp_path: Path, whole: bytes) -> No
             log = read_log(path)
         except LogError:
             continue
-        np.testing.assert_array_equal(log.rows, expected[: log.rows.size])
+        np.testing.assert_array_equal(log.rows, expected[log.rows["tick"]])
+
+
+def chunks_of(data: bytes) -> list[tuple[int, int]]:
+    """Begin and end of each chunk's record."""
+    view, at, found = memoryview(data), len(b"\x89MCAP0\r\n"), []
+    while (record := record_at(view, at)).opcode != Opcode.DATA_END:
+        if record.opcode == Opcode.CHUNK:
+            found.append((at, record.end))
+        at = record.end
+    return found
+
+
+def test_whatever_is_damaged_every_whole_chunk_comes_back_and_the_rest_is_told(tmp_path: Path, whole: bytes) -> None:
+    path, expected, rng = tmp_path / "damaged.mcap", make_rows(1000, 2), np.random.default_rng(2)
+    chunks = chunks_of(whole)
+    assert len(chunks) == 21  # the last one has a status alone
+    for begin in rng.integers(chunks[0][0], chunks[-1][1] - 8, 200):
+        data = bytearray(whole)
+        data[begin : begin + 8] = bytes(byte ^ 0xFF for byte in data[begin : begin + 8])
+        path.write_bytes(data)
+        log = read_log(path)
+        hit = [k for k, (first, end) in enumerate(chunks) if first < begin + 8 and begin < end]
+        there = [tick for tick in range(1000) if tick // 50 not in hit]
+        assert set(there) <= set(log.rows["tick"].tolist())
+        np.testing.assert_array_equal(log.rows, expected[log.rows["tick"]])
+        missing = 1000 - log.rows.size
+        told = [lost.cycles for lost in log.lost]
+        assert sum(cycles for cycles in told if cycles is not None) == missing or None in told
+        assert told or not missing
+
+
+def test_lost_cycles_are_told_with_their_time(tmp_path: Path, whole: bytes) -> None:
+    begin, end = chunks_of(whole)[7]
+    data = bytearray(whole)
+    data[(begin + end) // 2] ^= 0xFF
+    (tmp_path / "damaged.mcap").write_bytes(data)
+    (lost,) = read_log(tmp_path / "damaged.mcap").lost
+    assert (lost.cycles, lost.begin_s, lost.end_s) == (50, pytest.approx(350 * 250e-6), pytest.approx(399 * 250e-6))
+    assert lost.line == "50 cycles from 0.0875 s to 0.0998 s"
+
+
+@pytest.mark.parametrize("number", [0, 19])
+def test_the_first_and_the_last_chunk_may_be_lost_too(tmp_path: Path, whole: bytes, number: int) -> None:
+    begin, end = chunks_of(whole)[number]
+    data = bytearray(whole)
+    data[(begin + end) // 2] ^= 0xFF
+    (tmp_path / "damaged.mcap").write_bytes(data)
+    log = read_log(tmp_path / "damaged.mcap")
+    assert log.rows.size == 950
+    assert [lost.cycles for lost in log.lost] == [50]
+    assert not log.torn
+
+
+def test_a_hole_between_the_parts_of_a_log_is_told(tmp_path: Path) -> None:
+    rows = make_rows(30_000)
+    files = write_log(tmp_path / "run.mcap", rows, make_header(), max_bytes=500_000)
+    data = bytearray(files[1].read_bytes())
+    begin, end = chunks_of(bytes(data))[0]
+    data[(begin + end) // 2] ^= 0xFF
+    files[1].write_bytes(data)
+    log = read_log(files[0])
+    (lost,) = log.lost
+    assert lost.cycles == 30_000 - log.rows.size > 0
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(100)])
