@@ -41,7 +41,7 @@ class DamagedPlace:
 
     Attributes:
         rows: rows of the file that were read before it.
-        begin_ns, end_ns: planned times of the first and last row that were there; None where that is not told.
+        begin_ns, end_ns: log times of the first and last message that were there; None where that is not told.
     """
 
     rows: int

@@ -113,28 +113,29 @@ def read_log(path: Path | str) -> Log:
         torn=not all(part.ended for part in parts),
         parts=tuple(part_path(first, number) for number in range(1, len(parts) + 1)),
         laws=laws,
-        lost=_lost_cycles(parts, rows, header.period_ns),
+        lost=_lost_cycles(parts, rows, header),
     )
 
 
-def _lost_cycles(parts: Sequence[Contents], rows: Rows, period_ns: int) -> tuple[LostCycles, ...]:
+def _lost_cycles(parts: Sequence[Contents], rows: Rows, header: LogHeader) -> tuple[LostCycles, ...]:
     """What each damaged place has cost; nothing is told of one that cost no cycle."""
     lost, before = [], 0
     for part in parts:
-        lost += [_lost_at(place, before + place.rows, rows, period_ns) for place in part.damage]
+        lost += [_lost_at(place, before + place.rows, rows, header) for place in part.damage]
         before += sum(block.size for block in part.rows)
     return tuple(dict.fromkeys(each for each in lost if each.cycles != 0))
 
 
-def _lost_at(place: DamagedPlace, at: int, rows: Rows, period_ns: int) -> LostCycles:
+def _lost_at(place: DamagedPlace, at: int, rows: Rows, header: LogHeader) -> LostCycles:
     """Between two rows their numbers tell it; before the first and after the last what the damaged chunk says."""
+    period_ns, offset_ns = header.period_ns, header.wall_offset_ns
     if 0 < at < rows.size:
         gap = rows[at - 1 : at + 1]
         cycles = int(gap["tick"][1] - gap["tick"][0]) - 1
         begin_ns, end_ns = int(gap["t_ns"][0]) + period_ns, int(gap["t_ns"][1]) - period_ns
     elif place.begin_ns is not None and place.end_ns is not None:
-        begin_ns = place.begin_ns if at == 0 else max(place.begin_ns, int(rows["t_ns"][-1]) + period_ns)
-        end_ns = place.end_ns
+        begin_ns, end_ns = place.begin_ns - offset_ns, place.end_ns - offset_ns
+        begin_ns = begin_ns if at == 0 else max(begin_ns, int(rows["t_ns"][-1]) + period_ns)
         cycles = max(0, round((end_ns - begin_ns) / period_ns) + 1)
     else:
         return LostCycles(None, None, None)

@@ -11,6 +11,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
+from qrobot.model.orientation import rpy_angles
 from qrobot.motion import Termination
 from qrobot.motion.limits import Floats
 from qrobot.rccl.channel import Channel
@@ -18,7 +19,7 @@ from qrobot.rccl.parameters import small_move
 from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.trace import reason_of
 from qrobot.rccl.transforms import Transform, newtrans, t6
-from qrobot.units import MM_PER_M
+from qrobot.units import DEG_PER_RAD, MM_PER_M
 
 SETTLING_MS: Final = 150.0  # the last setpoints are still under way when a motion is completed
 STEPPING_HELP: Final = """\
@@ -134,9 +135,14 @@ def position_of(trsf: Transform) -> Position:
 
 
 def place(value: Floats) -> str:
-    """Where a frame (4, 4) is, for people."""
+    """Where a frame (4, 4) is and how it is turned, for people: the numbers of a data base, and of `gentr_rpy`."""
     x, y, z = value[:3, 3] * MM_PER_M
-    return f"at {x:.1f} {y:.1f} {z:.1f} mm"
+    roll, pitch, yaw = (_without_sign_of_zero(angle * DEG_PER_RAD) for angle in rpy_angles(value[:3, :3]))
+    return f"at {x:.1f} {y:.1f} {z:.1f} mm, roll {roll:.1f} pitch {pitch:.1f} yaw {yaw:.1f} deg"
+
+
+def _without_sign_of_zero(value: float) -> float:
+    return round(value, 1) + 0.0
 
 
 def _small_move(words: list[str]) -> Floats:
