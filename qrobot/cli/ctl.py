@@ -159,7 +159,8 @@ def law(
     Parameters
     ----------
     name
-        pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name.
+        pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name, from this
+        folder.
     set
         Settings of the law, such as --set band=0.01 share=0.05; the others have their default.
     """

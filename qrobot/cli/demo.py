@@ -51,7 +51,8 @@ def demo(
     plant
         Only this plant; mismatched means lock-step.
     law
-        Another control law: pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name.
+        Another control law: pd, qrobot, qrobot+a, computed-torque, unimation, or your own as
+        path/to/file.py:name, from this folder.
     velocity
         Another estimate of the velocity: the observer in place of the paper's difference.
     interpolation

@@ -52,7 +52,8 @@ def servo(
     rate
         Cycles per second, overriding the file: 1000, 2000, 4000, ...
     law
-        Control law, overriding the file's: pd, qrobot, qrobot+a, computed-torque, unimation, or path/to/file.py:name.
+        Control law, overriding the file's: pd, qrobot, qrobot+a, computed-torque, unimation, or path/to/file.py:name,
+        from this folder; in the file it is from that file's.
     model
         Identified model of the arm (`qrobot identify fit`), overriding the file.
     velocity

@@ -147,7 +147,8 @@ class OverrunChoice(Table):
 class ServoChoice(Table):
     """The servo of an arm: rate, control law, processor, and the patience with a silent servo or board.
 
-    `law` is a shipped law or one of yours, `path/to/file.py:name`; `law_settings` are the law's own numbers.
+    `law` is a shipped law or one of yours, `path/to/file.py:name`, from this file's folder; `law_settings` are its own
+    numbers.
 
     `velocity` is how velocities are estimated and `interpolation` the path between setpoints; the page on estimation
     and interpolation compares them.
@@ -269,10 +270,32 @@ def deployment_path(name_or_path: str | Path) -> Path:
 
 
 def load_deployment(name_or_path: str | Path) -> Deployment:
-    """Load and validate a deployment.
+    """Load and validate a deployment. Files that it names by relative paths are sought from its own folder.
 
     Raises:
         ConfigError: no such file, or every mistake in it with its path in the file.
     """
     path = deployment_path(name_or_path)
-    return check_document(Deployment, read_document(path), path.name)
+    deployment = check_document(Deployment, read_document(path), path.name)
+    folder = path.resolve().parent
+    return deployment.model_copy(update={"arm": tuple(_with_whole_paths(arm, folder) for arm in deployment.arm)})
+
+
+def _with_whole_paths(arm: Arm, folder: Path) -> Arm:
+    """An arm whose files have their whole paths: those that it names by relative ones are sought from `folder`."""
+    servo, board = arm.servo, arm.board
+    law, colon, name = servo.law.rpartition(":") if ":" in servo.law else (servo.law, "", "")
+    files = {"law": f"{_whole(law, '.py', folder)}{colon}{name}", "model": _whole(servo.model, ".toml", folder)}
+    table = _whole(board.calibration_table, ".txt", folder)
+    return arm.model_copy(
+        update={
+            "robot": _whole(arm.robot, ".toml", folder),
+            "servo": servo.model_copy(update=files),
+            "board": board.model_copy(update={"calibration_table": table}),
+        }
+    )
+
+
+def _whole(path: str | None, ending: str, folder: Path) -> str | None:
+    """The path of a file; a name without its ending is that of something packaged."""
+    return str(folder / path) if path is not None and path.lower().endswith(ending) else path

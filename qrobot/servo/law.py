@@ -27,11 +27,14 @@ from __future__ import annotations
 import ast
 import inspect
 import math
+import re
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
+from itertools import takewhile
+from pathlib import Path
 from typing import Any, Final, overload
 
 import numpy as np
@@ -52,6 +55,10 @@ SIGNALS_AT: Final = MEMORY_WORDS - N_SIGNALS  # from here on the memory is in th
 ARGUMENTS: Final = (
     "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "gains", "settings", "memory", "dt", "tau",
 )  # fmt: skip
+
+MOST_SAID: Final = 400  # characters of what Numba says of a mistake
+_PLACE: Final = re.compile(r'File "([^"]+)", line (\d+)')
+_ADVICE: Final = ("-", "During", "^", "Failed in ")
 
 _VECTOR = types.Array(types.float64, 1, "C")
 _MATRIX = types.Array(types.float64, 2, "C")
@@ -211,11 +218,12 @@ def _passed_on(function: Body) -> Body:
 
 
 def without_advice(error: Exception) -> str:
-    """What Numba says, without its advice: the last complaint and where it is."""
+    """What Numba says, without its advice and the source: where the last complaint is, and what comes first."""
     lines = [line.strip() for line in str(error).splitlines()]
-    where = [line for line in lines if line.startswith("File ")]
-    said = [line for line in lines if line and not line.startswith(("File ", "-", "During", "^"))]
-    return " ".join([*said[:3], *where[-1:]])[:500]
+    places = [found for line in lines if (found := _PLACE.match(line))]
+    before_source = list(takewhile(lambda line: not _PLACE.match(line), lines))
+    said = " ".join([line for line in before_source if line and not line.startswith(_ADVICE)][:3])[:MOST_SAID]
+    return f"{Path(places[-1][1]).resolve()}, line {places[-1][2]}: {said}" if places else said
 
 
 def _proposal(name: str, names: list[str]) -> str:

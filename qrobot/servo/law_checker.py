@@ -62,17 +62,24 @@ def main() -> None:
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the law prints is no answer
     _limit()
+    question: Question = pickle.load(sys.stdin.buffer)
     try:
-        header, code = _tried(pickle.load(sys.stdin.buffer))
+        header, code = _tried(question)
     except QRobotError as error:
         header, code = {"error": str(error)}, b""
     except MemoryError:
         header, code = {"error": f"the law needs more than the {MEMORY_BYTES >> 30} GiB it is allowed"}, b""
     except Exception as error:
-        header, code = {"error": f"the law cannot be tried: {type(error).__name__}: {error}"}, b""
+        header, code = {"error": _told(question.name, error)}, b""
     answer.write(json.dumps(header).encode() + b"\n" + code)
     answer.flush()
     os._exit(0)  # whatever the file has left running
+
+
+def _told(name: str, error: Exception) -> str:
+    from qrobot.servo.laws.file import law_and_line
+
+    return f"law {law_and_line(name, error)}: {type(error).__name__}: {error}"
 
 
 def _limit() -> None:

@@ -17,6 +17,7 @@ from qrobot.realtime.clock import monotonic_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.law import ARGUMENTS, Law, is_finite
 from qrobot.servo.law_inputs import Arguments, at_extremes, at_pose, in_motion
+from qrobot.servo.laws.file import law_and_line
 from qrobot.servo.swap import law_at
 
 TIMED_CALLS: Final = 1000
@@ -78,7 +79,7 @@ def _call_once(call: Call, name: str, where: str, arguments: Arguments) -> None:
             call(*arguments)
     except (IndexError, OverflowError, ValueError, ArithmeticError, TypeError) as error:
         if _is_harm(error):
-            raise ConfigError(f"law {name}{where}: {type(error).__name__}: {error}") from error
+            raise ConfigError(f"law {law_and_line(name, error)}{where}: {type(error).__name__}: {error}") from error
     for argument, said, bytes_before in zip(ARGUMENTS, arguments, before, strict=True):
         if argument not in _MAY_CHANGE and said.tobytes() != bytes_before:
             raise ConfigError(f"law {name} changes {argument}{where}: it may only write tau and memory")

@@ -83,3 +83,24 @@ def test_late_cycles_of_an_emulated_arm_are_counted_unless_its_file_sets_a_limit
     assert overrun_of(lenient) == COUNTED_ONLY
     [strict] = load(tmp_path, ONE + "[arm.servo.overrun]\nwindow_s = 2.0\n").arm
     assert overrun_of(strict) == Overrun(misses_in_a_row=3, late_share=0.01, window_s=2.0)
+
+
+def test_files_are_sought_from_the_folder_of_the_deployment_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cell").mkdir()
+    text = ONE.replace('"puma560"', '"arms/mine.toml"') + 'board = { calibration_table = "tables/mine.txt" }\n'
+    text += '[arm.servo]\nlaw = "../laws.py:mine"\nmodel = "/else/where.toml"\n'
+    (tmp_path / "cell" / "here.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    [arm] = load_deployment("cell/here.toml").arm
+    here = tmp_path / "cell"
+    assert (arm.robot, arm.board.calibration_table) == (f"{here}/arms/mine.toml", f"{here}/tables/mine.txt")
+    assert (arm.servo.law, arm.servo.model) == (f"{here}/../laws.py:mine", "/else/where.toml")
+
+
+def test_packaged_names_and_the_folder_of_logs_are_left_alone(tmp_path: Path) -> None:
+    table = 'board = { calibration_table = "puma560" }\nlog = { directory = "out" }\n'
+    [arm] = load(tmp_path, ONE + table).arm
+    assert (arm.robot, arm.board.calibration_table, arm.log.directory) == ("puma560", "puma560", "out")
+    assert (arm.servo.law, arm.servo.model) == ("qrobot", None)

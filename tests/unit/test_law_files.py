@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.law import MEMORY_WORDS, Law
-from qrobot.servo.law_trial import prove, prove_finite
+from qrobot.servo.law_process import tried_law
+from qrobot.servo.law_trial import prove, prove_finite, prove_harmless
 from qrobot.servo.laws import find_law
 from tests.support.servo_bench import ServoBench
 from tests.unit.test_law import call
@@ -151,3 +153,33 @@ def test_a_law_that_takes_most_of_a_cycle_is_refused_with_both_numbers(tmp_path:
     prove(find_law("pd", ROBOT), "pd", ROBOT, 100_000_000)
     with pytest.raises(ConfigError, match=r"law busy takes .* us, and a cycle of 20 us leaves it 10.0: make it faster"):
         prove(law, "busy", ROBOT, 20_000)
+
+
+MISTAKES = {
+    "out of bounds": "@law\ndef mine(q, tau):\n    for j in range(tau.size):\n        tau[j + 1] = q[j]\n",
+    "no number": '@law\ndef mine(q, tau):\n    for j in range(tau.size):\n        tau[j] = "full"\n',
+    "no name": "@casadi_law\ndef mine(q_ref, q):\n\n    return q_ref - q + nothing\n",
+    "no colon": "@law\ndef mine(q, tau):\n    x = 1\n    for j in range(6)\n",
+}
+
+
+def found_compiled_and_tried(name: str) -> None:
+    found: Any = find_law(name, ROBOT)
+    assert found.address
+    prove_harmless(found, name, ROBOT, found.body.py_func)
+
+
+@pytest.mark.skipif(jit_disabled(), reason="plain Python compiles anything")
+@pytest.mark.parametrize("text", MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_in_a_law_is_told_with_its_file_and_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "laws.py"
+    file.write_text(f"from qrobot.servo.casadi_law import casadi_law\nfrom qrobot.servo.law import law\n\n\n{text}")
+    with pytest.raises(ConfigError, match=rf"{file}(:mine)?, line 8: "):
+        found_compiled_and_tried(f"{file}:mine")
+
+
+def test_a_mistake_that_only_running_the_law_shows_is_told_with_its_line_too(tmp_path: Path) -> None:
+    file = tmp_path / "laws.py"
+    file.write_text("from qrobot.servo.law import law\n\n\n@law\ndef mine(tau):\n    tau[0] = nothing\n")
+    with pytest.raises(ConfigError, match=rf"{file}, line 6: NameError: name 'nothing'"):
+        tried_law(str(file), ROBOT, {}, 1_000_000)

@@ -50,7 +50,7 @@ def load_law(name: str, robot: Robot) -> Law:
     try:
         return found.for_robot(robot) if isinstance(found, CasadiLaw) else found
     except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from error
+        raise ConfigError(f"{place_of(file, error)}: {error}") from error
 
 
 def _module(file: Path) -> ModuleType:
@@ -75,15 +75,23 @@ def _module(file: Path) -> ModuleType:
         exec(compile(text, str(file.resolve()), "exec"), vars(module))
     except Exception as error:  # whatever a user's file raises
         del sys.modules[name]
-        raise ConfigError(f"{_place(file, error)}: {type(error).__name__}: {error}") from error
+        raise ConfigError(f"{place_of(file, error)}: {type(error).__name__}: {error}") from error
     return module
 
 
-def _place(file: Path, error: Exception) -> str:
-    """The file, and the line in it where things went wrong."""
+def place_of(file: Path, error: BaseException) -> str:
+    """The file, and the line in it where things went wrong, as `FILE, line N`; also of what caused the error."""
     if isinstance(error, SyntaxError):
         return f"{file}, line {error.lineno}"
     lines = [
         entry.lineno for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename) == file.resolve()
     ]
+    if not lines and error.__cause__ is not None:
+        return place_of(file, error.__cause__)
     return f"{file}, line {lines[-1]}" if lines else str(file)
+
+
+def law_and_line(name: str, error: BaseException) -> str:
+    """A law's name, and of one in a file the line where things went wrong, as `FILE:NAME, line N`."""
+    path, _ = split_name(name)
+    return name + place_of(Path(path), error).removeprefix(str(Path(path)))
