@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MEGABYTE = 1_000_000
 TABLE_EVENTS: Final = 20
-FigureName = Literal["positions", "errors", "torques", "forces", "latency"]
+FigureName = Literal["positions", "errors", "torques", "forces", "signals", "latency"]
 
 HELP: Final = """
 Look at the logs that servos, programs and the demo leave behind, or record a running servo.

@@ -202,8 +202,8 @@ class BridgeChoice(Table):
 class LogChoice(Table):
     """Where logs go; an empty directory name switches them off.
 
-    The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 48 MB at 1 kHz and
-    193 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
+    The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 49 MB at 1 kHz and
+    195 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.
     """
 
     directory: str = "out"

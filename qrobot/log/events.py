@@ -77,7 +77,8 @@ def _listed(row: tuple[float, ...]) -> str:
 def _fault_events(log: Log) -> Iterator[Event]:
     for k in _changes(log.rows["fault"], first=0):
         if code := int(log.rows["fault"][k]):
-            yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), explain(code))
+            text = explain(code, int(log.rows["event_joint"][k]))
+            yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), text)
 
 
 def _mode_events(log: Log) -> Iterator[Event]:

@@ -34,17 +34,18 @@ def table_columns(log: Log) -> dict[str, NDArray[Any]]:
         for j, joint in enumerate(log.header.joint_names):
             columns[f"{name}_{joint}"] = log.rows[name][:, j]
     for name, length, _ in ARRAYS:
-        for k, suffix in enumerate(_suffixes(name, length)):
+        for k, suffix in enumerate(_suffixes(log, name, length)):
             columns[f"{name}_{suffix}"] = log.rows[name][:, k]
     columns |= {name: log.rows[name] for name, _ in LINES}
     return columns
 
 
-def _suffixes(name: str, length: int) -> tuple[str, ...]:
+def _suffixes(log: Log, name: str, length: int) -> tuple[str, ...]:
     """What tells the columns of an array apart, with the unit."""
     if name == "force":
         return tuple(f"{axis}_{'N' if axis.startswith('f') else 'Nm'}" for axis in FORCE_AXES)
-    return tuple(f"{k}_V" if name == "volts" else str(k + 1) for k in range(length))
+    told = log.signal_names if name == "signals" else ()
+    return (*told, *(f"{k}_V" if name == "volts" else str(k + 1) for k in range(len(told), length)))
 
 
 def export_csv(log: Log, path: Path) -> None:

@@ -33,6 +33,7 @@ def ros2msg(n: int) -> str:
         f"float64[{n}] inertia  # kg m2 or kg\n"
         "string law\n"
         "string settings  # of the law, such as frequency=8 damping=1\n"
+        "string signals  # names of its numbers in the rows, in their order\n"
     )
 
 
@@ -40,7 +41,7 @@ def to_bytes(entry: LawInForce) -> bytes:
     """The CDR message."""
     gains = np.array([entry.kp, entry.kv, entry.inertia], dtype="<f8").tobytes()
     message = CDR_HEADER + _HEAD.pack(entry.t_ns, entry.tick) + gains
-    for text in (entry.law, entry.settings):
+    for text in (entry.law, entry.settings, entry.signals):
         message += bytes(-len(message) % _LENGTH.size) + _LENGTH.pack(len(text.encode()) + 1) + text.encode() + b"\0"
     return message
 
@@ -51,9 +52,10 @@ def from_bytes(message: bytes | memoryview, n: int) -> LawInForce:
     t_ns, tick = _HEAD.unpack_from(message, at)
     gains = np.frombuffer(message, dtype="<f8", count=3 * n, offset=at + _HEAD.size)
     law, at = _text(message, at + _HEAD.size + gains.nbytes)
-    settings, _ = _text(message, at)
+    settings, at = _text(message, at)
+    signals = _text(message, at)[0] if at < len(message) else ""  # a log of before has none
     kp, kv, inertia = (tuple(row) for row in gains.reshape(3, n).tolist())
-    return LawInForce(t_ns, tick, law, settings, kp, kv, inertia)
+    return LawInForce(t_ns, tick, law, settings, kp, kv, inertia, signals)
 
 
 def _text(message: bytes | memoryview, at: int) -> tuple[str, int]:

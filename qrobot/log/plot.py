@@ -77,6 +77,22 @@ def forces_figure(log: Log) -> Figure:
     return figure
 
 
+def signals_figure(log: Log) -> Figure:
+    """Numbers of the law's own over time, each on an axis of its own; the first when they have no names."""
+    names = log.signal_names or ("signal 1",)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 1.4 + 1.8 * len(names)), layout="constrained")
+        all_axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        for k, (axes, name) in enumerate(zip(all_axes, names, strict=True)):
+            axes.plot(*thin(log.time_s, log.rows["signals"][:, k]), color=COLOURS[k % len(COLOURS)])
+            axes.set_ylabel(name)
+            _mark(axes, log_events(log))
+            axes.margins(x=0.01)
+        all_axes[-1].set_xlabel("time (s)")
+        _head(all_axes[0], log, "Signals of the law")
+    return figure
+
+
 def latency_figure(log: Log) -> Figure:
     """Histogram of the wake-up error of all cycles, both axes logarithmic."""
     late_us = np.maximum(log.rows["late_ns"] / 1e3, 1e-2)
@@ -102,13 +118,15 @@ FIGURES: Final[dict[str, Callable[[Log], Figure]]] = {
     "errors": errors_figure,
     "torques": torques_figure,
     "forces": forces_figure,
+    "signals": signals_figure,
     "latency": latency_figure,
 }
 
 
 def figures_of(log: Log) -> list[str]:
     """Names of the figures for which a log has numbers."""
-    without = set() if np.isfinite(log.rows["force"]).any() else {"forces"}
+    without = set() if log.signal_names else {"signals"}
+    without |= set() if np.isfinite(log.rows["force"]).any() else {"forces"}
     return [name for name in FIGURES if name not in without]
 
 

@@ -85,6 +85,12 @@ class Log:
         names = [self.header.law, *(law.law for law in self.laws)]
         return (names[0], *(after for before, after in pairwise(names) if after != before))
 
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the first columns of `rows["signals"]`; none when laws of the log do not agree about them."""
+        names = {law.signals for law in self.laws}
+        return tuple(names.pop().split()) if len(names) == 1 else ()
+
     def maybe_law_at(self, tick: int) -> LawInForce | None:
         """Law and gains in cycle number `tick`; None when the log does not tell."""
         return next((law for law in reversed(self.laws) if law.tick <= tick), None)

@@ -110,11 +110,15 @@ def wall_clock(log: Log) -> str:
 
 
 def sensed(log: Log) -> list[str]:
-    """What a wrist's sensor has told: for each component the least and the greatest; empty without one."""
+    """The least and the greatest of each component of a wrist's sensor, then of each signal of a law; empty without."""
     told = []
     for k, axis in enumerate(FORCE_AXES):
         known = log.rows["force"][:, k][~np.isnan(log.rows["force"][:, k])]
         if known.size:
             unit = "N" if axis.startswith("f") else "N m"
             told.append(f"{axis} {known.min():.4g} to {known.max():.4g} {unit}")
+    for k, name in enumerate(log.signal_names):
+        values = log.rows["signals"][:, k]
+        if values.size:
+            told.append(f"{name} {values.min():.4g} to {values.max():.4g}")
     return told

@@ -32,6 +32,7 @@ from qrobot.servo.law import (
     Law,
     Setting,
     argument_names,
+    checked_signals,
 )
 
 EXTRAS: Final = ("robot", "arm")
@@ -42,8 +43,10 @@ _MADE: Final[dict[Path, Body]] = {}  # by generated source: two robots of a kind
 class CasadiLaw:
     """A law as an expression; `for_robot` compiles it."""
 
-    def __init__(self, build: Callable[..., Any], settings: tuple[Setting, ...] = ()) -> None:
-        self._build, self._settings = build, settings
+    def __init__(
+        self, build: Callable[..., Any], settings: tuple[Setting, ...] = (), signals: tuple[str, ...] = ()
+    ) -> None:
+        self._build, self._settings, self._signals = build, settings, checked_signals(signals)
         self._names = argument_names(build, (*EXTRAS, *_INPUTS))
         self.__doc__ = build.__doc__
 
@@ -59,7 +62,7 @@ class CasadiLaw:
             raise ConfigError(f"law {name}: {error}") from error
         if compiled.path not in _MADE:
             _MADE[compiled.path] = _body(compiled, self.__doc__)
-        return Law(_MADE[compiled.path], self._settings)
+        return Law(_MADE[compiled.path], self._settings, signals=self._signals)
 
 
 @overload
@@ -67,16 +70,24 @@ def casadi_law(build: Callable[..., Any]) -> CasadiLaw: ...
 
 
 @overload
-def casadi_law(*, settings: tuple[Setting, ...]) -> Callable[[Callable[..., Any]], CasadiLaw]: ...
+def casadi_law(
+    *, settings: tuple[Setting, ...] = ..., signals: tuple[str, ...] = ...
+) -> Callable[[Callable[..., Any]], CasadiLaw]: ...
 
 
 def casadi_law(
-    build: Callable[..., Any] | None = None, *, settings: tuple[Setting, ...] = ()
+    build: Callable[..., Any] | None = None,
+    *,
+    settings: tuple[Setting, ...] = (),
+    signals: tuple[str, ...] = (),
 ) -> CasadiLaw | Callable[[Callable[..., Any]], CasadiLaw]:
-    """Make a `CasadiLaw` of a function of symbols. Raises ConfigError when it takes what is no argument of a law."""
+    """Make a `CasadiLaw` of a function of symbols; see `servo.law.law`.
+
+    Raises ConfigError when it takes what is no argument of a law.
+    """
     if build is None:
-        return lambda function: CasadiLaw(function, settings)
-    return CasadiLaw(build, settings)
+        return lambda function: CasadiLaw(function, settings, signals)
+    return CasadiLaw(build, settings, signals)
 
 
 def _body(compiled: CompiledFunction, doc: str | None) -> Body:

@@ -341,7 +341,9 @@ class Controls:
         servo, swap = self._servo, self._servo.swap
         kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
         t_ns, tick, label = int(swap.i[DONE_T_NS]), int(swap.i[DONE_TICK]), law_label(servo.law_name)
-        entry = LawInForce(t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia)
+        entry = LawInForce(
+            t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia, " ".join(servo.law.signals)
+        )
         write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 
 

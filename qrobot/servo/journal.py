@@ -20,6 +20,7 @@ from qrobot.servo.telemetry import append_row, copy_rows, head_row, oldest_row, 
 ENTRIES: Final = 64  # a power of two; the oldest gives way
 LAW_BYTES: Final = 64
 SETTINGS_BYTES: Final = 512
+SIGNALS_BYTES: Final = 256
 
 Words = NDArray[np.int64]
 
@@ -32,6 +33,7 @@ class LawInForce:
         t_ns, tick: planned time and number of the first cycle; both 0 for what a servo started with.
         law: its name. settings: those of the law itself, such as "frequency=8 damping=1"; see `settings_text`.
         kp, kv, inertia: gains, SI units. Shape (n,).
+        signals: names of its numbers in the rows, in their order, such as "pressed advance".
     """
 
     t_ns: int
@@ -41,6 +43,7 @@ class LawInForce:
     kp: tuple[float, ...]
     kv: tuple[float, ...]
     inertia: tuple[float, ...]
+    signals: str = ""
 
     @property
     def told(self) -> str:
@@ -64,6 +67,7 @@ def write_entry(words: Words, base: int, entry: LawInForce) -> None:
     record = np.zeros(1, dtype=_dtype(len(entry.kp)))
     record["t_ns"], record["tick"] = entry.t_ns, entry.tick
     record["law"], record["settings"] = entry.law.encode(), entry.settings.encode()
+    record["signals"] = entry.signals.encode()
     record["kp"], record["kv"], record["inertia"] = entry.kp, entry.kv, entry.inertia
     row = record.view(np.int64)
     append_row(words, base, ENTRIES, row.size, row)
@@ -83,17 +87,17 @@ class JournalReader:
         self._next += copied + lost
         for record in self._rows[:copied].copy().view(self._dtype)[:, 0]:
             t_ns, tick, *texts, kp, kv, inertia = record.tolist()
-            law, settings = (printable(text.decode(errors="replace")) for text in texts)
-            yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia))
+            law, settings, signals = (printable(text.decode(errors="replace")) for text in texts)
+            yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia), signals)
 
 
 def _dtype(n: int) -> np.dtype[Any]:
     gains = [(name, "<f8", (n,)) for name in ("kp", "kv", "inertia")]
-    texts = [("law", f"S{LAW_BYTES}"), ("settings", f"S{SETTINGS_BYTES}")]
+    texts = [("law", f"S{LAW_BYTES}"), ("settings", f"S{SETTINGS_BYTES}"), ("signals", f"S{SIGNALS_BYTES}")]
     return np.dtype([("t_ns", "<i8"), ("tick", "<i8"), *texts, *gains])
 
 
 @lean_kernel
 def entry_words(n: int) -> int:
-    """Words of one entry of a servo of `n` joints: time and tick, two texts, three gains a joint."""
-    return 2 + (LAW_BYTES + SETTINGS_BYTES) // 8 + 3 * n
+    """Words of one entry of a servo of `n` joints: time and tick, three texts, three gains a joint."""
+    return 2 + (LAW_BYTES + SETTINGS_BYTES + SIGNALS_BYTES) // 8 + 3 * n

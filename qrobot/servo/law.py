@@ -14,7 +14,7 @@ A law is called once a cycle. Its arguments are float64 arrays in SI units; it n
 | `sensors`  | (8,)   | V             | the board's analogue channels                                                |
 | `gains`    | (3, n) | -             | rows `KP`, `KV`, `M0` of numbers from the robot file                         |
 | `settings` | (32,)  | the law's own | in the order in which the law declares them, see `Setting`                   |
-| `memory`   | (64,)  | the law's own | kept from cycle to cycle, zeroed at power-up                                 |
+| `memory`   | (64,)  | the law's own | kept from cycle to cycle, zeroed at power-up; from `SIGNALS_AT` on logged    |
 | `dt`       | (1,)   | s             | time since the cycle before                                                  |
 | `tau`      | (n,)   | N m (N)       | the result, joint side                                                       |
 
@@ -51,6 +51,7 @@ KP, KV, M0 = range(3)  # rows of `gains`
 N_GAINS: Final = 3
 N_SETTINGS: Final = 32
 MEMORY_WORDS: Final = 64
+LONGEST_SIGNAL: Final = 31  # characters; eight of them fit into an entry of the journal
 SIGNALS_AT: Final = MEMORY_WORDS - N_SIGNALS  # from here on the memory is in the log
 ARGUMENTS: Final = (
     "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "gains", "settings", "memory", "dt", "tau",
@@ -105,13 +106,20 @@ class Law(KernelPointer):
     Attributes:
         settings: what can be chosen, in the order of the numbers.
         values: what was chosen. Shape (32,).
+        signals: names of the numbers it leaves in the memory from `SIGNALS_AT` on, for the log.
     """
 
-    def __init__(self, function: Body, settings: tuple[Setting, ...] = (), values: Floats | None = None) -> None:
+    def __init__(
+        self,
+        function: Body,
+        settings: tuple[Setting, ...] = (),
+        values: Floats | None = None,
+        signals: tuple[str, ...] = (),
+    ) -> None:
         super().__init__(function, LAW_SIGNATURE)
         if len(settings) > N_SETTINGS:
             raise ConfigError(f"a law has at most {N_SETTINGS} settings, not {len(settings)}")
-        self.settings = settings
+        self.settings, self.signals = settings, checked_signals(signals)
         self.values = np.zeros(N_SETTINGS)
         self.values[: len(settings)] = [setting.default for setting in settings]
         if values is not None:
@@ -139,7 +147,7 @@ class Law(KernelPointer):
             if name not in names:
                 raise ConfigError(f"the law has no setting {name!r}{_proposal(name, names)}")
             values[names.index(name)] = self.settings[names.index(name)].checked(value)
-        return Law(self.body, self.settings, values)
+        return Law(self.body, self.settings, values, self.signals)
 
 
 @overload
@@ -147,29 +155,43 @@ def law(function: Body) -> Law: ...
 
 
 @overload
-def law(*, settings: tuple[Setting, ...]) -> Callable[[Body], Law]: ...
+def law(*, settings: tuple[Setting, ...] = ..., signals: tuple[str, ...] = ...) -> Callable[[Body], Law]: ...
 
 
-def law(function: Body | None = None, *, settings: tuple[Setting, ...] = ()) -> Law | Callable[[Body], Law]:
+def law(
+    function: Body | None = None, *, settings: tuple[Setting, ...] = (), signals: tuple[str, ...] = ()
+) -> Law | Callable[[Body], Law]:
     """Make a law of a function of some of `ARGUMENTS`; it is compiled when it is first used.
 
     Args:
         function: fills `tau`. With the compiler on it has to be something Numba understands.
         settings: numbers its users may choose, in the order of `settings`.
+        signals: names of at most 8 numbers for the log, which the law leaves in `memory[SIGNALS_AT:]` in this order.
 
     Raises:
         ConfigError: it takes something that is no argument of a law, or no `tau`.
     """
     if function is None:
-        return lambda body: _law(body, settings)
-    return _law(function, settings)
+        return lambda body: _law(body, settings, signals)
+    return _law(function, settings, signals)
 
 
-def _law(function: Body, settings: tuple[Setting, ...]) -> Law:
+def _law(function: Body, settings: tuple[Setting, ...], signals: tuple[str, ...]) -> Law:
     names = argument_names(function, ARGUMENTS)
     if "tau" not in names:
         raise ConfigError(f"law {function.__name__} takes no tau: that is what it has to fill")
-    return Law(kernel(function if names == ARGUMENTS else _with_all_arguments(function)), settings)
+    body = kernel(function if names == ARGUMENTS else _with_all_arguments(function))
+    return Law(body, settings, signals=signals)
+
+
+def checked_signals(names: tuple[str, ...]) -> tuple[str, ...]:
+    """`names`. Raises ConfigError when they are too many, not each its own, or not short identifiers."""
+    for name in names:
+        if not (name.isidentifier() and name.isascii() and len(name) <= LONGEST_SIGNAL):
+            raise ConfigError(f"signal {name!r}: letters, digits and underscores are allowed, at most {LONGEST_SIGNAL}")
+    if len(set(names)) < len(names) or len(names) > N_SIGNALS:
+        raise ConfigError(f"signals {', '.join(names)}: at most {N_SIGNALS}, each with a name of its own")
+    return tuple(names)
 
 
 def argument_names(function: Callable[..., Any], known: tuple[str, ...]) -> tuple[str, ...]:

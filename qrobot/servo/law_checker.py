@@ -3,7 +3,7 @@
 Nothing in it matters to anybody else: it may loop for ever, write past an array, or take all the memory it is
 allowed. It is asked once, on standard input, and answers once, on what was its standard output:
 
-    {"entry": ..., "values": [...], "settings": [...], "doc": ...}   and the machine code, when the law passed
+    {"entry": ..., "values": [...], "settings": [...], "signals": [...], "doc": ...}   and the code, when the law passed
     {"error": ...}                                                   when it did not
 
 With NUMBA_DISABLE_JIT=1 the law runs as plain Python, in which every index is checked; there is no code then.
@@ -141,10 +141,12 @@ def _tried_as_code(question: Question) -> tuple[dict[str, Any], bytes]:
             compiled, code = compile_for_export(law.body.py_func, LAW_SIGNATURE)  # type: ignore[attr-defined]
         except (NumbaError, TypeError) as error:
             raise ConfigError(f"the law does not compile: {without_advice(error)}") from error
-        loaded = LoadedLaw(code, law.settings, law.values, law.__doc__)  # the very code that the servo will run
+        loaded = LoadedLaw(
+            code, law.settings, law.values, law.__doc__, law.signals
+        )  # the very code that the servo will run
     prove_harmless(law, question.name, question.robot, _each_at_most(compiled, math.inf))
     with _at_most(signal.ITIMER_PROF, TRIAL_S):
         prove(loaded, question.name, question.robot, question.period_ns)
     settings = [asdict(setting) for setting in law.settings]
     header = {"entry": code.entry, "values": law.values.tolist(), "settings": settings, "doc": law.__doc__}
-    return header, code.code
+    return header | {"signals": law.signals}, code.code

@@ -73,8 +73,9 @@ def law_in_file(question: Question, given_up: threading.Event) -> Law:
         return find_law(question.name, question.robot, question.settings)
     header, code = _ask(question, given_up, NUMBA_DISABLE_JIT="0")
     settings = tuple(Setting(**setting) for setting in header["settings"])
+    values, signals = np.array(header["values"]), tuple(header["signals"])
     try:
-        return LoadedLaw(MachineCode(header["entry"], code), settings, np.array(header["values"]), header["doc"])
+        return LoadedLaw(MachineCode(header["entry"], code), settings, values, header["doc"], signals)
     except CodegenError as error:
         raise ConfigError(f"law {question.name}: {error}") from error
 

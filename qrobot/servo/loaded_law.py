@@ -13,12 +13,19 @@ class LoadedLaw(Law):
 
     Args:
         code: of a kernel of the signature of laws.
-        settings, values: see `Law`.
+        settings, values, signals: see `Law`.
         doc: what the law's author says of it.
     """
 
-    def __init__(self, code: MachineCode, settings: tuple[Setting, ...], values: Floats, doc: str | None) -> None:
-        super().__init__(_not_from_python, settings, values)
+    def __init__(
+        self,
+        code: MachineCode,
+        settings: tuple[Setting, ...],
+        values: Floats,
+        doc: str | None,
+        signals: tuple[str, ...] = (),
+    ) -> None:
+        super().__init__(_not_from_python, settings, values, signals)
         self.__doc__ = doc
         self._loaded = LoadedCode(code)
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
 from qrobot.realtime.jit import lean_kernel
@@ -63,6 +64,7 @@ ARRAYS: Final = (
 LINES: Final = (
     ("inputs", "STATUS bits of the binary inputs"),
     ("outputs", "binary outputs in force, output 1 in bit 0"),
+    ("event_joint", "joint, from 0, that `fault` speaks of; -1 for none"),
 )
 ROW_VERSION: Final = 2
 
@@ -123,7 +125,7 @@ class TelemetryLayout:
         return np.zeros(rows, dtype=self.dtype)
 
     def complete(self, rows: Rows) -> Rows:
-        """Rows of another version as rows of this one, shape (m,); numbers that they do not tell are NaN, words 0."""
+        """Rows of another version as rows of this one, shape (m,); what they do not tell is NaN, 0, or no joint."""
         if rows.dtype == self.dtype:
             return rows
         whole = self.empty(rows.size)
@@ -133,6 +135,8 @@ class TelemetryLayout:
                 whole[name] = rows[name]
             elif whole[name].dtype.kind == "f":
                 whole[name] = np.nan
+            elif name == "event_joint":
+                whole[name] = NO_JOINT
         return whole
 
 

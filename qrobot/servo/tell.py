@@ -151,3 +151,4 @@ def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     at += N_SIGNALS
     row[at] = state.i[STATUS] & STATUS_INPUTS
     row[at + 1] = state.i[OUTPUTS]
+    row[at + 2] = state.i[JOINT]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from qrobot.faultcodes import NO_JOINT
 from qrobot.log.header import LogHeader
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows, TelemetryLayout, TelemetryReader, append_row, ring_words
@@ -30,6 +31,7 @@ def make_rows(n_rows: int, n: int = 6, first: int = 0) -> Rows:
     for i, name in enumerate(("q_ref", "v_ref", "a_ref", "q", "v", "tau")):
         rows[name] = np.sin(1e-3 * k[:, None] + np.arange(n) + i)
     rows["counts"], rows["dac"] = k[:, None] + np.arange(n), 2048 + np.arange(n)
+    rows["event_joint"] = NO_JOINT
     return rows
 
 

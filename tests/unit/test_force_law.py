@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.model.arm import Arm
-from qrobot.servo.law import MEMORY_WORDS
+from qrobot.servo.law import MEMORY_WORDS, SIGNALS_AT
 from qrobot.servo.laws import find_law
-from qrobot.servo.laws.force import ADVANCE, CORRECTION, N_KEPT, PRESSED, TIME, ZERO
+from qrobot.servo.laws.force import ADVANCE, CORRECTION, N_KEPT, N_TOLD, PRESSED, TIME, ZERO
 from tests.unit.test_law import call
 
 ROBOT = load_robot("puma560")
@@ -103,7 +103,8 @@ def test_a_reading_at_the_end_of_the_range_is_no_force(volts) -> None:
 def test_what_the_law_does_not_use_of_its_memory_it_leaves() -> None:
     memory, q = np.arange(float(MEMORY_WORDS)), PARK
     call(LAW, q_ref=q, q=q, gains=GAINS, memory=memory)
-    assert memory[N_KEPT:].tolist() == list(range(N_KEPT, MEMORY_WORDS))
+    unused = [*range(N_KEPT, SIGNALS_AT), *range(N_TOLD, MEMORY_WORDS)]
+    assert memory[unused].tolist() == unused
 
 
 def test_a_robot_with_a_sliding_joint_presses_too() -> None:

@@ -83,10 +83,10 @@ def test_a_message_comes_back_bit_for_bit(law: str, n: int, settings: str) -> No
     assert law_message.from_bytes(law_message.to_bytes(sent), n) == sent
 
 
-def test_a_message_ends_with_two_strings_as_cdr_wants_them() -> None:
+def test_a_message_ends_with_strings_as_cdr_wants_them() -> None:
     message = law_message.to_bytes(entry(7, "pd", settings="a=1"))
-    assert len(message) == 4 + 8 * (2 + 3 * 6) + (4 + 3) + 1 + (4 + 4)
-    assert message[-16:] == b"\x03\0\0\0pd\0" + b"\0" + b"\x04\0\0\0a=1\0"
+    assert len(message) == 4 + 8 * (2 + 3 * 6) + (4 + 3) + 1 + (4 + 4) + (4 + 1)
+    assert message[-21:] == b"\x03\0\0\0pd\0" + b"\0" + b"\x04\0\0\0a=1\0" + b"\x01\0\0\0\0"
 
 
 def test_settings_are_told_in_one_line_that_fits() -> None:
@@ -145,7 +145,7 @@ def test_modes_and_faults_are_events_in_the_order_of_cause_and_effect() -> None:
     log = Log(Path("run.mcap"), make_header(), make_rows(100), laws=(entry(0), entry(60, "pd")))
     log.rows["mode"][60:] = Mode.STOPPING
     log.rows["mode"][80:] = Mode.HOLDING
-    log.rows["fault"][60:70] = FaultCode.FOLLOWING
+    log.rows["fault"][60:70], log.rows["event_joint"][60:70] = FaultCode.FOLLOWING, 2
     log.rows["fault"][90:] = 9999
     events = log_events(log)
     assert [(event.tick, event.kind, event.short) for event in events] == [
@@ -155,7 +155,8 @@ def test_modes_and_faults_are_events_in_the_order_of_cause_and_effect() -> None:
         (80, "mode", "HOLDING"),
         (90, "fault", "fault 9999"),
     ]
-    assert events[1].text.startswith("FOLLOWING: ")
+    assert events[1].text.startswith("joint 3: FOLLOWING: ")
+    assert events[4].text.startswith("fault 9999")
     assert events[2].line == "0.015 s: TRACKING -> STOPPING"
 
 

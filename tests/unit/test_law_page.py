@@ -22,7 +22,7 @@ from tests.unit.test_law import call
 PAGE = (Path(__file__).parents[2] / "docs/how-to/write-a-control-law.md").read_text()
 FILES = dict(re.findall(r"<!-- file: (\S+) -->\n```python\n(.*?)```", PAGE, re.DOTALL))
 ROBOT = load_robot("puma560")
-LAWS = ["my_laws.py:guided", "my_expressions.py:light_hand"]
+LAWS = ["my_laws.py:guided", "my_expressions.py:light_hand", "my_signals.py:metered"]
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_laws_of_the_page_hold_an_arm(name: str) -> None:
-    assert name in PAGE or name.startswith("my_expressions")
+    assert name in PAGE or name.startswith(("my_expressions", "my_signals"))
     settings = ServoSettings(rate_hz=1000.0, law=name, sensor_channels=(6,))
     rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, start="end", physics="rigid", pots=False))
     prove(rig.law, name, ROBOT, settings.period_ns)

@@ -7,12 +7,14 @@ from typing import Any, Final
 
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.casadi_law import casadi_law
-from qrobot.servo.law import KP, KV, Setting
+from qrobot.servo.law import KP, KV, SIGNALS_AT, Setting
 
 FORCE, NEWTON_PER_VOLT, CHANNEL, AXIS_X, AXIS_Y, AXIS_Z, REACH, CREEP, TRAVEL, GAIN, RATE, TRIM, TARE = range(
     13
 )  # settings
-TIME, ZERO, PRESSED, ADVANCE, CORRECTION, N_KEPT = range(6)  # memory: s, V, N, m, N
+TIME, ZERO, N_KEPT = range(3)  # memory: s, V
+PRESSED, ADVANCE, CORRECTION, N_TOLD = range(SIGNALS_AT, SIGNALS_AT + 4)  # memory that is logged, too: N, m, N
+SIGNALS: Final = ("pressed", "advance", "correction")
 
 FULL_RANGE_V: Final = 9.95  # of the converter's 10: beyond, nobody knows the force
 SMOOTHING_S: Final = 0.015  # of the measured force: with gain 1 a loop of this lag bears ten samples of delay [A]
@@ -34,7 +36,7 @@ SETTINGS: Final = (
 )
 
 
-@casadi_law(settings=SETTINGS)
+@casadi_law(settings=SETTINGS, signals=SIGNALS)
 def force(
     robot: Any,
     arm: Any,
@@ -83,7 +85,7 @@ def force(
 
     tau = kp * error + kv * (v_ref - v) + friction + gravity + jacobian.T @ (spring - pull)
     tau = casadi.if_else(casadi.fabs(volts) < FULL_RANGE_V, tau, math.nan)  # also when they are NaN
-    return tau, casadi.vertcat(time, zero, pressed, ahead, correction, memory[N_KEPT:])
+    return tau, casadi.vertcat(time, zero, memory[N_KEPT:SIGNALS_AT], pressed, ahead, correction, memory[N_TOLD:])
 
 
 def _jacobian_along(arm: Any, q: Any, axis: Any, reach: Any) -> Any:
