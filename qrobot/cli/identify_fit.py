@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from rich.table import Table
@@ -15,7 +16,7 @@ from qrobot.cli.console import plain_table
 from qrobot.cli.identify_options import FitOptions
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
-from qrobot.config.identified import IdentifiedModel
+from qrobot.config.identified import IdentifiedModel, robot_digest
 from qrobot.config.values import Floats
 from qrobot.errors import ConfigError
 from qrobot.ident.model import Identified
@@ -24,6 +25,8 @@ from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.ident.stribeck import StribeckFit
 from qrobot.log.header import LogHeader
 from qrobot.servo.telemetry import Rows
+
+DATE_FORMAT: Final = "%Y-%m-%d"
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Request:
         asked = self.options
         if asked.load_kg is not None and (asked.load_kg <= 0.0 or not asked.loaded):
             raise ConfigError(f"--load-kg {asked.load_kg:g} needs a mass above zero, and --loaded with its logs")
+        measured_on = _date(asked.date)
         rows, header = self.recorded
         carried = read_rows(asked.loaded, like=header)[0] if asked.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
@@ -51,8 +55,7 @@ class Request:
         runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None
         inertial = None if runs is None else inertia_of_log(found, runs, period_s)
         everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
-        today = datetime.fromtimestamp(time.time(), UTC).date().isoformat()
-        return found, model_of(found, everything, asked.date or today, inertial)
+        return found, model_of(found, everything, measured_on, inertial)
 
     @cached_property
     def recorded(self) -> tuple[Rows, LogHeader]:
@@ -64,7 +67,24 @@ class Request:
         robot = load_robot(name)
         if robot.name != header.robot:
             raise ConfigError(f"the logs are of robot {header.robot!r}, {name} is {robot.name!r}")
+        if header.joint_names != robot.joint_names:
+            raise ConfigError(f"the logs have joints {', '.join(header.joint_names)}, {name} has others")
+        if header.robot_digest and header.robot_digest != robot_digest(robot):
+            raise ConfigError(
+                f"geometry or transmission of {name} are not those that the logs were recorded with: "
+                "name the robot file of that time with --robot"
+            )
         return robot
+
+
+def _date(asked: str | None) -> str:
+    """The date asked for, or today's, YYYY-MM-DD. Raises ConfigError for what is no date."""
+    if asked is None:
+        return datetime.fromtimestamp(time.time(), UTC).date().isoformat()
+    try:
+        return datetime.strptime(asked, DATE_FORMAT).replace(tzinfo=UTC).date().isoformat()
+    except ValueError:
+        raise ConfigError(f"--date {asked}: wanted is a day as YYYY-MM-DD, such as 2026-11-21") from None
 
 
 def friction_table(robot: Robot, fitted: StribeckFit) -> Table:

@@ -144,6 +144,19 @@ def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows
     read = [read_and_warn(path) for path in logs]
     header = like or read[0].header
     for log in read:
-        if (log.header.robot, log.header.period_ns) != (header.robot, header.period_ns):
-            raise LogError(f"{log.path} is of another robot or rate than {logs[0] if like is None else 'the others'}")
+        if differs := _difference(log.header, header):
+            raise LogError(f"{log.path} is of {differs} in {logs[0] if like is None else 'the others'}")
     return np.concatenate([log.rows for log in read]), header
+
+
+def _difference(header: LogHeader, other: LogHeader) -> str:
+    """In what two logs do not belong together, with what the first has; empty when they do."""
+    if header.robot != other.robot:
+        return f"robot {header.robot!r}, not {other.robot!r} as"
+    if header.joint_names != other.joint_names:
+        return f"joints {', '.join(header.joint_names)}, not {', '.join(other.joint_names)} as"
+    if header.robot_digest and other.robot_digest and header.robot_digest != other.robot_digest:
+        return f"a {header.robot} whose robot file has another geometry or transmission than"
+    if header.period_ns != other.period_ns:
+        return f"rate {header.rate_hz:g} Hz, not {other.rate_hz:g} as"
+    return ""

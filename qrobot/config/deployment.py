@@ -16,6 +16,7 @@ from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesRoad
 from qrobot.config.force_calibration import ForceCalibration
+from qrobot.config.kinds import FileKind
 from qrobot.config.modbus import ModbusRoad
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import BoardOutput, OutputLine
@@ -266,7 +267,7 @@ def deployment_path(name_or_path: str | Path) -> Path:
     Raises:
         ConfigError: there is none; names the nearest known one.
     """
-    return config_path(name_or_path)
+    return config_path(name_or_path, FileKind.DEPLOYMENT)
 
 
 def load_deployment(name_or_path: str | Path) -> Deployment:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from qrobot.config.kinds import FileKind, refuse_other_kind
 from qrobot.errors import ConfigError
 
 M = TypeVar("M", bound=BaseModel)
@@ -28,24 +29,26 @@ class Section(Table):
     source: dict[str, str]
 
 
-def config_path(name_or_path: str | Path, folder: str = "") -> Path:
+def config_path(name_or_path: str | Path, wanted: FileKind, folder: str = "") -> Path:
     """Find a configuration file: a path to a `.toml`, or the name of a packaged one.
 
     Packaged files are in `qrobot/_config` of an installed wheel and in `config/` of a checkout.
 
     Raises:
-        ConfigError: there is no such file; names those that exist.
+        ConfigError: there is no such file, with the names of those that exist, or it is of another kind than `wanted`.
     """
-    return packaged_path(name_or_path, folder, ".toml")
+    return packaged_path(name_or_path, wanted, folder, ".toml")
 
 
-def packaged_path(name_or_path: str | Path, folder: str, ending: str) -> Path:
+def packaged_path(name_or_path: str | Path, wanted: FileKind, folder: str, ending: str) -> Path:
     """Find a file as `config_path` does, among files with another `ending`. Raises ConfigError."""
+    given = Path(name_or_path)
+    if given.is_file():
+        refuse_other_kind(given, wanted)
     if str(name_or_path).lower().endswith(ending):
-        path = Path(name_or_path)
-        if path.is_file():
-            return path
-        raise ConfigError(f"no configuration file {path}")
+        if given.is_file():
+            return given
+        raise ConfigError(f"no configuration file {given}")
     directory = _packaged() / folder
     path = directory / f"{name_or_path}{ending}"
     if path.is_file():

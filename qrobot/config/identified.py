@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from qrobot.config.document import Table, check_document, config_path, read_document
+from qrobot.config.kinds import FileKind
 from qrobot.config.robot import DAC_HALF_RANGE, Friction, Robot
 from qrobot.config.values import (
     Floats,
@@ -122,7 +123,7 @@ def load_model(name_or_path: str | Path, robot: Robot) -> IdentifiedModel:
     Raises:
         ConfigError: no such file, mistakes in it, or it was made for another robot.
     """
-    path = config_path(name_or_path, FOLDER)
+    path = config_path(name_or_path, FileKind.MODEL, FOLDER)
     document = read_document(path)
     if document.get("robot") != robot.name:
         raise ConfigError(f"{path.name} was identified on robot {document.get('robot')!r}, not on {robot.name!r}")

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Section, Table, check_document, config_path, read_document
+from qrobot.config.kinds import FileKind
 from qrobot.config.values import (
     Bools,
     Coupling,
@@ -325,7 +326,7 @@ def robot_path(name_or_path: str | Path) -> Path:
     Raises:
         ConfigError: no such robot; names the nearest known one.
     """
-    return config_path(name_or_path, "robots")
+    return config_path(name_or_path, FileKind.ROBOT, "robots")
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

@@ -44,7 +44,10 @@ def nearest_links(robot: Robot, base: BaseParameters, beta: Floats) -> tuple[Flo
     below = np.concatenate([np.zeros(beta.size), np.full(2 * links.com.size, -np.inf)])
     answer = solver(x0=start.ravel(), lbx=lowest.ravel(), ubx=highest.ravel(), lbg=below, ubg=0.0)
     if not solver.stats()["success"]:
-        raise IdentificationError("no links with positive masses have the gravity found: is the right robot file used?")
+        raise IdentificationError(
+            "no links with positive masses have the gravity found. The recording is sound by itself, so it is another "
+            "arm's than the robot file, the hand holds more than a hand may, or torques (dac_per_Nm) are far off"
+        )
     found = np.asarray(answer["x"]).reshape(n, _PER_LINK)
     return found[:, 0], found[:, 1:] / np.maximum(found[:, :1], 1e-9)
 

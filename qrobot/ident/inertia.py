@@ -32,6 +32,7 @@ from qrobot.ident.unknowns import Description, of_base, of_friction
 
 Floats = NDArray[np.float64]
 
+OTHER_ARM: Final = 2.0  # times the error with gravity of its own: the same arm has 1.0 to 1.3, 0.3 kg more give 17 [A]
 HELD_BACK: Final = 3  # every third motion is not fitted at first, but predicted
 
 
@@ -90,7 +91,8 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
         rows: of at least three motions.
 
     Raises:
-        IdentificationError: there are fewer motions, they do not tell everything, or no bodies have what they tell.
+        IdentificationError: there are fewer motions, they do not tell everything, they are another arm's or were made
+            with another load, or no bodies have what they tell.
     """
     motions = np.unique(rows.motion).size
     if motions < FEWEST:
@@ -99,6 +101,7 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
     if still := sorted(set(range(robot.n)) - set(rows.motor[~held].tolist())):
         names = ", ".join(robot.joints.names[j] for j in still)
         raise IdentificationError(f"no motion turns {names} fast enough: record the whole plan")
+    _need_same_arm(steady, regressor, base, rows)
     before = with_gravity(robot, steady.base, steady.beta)
     trial, kept = _solved(steady, regressor, base, rows.only(~held)), rows.only(held)
     bodies, b = _bodies(robot, base, trial), len(base.leading)
@@ -115,10 +118,42 @@ def identify_inertia(steady: Identified, regressor: Regressor, base: BaseParamet
     )
 
 
-def _solved(steady: Identified, regressor: Regressor, base: BaseParameters, rows: MotionRows) -> Fit:
+def _need_same_arm(steady: Identified, regressor: Regressor, base: BaseParameters, rows: MotionRows) -> None:
+    """Refuse motion whose torques have another gravity than steady passes: of another arm, or with another load.
+
+    Friction is left free, for a drive that has become warm is the same drive.
+
+    Raises:
+        IdentificationError: names the motors, what they err by, and what load would explain it.
+    """
+    gravity = _known_rows(steady, base, gravity_only=True)
+    nothing = np.zeros((0, gravity[0].shape[1])), np.zeros(0)
+    free, bound = (_solved(steady, regressor, base, rows, known) for known in (nothing, gravity))
+    n, count = steady.robot.n, len(rows)
+    alone, with_gravity_ = (rms_by_motor(fit.residual[:count], rows.motor, n) for fit in (free, bound))
+    step = 1.0 / np.abs(steady.robot.transmission.dac_per_Nm)
+    if (others := with_gravity_ > np.maximum(OTHER_ARM * alone, step)).any():
+        worst = int(np.argmax(with_gravity_ / alone))
+        names = ", ".join(np.array(steady.robot.joint_names)[others])
+        raise IdentificationError(
+            f"fast motion has another gravity than the steady passes on {names}: torque of "
+            f"{steady.robot.joint_names[worst]} is {with_gravity_[worst]:.2g} N m (N) off with theirs and "
+            f"{alone[worst]:.2g} with its own. Is it a log of another arm, or was another load in the hand? "
+            "Record both with the same"
+        )
+
+
+def _solved(
+    steady: Identified,
+    regressor: Regressor,
+    base: BaseParameters,
+    rows: MotionRows,
+    beforehand: tuple[Floats, Floats] | None = None,
+) -> Fit:
+    """Everything, with rows and values of what is known `beforehand`: default all that steady passes tell."""
     scale = steady.scale[rows.motor]
     A = np.column_stack([scale[:, None] * rows.columns, steady.unknowns.rubs(rows.motor, rows.rate)])
-    known, target = _known_rows(steady, base)
+    known, target = beforehand or _known_rows(steady, base)
     row_class = np.concatenate([rows.motor, np.full(len(target), KNOWN)])
     doubt = np.concatenate([rows.doubt, np.ones(len(target))])
     names = [description.name for description in _descriptions(steady.robot, regressor, base)]
@@ -136,16 +171,17 @@ def _widened(fit: Fit, surprise: Floats) -> Fit:
     return replace(fit, covariance=factor**2 * fit.covariance)
 
 
-def _known_rows(steady: Identified, base: BaseParameters) -> tuple[Floats, Floats]:
-    """Rows and values, of deviation 1, of what steady passes tell of gravity and friction."""
+def _known_rows(steady: Identified, base: BaseParameters, gravity_only: bool = False) -> tuple[Floats, Floats]:
+    """Rows and values, of deviation 1, of what steady passes tell of gravity and friction, or of gravity alone."""
     gravity, rubs = len(steady.base.leading), steady.unknowns.n_friction
     first = steady.unknowns.n_weights
-    chosen = np.r_[:gravity, first : first + rubs]
+    chosen = np.r_[:gravity] if gravity_only else np.r_[:gravity, first : first + rubs]
     covariance = steady.fit.covariance[np.ix_(chosen, chosen)]
     whiten = np.linalg.cholesky(np.linalg.inv(covariance)).T
-    rows = np.zeros((gravity + rubs, len(base.leading) + rubs))
+    rows = np.zeros((len(chosen), len(base.leading) + rubs))
     rows[:gravity, : len(base.leading)] = _gravity_of(steady.base, base)
-    rows[gravity:, len(base.leading) :] = np.eye(rubs)
+    if not gravity_only:
+        rows[gravity:, len(base.leading) :] = np.eye(rubs)
     return whiten @ rows, whiten @ steady.fit.values[chosen]
 
 

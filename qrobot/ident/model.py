@@ -51,6 +51,7 @@ class Identified:
         observations: what was fitted.
         held_back_rms: error of the prediction of passes held back, unloaded ones, motor side, N m (N). Shape (n,).
         before_rms: error of the robot file's prediction of the same passes. Shape (n,).
+        held_back_doubt: deviation of the prediction for what the other passes leave in doubt. Shape (n,).
     """
 
     unknowns: Unknowns
@@ -58,6 +59,7 @@ class Identified:
     observations: Observations
     held_back_rms: Floats
     before_rms: Floats
+    held_back_doubt: Floats
 
     @property
     def robot(self) -> Robot:
@@ -163,12 +165,15 @@ def identify(
     held = observations.passed % HELD_BACK == HELD_BACK - 1
     trial = fit_scaled(unknowns, observations.only(~held), load_kg)
     kept = observations.only(held & ~observations.loaded)  # the robot file knows nothing of a load
+    slopes = unknowns.jacobian(trial.values, kept)
+    doubt = np.sqrt(np.maximum((slopes @ trial.covariance * slopes).sum(axis=1), 0.0))
     return Identified(
         unknowns,
         fit_scaled(unknowns, observations, load_kg),
         observations,
         rms_by_motor(kept.torque - unknowns.predict(trial.values, kept), kept.motor, robot.n),
         rms_by_motor(kept.torque - unknowns.predict(unknowns.before(), kept), kept.motor, robot.n),
+        rms_by_motor(doubt, kept.motor, robot.n),
     )
 
 

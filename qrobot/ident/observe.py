@@ -57,6 +57,7 @@ class Observations:
         motor: which, from 0. Shape (m,).
         passed: number of the pass. Shape (m,).
         time_s: middle of the pass, from the first row of the first log. Shape (m,).
+        q: mean position of the joints, rad (m). Shape (m, n).
         gravity: what multiplies the base parameters. Shape (m, b).
         load: what multiplies mass and first moment of a load on the last link. Shape (m, 4).
         loaded: whether it was carried. Shape (m,).
@@ -68,6 +69,7 @@ class Observations:
     motor: Ints
     passed: Ints
     time_s: Floats
+    q: Floats
     gravity: Floats
     load: Floats
     loaded: Bools
@@ -142,7 +144,7 @@ class Observer:
         """The observations of a log, rows of shape (r,), of an arm that is `loaded` or not."""
         passes = enumerate(steady_passes(rows, period_s))
         parts = [self._reduce(rows, p, number, period_s, loaded) for number, p in passes]
-        return _stacked([none_of(len(self._base.leading)), *parts])
+        return _stacked([none_of(self._robot.n, len(self._base.leading)), *parts])
 
     def _reduce(self, log: Rows, steady: Pass, number: int, period_s: float, loaded: bool) -> Observations:
         rows, transmission = log[steady.start : steady.stop], self._robot.transmission
@@ -159,6 +161,7 @@ class Observer:
             motor=turning,
             passed=np.full(turning.size, number),
             time_s=np.full(turning.size, 0.5 * period_s * (steady.start + steady.stop)),
+            q=np.tile(window.value @ q, (turning.size, 1)),
             gravity=self._base.columns(Y)[turning],
             load=Y[turning, -OF_GRAVITY:],
             loaded=np.full(turning.size, loaded),
@@ -176,10 +179,10 @@ class Observer:
         return np.asarray(looks.share @ tau)
 
 
-def none_of(n_base: int) -> Observations:
-    """No observations, of an arm with so many base parameters."""
+def none_of(n: int, n_base: int) -> Observations:
+    """No observations, of an arm with so many joints and base parameters."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    columns = np.zeros((0, n_base)), np.zeros((0, OF_GRAVITY))
+    columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, OF_GRAVITY))
     return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, nothing, nothing)
 
 

@@ -1,6 +1,6 @@
-"""Whether a recording can be trusted: encoders that stand still, torques at their limit.
+"""Whether a recording can be trusted: numbers that are none, lost rows, counters, torques at their limit.
 
-Both are looked for in the rows alone, before anything is fitted, and named by joint and time.
+All is looked for in the rows alone, before anything is fitted, and named by joint and time.
 """
 
 from __future__ import annotations
@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.ident.counters import counter_faults
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.telemetry import VECTORS, Rows
 
 Bools = NDArray[np.bool_]
 
-STUCK_COUNTS: Final = 200  # that a motor was to turn while its counter did not: no friction holds an arm so far off
 SATURATED_SHARE: Final = 0.02  # of the time under way
 DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end
+LOST_SHARE: Final = 0.02  # of the cycles under way that may be missing [A]
+MOST_GAPS: Final = 10  # places at which they are missing, however few: a pass ends at each of them [A]
+NEW_LOG_S: Final = 5.0  # a longer gap is between two logs, or a pause of the recorder
+SAME_PERIOD: Final = 0.01  # share by which rows may be farther apart than the log's header says
 _LIMITED_BIT: Final = 8  # of the flags: the first joint at its torque limit
 
 
@@ -29,11 +33,16 @@ def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
     """Refuse rows, shape (r,), that would mislead a fit.
 
     Raises:
-        IdentificationError: names every joint that is wrong, what is, and when.
+        IdentificationError: names everything that is wrong, of which joint, and when.
     """
     if not len(rows):
         return
-    if faults := [*_stuck(robot, rows, period_s), *_saturated(robot, rows, period_s)]:
+    faults = [*_no_numbers(robot, rows, period_s)] or [
+        *_lost(rows, period_s),
+        *counter_faults(robot, rows, period_s),
+        *_saturated(robot, rows, period_s),
+    ]
+    if faults:
         raise IdentificationError("; ".join(faults) + ". Look at `qrobot log plot`, and record again")
 
 
@@ -45,19 +54,34 @@ def limited(rows: Rows) -> Bools:
     return np.asarray(at_end | (said == 1))
 
 
-def _stuck(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
-    """Counters that stay the same while their motor was to turn."""
-    transmission = robot.transmission
-    wanted = rows["q_ref"] @ transmission.coupling.T / transmission.rad_per_count
-    under_way = rows["mode"] == Mode.TRACKING
-    for joint, name in enumerate(robot.joint_names):
-        changes = (np.diff(rows["counts"][:, joint]) != 0) | ~under_way[1:]
-        begin = np.concatenate([[0], np.flatnonzero(changes) + 1])
-        end = np.append(begin[1:], len(rows)) - 1
-        still = np.abs(wanted[end, joint] - wanted[begin, joint]) > STUCK_COUNTS
-        if (worst := np.flatnonzero(still)).size:
-            first, last = begin[worst[0]] * period_s, end[worst[-1]] * period_s
-            yield f"the encoder of {name} stands still from {first:.1f} to {last:.1f} s, though the joint was to move"
+def _no_numbers(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:
+    """Columns in which something is not finite."""
+    for field, meaning in VECTORS:
+        wrong = ~np.isfinite(rows[field])
+        for joint in np.flatnonzero(wrong.any(axis=0)):
+            first, many = int(wrong[:, joint].argmax()) * period_s, int(wrong[:, joint].sum())
+            what = f"{meaning.split(',')[0]} ({field}) of {robot.joint_names[joint]}"
+            yield f"{what} is not a finite number in {many} of {len(rows)} rows, first at {first:.1f} s"
+
+
+def _lost(rows: Rows, period_s: float) -> Iterator[str]:
+    """Cycles that are not in the log, and rows that are not as far apart as its header says."""
+    steps = np.diff(rows["tick"])
+    within = (steps > 0) & (steps < NEW_LOG_S / period_s) & (rows["mode"][1:] == Mode.TRACKING)
+    gaps = np.flatnonzero(within & (steps > 1))
+    lost, there = int((steps[gaps] - 1).sum()), int(within.sum())
+    if gaps.size > MOST_GAPS and lost > LOST_SHARE * (lost + there):
+        yield (
+            f"{lost} of {lost + there} cycles under way are missing at {gaps.size} places, first at "
+            f"{gaps[0] * period_s:.1f} s: rows were lost, and a pass ends at each of them"
+        )
+    if not rows["t_ns"].any():  # what ships with QRobot has no times
+        return
+    apart = np.diff(rows["t_ns"])[within] / np.maximum(steps[within], 1) * 1e-9
+    if apart.size and abs(float(np.median(apart)) / period_s - 1.0) > SAME_PERIOD:
+        yield (
+            f"rows are {1e3 * float(np.median(apart)):.3g} ms apart and not {1e3 * period_s:.3g}, as their header says"
+        )
 
 
 def _saturated(robot: Robot, rows: Rows, period_s: float) -> Iterator[str]:

@@ -18,13 +18,14 @@ from qrobot.errors import IdentificationError
 from qrobot.ident.consistent import nearest_links
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.inertia import InertialModel
-from qrobot.ident.model import Identified
+from qrobot.ident.model import CLEARLY, Identified
 from qrobot.servo.telemetry import Rows
 
 Floats = NDArray[np.float64]
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
+HALF_STEP: Final = 0.5  # DAC counts: a smaller error of torque cannot be commanded away
 _DIGITS: Final = 8
 _HEAD: Final = """# The servo uses links, friction and drives. Inertia is about the centre, along the axes of the frame:
 # products of inertia, like remainders of stiction and drifts of friction, are among the values, and no law has them.
@@ -87,10 +88,25 @@ def _need_better(found: Identified) -> None:
     robot = found.robot
     if unjudged := _named(robot, np.isnan(found.held_back_rms)):
         raise IdentificationError(f"no held-back pass turns {unjudged}: record more poses")
-    if worse := _named(robot, found.held_back_rms > WORSE * found.before_rms):
+    if worse := _named(robot, found.held_back_rms > _as_good(found)):
         raise IdentificationError(f"the fit predicts {worse} worse than the robot file does: no model is written")
+    if reversed_ := _named(robot, (found.friction[:, 1:] < -np.abs(found.friction[:, :1])).all(axis=1)):
+        raise IdentificationError(
+            f"friction of {reversed_} pushes: the sign of its torque is reversed, in the log or in the robot file's "
+            "dac_per_Nm"
+        )
     if negative := _named(robot, (found.friction < 0.0).any(axis=1)):
         raise IdentificationError(f"friction of {negative} comes out negative: look at the passes it was recorded in")
+
+
+def _as_good(found: Identified) -> Floats:
+    """Error of a prediction up to which a model is no worse than the robot file. Shape (n,).
+
+    A model that equals the file within its own uncertainty is accepted, and so is one that is off by less than the
+    converter can ask for.
+    """
+    smallest = HALF_STEP / np.abs(found.robot.transmission.dac_per_Nm)
+    return np.maximum(np.hypot(WORSE * found.before_rms, CLEARLY * found.held_back_doubt), smallest)
 
 
 def _need_better_inertia(inertial: InertialModel) -> None:

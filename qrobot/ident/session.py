@@ -5,9 +5,10 @@ from __future__ import annotations
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.change import counter_slip, load_change
 from qrobot.ident.consistent import with_gravity
+from qrobot.ident.exchanged import check_torques
 from qrobot.ident.inertia import InertialModel, identify_inertia
-from qrobot.ident.load import load_change
 from qrobot.ident.model import Identified, identify
 from qrobot.ident.motion import observe_motion
 from qrobot.ident.observe import Observer
@@ -47,13 +48,14 @@ def identify_log(
 
     def found(observer: Observer) -> Identified:
         observations = observer.observe(rows, period_s)
+        check_torques(robot, observations)
         if loaded is not None:
             observations = observations.followed_by(observer.observe(loaded, period_s, loaded=True))
         return identify(robot, base, regressor, observations, known_torque, load_kg)
 
     first = found(Observer(robot, regressor, base))
     better = with_gravity(robot, base, first.beta)
-    return _steady_load(found(Observer(robot, regressor, base, better, first.scale)))
+    return _unchanged(found(Observer(robot, regressor, base, better, first.scale)))
 
 
 def inertia_of_log(found: Identified, rows: Rows, period_s: float) -> InertialModel:
@@ -73,8 +75,17 @@ def inertia_of_log(found: Identified, rows: Rows, period_s: float) -> InertialMo
     return identify_inertia(found, regressor, base, observe_motion(found.robot, regressor, base, rows, period_s))
 
 
-def _steady_load(found: Identified) -> Identified:
-    """The same, if the hand carried the same from beginning to end."""
+def _unchanged(found: Identified) -> Identified:
+    """The same, if the hand carried the same from beginning to end and no counter slipped.
+
+    Raises:
+        IdentificationError: names what changed, and when.
+    """
+    if (slip := counter_slip(found)) is not None:
+        raise IdentificationError(
+            f"from {slip.time_s:.0f} s on the counter of {found.robot.joint_names[slip.motor]} is off by some "
+            f"{slip.counts:+.0f} counts, as gravity shows: look at encoder and coupling, calibrate, and record again"
+        )
     change = load_change(found)
     if change is not None:
         raise IdentificationError(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot, load_robot
 from qrobot.config.document import packaged_path
+from qrobot.config.kinds import FileKind
 from qrobot.errors import ConfigError, IdentificationError
 from qrobot.model.transmission import counts_to_joint, joint_to_counts, transmission_params
 from qrobot.servo.telemetry import Rows, TelemetryLayout
@@ -68,7 +69,7 @@ def load_recording(name_or_path: str | Path) -> Recording:
     Raises:
         ConfigError: there is no such file, it is something else, or of a robot that this version does not know.
     """
-    path = packaged_path(name_or_path, FOLDER, ENDING)
+    path = packaged_path(name_or_path, FileKind.RECORDING, FOLDER, ENDING)
     try:
         with np.load(path, allow_pickle=False) as archive:
             about = json.loads(str(archive["about"]))

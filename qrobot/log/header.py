@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from qrobot.config import Robot
+from qrobot.config.identified import robot_digest
 from qrobot.errors import LogError
 from qrobot.realtime.setup import Step
 from qrobot.servo.telemetry import TelemetryLayout
@@ -35,6 +36,7 @@ class LogHeader:
 
     Attributes:
         robot: name of the robot.
+        robot_digest: of its joints, geometry and transmission (`config.identified.robot_digest`); empty when unknown.
         joint_names: one per joint; their number is the joint count.
         period_ns: length of a servo cycle, ns.
         prismatic: per joint, True when it slides (m, N) instead of turning (rad, N m); empty means none does.
@@ -61,6 +63,7 @@ class LogHeader:
     wall_offset_ns: int = 0
     part: int = 1
     version: str = ""
+    robot_digest: str = ""
     setup: tuple[Step, ...] = ()
 
     def __post_init__(self) -> None:
@@ -128,6 +131,7 @@ def header_for(
         clock=clock,
         plant=plant,
         version=_version(),
+        robot_digest=robot_digest(robot),
     )
 
 

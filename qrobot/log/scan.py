@@ -23,6 +23,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.stream_reader import get_chunk_data_stream
 
+from qrobot.config.kinds import kind_of_file
 from qrobot.errors import LogError
 from qrobot.log import law_message
 from qrobot.log.damage import RECORD_HEAD, DamagedPlace, chunk_times, next_chunk, record_at
@@ -127,7 +128,8 @@ def _map_file(path: Path) -> memoryview:
     except OSError as error:
         raise LogError(f"cannot read the log {path}: {error.strerror}") from None
     if data[: len(MAGIC)].tobytes() != MAGIC:
-        raise LogError(f"{path} is not an MCAP file")
+        kind = kind_of_file(path)
+        raise LogError(f"{path} is {f'{kind.called}, not a log: {kind.wanted_at}' if kind else 'not an MCAP file'}")
     return data
 
 

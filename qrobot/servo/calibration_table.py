@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from qrobot.config import Robot
 from qrobot.config.document import packaged_path
+from qrobot.config.kinds import FileKind
 from qrobot.errors import ConfigError
 
 MOST_ROWS: Final = 256  # per joint; the PUMA 560 has up to 80
@@ -97,7 +98,7 @@ def calibration_params(n: int, table: CalibrationTable | None) -> CalibrationPar
 
 def table_path(name_or_path: str | Path) -> Path:
     """Path of a table: a packaged one by name, or the path given if it ends in `.txt`. Raises ConfigError."""
-    return packaged_path(name_or_path, "calibration", ".txt")
+    return packaged_path(name_or_path, FileKind.CALIBRATION, "calibration", ".txt")
 
 
 def load_table(name_or_path: str | Path, robot: Robot) -> CalibrationTable:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
 from qrobot.config.document import Table, check_document, read_document
+from qrobot.config.kinds import FileKind, refuse_other_kind
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ENCODERS
 
@@ -209,6 +210,7 @@ class FaultPlan:
     @classmethod
     def load(cls, path: Path) -> FaultPlan:
         """A plan from a TOML file with the keys `faults`, a list of lines, and `seed`. Raises ConfigError."""
+        refuse_other_kind(path, FileKind.FAULTS)
         plan = check_document(PlanFile, read_document(path), str(path))
         return cls.parse(plan.faults, plan.seed)
 

@@ -72,6 +72,7 @@ def generated(
         motor=np.tile(np.arange(N), len(q)),
         passed=np.repeat(np.arange(len(q)), N),
         time_s=np.repeat(2.0 * np.arange(len(q)), N),
+        q=np.repeat(q, N, axis=0),
         gravity=gravity.reshape(m, len(beta)),
         load=load.reshape(m, OF_GRAVITY),
         loaded=np.full(m, bool(np.all(load_kg)) and not np.ndim(load_kg)),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.ident.load import load_change
+from qrobot.ident.change import load_change
 from qrobot.ident.model import Identified, identify
 from qrobot.ident.report import report_page
 from qrobot.ident.result import model_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from qrobot.ident.result import model_of, write_model
 from qrobot.model.dynamics import dynamics_params
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import Rows, TelemetryLayout
-from tests.support.observations import generated, puma_base
+from tests.support.observations import LOAD, generated, puma_base
 
 PUMA = load_robot("puma560")
 N = PUMA.n
@@ -189,3 +190,33 @@ def test_too_little_motion_is_refused() -> None:
         identify_inertia(steady(), *whole(), seen.only(seen.motor < N - 1))
     with pytest.raises(IdentificationError, match="nothing recorded moves for long"):
         observe_motion(PUMA, *whole(), log()[:2000], PERIOD_S)
+
+
+def with_torque(change: np.ndarray) -> MotionRows:
+    return replace(observed(), torque=observed().torque + change)
+
+
+def other_gravity(change: np.ndarray) -> np.ndarray:
+    """Torque of rows for other link parameters, shape (p,) of the inertial regressor."""
+    return observed().columns @ (whole()[1].K @ change)
+
+
+@pytest.mark.parametrize("load_kg", [0.5, -0.3, 2.0])
+def test_fast_motion_with_another_load_is_refused(load_kg: float) -> None:
+    change = np.zeros((N, theta().size // N))
+    change[-1, :OF_GRAVITY] = load_kg * LOAD
+    with pytest.raises(IdentificationError, match=r"another gravity than the steady passes on .*shoulder"):
+        identify_inertia(steady(), *whole(), with_torque(other_gravity(change.ravel())))
+
+
+def test_fast_motion_of_another_arm_is_refused() -> None:
+    random = np.random.default_rng(8)
+    change = theta() * random.uniform(-0.3, 0.3, theta().size)
+    with pytest.raises(IdentificationError, match="Is it a log of another arm"):
+        identify_inertia(steady(), *whole(), with_torque(other_gravity(change)))
+
+
+def test_fast_motion_of_the_same_arm_with_warmer_drives_is_taken() -> None:
+    seen = observed()
+    warmer = -0.1 * (steady().unknowns.rubs(seen.motor, seen.rate) @ FRICTION.ravel())
+    identify_inertia(steady(), *whole(), with_torque(warmer))

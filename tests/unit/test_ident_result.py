@@ -20,7 +20,7 @@ from qrobot.errors import ConfigError, IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.consistent import nearest_links
 from qrobot.ident.fit import Fit
-from qrobot.ident.model import Identified
+from qrobot.ident.model import Identified, identify
 from qrobot.ident.observe import none_of
 from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.ident.result import model_of, write_model
@@ -29,6 +29,7 @@ from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.model.dynamics import dynamics_params, with_payload
 from qrobot.servo.telemetry import TelemetryLayout
+from tests.support.observations import generated, puma_base
 
 PUMA = load_robot("puma560")
 N = PUMA.n
@@ -48,7 +49,16 @@ def found() -> Identified:
     values = np.concatenate([base.K @ theta, friction.ravel(), np.zeros(3 * N)])
     fit = Fit(values, 1e-4 * np.eye(values.size), np.ones(N), np.zeros(1), np.ones(1), 3.0)
     unknowns = Unknowns(PUMA, regressor, base)
-    return Identified(unknowns, fit, none_of(len(base.leading)), np.full(N, 0.1), np.full(N, 2.0))
+    return Identified(unknowns, fit, none_of(N, len(base.leading)), np.full(N, 0.1), np.full(N, 2.0), np.zeros(N))
+
+
+def with_friction(sign: float, viscous: float | None = None) -> np.ndarray:
+    """Values of which friction has a sign, and the waist a viscous friction of its own."""
+    values, rubs = found().fit.values.copy(), slice(found().unknowns.n_weights, found().unknowns.n_weights + 3 * N)
+    values[rubs] *= sign
+    if viscous is not None:
+        values[rubs.start] = viscous
+    return values
 
 
 @cache
@@ -157,12 +167,34 @@ def test_a_model_asked_for_by_name_has_to_fit(file: Path) -> None:
     [
         ({"held_back_rms": np.array([0.1, 3.1, 0.1, 0.1, 0.1, 0.1])}, "predicts shoulder worse than the robot file"),
         ({"held_back_rms": np.array([np.nan, *np.zeros(5)])}, "no held-back pass turns waist"),
-        ({"fit": replace(found().fit, values=-found().fit.values)}, "friction of waist, .* comes out negative"),
+        (
+            {"fit": replace(found().fit, values=with_friction(-1.0))},
+            "friction of waist, .* pushes: the sign of its torque",
+        ),
+        ({"fit": replace(found().fit, values=with_friction(1.0, -0.1))}, "friction of waist comes out negative"),
     ],
 )
 def test_what_would_make_the_servo_worse_is_not_written(change: dict, complaint: str) -> None:
     with pytest.raises(IdentificationError, match=complaint):
         model_of(replace(found(), **change), TelemetryLayout(N).empty(3), "2026-11-21")
+
+
+def test_a_model_that_is_as_good_as_the_robot_file_within_its_uncertainty_is_written() -> None:
+    rows, small = TelemetryLayout(N).empty(3), np.full(N, 1e-4)
+    model_of(replace(found(), held_back_rms=3.0 * small, before_rms=small), rows, "2026-11-21")  # less than a step
+    doubtful = replace(found(), held_back_rms=np.full(N, 3.1), held_back_doubt=np.ones(N))
+    model_of(replace(doubtful, before_rms=np.full(N, 2.0)), rows, "2026-11-21")
+    with pytest.raises(IdentificationError, match="worse than the robot file"):
+        model_of(replace(doubtful, before_rms=np.full(N, 1.0)), rows, "2026-11-21")
+
+
+def test_an_arm_that_is_exactly_as_its_file_says_gets_a_model() -> None:
+    regressor, base = puma_base()
+    preset = PUMA.friction[PUMA.control.friction_preset]
+    friction = np.column_stack([preset.viscous, preset.coulomb_pos, preset.coulomb_neg])
+    for seed in range(5):
+        seen = generated(base.K @ known_parameters(PUMA, regressor), friction, 1e-4, seed)
+        model_of(identify(PUMA, base, regressor, seen), TelemetryLayout(N).empty(3), "2026-11-21")
 
 
 def test_gravity_no_arm_has_is_refused() -> None:
@@ -212,6 +244,11 @@ def test_a_plan_as_json_says_what_can_be_told(capsys: pytest.CaptureFixture[str]
         (["report", "x.mcap", "--output", "m.pdf"], "must end in .html"),
         (["record", "--output", "x.mcap", "--go", "--load-kg", "2"], "--load-kg is for an emulated arm"),
         (["friction"], "name at least one log"),
+        (
+            ["fit", "x.mcap", "--output", "m.toml", "--date", "nonsense"],
+            "--date nonsense: wanted is a day as YYYY-MM-DD",
+        ),
+        (["fit", "x.mcap", "--output", "m.toml", "--date", "2026-02-30"], "YYYY-MM-DD, such as 2026-11-21"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(
