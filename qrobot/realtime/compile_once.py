@@ -20,6 +20,8 @@ from typing import Any, Final
 
 from numba.core.compiler_lock import global_compiler_lock
 
+from qrobot.realtime.whole_program import seldom_collected, with_room
+
 LOCK_FILE: Final = "qrobot-compile.lock"
 
 
@@ -29,8 +31,9 @@ def compile_once(dispatcher: Any) -> None:
     folder, name = Path(dispatcher._cache.cache_path), dispatcher._cache._cache_file._index_name
 
     def compile(signature: Any) -> Any:
-        with global_compiler_lock, lock_of(folder, name):  # in this order: a thread that waits has no other's lock
-            return compile_now(signature)
+        # In this order: a thread that waits has no other's lock.
+        with global_compiler_lock, lock_of(folder, name), seldom_collected():
+            return with_room(compile_now, signature)
 
     dispatcher.compile = compile
 

@@ -15,6 +15,7 @@ import numba
 
 from qrobot.realtime.compile_once import compile_once
 from qrobot.realtime.stamp import source_stamp
+from qrobot.realtime.whole_program import EntryCompiler, split
 
 F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
@@ -24,7 +25,7 @@ def _compile(function: F, **extra: Any) -> F:
     options: dict[str, Any] = _OPTIONS | extra
     compiled: F
     try:
-        compiled = numba.njit(cache=True, **options)(function)
+        compiled = numba.njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
         _cover_imports(compiled, Path(function.__code__.co_filename))
     except (
         RuntimeError,
@@ -42,6 +43,7 @@ def _cover_imports(compiled: Any, path: Path) -> None:
         index._source_stamp = source_stamp(path)
         index._load_index = _forgiving(index._load_index)
         compile_once(compiled)
+        split(compiled)
 
 
 def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:

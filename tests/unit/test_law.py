@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import jit_disabled
-from qrobot.servo.cycle import cycle
 from qrobot.servo.law import KP, KV, MEMORY_WORDS, N_GAINS, Law, Setting, law
 from qrobot.servo.laws import DEFAULT_LAW, LAWS, find_law, law_label
 from qrobot.servo.modes import Mode
-from tests.support.servo_bench import ServoBench, moving
+from tests.support.servo_bench import ServoBench, cycle_of_blocks, moving
 
 ROBOT = load_robot("puma560")
 N = 3
@@ -116,10 +115,11 @@ def test_all_laws_share_one_compiled_cycle() -> None:
     first, *others = LAWS
     ServoBench(law=first).hold()
     if not jit_disabled():
-        compiled = list(cycle.signatures)  # type: ignore[attr-defined]
+        compiled = list(cycle_of_blocks.signatures)  # type: ignore[attr-defined]
+        assert compiled
         for name in others:
             ServoBench(law=name).hold()
-        assert cycle.signatures == compiled  # type: ignore[attr-defined]
+        assert cycle_of_blocks.signatures == compiled  # type: ignore[attr-defined]
 
 
 def test_a_law_that_takes_something_else_is_refused_when_it_is_made() -> None:
