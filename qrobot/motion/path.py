@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from qrobot.motion.leg import Leg, Shape, leg_from, leg_round, rest
 from qrobot.motion.limits import Floats
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.schedule import Schedule
+
+_NOWHERE: Final = 1e-9  # rad or m; rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,12 @@ class Segment:
     def end(self) -> float:
         """Path time at which the target would be reached without a transition."""
         return self.begin + self.schedule.length
+
+    @property
+    def dwells(self) -> bool:
+        """It stays where it is for a time that was asked for, so that there is nothing to come to rest from."""
+        still = bool(np.abs(self.target - self.corner).max() <= _NOWHERE)
+        return still and self.request.transition_s is not None
 
     @property
     def rest_begin(self) -> float:
@@ -151,4 +160,5 @@ class Path:
             yield leg.state(clock, self.shape, rate, slope / self.shape.period_s)
 
     def _leg_to_rest(self, segment: Segment, begin: float) -> Leg:
-        return leg_from(self.state(begin), np.zeros_like(segment.velocity), begin, 2.0 * (segment.end - begin))
+        length = (1.0 if segment.dwells else 2.0) * (segment.end - begin)
+        return leg_from(self.state(begin), np.zeros_like(segment.velocity), begin, length)

@@ -176,8 +176,42 @@ def test_the_dwell_of_the_paper_takes_its_time_and_is_half_over_at_half_of_it(ro
     rccl.waitas(lambda: p.scal > 0.5)
     half_ms = (rccl.how.t_ns - begin) / 1e6
     rccl.waitfor(p.end)
-    assert half_ms == pytest.approx(200, abs=20)
-    assert (rccl.how.t_ns - begin) / 1e6 == pytest.approx(400, abs=20)
+    assert half_ms == 220  # the first sample after 200
+    assert (rccl.how.t_ns - begin) / 1e6 == 400
+
+
+@pytest.mark.parametrize("mode", ["joint", "cartesian"])
+@pytest.mark.parametrize(("ta", "ts"), [(0.0, 400.0), (60.0, 310.0), (100.0, 777.0)])
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_dwell_takes_its_time_to_the_nearest_sample_whether_or_not_a_motion_follows(
+    robot, mode, ta, ts, follows
+) -> None:
+    p = place("P", 0, 0, 0)
+    rccl.setmode(mode)
+    rccl.move(p)
+    rccl.setime(ta, ts)
+    rccl.move(p)
+    if follows:
+        rccl.setime(60, 600)
+        rccl.move(place("NEXT", 0, 60, 0))
+    rccl.waitfor(p.end)
+    begin = rccl.how.t_ns
+    rccl.waitfor(p.end)
+    assert (rccl.how.t_ns - begin) // PERIOD_NS == round(ts / 28.0)
+
+
+def test_a_dwell_from_rest_takes_its_time_and_half_a_transition(robot) -> None:
+    p = place("P", 0, 0, 0)
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+    rccl.setime(56, 400)
+    p.end = 0
+    rccl.move(p)
+    begin = rccl.how.t_ns
+    rccl.waitfor(p.end)
+    assert (rccl.how.t_ns - begin) // PERIOD_NS == pytest.approx(
+        14 + 2, abs=2
+    )  # a goal is looked at before it is gone to
 
 
 # ------------------------------------------------------------------------------------------------------- update

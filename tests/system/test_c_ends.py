@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,14 @@ def test_a_motion_that_cannot_be_done_in_the_end_is_no_good_end(folder: Path, ca
 )
 def test_a_main_that_falls_off_its_end_has_the_status_0(body: str, folder: Path) -> None:
     assert ended(f"main() {{ {body} }}", folder)[0] == 0
+
+
+def test_the_program_on_the_page_ends_with_status_0(folder: Path, capfd) -> None:
+    page = (Path(__file__).parents[2] / "docs/how-to/run-a-legacy-c-program.md").read_text()
+    (text,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    status, (trace,) = ended(text, folder)
+    assert (status, capfd.readouterr().err) == (0, "")
+    assert [(request.name, request.code) for request in trace.requests] == [("P", -1), ("P", -1), ("park", -1)]
 
 
 @pytest.mark.parametrize("event", ["completed", "p->end"])

@@ -16,9 +16,11 @@ from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config.scene import Scene
+from qrobot.motion import Termination
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import read_setpoints
+from qrobot.rccl.trace import Trace
 from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.calibration_table import load_table
@@ -165,6 +167,30 @@ def test_a_cell_written_from_the_documentation_alone_finds_its_plate_and_fits_it
     assert said.count("\nfitted: ") == 2
     assert "stopped with -2\ndone: mode 5, hand 1, inputs 1, waist " in said
     assert {"PALLET", "PLATE"} <= set((tmp_path / "cell.db").read_text().split())
+
+
+@pytest.mark.parametrize("arm", ["off line", "in lock-step"])
+def test_boxes_are_taken_off_a_moving_belt_by_a_program_in_the_way_of_the_time_s10(arm, tmp_path, capfd) -> None:
+    """One box is taken; the others have gone by: one runs away during the dwell, one was out of reach before."""
+    program = compiled(EXAMPLES / "c" / "s10_belt_to_rack.c", tmp_path, "-lm")
+    rig = LockstepRig(ROBOT, ServoSettings(), Emulator(ROBOT), keep_telemetry=False)
+    traces: list[Trace] = []
+    with rccl.use(OfflineLink if arm == "off line" else partial(link_factory, rig, 28_000), traces):
+        assert run_executable(program, ("2",)) == 0
+        assert run_executable(program, ("2", "8")) == 0
+    said = capfd.readouterr().out
+    assert "2 of 2 boxes in the rack, 2 labels, 0 lost" in said
+    assert "box 9: lost\nbox 10: lost\n0 of 2 boxes in the rack" in said
+    for closed, behind in re.findall(r"hand closed (\d+) ms into the dwell, (\S+) mm behind", said):
+        assert 200 < int(closed) <= 228
+        assert abs(float(behind)) < 3.0
+    for passing, nearest in re.findall(r"over the wall (\S+) mm from its top, (\S+) at the nearest", said):
+        assert float(passing) - float(nearest) < (9.0 if arm == "off line" else 20.0)  # by which the arm lags, mm
+    for label, stands in re.findall(r"label seen at y = (\S+), the arm stands at (\S+)", said):
+        assert float(label) == pytest.approx(-150.0, abs=15.0)
+        assert float(stands) < float(label) - 3.0  # it was measured where it was interrupted
+    for trace in traces:  # the last motion of the program, which does not wait for it
+        assert (trace.requests[-1].name, trace.requests[-1].code) == ("park", Termination.COMPLETED)
 
 
 def test_the_hand_keeps_what_it_holds_while_the_arm_is_let_go_and_taken_again(tmp_path: Path) -> None:

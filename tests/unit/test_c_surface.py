@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from qrobot.cli import toolchain
-from qrobot.motion import Kind
+from qrobot.config import load_robot
+from qrobot.motion import Blend, Kind, motion_limits
+from qrobot.motion.blend import PEAK
+from qrobot.motion.limits import PLANNED_SHARE
+from qrobot.motion.schedule import DEFAULT_TRANSITION_S
 from qrobot.rccl.c import message
 from qrobot.rccl.c.message import Message, Op, decode
 from qrobot.rccl.c.shared import SharedTransform, numbers_of, value_of
+from qrobot.rccl.parameters import DEFAULT_PACE
 from qrobot.rccl.transforms import gentr_rpy
 from qrobot.wire.vocabulary import MAX_JOINTS
 
@@ -39,6 +44,18 @@ def test_every_name_of_the_header_stands_on_the_page() -> None:
     described = set(re.findall(r"\b\w+\b", " ".join(re.findall(r"`([^`]+)`", PAGE))))
     assert len(names()) > 80
     assert sorted(names() - described) == []
+
+
+def test_the_accelerations_on_the_page_are_those_of_the_arm() -> None:
+    limits = motion_limits(load_robot("puma560"))
+    peak = PEAK[Blend.QUARTIC] / 2.0  # of the change of speed over Ta
+    text = " ".join(PAGE.split())
+    assert f"Its peak is {peak:g} of the change over `ta`" in text
+    assert f"accelerates by {peak / DEFAULT_TRANSITION_S:g} of that per second" in text
+    assert f"{limits.v_max[0] * peak / DEFAULT_TRANSITION_S:.1f} rad/s² on the waist of the PUMA 560" in text
+    assert f"{PLANNED_SHARE:.0%} of the `a_max`".replace("%", " %") in text
+    assert f"{limits.a_planned[0]:.1f} rad/s² on the waist |" in text
+    assert f"at {DEFAULT_PACE.share:.0%} of its own full speed".replace("%", " %") in text
 
 
 def test_engine_and_library_number_their_messages_alike() -> None:
