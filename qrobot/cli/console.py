@@ -53,7 +53,7 @@ def note(message: str) -> None:
 
 def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Table:
     """A table without lines: the first column and those headed by `words` to the left, numbers to the right."""
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title=title or None, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number == 0 or heading in words else "right")
     return table
@@ -61,6 +61,9 @@ def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Tabl
 
 def print_table(table: Table) -> None:
     """Print a table with all of its words and numbers, where the terminal is too narrow for them wider than that."""
+    title, table.title = table.title, None
+    if title:
+        out.print(title, style="italic", soft_wrap=True)
     everything = out.options.update(max_width=PIPE_COLUMNS)
     needed = Measurement.get(out, everything, table).minimum
     if needed <= out.width:

@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
-from qrobot.cli.console import SUCCESS, note, out, print_table, write_json
+from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.option_types import Gains, Indexes, Seconds
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
@@ -188,7 +188,9 @@ def gains(
     force: bool = False,
     where: Where | None = None,
 ) -> int:
-    """Change gains of an arm that holds, or is without power; what is left out stays. They last until the servo ends.
+    """Show the gains in force, or change those of an arm that holds or is without power; what is left out stays.
+
+    Changed ones last until the servo ends.
 
     Parameters
     ----------
@@ -201,7 +203,31 @@ def gains(
     force
         Take numbers of more than four times the robot file's too.
     """
+    if kp is None and kv is None and inertia is None:
+        return _show_gains(where or Where())
     return _do(where, lambda servo: servo.change_gains(kp, kv, inertia, force))
+
+
+def _show_gains(where: Where) -> int:
+    chosen = choose_arm(where.deployment, where.arm)
+    with ServoClient(chosen.name) as servo:
+        now = servo.status()
+    if where.json:
+        write_json({"law": now.law, "kp": now.kp, "kv": now.kv, "inertia": now.inertia})
+    else:
+        out.print(f"{now.arm}: gains in force, law {now.law}", soft_wrap=True)
+        print_table(_gains(robot_of_arm(chosen), now))
+    return SUCCESS
+
+
+def _gains(robot: Robot, now: ServoStatus) -> Table:
+    table = plain_table("", "joint", "Kp", "Kv", "inertia", "units", words=["units"])
+    for name, slides, *numbers in zip(
+        robot.joint_names, robot.prismatic.tolist(), now.kp, now.kv, now.inertia, strict=True
+    ):
+        units = "N/m, N s/m, kg" if slides else "N m/rad, N m s/rad, kg m^2"
+        table.add_row(name, *(f"{number:.8g}" for number in numbers), units)
+    return table
 
 
 @app.command

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from rich.table import Table
 from rich.text import Text
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from qrobot.rig.bounds import Verdict
     from qrobot.rig.experiment import Result, Run
 
-FIGURES = ("positions", "errors")
+COMPARED_LAW: Final = "pd"
+"""Which the paper compares its own with."""
 
 
 def demo(
@@ -76,6 +78,9 @@ def demo(
     for table in results_tables(results):
         print_table(table)
         out.print()
+    for result in results:
+        if result.made_again:
+            out.print(f"made again: {_describe(result.run)}; at first: {result.made_again}", soft_wrap=True)
     for verdict in verdicts:
         mark = Text("holds", "green") if verdict.holds else Text("FAILS", "red")
         out.print(mark, f" {verdict.what}", soft_wrap=True)
@@ -122,17 +127,17 @@ def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, pr
         processes.start("board", "bridge")
         for number, run in enumerate(runs, 1):
             progress(f"run {number}: {_describe(run)} (a first start compiles)")
-            results.append(_tried_twice(partial(run_realtime, run, processes, directory), progress))
+            results.append(_tried_twice(partial(run_realtime, run, processes, directory), note))
     return results
 
 
-def _tried_twice(attempt: Callable[[], Result], progress: Callable[[str], None]) -> Result:
-    """What `attempt` returns, at the second try where the machine stalled at the first."""
+def _tried_twice(attempt: Callable[[], Result], tell: Callable[[str], None]) -> Result:
+    """What `attempt` returns, at the second try where the machine stalled at the first; the result says so."""
     try:
         return attempt()
     except Stalled as stall:
-        progress(f"once more, as a busy or shared machine stalls now and then: {stall}")
-        return attempt()
+        tell(f"once more, as a busy or shared machine stalls now and then: {stall}")
+        return replace(attempt(), made_again=str(stall))
 
 
 def _describe(run: Run) -> str:
@@ -175,16 +180,20 @@ def _punctuality(result: Result) -> list[str]:
 
 
 def _draw(results: list[Result], directory: Path) -> list[Path]:
-    """The paper's two figures, of the first run."""
-    from qrobot.log.plot import FIGURES as DRAW
-    from qrobot.log.plot import save_figure
+    """The paper's two figures, of the first run; errors with those of PD below, where a run had that law."""
+    from qrobot.log.plot import errors_of_runs_figure, positions_figure, save_figure
 
-    paths = []
-    for name in FIGURES if results else ():
-        path = directory / f"{name}.png"
-        save_figure(DRAW[name](results[0].log), path)
-        paths.append(path)
-    return paths
+    if not results:
+        return []
+    first, *others = results
+    with_pd = [other for other in others if other.run.law == COMPARED_LAW != first.run.law][:1]
+    figures = {
+        "positions": positions_figure(first.log),
+        "errors": errors_of_runs_figure([run.log for run in (first, *with_pd)]),
+    }
+    for name, figure in figures.items():
+        save_figure(figure, directory / f"{name}.png")
+    return [directory / f"{name}.png" for name in figures]
 
 
 def _summary(results: list[Result], verdicts: list[Verdict]) -> dict[str, Any]:

@@ -143,9 +143,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 def _joint_figure(log: Log, title: str, quantity: str, units: tuple[str, str], values: NDArray[Any]) -> Figure:
     """One line per joint; sliding joints, if there are any, on an axis of their own."""
-    turning = [j for j in range(log.header.n) if not log.header.is_prismatic(j)]
-    sliding = [j for j in range(log.header.n) if log.header.is_prismatic(j)]
-    panels = [(joints, unit) for joints, unit in ((turning, units[0]), (sliding, units[1])) if joints]
+    panels = _panels(log, units)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 1.4 + 3.2 * len(panels)), layout="constrained")
         all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -157,6 +155,41 @@ def _joint_figure(log: Log, title: str, quantity: str, units: tuple[str, str], v
         all_axes[-1].set_xlabel("time (s)")
         _head(all_axes[0], log, title)
     return figure
+
+
+def errors_of_runs_figure(logs: Sequence[Log]) -> Figure:
+    """Position tracking errors of several runs of one robot, one below the other on the same scales."""
+    panels = _panels(logs[0], ("rad", "m"))
+    with mpl.rc_context(STYLE):
+        size = (9.0, 1.4 + 3.2 * len(panels) * len(logs))
+        figure = Figure(figsize=size, layout="constrained")
+        columns = figure.subplots(len(logs) * len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for k, (joints, unit) in enumerate(panels):
+            of_kind = list(columns[k :: len(panels)])
+            for log, axes in zip(logs, of_kind, strict=True):
+                _plot_joints(axes, log, joints, log.tracking_error)
+                axes.set_ylabel(f"desired − measured ({unit})")
+                _mark(axes, log_events(log))
+                axes.legend(**LEGEND)
+            _share_scale(of_kind)
+        for log, axes in zip(logs, columns[:: len(panels)], strict=True):
+            _head(axes, log, f"Position tracking error, law {log.header.law}")
+        columns[-1].set_xlabel("time (s)")
+    return figure
+
+
+def _share_scale(several: Sequence[Axes]) -> None:
+    """The same y range for all, so that what is smaller looks smaller."""
+    low, high = np.array([axes.get_ylim() for axes in several]).T
+    for axes in several:
+        axes.set_ylim(low.min(), high.max())
+
+
+def _panels(log: Log, units: tuple[str, str]) -> list[tuple[list[int], str]]:
+    """Turning joints and sliding ones, each with its unit; those that there are."""
+    sliding = [j for j in range(log.header.n) if log.header.is_prismatic(j)]
+    turning = [j for j in range(log.header.n) if j not in sliding]
+    return [(joints, unit) for joints, unit in ((turning, units[0]), (sliding, units[1])) if joints]
 
 
 def _plot_joints(axes: Axes, log: Log, joints: Sequence[int], values: NDArray[Any]) -> None:

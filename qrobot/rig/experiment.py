@@ -102,6 +102,7 @@ class Result:
         realtime_factor: robot time over wall-clock time from the program's first packet to its last; writing the log is
             not part of it.
         fault: name of the first fault code while the arm was powered, "" for none.
+        made_again: why the run was made a second time, which this is the result of; "" when the first one counted.
         digest: of every telemetry row of a lock-step run; equal digests are bit-identical runs.
     """
 
@@ -111,6 +112,7 @@ class Result:
     realtime_factor: float
     fault: str
     digest: str = ""
+    made_again: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -131,6 +133,7 @@ class Result:
             "wakeup_us": numbers["wakeup_us"],
             "realtime_factor": self.realtime_factor,
             "fault": self.fault or None,
+            "made_again": self.made_again or None,
             "log": str(self.log.path),
         }
 

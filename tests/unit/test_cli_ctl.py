@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from qrobot.cli.console import run_app
 from qrobot.cli.ctl import _lines_line
+from qrobot.cli.main import make_app
 
 
 @pytest.mark.parametrize(
@@ -20,3 +23,38 @@ from qrobot.cli.ctl import _lines_line
 def test_the_status_names_what_is_on(inputs: tuple[int, ...], outputs: dict[str, bool], line: str) -> None:
     now: Any = SimpleNamespace(hand="closed", inputs=inputs, outputs=outputs)
     assert _lines_line(now) == line
+
+
+class Servo:
+    """A servo that tells its gains, and is asked for nothing else."""
+
+    def __init__(self, arm: str) -> None:
+        self.arm = arm
+
+    def __enter__(self) -> Servo:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def status(self) -> SimpleNamespace:
+        gains = {"kp": [3510.25, *range(5)], "kv": [234.0, *range(5)], "inertia": [3.9, *range(5)]}
+        return SimpleNamespace(arm=self.arm, law="qrobot", **gains)
+
+
+def test_gains_alone_shows_those_in_force(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("qrobot.cli.ctl.ServoClient", Servo)
+    assert run_app(make_app(), ["ctl", "gains"]) == 0
+    told = capsys.readouterr().out
+    assert "waist 3510.25 234 3.9 N m/rad, N m s/rad, kg m^2" in " ".join(told.split())
+    assert run_app(make_app(), ["ctl", "gains", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kp"][0] == 3510.25
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
+def test_gains_that_cannot_be_never_reach_a_servo(
+    value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qrobot.cli.ctl.ServoClient", Servo)
+    assert run_app(make_app(), ["ctl", "gains", f"--kp={value}", *["--kp=1"] * 5]) == 2
+    assert "only 0 to 1e+12" in capsys.readouterr().err

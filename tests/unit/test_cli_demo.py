@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from qrobot.cli.demo import _tried_twice
+from qrobot.cli.console import run_app
+from qrobot.cli.demo import _draw, _tried_twice
+from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.errors import QRobotError, Stalled
 from qrobot.faultcodes import FaultCode
 from qrobot.log.header import header_for
 from qrobot.log.read import Log
-from qrobot.rig.experiment import STALLS, stalled_before_fault
+from qrobot.log.summary import tracking_summary
+from qrobot.rig.experiment import STALLS, Result, Run, stalled_before_fault
 from qrobot.servo.mailbox import FLAG_UNSEEN
 from qrobot.servo.modes import Mode
 from qrobot.servo.telemetry import TelemetryLayout
@@ -25,11 +30,12 @@ class Attempts:
     def __init__(self, *errors: Exception) -> None:
         self.errors, self.made = list(errors), 0
 
-    def __call__(self) -> str:
+    def __call__(self) -> Result:
         self.made += 1
         if self.errors:
             raise self.errors.pop(0)
-        return "result"
+        log = log_of_a_fault()
+        return Result(Run(1000, "realtime"), log, tracking_summary(log), 1.0, "")
 
 
 @pytest.fixture
@@ -39,20 +45,21 @@ def told() -> list[str]:
 
 def test_a_run_that_a_stall_stopped_is_made_once_more_and_people_are_told_why(told: list[str]) -> None:
     attempts = Attempts(Stalled("BOARD_GONE"))
-    assert _tried_twice(attempts, told.append) == "result"  # type: ignore[arg-type, comparison-overlap]
+    assert _tried_twice(attempts, told.append).made_again == "BOARD_GONE"
     assert attempts.made == 2
     assert "BOARD_GONE" in told[0]
+    assert _tried_twice(Attempts(), told.append).made_again == ""
 
 
 def test_a_machine_that_stalls_again_is_an_error(told: list[str]) -> None:
     with pytest.raises(Stalled):
-        _tried_twice(Attempts(Stalled("first"), Stalled("second")), told.append)  # type: ignore[arg-type]
+        _tried_twice(Attempts(Stalled("first"), Stalled("second")), told.append)
 
 
 def test_what_the_arm_did_is_not_tried_again(told: list[str]) -> None:
     attempts = Attempts(QRobotError("COLLISION"))
     with pytest.raises(QRobotError, match="COLLISION"):
-        _tried_twice(attempts, told.append)  # type: ignore[arg-type]
+        _tried_twice(attempts, told.append)
     assert (attempts.made, told) == (1, [])
     assert STALLS.isdisjoint({"COLLISION", "FOLLOWING", "ENC_STUCK", "JOINT_LIMIT"})
 
@@ -96,3 +103,38 @@ def test_a_run_without_a_fault_blames_nobody() -> None:
     log.rows["fault"] = 0
     log.rows["t_ns"][100:] += 20 * PERIOD_NS
     assert not stalled_before_fault(log)
+
+
+def result_with(law: str, error: float, made_again: str = "") -> Result:
+    rows = log_of_a_fault().rows
+    rows["q_ref"], rows["fault"] = rows["q"] + error, 0
+    log = Log(Path(f"{law}.mcap"), header_for(load_robot("puma560"), PERIOD_NS, law), rows)
+    return Result(Run(1000, "realtime", law=law), log, tracking_summary(log), 1.0, "", made_again=made_again)
+
+
+def test_the_errors_of_the_first_run_are_drawn_and_those_of_pd_below(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: dict[str, Figure] = {}
+    monkeypatch.setattr("qrobot.log.plot.save_figure", lambda figure, path: figures.update({path.stem: figure}))
+    _draw([result_with("qrobot", 0.003), result_with("qrobot", 0.1), result_with("pd", -0.018)], tmp_path)
+    first, pd = figures["errors"].axes
+    assert (first.get_title(loc="left"), pd.get_title(loc="left")) == (
+        "Position tracking error, law qrobot",
+        "Position tracking error, law pd",
+    )
+    assert [line.get_ydata()[0] for line in (first.lines[0], pd.lines[0])] == pytest.approx([0.003, -0.018])
+    assert first.get_ylim() == pd.get_ylim()
+    _draw([result_with("pd", -0.018), result_with("pd", 0.1)], tmp_path)
+    assert len(figures["errors"].axes) == 1
+
+
+def test_a_run_that_was_made_again_stays_in_what_the_demo_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = [result_with("qrobot", 0.001, "BOARD_GONE: the board was away")]
+    monkeypatch.setattr("qrobot.cli.demo._run_all", lambda *_: results)
+    run_app(make_app(), ["demo", "--out-dir", str(tmp_path), "--json", str(tmp_path / "x.json")])
+    assert "made again: 1000 Hz on the wall clock" in (told := capsys.readouterr().out)
+    assert "at first: BOARD_GONE: the board was away" in told
+    assert json.loads((tmp_path / "x.json").read_text())["runs"][0]["made_again"] == "BOARD_GONE: the board was away"

@@ -26,7 +26,8 @@ def a_table() -> Table:
 
 def test_a_pipe_takes_a_row_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     print_table(a_table())
-    _, _, row = capsys.readouterr().out.splitlines()
+    title, _, row = capsys.readouterr().out.splitlines()
+    assert title == "a title"
     assert row.split() == ["shoulder_rotation", *NUMBERS, PATH, *PROSE.split()]
 
 
