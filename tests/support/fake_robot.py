@@ -158,7 +158,7 @@ class FakeRobot:
         powered = self.mode not in (RobotMode.OFF, RobotMode.POWERING, RobotMode.FAULT)
         flags = RobotFlag.POWERED if powered else 0
         return RobotState(
-            self._t_ns, self.mode, self.q, still, still, self.q, self.fault, self.event, 0, flags, hand=self.hand
+            self._t_ns, self.mode, self.q, still, still, self.q, self.fault, self.event, flags=flags, hand=self.hand
         )
 
 
