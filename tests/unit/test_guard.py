@@ -164,7 +164,7 @@ def setpoint_verdict(value: float, mode: int = 1, before: float = 0.0, at: float
     code, joint = check_setpoint(
         np.array([value]), np.array([mode]), knots, -one, one, 4 * one, 16 * one, 8 * one, 0.125, slack
     )
-    assert joint == 0
+    assert joint == (NO_JOINT if code == FaultCode.NONE else 0)
     return code
 
 
