@@ -118,6 +118,7 @@ def servo_settings(
         outputs=outputs_of(arm),
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
+        pots=arm.board.pots,
     )
 
 

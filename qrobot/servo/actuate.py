@@ -43,7 +43,8 @@ from qrobot.servo.mailbox import BEAT_DISCRETE, COMMAND_HAND, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.outputs import post_outputs
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import has_table, wanted_channels
+from qrobot.servo.pot_watch import wanted_channels
+from qrobot.servo.pots import has_table
 from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.state import (
     CLIPPED,

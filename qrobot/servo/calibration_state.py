@@ -79,6 +79,9 @@ def make_calibration_state(n: int) -> CalibrationState:
 # values of `PotState.i[VERDICT]`
 UNJUDGED, PLAUSIBLE, IMPLAUSIBLE, SILENT = range(4)
 
+# values of `PotState.proof`
+REFUTED, UNPROVEN, PROVEN = -1, 0, 1
+
 # indexes into `PotState.i`
 (
     VERDICT,
@@ -99,7 +102,13 @@ class PotState(NamedTuple):
     followed: Any  # int64[n] readings
     trusted: Any  # int64[n] 0: it made a step that no motor makes
     gone: Any  # int64[n] readings in a row a good way off `average`
+    strayed: Any  # int64[n] readings in a row some way off `average`, to one side; negative below it
     counts: Any  # int64[n] of the joint at the newest reading
+    low: Any  # float64[n] least of the readings before power, where there is no table
+    high: Any  # float64[n] greatest
+    proof: Any  # int64[n] see `servo.pot_watch`
+    anchor: Any  # float64[n] reading that its motion is measured from
+    anchor_counts: Any  # int64[n] of the joint then
 
 
 def make_pot_state(n: int) -> PotState:
@@ -110,5 +119,6 @@ def make_pot_state(n: int) -> PotState:
 
     return PotState(
         np.zeros(N_POT_INTEGERS, np.int64), np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
-        followed=integers(), trusted=integers(), gone=integers(), counts=integers(),
+        followed=integers(), trusted=integers(), gone=integers(), strayed=integers(), counts=integers(),
+        low=np.zeros(n), high=np.zeros(n), proof=integers(), anchor=np.zeros(n), anchor_counts=integers(),
     )  # fmt: skip

@@ -15,6 +15,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.actuate import drive, write
 from qrobot.servo.calibrate import IDLE, calibrate, leave_calibration
 from qrobot.servo.calibration_state import STAGE
+from qrobot.servo.give_way import give_way
 from qrobot.servo.hold_to_run import watch_key
 from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.modes import Mode, gives_torque
@@ -133,6 +134,7 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
         while frame_is_over(state):
             shift_extrapolated(state.knots)
         follow_path(params, state, state.f[RATE_SLOPE])
+        give_way(params, state)
         if left == 0.0:
             finish_stop(state)
 

@@ -18,8 +18,9 @@ Both are wider, by W, while other joints accelerate: a mass matrix has M_jk^2 <=
     M dv/dt = excess        dx/dt = v
 
 and no model that is wrong by a factor makes four counts into none. At rest nothing has been measured, and a slow joint
-may be far by the time that u has passed B + L. So a potentiometer is asked, where there is a calibration table. It
-hangs on the same motor by other wires; while the counts stand it shows a quarter of a turn of a motor that is driven.
+may be far by the time that u has passed B + L. So its potentiometer is asked. It hangs on the same motor by other
+wires; while the counts stand it shows a quarter of a turn of a motor that is driven. Without a calibration table nobody
+has said that it works, and it is heard before power and tried on the way, see `servo.pot_watch`.
 
 A joint that something holds fails the same way. Where its potentiometer still stands when the model is sure of half a
 motor turn, both channels agree that it does: a brake that did not release, or something it presses on, which is no
@@ -39,6 +40,13 @@ LAG_S: Final = 0.05  # in which the joints follow their references [A]
 BASE_SHARE: Final = 0.25  # of a new reading in the mean, where counts and potentiometer may go together
 FAILED_TURNS: Final = 1.0  # from one reading to the next: no motor, but a potentiometer that has failed
 FIRST_READINGS: Final = 4
+GONE_TURNS: Final = 0.25  # of the motor, by its potentiometer: 37 units, of which noise and rounding are 7 (1 sigma)
+STRAYED_SHARE: Final = 0.6  # of that: in question, and an answer where the model is sure of missing counts
+SPREADS: Final = (
+    2.0  # readings of an unknown potentiometer at rest lie within so many times less than shows a motor gone
+)
+TRIED_TURNS: Final = 2.0  # of the motor by its counts: a stretch on which a potentiometer is tried
+TRIED_SHARE: Final = 0.5  # of it, that it may miss: slope, noise, and 0.3 turns of backlash
 
 
 @lean_kernel
@@ -118,3 +126,37 @@ def follow_pot(
     if readings < FIRST_READINGS:
         return base + (residue - base) / (readings + 1), True
     return base + BASE_SHARE * (residue - base) if free else base, True
+
+
+@lean_kernel
+def gone_units(turn: float, spread: float, step: float) -> float:
+    """So far from its mean a potentiometer shows a motor that turns, ADC units.
+
+    Args:
+        turn: units a motor turn. spread: greatest less least reading at rest, 0 where its noise is known. step: of the
+            converter, where one is more than noise.
+    """
+    return max(GONE_TURNS * turn, SPREADS * spread) + step
+
+
+@lean_kernel
+def has_followed(change: float, counts: float, counts_per_rev: float, turn: float) -> int:
+    """What a stretch of motion says of a potentiometer: 1 it goes with its encoder, -1 it does not, 0 too short.
+
+    Args:
+        change: of its reading less what the counts account for, ADC units. counts: of the stretch. turn: units a turn.
+    """
+    turns = abs(counts) / counts_per_rev
+    if turns < TRIED_TURNS:
+        return 0
+    return 1 if abs(change) <= TRIED_SHARE * turns * turn else -1
+
+
+@lean_kernel
+def in_a_row(row: int, off: float, units: float) -> int:
+    """Readings in a row that are `off` by more than `units` to one side, with the sign of that side."""
+    if off > units:
+        return max(row, 0) + 1
+    if off < -units:
+        return min(row, 0) - 1
+    return 0

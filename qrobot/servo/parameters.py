@@ -95,6 +95,7 @@ class ServoParameters(NamedTuple):
     adc_patience: int  # cycles a conversion may take
     index_phase: Any  # int64[n] index pulse modulo counts_per_rev
     pot_channel: Any  # int64[n]
+    pots: int  # 1: potentiometers may be looked at without a calibration table
     calibration: CalibrationParams
     creep_speed: Any  # while calibrating
     creep_acceleration: Any
@@ -162,6 +163,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             adc_patience=max(ADC_PATIENCE_CYCLES, math.ceil(ADC_PATIENCE_NS / settings.period_ns)),
             index_phase=np.array(robot.transmission.index_phase),
             pot_channel=np.array(robot.transmission.pot_channels),
+            pots=int(settings.pots and not settings.position_drives),
             calibration=calibration_params(robot.n, settings.calibration),
             creep_speed=creep,
             creep_acceleration=creep / CREEP_RISE_S,

@@ -8,7 +8,8 @@ readings is good to a fraction of a turn, at rest or not.
   Not so beyond the ends of a potentiometer's track, where joint 6 can stand: it carries nothing, and meets no stop.
 * Counters that claim to be calibrated are checked. Off by more than the potentiometers allow, they get no power.
 
-All this needs a calibration table; without one nothing is read and nothing is checked.
+Both need a calibration table. Under torque potentiometers watch their encoders, with a table and without
+(`servo.pot_watch`).
 """
 
 from __future__ import annotations
@@ -32,25 +33,21 @@ from qrobot.servo.calibration_state import (
     SUSPECT,
     TIMEOUTS_BEFORE,
     UNJUDGED,
+    UNPROVEN,
     VERDICT,
     Stage,
 )
-from qrobot.servo.encoder_watch import FIRST_READINGS, follow_pot
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.state import MODE, REVISION, STATUS, TICK, ServoState
+from qrobot.servo.state import MODE, REVISION, STATUS, ServoState
 from qrobot.servo.vote import in_table
 
-TURN_TICKS: Final = 32  # beside sensors: so many cycles a turn,
-POT_TICKS: Final = 8  # and of these for potentiometers [A]
 READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) against 150 a turn
 MOST_SILENCES: Final = 3  # conversions without an answer
 ROWS_BEYOND: Final = 3  # a table begins in the second turn of the range, and an arm may stand a little outside of it
 OFF_TURNS: Final = 0.6  # pot against table: backlash 0.3 turns, waviness, noise
 TRACK_UNITS: Final = 5.0 / ADC_F_VOLT_PER_COUNT  # where the track of a potentiometer ends, ADC units; it begins at 0
 HALF_STEP_E: Final = 0.5 * ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # what 8 bits leave open, ADC units
-GONE_TURNS: Final = 0.25  # of the motor, by its potentiometer: 37 units, of which noise and rounding are 7 (1 sigma)
-CALIBRATING: Final = int(Mode.CALIBRATING)
 SWEEPING: Final = int(Stage.SWEEPING)
 
 
@@ -72,68 +69,8 @@ def forget_pots(state: ServoState) -> None:
     state.pots.i[VERDICT], state.pots.i[TIMEOUTS_BEFORE] = UNJUDGED, state.adc.i[TIMEOUTS]
     for j in range(state.pots.total.size):
         state.pots.total[j], state.pots.readings[j] = 0.0, 0
-        state.pots.followed[j], state.pots.gone[j] = 0, 0
-
-
-@lean_kernel
-def wanted_channels(params: ServoParameters, state: ServoState) -> int:
-    """ADC channels to sample now: the sensors', and potentiometers as long as they are needed. A bit each."""
-    if not has_table(params):
-        return int(params.sensor_mask)
-    if state.cal.i[STAGE] == SWEEPING:  # nothing else, so that every turn has many readings
-        return int(1 << params.pot_channel[state.cal.i[JOINT_NOW]])
-    wanted = params.sensor_mask
-    if state.pots.i[VERDICT] == IMPLAUSIBLE or (state.pots.i[VERDICT] == PLAUSIBLE and not compared_now(params, state)):
-        return int(wanted)
-    for j in range(params.pot_channel.size):
-        wanted |= 1 << params.pot_channel[j]
-    return int(wanted)
-
-
-@lean_kernel
-def compared_now(params: ServoParameters, state: ServoState) -> bool:
-    """The turn of the potentiometers, beside encoders under torque: always, or a quarter of the time beside sensors."""
-    if not gives_torque(state.i[MODE]):
-        return False
-    return params.sensor_mask == 0 or state.i[TICK] % TURN_TICKS < POT_TICKS
-
-
-@lean_kernel
-def follow_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
-    """Compare a new conversion of `channel` (-1: none) with its encoder while the motors carry torque."""
-    if channel < 0 or state.pots.i[VERDICT] != PLAUSIBLE:
-        return
-    for j in range(params.pot_channel.size):
-        if params.pot_channel[j] == channel and watched(state):
-            _follow_pot(params, state, j)
-        elif params.pot_channel[j] == channel:
-            state.pots.followed[j], state.pots.gone[j] = 0, 0
-
-
-@lean_kernel
-def watched(state: ServoState) -> bool:
-    """The counts are those of the pose, and stay so: they are not being calibrated."""
-    return gives_torque(state.i[MODE]) and state.i[MODE] != CALIBRATING
-
-
-@lean_kernel
-def _follow_pot(params: ServoParameters, state: ServoState, j: int) -> None:
-    pots, residue = state.pots, pot_residue(params, state, j)
-    turn = abs(params.transmission.pot_per_count[j]) * params.transmission.counts_per_rev[j]
-    free = state.counts[j] != pots.counts[j] or state.watch.driven[j] == 0
-    pots.average[j], trusted = follow_pot(residue, pots.newest[j], pots.average[j], pots.followed[j], free, turn)
-    pots.trusted[j] = 1 if trusted and (pots.followed[j] == 0 or pots.trusted[j] != 0) else 0
-    off = pots.trusted[j] != 0 and not free and not abs(residue - pots.average[j]) <= GONE_TURNS * turn
-    pots.gone[j] = pots.gone[j] + 1 if off else 0
-    pots.newest[j], pots.counts[j] = residue, state.counts[j]
-    pots.followed[j] += 1
-
-
-@lean_kernel
-def pot_is_watching(params: ServoParameters, state: ServoState, j: int) -> bool:
-    """A potentiometer that can be trusted would show a motor that turns while its encoder does not count."""
-    pots = state.pots
-    return bool(has_table(params) and pots.followed[j] >= FIRST_READINGS and pots.trusted[j] != 0)
+        state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
+        state.pots.low[j], state.pots.high[j], state.pots.proof[j] = 0.0, 0.0, UNPROVEN
 
 
 @lean_kernel

@@ -34,7 +34,8 @@ from qrobot.servo.guard import (
 from qrobot.servo.index_watch import ARMED, check_indexes, stop_watching
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.pots import follow_pots, forget_pots, gather_pot, has_table, watch_pots
+from qrobot.servo.pot_watch import follow_pots, hear_pots
+from qrobot.servo.pots import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.state import (
     ADOPT,
     ADOPT_BOARD,
@@ -93,6 +94,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
     measure_wrench(params.wrench, state.sensors, state.adc.done, state.i[IMAGE_OK] != 0, state.wrench)
     if state.i[STARTED] != 0:
         watch_pots(params, state, channel)
+        hear_pots(params, state, channel)
         gather_pot(params, state, channel)
         follow_pots(params, state, channel)
 

@@ -75,7 +75,8 @@ class ServoSettings:
         reduced_speed_m_s: the most that the tool's tip may move, 0 for no such limit.
         tool_m: the tool's tip from the flange, in its frame.
         outputs: lines that programs may switch.
-        calibration: the arm's table; without one its potentiometers are not looked at, and it cannot be calibrated.
+        calibration: the arm's table; without one it cannot be calibrated.
+        pots: the arm has potentiometers. Without a table they watch over encoders that have died, and nothing else.
     """
 
     rate_hz: float = 1000.0
@@ -102,6 +103,7 @@ class ServoSettings:
     tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     outputs: tuple[OutputWire, ...] = ()
     calibration: CalibrationTable | None = None
+    pots: bool = True
 
     def __post_init__(self) -> None:
         if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:

@@ -26,6 +26,7 @@ from qrobot.servo.calibration_state import (
     Stage,
 )
 from qrobot.servo.event import note_event
+from qrobot.servo.give_way import forget_yielding
 from qrobot.servo.guard import category_of
 from qrobot.servo.incident import note_incident
 from qrobot.servo.interpolator import line_through, rest_at, room_duration, stop_duration
@@ -260,7 +261,7 @@ def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
     elif not pots_judged(params, state):
         state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
         note_event(state, NONE)  # what was said of an earlier request is no answer to this one
-    elif state.pots.i[VERDICT] > PLAUSIBLE:
+    elif has_table(params) and state.pots.i[VERDICT] > PLAUSIBLE:
         note_event(state, CAL_MISMATCH, state.pots.i[SUSPECT])
     else:
         note_event(state, NONE)
@@ -327,6 +328,7 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
     if code != 0:
         note_event(state, code, joint)
     elif play:
+        forget_yielding(state)  # what stopped the last one may have ended in a fault
         start_stream(params, state, now_ns)
         enter(state, TRACKING)
 
@@ -416,7 +418,7 @@ def react(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     note_event(state, code, state.i[PENDING_JOINT])
     state.i[PENDING] = 0
     mode, category = state.i[MODE], category_of(code)
-    if code == COLLISION:
+    if code == COLLISION and mode in (TRACKING, STOPPING):
         state.watch.i[YIELDS] = 1
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
         state.i[FAULT] = code
@@ -441,5 +443,5 @@ def finish_stop(state: ServoState) -> None:
         hold_here(state)
     elif state.i[AFTER_STOP] == HOLDING:
         hold_reference(state)
-    state.watch.i[YIELDS] = 0
+    forget_yielding(state)
     enter(state, state.i[AFTER_STOP])

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.servo.forms import find_form
 from qrobot.servo.incident import INCIDENT_WORDS
 from qrobot.servo.settings import ServoSettings
 from qrobot.units import NS_PER_S
@@ -62,6 +63,9 @@ class WatchParams(NamedTuple):
     rise_down: Any
     unknown_load: Any  # N m (N)
     root_inertia: Any  # sqrt of M0
+    jumps: int  # 1: the velocity of the reference jumps at setpoints
+    jolt_per_jump: Any  # Kv / M0, 1/s: acceleration a jump asks for
+    jolt_max: Any  # tau_max / M0, rad/s2 (m/s2)
     saturation_s: float
     misses_in_a_row: int  # 0: never too many
     misses_allowed: int  # in one window
@@ -90,9 +94,13 @@ class WatchState(NamedTuple):
     q_ref_then: Any  # reference at the last count
     swept_then: Any  # way of all references when it last counted
     bend: Any  # size of the reference's acceleration, of late
+    jolt: Any  # of `bend`, what no program plans: a stop's, and jumps of the reference's velocity
+    v_ref_before: Any  # of the cycle before
     inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
+    allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
     driven: Any  # 1: reference or torque has changed since, int64
     v_moving: Any  # velocity when they last changed
+    gave_way: Any  # speed of its reference when it gave way in this stop, see `servo.give_way`
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
     incident: Any  # int64[INCIDENT_WORDS], see `servo.incident`
@@ -125,6 +133,9 @@ def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
         rise_down=torque * (RISE_SHARE * friction.coulomb_neg + step),
         unknown_load=load * np.ones(robot.n),
         root_inertia=np.sqrt(robot.control.inertia),
+        jumps=int(find_form(settings.interpolation).continuity == 0),
+        jolt_per_jump=robot.control.kv / robot.control.inertia,
+        jolt_max=guard.tau_max / robot.control.inertia,
         saturation_s=guard.saturation_s,
         misses_in_a_row=settings.overrun.misses_in_a_row,
         misses_allowed=int(settings.overrun.late_share * points),
@@ -146,6 +157,7 @@ def make_watch_state(n: int) -> WatchState:
         over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
-        swept_then=vector(), bend=vector(), inertial=vector(), driven=integers(n),
-        clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
+        swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),
+        allowed=vector(), driven=integers(n),
+        gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
     )  # fmt: skip

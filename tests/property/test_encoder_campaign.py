@@ -2,7 +2,8 @@
 
 Nothing tells it directly: counts and index pulses both stay away, as of a joint at rest. On the way the torque since
 the last count does, in every deployment. At rest nothing is known of the joint's friction, and it is the potentiometer
-that does, which takes a calibration table; without one the promise is weaker, and stands here too.
+that does, with a calibration table or without; of an arm without potentiometers the promise is weaker, and stands here
+too.
 """
 
 from __future__ import annotations
@@ -11,12 +12,17 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.calibration_state import PROVEN, REFUTED, UNPROVEN
 from qrobot.servo.incident import read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.board import BoardOptions
+from qrobot.sim_board.emulator import Emulator
 from tests.property.test_motor_campaign import random_path
-from tests.support.campaign import FRAME_NS, FRAME_S, N
-from tests.support.dead_encoder import Case, SlowArm, run_case
+from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, N
+from tests.support.dead_encoder import TABLE, Case, SlowArm, run_case
 
 SPEEDS = (0.02, 0.1, 1.0)
 WAYS = ((1.0, 0), (-1.0, 0), (1.0, 3))  # and plants
@@ -39,9 +45,24 @@ def test_a_cable_that_comes_off_costs_the_power_within_five_degrees(case: Case) 
     assert result.seconds <= 0.25 or not case.moving  # a joint that sticks at rest is not found before it moves
 
 
+@pytest.mark.parametrize("case", every(False, False), ids=str)
+def test_without_a_calibration_table_the_potentiometers_see_it_at_rest_all_the_same(case: Case) -> None:
+    result = run_case(case)
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+
+
+@pytest.mark.parametrize("case", [case for case in every(True, False) if case.draw == 3], ids=str)
+def test_nor_is_a_table_needed_on_the_way(case: Case) -> None:
+    result = run_case(case)
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= DEGREES
+    assert result.seconds <= 0.25
+
+
 @pytest.mark.parametrize("case", every(moving=True, table=False), ids=str)
 def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(case: Case) -> None:
-    result = run_case(case)
+    result = run_case(case, pots=False)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= BLIND_DEGREES
     assert result.seconds <= (0.4 if abs(case.speed) < 0.1 else 0.06)
@@ -49,7 +70,7 @@ def test_without_potentiometers_it_is_found_by_the_torque_since_the_last_count(c
 
 @pytest.mark.parametrize("case", [case for case in every(False, False) if abs(case.speed) == 1.0], ids=str)
 def test_without_potentiometers_a_fast_start_is_cut_as_soon(case: Case) -> None:
-    result = run_case(case)
+    result = run_case(case, pots=False)
     assert result.code is FaultCode.ENC_STUCK
     assert result.degrees <= DEGREES
 
@@ -93,6 +114,66 @@ def test_a_potentiometer_that_fails_does_not_stop_an_arm_whose_encoders_count(li
     for _ in range(150):
         arm.frame()
     assert arm.mode is Mode.TRACKING
+
+
+LIARS = ("pot:2 dead", "pot:2 noise 10", "pot:2 noise 40", "pot:2 wrong 0.3", "adc stuck")
+
+
+@pytest.mark.parametrize("line", LIARS)
+def test_without_a_table_a_potentiometer_that_was_bad_before_power_stops_nothing_that_moves(line: str) -> None:
+    arm = SlowArm(Case(2, 0.05, True, False), 1000.0, line)
+    for _ in range(150):
+        arm.frame()
+    assert arm.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize("line", LIARS)
+def test_nor_does_it_excuse_an_encoder_that_the_torque_accuses(line: str) -> None:
+    arm = SlowArm(Case(2, 0.1, True, False), 1000.0, line)
+    for _ in range(30):
+        arm.frame()
+    arm.pull_cable()
+    result = arm.suffer()
+    assert result.code is FaultCode.ENC_STUCK
+    assert result.degrees <= BLIND_DEGREES
+
+
+@pytest.mark.parametrize("pot_per_rev", [150.1, -60.0, 400.0])
+def test_a_slope_that_the_robot_file_has_wrong_refutes_the_potentiometers_and_stops_nothing(pot_per_rev: float) -> None:
+    wired = PUMA.model_copy(update={"transmission": PUMA.transmission.model_copy(update={"pot_per_rev": pot_per_rev})})
+    rig = LockstepRig(PUMA, ServoSettings(), Emulator(wired, start="ready", physics="rigid"), keep_telemetry=False)
+    rig.run_for(0.3)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.5)
+    for seq, q in enumerate(random_path(5, 20.0)):
+        rig.mailbox.push_setpoint(1, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+        rig.run_for(FRAME_S)
+    assert read_incident(rig.state.watch.incident) is None
+    assert (rig.state.pots.proof[:3] == REFUTED).all()
+
+
+def test_a_potentiometer_that_goes_with_its_encoder_is_trusted_without_a_table() -> None:
+    arm = SlowArm(Case(1, 0.5, True, False))
+    assert arm.rig.state.pots.proof[0] == UNPROVEN
+    for _ in range(30):
+        arm.frame()
+    assert arm.rig.state.pots.proof[0] == PROVEN
+
+
+@pytest.mark.parametrize("table", [False, True])
+def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -> None:
+    settings = ServoSettings(calibration=TABLE if table else None)
+    plant = Emulator(PUMA, physics="rigid", options=BoardOptions(revision_f=False))
+    rig = LockstepRig(PUMA, settings, plant, keep_telemetry=False)
+    rig.run_for(0.3)
+    rig.mailbox.request_power(True)
+    rig.run_for(0.5)
+    start = np.array(rig.mailbox.snapshot().q_ref)
+    for seq in range(500):
+        q = start + 0.004 * seq * FRAME_S * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+        rig.mailbox.push_setpoint(1, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+        rig.run_for(FRAME_S)
+    assert Mode(rig.mailbox.snapshot().mode) is Mode.TRACKING
 
 
 @pytest.mark.parametrize(("rate_hz", "velocity", "draw"), [(1000.0, "difference", 2), (4000.0, "observer", 3)])

@@ -16,6 +16,7 @@ from qrobot.servo.incident import Incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.watch_state import YIELDS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, FastLeg, Floats, N
@@ -150,6 +151,15 @@ def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:
     leg.fly(6)
     assert leg.mode is Mode.TRACKING
     assert incident_of(leg).number == 1
+
+
+def test_a_new_motion_forgets_a_collision_whose_stop_ended_in_a_fault() -> None:
+    leg = FastLeg(1000.0)
+    leg.power_on()
+    leg.rig.state.watch.i[YIELDS] = 1
+    leg.fly(4)
+    assert leg.mode is Mode.TRACKING
+    assert leg.rig.state.watch.i[YIELDS] == 0
 
 
 # ------------------------------------------------------------------------------------------------------ false alarms

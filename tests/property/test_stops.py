@@ -19,6 +19,8 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
+from tests.campaigns.stops import cases as random_cases
+from tests.campaigns.stops import stop_once
 from tests.support.servo_bench import cruise
 
 Floats = NDArray[np.float64]
@@ -125,3 +127,15 @@ def test_a_stop_at_any_instant_in_any_form_is_a_stop_and_no_fault(form: str, vel
         arm.go(RAMP_S + CRUISE_S * float(random.uniform(0.0, 1.0)))
         arm.stop()
         assert (arm.mode, arm.event) == (Mode.HOLDING, FaultCode.NONE), (joint, speed)
+
+
+# Of 300 random ones each: false alarms of a wrong model and an unknown load, before a stop and jumps of the velocity
+# were allowed for. Seeds of `python -m tests.campaigns stops`.
+@pytest.mark.parametrize(
+    ("form", "seeds"),
+    [("linear", (8, 9, 16, 32, 57, 114, 139, 144, 177, 257)), ("cubic", (212, 276)), ("b-spline", (212, 276))],
+)
+def test_a_stop_of_a_random_motion_is_a_stop_and_no_fault(form: str, seeds: tuple[int, ...]) -> None:
+    of_campaign = list(random_cases(max(seeds) + 1, form))
+    for seed in seeds:
+        assert stop_once(of_campaign[seed]) == (Mode.HOLDING, FaultCode.NONE), of_campaign[seed]

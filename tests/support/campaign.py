@@ -106,8 +106,12 @@ class Outcome:
         return np.asarray(np.abs(after - after[0]).max(axis=0))
 
     def off_path(self) -> float:
-        """Largest distance of the reference from the straight line of the leg while the servo drove, rad."""
-        driven = self.rows[np.isin(self.rows["mode"], [Mode.TRACKING, Mode.STOPPING])]
+        """Largest distance of the reference from the straight line of the leg while the servo drove, rad.
+
+        A stop after a collision gives way, and leaves the line: it does not count.
+        """
+        on_path = [Mode.TRACKING] if self.code is FaultCode.COLLISION else [Mode.TRACKING, Mode.STOPPING]
+        driven = self.rows[np.isin(self.rows["mode"], on_path)]
         start, way = PUMA.poses["end"], PUMA.poses["park"] - PUMA.poses["end"]
         away = driven["q_ref"] - start
         along = away @ way / (way @ way)

@@ -156,6 +156,7 @@ class ServoBench:
             outputs=outputs,
             board_timeout_ms=board_timeout_ms,
             reduced_speed_m_s=reduced_speed_m_s,
+            pots=False,
             tool_m=tool_m,
         )
         self.params = servo_parameters(self.robot, self.settings)

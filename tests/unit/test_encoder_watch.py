@@ -10,10 +10,17 @@ from qrobot.servo.encoder_watch import (
     BASE_SHARE,
     FAILED_TURNS,
     FIRST_READINGS,
+    GONE_TURNS,
     LAG_S,
     SLID_COUNTS,
+    SPREADS,
+    TRIED_SHARE,
+    TRIED_TURNS,
     WRONG_INERTIA,
     follow_pot,
+    gone_units,
+    has_followed,
+    in_a_row,
     is_missing,
     lasting,
     predict_travel,
@@ -135,3 +142,34 @@ def test_a_step_that_no_motor_makes_is_a_potentiometer_that_has_failed(step: flo
 
 def test_where_a_potentiometer_is_found_first_is_no_step() -> None:
     assert follow_pot(9.0 * TURN, 0.0, 0.0, 0, True, TURN) == (9.0 * TURN, True)
+
+
+def test_a_motor_is_gone_by_a_quarter_of_a_turn_or_by_twice_what_an_unknown_potentiometer_strays_at_rest() -> None:
+    assert gone_units(TURN, 0.0, 0.0) == GONE_TURNS * TURN
+    assert gone_units(TURN, 0.5 * GONE_TURNS * TURN / SPREADS, 0.0) == GONE_TURNS * TURN
+    assert gone_units(TURN, 40.0, 0.0) == SPREADS * 40.0
+    assert gone_units(TURN, 40.0, 64.0) == SPREADS * 40.0 + 64.0
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_potentiometer_has_followed_when_it_missed_no_more_than_its_share_of_two_turns(
+    way: float, side: float
+) -> None:
+    counts, allowed = way * TRIED_TURNS * 800.0, side * TRIED_SHARE * TRIED_TURNS * TURN
+    assert has_followed(allowed, counts, 800.0, TURN) == 1
+    assert has_followed(math.nextafter(allowed, side * INF), counts, 800.0, TURN) == -1
+    assert has_followed(1.5 * allowed, 2.0 * counts, 800.0, TURN) == 1
+    assert has_followed(9.0 * allowed, math.nextafter(counts, 0.0), 800.0, TURN) == 0
+    assert has_followed(NAN, counts, 800.0, TURN) == -1
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_readings_in_a_row_are_those_to_one_side(side: int) -> None:
+    off = math.nextafter(20.0, INF) * side
+    assert in_a_row(0, off, 20.0) == side
+    assert in_a_row(3 * side, off, 20.0) == 4 * side
+    assert in_a_row(-3 * side, off, 20.0) == side
+    assert in_a_row(3 * side, 20.0 * side, 20.0) == 0
+    assert in_a_row(3 * side, 0.0, 20.0) == 0
+    assert in_a_row(3 * side, NAN, 20.0) == 0

@@ -1,0 +1,37 @@
+"""`python -m tests.campaigns NAME`: long runs in virtual time whose figures the documents give; not in the suite.
+
+    quiet       an hour without a fault: nothing may stop the arm
+    encoders    cables that come off: 480 trials
+    stops       300 stops at random instants, in each form of interpolation
+
+Ends with 0 when nothing went wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from qrobot.servo.forms import FORMS
+from tests.campaigns import encoders, quiet, stops
+
+HOUR_S = 3600.0
+STOPS = 300
+
+
+def main() -> int:
+    """Run the campaign that the command line names; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
+    parser.add_argument("name", choices=["quiet", "encoders", "stops"])
+    name = parser.parse_args().name
+    if name == "quiet":
+        wrong = quiet.campaign(HOUR_S)
+    elif name == "encoders":
+        wrong = encoders.campaign()
+    else:
+        wrong = sum(stops.campaign(STOPS, form) for form in FORMS)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
