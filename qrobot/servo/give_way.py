@@ -29,7 +29,7 @@ def give_way(params: ServoParameters, state: ServoState) -> None:
     for j in range(state.q.size):
         felt = FELT_SHARE * params.watch.unexplained[j]
         if is_held_back(state.watch.push[j], state.v_ref[j], felt):
-            state.watch.gave_way[j] = abs(state.v_ref[j])
+            state.watch.gave_way[j] = state.v_ref[j]
             line_through(state.knots, params.first_knot, j, state.f[PHASE], state.q[j], 0.0)
             state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
 
@@ -44,11 +44,12 @@ def is_held_back(push: float, v_ref: float, felt: float) -> bool:
 def thrown_speed(state: ServoState, j: int) -> float:
     """Speed at which a joint that has given way may be thrown back, rad/s (m/s): that of its path, had it gone on.
 
-    What throws it back faster has more than the arm brought along.
+    What throws it back faster has more than the arm brought along; what drives it on is no obstacle at all.
     """
-    if state.i[MODE] != STOPPING or state.watch.i[YIELDS] == 0:
+    gave_way = state.watch.gave_way[j]
+    if state.i[MODE] != STOPPING or state.watch.i[YIELDS] == 0 or state.v[j] * gave_way >= 0.0:
         return 0.0
-    return float(state.watch.gave_way[j] * state.f[RATE] / state.f[RATE_AT_STOP])
+    return float(abs(gave_way) * state.f[RATE] / state.f[RATE_AT_STOP])
 
 
 @lean_kernel

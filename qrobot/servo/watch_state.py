@@ -100,7 +100,7 @@ class WatchState(NamedTuple):
     allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
     driven: Any  # 1: reference or torque has changed since, int64
     v_moving: Any  # velocity when they last changed
-    gave_way: Any  # speed of its reference when it gave way in this stop, see `servo.give_way`
+    gave_way: Any  # velocity of its reference when it gave way in this stop, see `servo.give_way`
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
     incident: Any  # int64[INCIDENT_WORDS], see `servo.incident`
