@@ -1,6 +1,7 @@
 """S-04: the arm moves until somebody hits return, and where it was then is put into the world model.
 
-Hayward & Paul 1986, section 3.3. `update` solves the equation for LOC with the measured T6 when the motion ends.
+Hayward & Paul 1986, section 3.3. `update` solves the equation for LOC with the measured T6 when the motion is
+interrupted.
 """
 
 from qrobot import rccl

@@ -167,7 +167,7 @@ def limit(spec: str, *values: float) -> None:
 
 
 def update(trsf: Trsf, position: Position) -> None:
-    """Measure a transform when the next motion ends; see `Channel.update`."""
+    """Measure a transform when the next motion ends or is interrupted; see `Channel.update`."""
     arm().update(trsf, position)
 
 

@@ -111,7 +111,7 @@ def test_a_monitor_stops_a_guarded_move_and_update_corrects_the_world_s05(robot)
     rccl.move(p)
     rccl.waitfor(rccl.completed)
     assert p.code == 7
-    assert surface.p.z == pytest.approx(-12.0, abs=2.0)  # where the arm came to rest
+    assert surface.p.z == pytest.approx(-12.0, abs=2.0)  # where it was interrupted
     assert (surface.p.x, surface.p.y) == pytest.approx((0.0, 0.0), abs=0.01)
     rccl.move(p)
     assert rest(robot) == pytest.approx([*surface.p], abs=1e-6)

@@ -145,6 +145,21 @@ def test_a_null_pointer_gets_an_error_that_names_the_call(call, needed, folder: 
     assert needed in said.err
 
 
+def test_ctrl_c_stops_the_arm_in_its_last_motions_too(folder: Path, capfd) -> None:
+    text = """
+    #include <signal.h>
+    #include <unistd.h>
+    int left;
+    each() { if (left && how.time > 1500.) { left = 0; kill(getpid(), SIGINT); } }
+    main() { control(each); setime(200., 5000.); move(goal()); left = 1; }
+    """
+    status, (trace,) = ended(text, folder)
+    assert status == 130
+    assert "interrupted; the arm is brought to rest" in capfd.readouterr().err
+    assert trace.requests[-1].code == Termination.STOPPED
+    assert len(trace.setpoints.q) < 100  # of 5.4 s
+
+
 def test_a_second_update_of_a_transform_by_one_motion_is_refused(folder: Path, capfd) -> None:
     text = """
     TRSF_PTR a; POS_PTR p;
