@@ -15,7 +15,7 @@ from rich.table import Table
 from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
-from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog
+from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog, checked_folder
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -174,6 +174,7 @@ def plot(
     """
     from qrobot.log.plot import FIGURES, figures_of, save_figure
 
+    checked_folder(output or file.parent)
     log = read_and_warn(file)
     for name in only or figures_of(log):
         path = (output or file.parent) / f"{file.stem}-{name}.png"
@@ -249,7 +250,7 @@ def record(
     await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
     tool = tool_of_arm(chosen)
-    paths = log_paths(output or Path(chosen.log.directory or "."), chosen.name)
+    paths = log_paths(output or checked_folder(Path(chosen.log.directory or ".")), chosen.name)
 
     def open_log(servo: ServoInfo, pid: int) -> LogWriter:
         header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)

@@ -10,13 +10,13 @@ from rich.table import Table
 
 from qrobot.cli.console import note, out, plain_table, print_table, write_json
 from qrobot.cli.logs import read_and_warn
-from qrobot.cli.option_types import OutputFile
+from qrobot.cli.option_types import OutputFigure
 
 if TYPE_CHECKING:
     from qrobot.log.compare import JointComparison, LogComparison
 
 
-def compare(a: Path, b: Path, *, plot: OutputFile | None = None, json: bool = False) -> None:
+def compare(a: Path, b: Path, *, plot: OutputFigure | None = None, json: bool = False) -> None:
     """Lay two logs of one robot side by side: tracking errors, punctuality, and what was different about the runs.
 
     Time counts from the first tracking cycle of each; a further shift, as another interpolation or sample period makes

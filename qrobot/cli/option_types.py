@@ -17,10 +17,12 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
+from qrobot.errors import ConfigError
 from qrobot.servo.calibration_state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 
 PROBE_BYTES: Final = 4096  # a full disk takes an empty file
+FIGURE_SUFFIXES: Final = (".png", ".pdf", ".svg")
 SHOWN_DIGITS: Final = 40  # of a number that is none
 MOST_GAIN: Final = 1e12  # [A] above the stiffest joint by far; the servo knows what its arm bears
 MOST_SEED: Final = 2**32 - 1
@@ -64,9 +66,25 @@ def require_writable_folder(path: Path) -> None:
     _tell(path, _try_folder)
 
 
+def checked_folder(path: Path) -> Path:
+    """A folder that no option named, but a file or the command itself; ConfigError when there can be no files in it."""
+    try:
+        require_writable_folder(path)
+    except ValueError as error:
+        raise ConfigError(f"{error}; name another folder, or run the command elsewhere") from None
+    return path
+
+
 def require_writable_log(path: Path) -> None:
     """Raise ValueError when neither the log (.mcap) nor the folder `path` can be written."""
     _tell(path, _try_file if path.suffix == ".mcap" else _try_folder)
+
+
+def require_writable_figure(path: Path) -> None:
+    """Raise ValueError when `path` cannot be written, or is no figure by its suffix."""
+    if path.suffix.lower() not in FIGURE_SUFFIXES:
+        raise ValueError(f"cannot write {path}: a figure ends in {', '.join(FIGURE_SUFFIXES)}")
+    require_writable_file(path)
 
 
 def _tell(path: Path, attempt: Callable[[Path], None]) -> None:
@@ -101,6 +119,7 @@ def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], 
 
 
 OutputFile = Annotated[Path, Parameter(validator=_each_path(require_writable_file))]
+OutputFigure = Annotated[Path, Parameter(validator=_each_path(require_writable_figure))]
 OutputFolder = Annotated[Path, Parameter(validator=_each_path(require_writable_folder))]
 OutputLog = Annotated[Path, Parameter(validator=_each_path(require_writable_log))]
 

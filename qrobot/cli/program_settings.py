@@ -46,6 +46,6 @@ def settings_of(program: Path) -> ProgramSettings:
 def _read(lines: str, program: Path) -> ProgramSettings:
     try:
         head: dict[str, Any] = tomllib.loads("\n".join(line.removeprefix("#") for line in lines.splitlines()))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"{program}, in its head: {error}") from error
     return check_document(ProgramSettings, head.get("tool", {}).get("qrobot", {}), f"{program.name}, [tool.qrobot]")

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
-from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz
+from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError, QRobotError
@@ -97,7 +97,8 @@ def run(
 
     def perform() -> int:
         if offline:
-            return _run_through(_offline_links(chosen), start, output or Path("out") / "offline" / program.stem, True)
+            folder = output or checked_folder(Path("out") / "offline" / program.stem)
+            return _run_through(_offline_links(chosen), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
             return _run_through(_bridge_links(chosen), start, output)

@@ -13,7 +13,7 @@ from cyclopts import App, Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from qrobot.cli.console import err, note, out, print_table, write_json
-from qrobot.cli.option_types import ArmCount, Factors, OutputFile, Poses, Range, RateHz, Workers
+from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputFile, Poses, Range, RateHz, Workers
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ the same command goes on, and one with more --arms adds to what is there.
 """
 
 Arms = Annotated[ArmCount, Parameter(help="How many arms; number 0, 1, 2 and so on.")]
-Plot = Annotated[OutputFile | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
+Plot = Annotated[OutputFigure | None, Parameter(help="Draw the outcome into this file (.png, .pdf, .svg).")]
 Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
 Stiction = Annotated[float, Parameter(validator=Range(1.0, 3.0))]
 """Friction at rest, times Coulomb friction."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
-from qrobot.cli.option_types import OutputFolder
+from qrobot.cli.option_types import OutputFolder, checked_folder
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import Arm
@@ -46,6 +46,8 @@ def up(
         robot_of_arm(arm)
         servo_settings(arm)
         require_free_port(arm)
+        if arm.log.directory:
+            checked_folder(Path(arm.log.directory))
     with ProcessRig(out_dir) as rig:
         for arm in arms:
             note(f"starting {arm.name} (a first start compiles for a minute or two)")

@@ -73,6 +73,8 @@ def read_document(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error
+    except RecursionError:
+        raise ConfigError(f"{path}: its values are nested too deeply to be read") from None
 
 
 def check_document(model: type[M], document: Mapping[str, Any], label: str, context: Any = None) -> M:

@@ -77,7 +77,7 @@ def refuse_other_kind(path: Path, wanted: FileKind) -> None:
 def _kind_of_text(text: str) -> FileKind | None:
     try:
         return kind_of_document(tomllib.loads(text))
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return FileKind.CALIBRATION if _is_table(text) else None
 
 

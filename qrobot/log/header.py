@@ -106,7 +106,7 @@ class LogHeader:
         try:
             values = {field.name: json.loads(metadata[field.name]) for field in fields(cls) if field.name in metadata}
             return cls(**_frozen(values))
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise LogError(f"the log's header is damaged: {error}") from None
 
 

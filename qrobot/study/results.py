@@ -52,7 +52,7 @@ def read_results(path: Path) -> Results:
         by_seed = {int(outcome["seed"]): outcome for outcome in outcomes}
         if not isinstance(terms["study"], str):
             raise TypeError("the study has no name")
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigError(f"{path} is no results file of `qrobot study`") from error
     return Results(terms, tuple(by_seed[seed] for seed in sorted(by_seed)))
 

@@ -167,8 +167,34 @@ def test_every_path_that_is_written_is_checked(option: Option) -> None:
 @pytest.mark.parametrize("option", WRITTEN, ids=str)
 def test_what_cannot_be_written_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: Option) -> None:
     (tmp_path / "file").touch()
-    for place in (tmp_path / "file" / "x.mcap", Path("/proc/nowhere/x.mcap"), tmp_path / ("n" * 300)):
+    suffix = ".png" if option.name == "--plot" else ".mcap"
+    for place in (tmp_path / "file" / f"x{suffix}", Path(f"/proc/nowhere/x{suffix}"), tmp_path / ("n" * 300 + suffix)):
         assert f"cannot write {place}: " in refused(capsys, option.tokens(str(place)), 2)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--offline", "{folder}/p.py"],
+        ["log", "record"],
+        ["up"],
+        ["demo", "--lockstep"],
+        ["log", "plot", "x.mcap"],
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_a_folder_that_nobody_named_is_checked_too(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "p.py").write_text("raise SystemExit('it began')\n")
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("qrobot.rig.deployed.bridge_ready", lambda *_: False)
+    complaint = refused(capsys, [word.format(folder=tmp_path) for word in words], 1, 2)
+    assert "cannot write" in complaint
+    assert "Permission denied" in complaint
 
 
 @pytest.mark.parametrize("option", PATHS, ids=str)

@@ -104,3 +104,8 @@ def test_packaged_names_and_the_folder_of_logs_are_left_alone(tmp_path: Path) ->
     [arm] = load(tmp_path, ONE + table).arm
     assert (arm.robot, arm.board.calibration_table, arm.log.directory) == ("puma560", "puma560", "out")
     assert (arm.servo.law, arm.servo.model) == ("qrobot", None)
+
+
+def test_values_nested_without_end_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"here\.toml: its values are nested too deeply"):
+        load(tmp_path, "a = " + "[" * 5000 + "]" * 5000)
