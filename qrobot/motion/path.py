@@ -53,9 +53,12 @@ class Segment:
 
     @property
     def dwells(self) -> bool:
-        """It stays where it is for a time that was asked for, so that there is nothing to come to rest from."""
+        """It stays where it is for a time that was asked for, so that there is nothing to come to rest from.
+
+        Not with a frame that moves: the frame may be a function of `scal`, which comes to rest as the motion does.
+        """
         still = bool(np.abs(self.target - self.corner).max() <= _NOWHERE)
-        return still and self.request.transition_s is not None
+        return still and self.chart.fixed and self.request.transition_s is not None
 
     @property
     def rest_begin(self) -> float:
@@ -71,7 +74,7 @@ class Segment:
             ending: the transition to rest has begun.
         """
         length = self.schedule.length
-        if ending:
+        if ending and not self.dwells:
             d = 2.0 * self.schedule.resting
             h = min((clock - self.rest_begin) / d, 1.0)
             return 1.0 + (d * (h - 0.5 - beta(int(blend), h)[0])) / length
