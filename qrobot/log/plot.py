@@ -61,16 +61,18 @@ def torques_figure(log: Log) -> Figure:
 
 
 def forces_figure(log: Log) -> Figure:
-    """Force and torque on the wrist's sensor over time; components that are not known leave a gap."""
+    """Force and torque on the wrist's sensor over time; what is not known is not drawn."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 7.8), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
         for axes, first, quantity in ((above, 0, "force (N)"), (below, 3, "torque (N·m)")):
-            for k in range(first, first + 3):
+            known = [k for k in range(first, first + 3) if np.isfinite(log.rows["force"][:, k]).any()]
+            for k in known:
                 axes.plot(*thin(log.time_s, log.rows["force"][:, k]), label=FORCE_AXES[k], color=COLOURS[k - first])
             axes.set_ylabel(quantity)
             _mark(axes, log_events(log))
-            axes.legend(**LEGEND)
+            if known:
+                axes.legend(**LEGEND)
             axes.margins(x=0.01)
         below.set_xlabel("time (s)")
         _head(above, log, "Force and torque at the wrist")

@@ -11,6 +11,7 @@ import pytest
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.rccl.power import servo_fault
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
+from qrobot.servo.control import Controls
 from qrobot.servo.event import note_event
 from qrobot.servo.incident import INCIDENT_WORDS, Incident, note_incident, read_incident
 from qrobot.servo.mailbox import STATE_JOINT, publish_state
@@ -20,6 +21,7 @@ from qrobot.wire import State
 from qrobot.wire.codec import decode, encode
 from tests.support.packets import resting
 from tests.support.servo_bench import ServoBench, moving
+from tests.unit.test_control import Bench
 
 CODES = [code for code in FaultCode if code]
 JOINTS = (NO_JOINT, 0, 5)
@@ -53,9 +55,9 @@ def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(code: FaultCo
     note_event(bench.state, code, joint)
     bench.tick()
     assert (bench.snapshot.event, bench.snapshot.joint) == (code, joint)
-    sent = State(1, MailboxPort(bench.mail).read_state())
-    assert decode(encode(sent)) == sent
-    assert (sent.robot.event, sent.robot.event_joint) == (code, joint)
+    heard = decode(encode(State(1, MailboxPort(bench.mail).read_state())))
+    assert isinstance(heard, State)
+    assert (heard.robot.event, heard.robot.event_joint) == (code, joint)
 
 
 def test_the_joint_of_an_earlier_event_does_not_stay_with_a_later_one() -> None:
@@ -84,6 +86,15 @@ def test_an_emergency_stop_is_about_no_joint_and_a_servo_begins_with_none() -> N
     assert told is not None
     assert (told.code, told.joint, bench.snapshot.joint) == (FaultCode.ESTOP, NO_JOINT, NO_JOINT)
     assert told.why([]) == explain(FaultCode.ESTOP)
+
+
+def test_the_status_of_a_servo_in_an_emergency_stop_names_no_joint() -> None:
+    bench = ServoBench().hold()
+    bench.estop_ok = False
+    bench.tick(2)
+    status = Controls(Bench(bench)).status()
+    assert (status.fault, status.event_joint) == (FaultCode.ESTOP, NO_JOINT)
+    assert status.text == explain(FaultCode.ESTOP)
 
 
 def test_the_first_joint_is_named_like_any_other() -> None:
