@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from benchmarks.rows import Row, row
+from benchmarks.rows import Goal, Row, against, row
 from benchmarks.timing import Effort, interleaved, seconds
 
 ROOT: Final = Path(__file__).parents[1]
@@ -18,6 +18,11 @@ RIG: Final = (
     "from qrobot.config import load_robot; from qrobot.rig.lockstep import LockstepRig; "
     "from qrobot.servo.settings import ServoSettings; "
     "LockstepRig(load_robot('puma560'), ServoSettings(rate_hz=4000)).ticks(1)"
+)
+FIRST_PROGRAM: Final = ("-m", "qrobot", "run", "--lockstep", "examples/01_park_and_return.py")
+# What Numba takes on this machine, whatever we do; the servo has three times as many functions.
+NUMBA_ALONE: Final = (
+    "from numba import njit; made = [njit('f8(f8[:])')(eval(f'lambda x: x[0] * {k} + x[1]')) for k in range(100)]"
 )
 
 
@@ -40,3 +45,9 @@ def rows(effort: Effort) -> Iterator[Row]:
         with tempfile.TemporaryDirectory() as folder:
             cold = seconds(lambda: start(rig, Path(folder)))
         yield row("first start of servo, board and plant, with all there is to compile", cold, "s")
+        with tempfile.TemporaryDirectory() as folder:
+            everything = ("--output", folder)
+            first = seconds(lambda: start((*FIRST_PROGRAM, *everything), Path(folder)))
+        alone = seconds(lambda: start(("-c", NUMBA_ALONE)))
+        name = "first program in lock-step to its end, with all there is to compile"
+        yield against(name, first, "s", "Numba alone, 100 small functions", alone, Goal(15.0))

@@ -51,6 +51,12 @@ def note(message: str) -> None:
     err.print(Text("\n".join(map(printable, message.split("\n")))), soft_wrap=True)
 
 
+def tell_every_tenth(name: str, number: int, of: int) -> None:
+    """Ten lines for who waits for the compiler, the first at once."""
+    if number == 1 or number * 10 // of > (number - 1) * 10 // of:
+        note(f"compiling kernel {number} of {of}, once for this version on this machine: {name}")
+
+
 def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Table:
     """A table without lines: the first column and those headed by `words` to the left, numbers to the right."""
     table = Table(title=title or None, title_justify="left", box=None, padding=(0, 2, 0, 0))

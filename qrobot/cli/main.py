@@ -10,8 +10,10 @@ from typing import Final, NamedTuple
 
 from cyclopts import App, Group
 
-from qrobot.cli.console import run_app
+from qrobot.cli.console import run_app, tell_every_tenth
+from qrobot.realtime.compile_progress import tell_compiling
 from qrobot.realtime.supervised import end_with_supervisor
+from qrobot.realtime.turn import turn_is_awaited
 
 HELP: Final = """
 Control a PUMA 560, or any robot described in a file: emulated on this machine or behind a TRC004 board.
@@ -100,5 +102,7 @@ def import_command(name: str) -> None:
 def main() -> None:
     """Entry point: run the command line and exit with its status."""
     end_with_supervisor()
+    if not turn_is_awaited():  # of the processes of an arm nobody reads along
+        tell_compiling(tell_every_tenth)
     chosen = next(iter(sys.argv[1:]), "")
     sys.exit(run_app(make_app(chosen), sys.argv[1:], partial(import_command, chosen)))

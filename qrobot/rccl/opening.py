@@ -38,6 +38,11 @@ def open_channel(
         raise
 
 
+def compile_motion(robot: str) -> None:
+    """Compile what a program moves `robot` by, ahead of it. Raises ConfigError when there is no such robot."""
+    _warm_up(load_robot(robot), Blend.QUARTIC)
+
+
 def _warm_up(robot: Robot, blend: Blend) -> None:
     """No sample may wait for the compiler."""
     warm_up(robot.n, blend)

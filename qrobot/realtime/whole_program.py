@@ -14,6 +14,7 @@ first: a callee would be compiled anew for each fault code it is handed, and inl
 from __future__ import annotations
 
 import gc
+import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
@@ -24,6 +25,8 @@ from numba.core import compiler, typing
 from numba.core.codegen import JITCodeLibrary
 from numba.core.errors import TypingError
 from numba.core.registry import CPUDispatcher
+
+from qrobot.realtime.compile_progress import begin_entry, begin_kernel
 
 SELDOM: Final = 100_000, 50, 100  # objects, then looks at the younger generation
 STACK_SLOTS: Final = 140_000  # a little more than a megabyte: the next chunk of Python's stack has two
@@ -181,6 +184,11 @@ class EntryCompiler(_KernelCompiler):
 
     library = _EntryLibrary
 
+    def define_pipelines(self) -> Any:
+        """The same, with all it calls."""
+        begin_entry(sum(not callee.overloads for callee in callees_below(self.state.func_id.func)))
+        return super().define_pipelines()
+
 
 class _CalleeCompiler(_KernelCompiler):
     """Makes intermediate code without wrappers."""
@@ -189,6 +197,7 @@ class _CalleeCompiler(_KernelCompiler):
 
     def define_pipelines(self) -> Any:
         """The same, into the other library."""
+        begin_kernel(f"{self.state.func_id.modname.rpartition('.')[2]}.{self.state.func_id.func_qualname}")
         self.state.flags.no_cpython_wrapper = self.state.flags.no_cfunc_wrapper = True
         return super().define_pipelines()
 
@@ -227,6 +236,18 @@ def seldom_collected() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
+
+
+def callees_below(function: Any) -> set[Any]:
+    """What a function calls, directly or not, as far as its names tell."""
+    found: set[Any] = set()
+    waiting = [function]
+    while waiting:
+        scope = inspect.getclosurevars(waiting.pop())
+        new = {half.callee for half in (*scope.globals.values(), *scope.nonlocals.values()) if hasattr(half, "callee")}
+        waiting += [callee.py_func for callee in new - found]
+        found |= new
+    return found
 
 
 def with_room(call: Callable[..., Any], *arguments: Any) -> Any:

@@ -133,6 +133,10 @@ class LockstepRig:
         """Length of a servo cycle."""
         return self.settings.period_ns
 
+    def compile(self) -> None:
+        """Compile the loop, or load it, without advancing."""
+        run_blocks(*self._blocks, self.now_ns, 0, self.substeps)
+
     def ticks(self, n: int) -> None:
         """Advance by `n` servo cycles, at most the telemetry ring's length at a time."""
         while n > 0:

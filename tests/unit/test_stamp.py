@@ -52,7 +52,7 @@ def test_a_change_in_an_imported_kernel_recompiles_the_caller(tmp_path: Path) ->
     """In a copy of the package whose two kernels stand in two files."""
     copy = tmp_path / "qrobot"
     (copy / "realtime").mkdir(parents=True)
-    compiler = ("__init__", "jit", "compile_once", "stamp", "whole_program")
+    compiler = ("__init__", "jit", "compile_once", "compile_progress", "stamp", "whole_program")
     for name in ("__init__.py", *(f"realtime/{each}.py" for each in compiler)):
         (copy / name).write_bytes((PACKAGE / name).read_bytes())
     (copy / "outer.py").write_text(OUTER)

@@ -11,6 +11,7 @@ import pytest
 from numba.core.runtime import _nrt_python as memory
 
 from qrobot.realtime.jit import jit_disabled, kernel, lean_kernel
+from qrobot.realtime.whole_program import callees_below
 
 pytestmark = pytest.mark.skipif(jit_disabled(), reason="nothing is compiled")
 
@@ -98,6 +99,10 @@ def test_entries_share_no_names_in_which_they_could_meet_each_others_code() -> N
     (result,) = fresh.overloads.values()  # type: ignore[attr-defined]
     linkages = {each.linkage for each in result.library._final_module.functions if not each.is_declaration}
     assert linkages <= {llvm.Linkage.external, llvm.Linkage.internal}
+
+
+def test_what_is_below_a_kernel_is_known_before_it_is_compiled() -> None:
+    assert callees_below(entry.py_func) == {callee(thrice), callee(scaled)}  # type: ignore[attr-defined]
 
 
 def test_a_function_that_numba_compiles_alone_may_call_kernels() -> None:

@@ -1,0 +1,102 @@
+"""Who waits for a first start is told which kernel of how many, and a second process shares the work."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from qrobot.cli.console import tell_every_tenth
+from qrobot.realtime import compile_progress
+from qrobot.realtime.compile_progress import SHORT, begin_entry, begin_kernel, tell_compiling
+from qrobot.rig import compile_ahead
+from qrobot.rig.compile_ahead import motion_compiled_beside
+
+Told = list[tuple[str, int, int]]
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    monkeypatch.setattr(compile_progress, "_listeners", [])
+    heard: Told = []
+    tell_compiling(lambda *words: heard.append(words))
+    return heard
+
+
+def test_each_kernel_of_a_long_entry_is_told_with_its_number(told: Told) -> None:
+    begin_entry(SHORT)
+    for name in ("read", "write"):
+        begin_kernel(name)
+    assert told == [("read", 1, SHORT), ("write", 2, SHORT)]
+
+
+def test_the_number_never_passes_how_many_there_are(told: Told) -> None:
+    begin_entry(SHORT)
+    for _ in range(SHORT + 5):
+        begin_kernel("read")
+    assert [number for _, number, _ in told] == list(range(1, SHORT + 1))
+
+
+def test_of_a_short_entry_nothing_is_told(told: Told) -> None:
+    begin_entry(SHORT - 1)
+    begin_kernel("read")
+    assert told == []
+
+
+@pytest.mark.parametrize("of", [20, 57, 317])
+def test_a_person_reads_about_ten_lines(of: int, capsys: pytest.CaptureFixture[str]) -> None:
+    for number in range(1, of + 1):
+        tell_every_tenth("servo.read", number, of)
+    lines = capsys.readouterr().err.splitlines()
+    assert 10 <= len(lines) <= 11
+    assert lines[0] == f"compiling kernel 1 of {of}, once for this version on this machine: servo.read"
+
+
+class Child:
+    """A process that counts how often it is killed."""
+
+    commands: list[list[str]]
+    killed: int
+
+    def __init__(self, command: list[str], **_: Any) -> None:
+        Child.commands.append(command)
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def kill(self) -> None:
+        Child.killed += 1
+
+
+@pytest.fixture(autouse=True)
+def children(monkeypatch: pytest.MonkeyPatch) -> type[Child]:
+    Child.commands, Child.killed = [], 0
+    monkeypatch.setattr(subprocess, "Popen", Child)
+    return Child
+
+
+def fail(children: type[Child]) -> None:
+    with motion_compiled_beside("puma560"):
+        assert children.killed == 0
+        raise ZeroDivisionError
+
+
+def test_a_second_process_ends_with_the_block_even_when_that_fails(
+    children: type[Child], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda: False)
+    with pytest.raises(ZeroDivisionError):
+        fail(children)
+    assert children.commands == [[sys.executable, "-m", "qrobot.rig.compile_ahead", "puma560"]]
+    assert children.killed == 1
+
+
+def test_with_everything_compiled_no_process_is_started(children: type[Child], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda: True)
+    with motion_compiled_beside("puma560"):
+        pass
+    assert children.commands == []
