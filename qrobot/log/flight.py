@@ -27,7 +27,7 @@ from qrobot.servo.journal import JournalReader, LawInForce
 from qrobot.servo.mailbox import ServoInfo, ServoMailbox, journal_base
 from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
 
-BEFORE_NS: Final = 2_000_000_000
+BEFORE_NS: Final = 10_000_000_000
 AFTER_NS: Final = 500_000_000
 LONGEST_NS: Final = 2_000_000_000  # from the first of several incidents
 SLACK_ROWS: Final = 100  # cycles between the look at the time and the look at the ring

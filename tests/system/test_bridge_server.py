@@ -13,7 +13,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -30,6 +29,7 @@ from qrobot.realtime.bridge_token import token_for
 from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, State, WireError
 from tests.support.bridge import COMMANDER, OBSERVER, Bridge, Client
 from tests.support.fake_port import FakePort
+from tests.support.flood import flood
 from tests.support.patience import PATIENCE_S, wait_until
 
 
@@ -166,22 +166,11 @@ def test_more_connections_than_select_can_count_leave_the_bridge_and_its_command
 def test_connections_opened_at_full_speed_do_not_keep_the_bridge_from_its_commander() -> None:
     with Bridge() as bridge, bridge.connect() as commander:
         commander.join()
-        done = threading.Event()
-        flood = threading.Thread(target=open_and_close, args=(bridge.server.address, done))
-        flood.start()
-        for _ in range(200):
-            commander.say(move_to(0.1, commander.hear().seq))
-        done.set()
-        flood.join()
+        with flood(bridge.server.address):
+            for _ in range(200):
+                commander.say(move_to(0.1, commander.hear().seq))
         assert bridge.port.stops == 0
         wait_until(lambda: len(bridge.port.frames) >= 190, "frames were forwarded all the while")
-
-
-def open_and_close(address: tuple[str, int], done: threading.Event) -> None:
-    while not done.is_set():
-        with socket.socket() as visitor:
-            visitor.setblocking(False)
-            visitor.connect_ex(address)
 
 
 def test_a_client_without_the_token_is_sent_away_with_what_to_do() -> None:

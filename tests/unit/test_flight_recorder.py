@@ -33,7 +33,7 @@ class Servo:
     """A servo's memory, a cycle a millisecond, and a flight recorder that looks at it every 50."""
 
     def __init__(self, folder: Path, keep: int = 20) -> None:
-        self.words = local_servo_memory(ROBOT.name, "qrobot", ROBOT.n, PERIOD_NS, 4096)
+        self.words = local_servo_memory(ROBOT.name, "qrobot", ROBOT.n, PERIOD_NS, 1 << 14)
         self.mailbox = ServoMailbox(self.words)
         self.said: list[str] = []
         self.recorder = FlightRecorder(folder, "left", self._header, self.said.append, keep)
@@ -78,7 +78,7 @@ def test_nothing_is_saved_before_the_time_after_an_incident_is_over(tmp_path: Pa
 
 def test_the_file_has_the_cycles_around_the_incident_and_the_incident(tmp_path: Path) -> None:
     servo = Servo(tmp_path)
-    servo.run(3.0)
+    servo.run(BEFORE_NS * 1e-9 + 1.0)
     happened = servo.happen()
     servo.run(1.0)
     [path] = files(tmp_path)
