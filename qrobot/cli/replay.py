@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
-from qrobot.cli.console import out
+from qrobot.cli.console import out, write_json
 from qrobot.units import DEG_PER_RAD, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.config import Robot
     from qrobot.config.deployment import Arm
+    from qrobot.config.values import Floats
     from qrobot.rccl.channel import Channel
     from qrobot.rci import LinkFactory
 
@@ -23,6 +25,7 @@ def replay(
     arm: str | None = None,
     lockstep: bool = False,
     approach: bool = False,
+    json: bool = False,
 ) -> None:
     """Send the setpoints of a file to an arm, one each sample period.
 
@@ -44,6 +47,8 @@ def replay(
         On an emulated arm inside this process, on virtual time.
     approach
         Move to the first setpoint before, if the arm stands elsewhere.
+    json
+        Print JSON: of each joint the largest error, rad (m).
     """
     from qrobot.motion import motion_limits
     from qrobot.rccl.opening import open_channel
@@ -59,7 +64,12 @@ def replay(
             channel.move(Position("first setpoint", setpoints.q[0]))
             channel.waitfor(channel.completed)
         channel.play(setpoints, str(file))
-        error = _worst_error(channel)
+        worst, robot = _worst_errors(channel), channel.robot
+    if json:
+        errors = dict(zip(robot.joint_names, worst.tolist(), strict=True))
+        write_json({"setpoints": len(setpoints.q), "seconds": float(setpoints.t[-1]), "largest_error": errors})
+        return
+    error = _in_words(worst, robot)
     out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
 
 
@@ -78,8 +88,8 @@ def _lockstep_links(arm: Arm, period_us: int) -> LinkFactory:
     return partial(link_factory, rig, period_us)
 
 
-def _worst_error(channel: Channel) -> str:
-    """Wait until the motion is completed; the largest error seen at its samples."""
+def _worst_errors(channel: Channel) -> Floats:
+    """Wait until the motion is completed; the largest errors seen at its samples, rad or m. Shape (n,)."""
     import numpy as np
 
     worst = np.zeros(channel.robot.n)
@@ -90,6 +100,11 @@ def _worst_error(channel: Channel) -> str:
         return channel.completed.count > 0
 
     channel.waitas(completed)
-    sliding = channel.robot.prismatic
+    return worst
+
+
+def _in_words(worst: Floats, robot: Robot) -> str:
+    """The largest error of turning joints, and that of sliding ones where there are some."""
+    sliding = robot.prismatic
     parts = (worst[~sliding] * DEG_PER_RAD, "deg"), (worst[sliding] * MM_PER_M, "mm")
     return ", ".join(f"{values.max():.3f} {unit}" for values, unit in parts if values.size)

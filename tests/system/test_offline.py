@@ -70,7 +70,12 @@ def test_a_replay_in_lockstep_follows_the_file(tmp_path: Path, capsys) -> None:
     write_setpoints(tmp_path / "swing.csv", motion_from(ROBOT.poses["park"]))
     assert qrobot("replay", "--lockstep", str(tmp_path / "swing.csv")) == 0
     said = capsys.readouterr().out
-    assert float(said.rpartition("them: ")[2].split()[0]) < 1.0
+    degrees = float(said.rpartition("them: ")[2].split()[0])
+    assert degrees < 1.0
+    assert qrobot("replay", "--lockstep", str(tmp_path / "swing.csv"), "--json") == 0
+    errors = json.loads(capsys.readouterr().out)["largest_error"]
+    assert list(errors) == list(ROBOT.joint_names)
+    assert np.degrees(max(errors.values())) == pytest.approx(degrees, abs=1e-3)
 
 
 def test_a_replay_of_a_damaged_file_names_the_line_and_moves_nothing(folder: Path, tmp_path, capsys) -> None:
