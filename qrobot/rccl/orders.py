@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Final
 
 from qrobot.model.arm import Arm
-from qrobot.motion import EventKind, MotionEvent, MoveRequest, Output, Termination
+from qrobot.motion import Equation, EventKind, Kind, MotionEvent, MoveRequest, Output, Termination, Trsf
 from qrobot.motion.limits import Floats
 from qrobot.rccl.parameters import Order
 from qrobot.rccl.position import Position
@@ -41,19 +41,13 @@ class Orders:
         self._begun: set[MoveRequest] = set()
         self._arrived: Position | None = None
 
-    def add(self, order: Order, frames_move: bool) -> None:
-        """A motion was asked for.
-
-        Args:
-            order: the motion.
-            frames_move: the arm follows a frame, which may be a function of `scal`: that must not jump before the arm
-                leaves the frame.
-        """
-        if not frames_move and self._oldest(order.position) is None:
+    def add(self, order: Order) -> None:
+        """A motion was asked for."""
+        if self._oldest(order.position) is None and not self._looked_at(order.position):
             order.position.code, order.position.scal = Termination.NONE, 0.0
         self._open[order.request] = order
 
-    def tell(self, events: Iterable[MotionEvent], q: Floats, tick: int, frames_move: bool) -> None:
+    def tell(self, events: Iterable[MotionEvent], q: Floats, tick: int) -> None:
         """Pass events of one sample on to the positions they concern; the arm was measured at `q` (n,)."""
         for event in events:
             if event.kind is EventKind.LOST and self._arrived is not None:
@@ -66,7 +60,7 @@ class Orders:
                 self._measure(event.request, q, tick)
             elif event.kind is EventKind.ENDED:
                 self._measure(event.request, q, tick)
-                self._end(event.request, event.code, frames_move)
+                self._end(event.request, event.code)
 
     def tell_progress(self, output: Output) -> None:
         """How much of the motions under way is done: two of them in the first half of a transition."""
@@ -90,7 +84,7 @@ class Orders:
                 update.trsf.set(update.equation.solve(update.trsf, t6, tick))
         self._open[request] = replace(order, updates=())
 
-    def _end(self, request: MoveRequest, code: int, frames_move: bool) -> None:
+    def _end(self, request: MoveRequest, code: int) -> None:
         position = self._arrived = self._open.pop(request).position
         self._begun.discard(request)
         if code in _FAILURES:
@@ -98,10 +92,29 @@ class Orders:
         if (following := self._oldest(position)) is None or following not in self._begun:
             position.code = code
             position.scal = 1.0 if code == Termination.COMPLETED else position.scal
-        if following is not None and not frames_move:
+        if following is not None and not self._looked_at(position):
             position.scal = 0.0
         position.end.signal()
 
     def _oldest(self, position: Position) -> MoveRequest | None:
         """The oldest open motion to `position`."""
         return next((request for request, order in self._open.items() if order.position is position), None)
+
+    def _looked_at(self, position: Position) -> bool:
+        """The `scal` of `position` may turn a frame that the arm goes by before it: then it must not jump now.
+
+        As far as can be known: a motion before it, or the position that the arm is leaving, has a function in its
+        equation which that of `position` has too.
+        """
+        functions = _functions(position)
+        others = [order.position for order in self._open.values() if order.position is not position]
+        if self._open and self._arrived is not None:
+            others.append(self._arrived)
+        return any(functions & _functions(other) for other in others)
+
+
+def _functions(position: Position) -> set[Trsf]:
+    """The functional transforms in its equation."""
+    if not isinstance(position.target, Equation):
+        return set()
+    return {term for term in position.target.terms if term.kind is Kind.FUNCTION}

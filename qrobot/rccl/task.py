@@ -150,7 +150,7 @@ class TrajectoryTask:
         self.generator.push(order.request)
         if self._trace is not None:
             self._trace.asked(order.request)
-        self.orders.add(order, self._follows)
+        self.orders.add(order)
         self.completed.count = 0
 
     def play(self, setpoints: Setpoints, label: str) -> None:
@@ -260,16 +260,10 @@ class TrajectoryTask:
                 self._trace.told(event)
             self._trace.sampled(output.q, seen.q)
         if output.events:
-            self.orders.tell(output.events, seen.q, self.tick, self._follows)
+            self.orders.tell(output.events, seen.q, self.tick)
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.orders.tell_progress(output)
-
-    @property
-    def _follows(self) -> bool:
-        """The arm goes to, or stays with, a frame that moves or against which it gives way."""
-        goal = self.generator.goal
-        return goal is not None and not goal.fixed
 
     def _play(self, player: Player, how: RobotState) -> None:
         q = player.step()

@@ -323,6 +323,40 @@ def test_scal_and_code_are_those_of_the_motion_that_was_asked_for_last(robot) ->
     rccl.waitfor(rccl.completed)
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("mm", [0.0, 40.0])
+@pytest.mark.parametrize("ta", [0.0, 140.0])
+def test_scal_grows_to_1_without_a_jump(robot, ta, mm, moving) -> None:
+    """What a frame is turned by must not jump: also in a dwell, and with a frame that moves."""
+    p = on_table("P", gentr_trsl("PLACE", 0, 0, 0), newtrans("FRAME", lambda _: None) if moving else newtrans("FRAME"))
+    rccl.distance("dy", -mm)
+    rccl.move(p)
+    rccl.waitfor(rccl.completed)
+    p.end = 0
+    rccl.setime(ta if mm == 0.0 else max(ta, 84.0), 840)  # 30 samples
+    rccl.move(p)
+    scals = [p.scal]
+    rccl.waitas(lambda: (scals.append(p.scal), p.end.count > 0)[1])
+    assert (scals[0], scals[-1]) == (0.0, 1.0)
+    assert 0.0 <= np.diff(scals).min() <= np.diff(scals).max() <= 1.001 / 30
+
+
+def test_a_dwell_over_a_belt_that_the_arm_goes_with_is_waited_for(robot) -> None:
+    belt = newtrans("BELT", lambda t: setattr(t.p, "y", 0.02 * rccl.how.t_ns * 1e-6))
+    pick, place_ = on_table("PICK", gentr_trsl("BOX", 0, -60, 0), belt), place("PLACE", 0, 0, -40)
+    for position in (pick, place_, pick):
+        rccl.move(position)
+        rccl.waitfor(position.end)
+    rccl.setime(100, 560)
+    rccl.move(pick)
+    assert (pick.scal, pick.code) == (0.0, Termination.NONE)
+    begin = rccl.how.t_ns
+    rccl.waitas(lambda: pick.scal > 0.5)
+    assert rccl.how.t_ns - begin > 9 * PERIOD_NS
+    rccl.waitfor(rccl.completed)
+    rccl.stop(0)
+
+
 def test_of_two_motions_to_one_position_the_older_one_counts_until_it_has_ended(robot) -> None:
     p, between = place("P", 0, 0, 0), place("Q", 0, 60, 0)
     for position in (p, between, p):
