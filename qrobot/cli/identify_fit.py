@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from qrobot.cli.console import plain_table
-from qrobot.cli.identify_options import FitOptions
+from qrobot.cli.identify_options import FitOptions, Kind
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import IdentifiedModel, robot_digest
@@ -51,7 +51,7 @@ class Request:
         rows, header = self.recorded
         carried = read_rows(asked.loaded, like=header)[0] if asked.loaded else None
         robot, period_s = self._robot(header), header.period_ns * 1e-9
-        found = identify_log(robot, rows, period_s, carried, asked.known_torque, asked.load_kg)
+        found = identify_log(robot, rows, period_s, carried, asked.known_torque, asked.load_kg, _kinds(asked))
         runs = read_rows(asked.dynamic, like=header)[0] if asked.dynamic else None
         inertial = None if runs is None else inertia_of_log(found, runs, period_s)
         everything = np.concatenate([log for log in (rows, carried, runs) if log is not None])
@@ -75,6 +75,14 @@ class Request:
                 "name the robot file of that time with --robot"
             )
         return robot
+
+
+def _kinds(asked: FitOptions) -> tuple[Kind, ...] | None:
+    """Terms of friction to seek on every motor; None for those that show. Raises ConfigError for none and others."""
+    kinds = tuple(kind for kind in asked.friction if kind != "none")
+    if kinds and len(kinds) < len(asked.friction):
+        raise ConfigError("--friction none stands alone: it is viscous and Coulomb friction only")
+    return kinds if asked.friction else None
 
 
 def _date(asked: str | None) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from qrobot.cli.option_types import LoadKg, Poses, Seed
 
+Kind = Literal["position", "speed", "load"]  # as `qrobot.ident.terms` has it, which is slow to import
 RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
 KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
 
@@ -47,5 +48,9 @@ class FitOptions:
     known_torque: KnownTorque = False
     dynamic: Annotated[
         tuple[Path, ...], Parameter(help="Logs of `record --dynamic` of the same arm: its inertia is found too.")
+    ] = ()
+    friction: Annotated[
+        tuple[Kind | Literal["none"], ...],
+        Parameter(help="Seek friction that varies so on every motor; default where residuals show it."),
     ] = ()
     date: Annotated[str | None, Parameter(help="Of the measurement, YYYY-MM-DD; default today.")] = None

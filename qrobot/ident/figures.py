@@ -51,6 +51,38 @@ def residuals_figure(found: Identified) -> Figure:
     return _panels(found, draw, ("time, s", "left over, N m (N)"), "What the fit leaves of each pass")
 
 
+def structure_figure(found: Identified) -> Figure:
+    """What viscous and Coulomb friction leave, over position, speed and load, and what the terms found say of it."""
+    seen, unknowns, robot = found.observations, found.unknowns, found.robot
+    beyond = unknowns.beyond(seen) @ unknowns.parts(found.fit.values).terms
+    plain, motor_q = residual(found) + beyond, seen.q @ robot.transmission.coupling.T
+    coulomb = np.maximum(np.abs(found.friction[:, 1:]).mean(axis=1), 1e-9)
+    borne = np.abs(unknowns.weights(seen) @ unknowns.parts(found.fit.values).weights)
+    style: dict[Any, Any] = STYLE | {"axes.titlepad": 6.0, "axes.titlesize": 10.0}
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(3 * _PANEL[0], robot.n * 1.7 + 0.8), layout="constrained")
+        panels = figure.subplots(robot.n, 3, squeeze=False)
+        for motor, row in enumerate(panels):
+            mine = seen.motor == motor
+            along = np.sign(seen.rate[mine]) * 100.0 / coulomb[motor]
+            over = motor_q[mine, motor], np.abs(seen.rate[mine]), borne[mine]
+            for axes, x in zip(row, over, strict=True):
+                axes.axhline(0.0, color="#888888", linewidth=0.8)
+                rings = axes.plot(x, along * beyond[mine], "o", color=ODD, markersize=6, label="fitted beside them")
+                rings[0].set_markerfacecolor("none")
+                axes.plot(x, along * plain[mine], ".", color=NEW, markersize=4, label="left by viscous and Coulomb")
+            row[0].set_title(robot.joint_names[motor].replace("_", " "))
+        for axes, name in zip(
+            panels[-1], ("motor angle, rad (m)", "speed, rad/s (m/s)", "gravity, N m (N)"), strict=True
+        ):
+            axes.set_xlabel(name)
+        figure.suptitle("Friction beside viscous and Coulomb: structure in position, speed and load", fontweight="bold")
+        figure.supylabel("against the motion, % of Coulomb friction", fontsize=10)
+        handles, names = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside lower right", ncols=2, frameon=False)
+    return figure
+
+
 def residual(found: Identified) -> Floats:
     """Measured less fitted torque of each observation. Shape (m,)."""
     seen = found.observations

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_parameters
-from qrobot.ident.fit import Fit
+from qrobot.ident.fit import OUTLIER, Fit
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.scale import fit_scaled, heaviest_motor
+from qrobot.ident.structure import terms_of, terms_seen
+from qrobot.ident.terms import KINDS, Kind, Terms
 from qrobot.ident.unknowns import OF_LOAD, Unknowns
 
 Floats = NDArray[np.float64]
@@ -22,6 +24,14 @@ Ints = NDArray[np.int64]
 
 CLEARLY: Final = 2.0  # half widths of its interval from nothing
 DRIFTS: Final = 0.03  # of friction over a recording: less is not worth a word
+VARIES: Final = 0.01  # rms, of Coulomb friction: terms that are less are not worth a word
+_ADVICE: Final[dict[Kind, str]] = {
+    "position": "It is fitted beside the rest, whose intervals are wider for it; no law compensates it. "
+    "More --poses, and `--friction position`, tell it better",
+    "speed": "Viscous and Coulomb friction are told apart only as well as their intervals say: "
+    "`record --slow`, then `identify friction`, and `--friction speed`, tell more",
+    "load": "It is fitted beside the rest; no law compensates it. `--friction load` seeks it on every motor",
+}
 HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
 
 
@@ -101,6 +111,22 @@ class Identified:
         return {self.robot.joint_names[motor]: float(drift[motor]) for motor in np.flatnonzero(clearly)}
 
     @property
+    def varying(self) -> dict[str, dict[Kind, float]]:
+        """Motors whose friction varies otherwise than its model says: kind, and rms as a share of Coulomb friction."""
+        terms, seen, n = self.unknowns.terms, self.observations, self.robot.n
+        if terms is None:
+            return {}
+        beyond, values = self.unknowns.beyond(seen), self.unknowns.parts(self.fit.values).terms
+        coulomb = np.abs(self.friction[:, 1:]).mean(axis=1)
+        found: dict[str, dict[Kind, float]] = {}
+        for number, (motor, kind, _) in enumerate(terms.sought):
+            own = terms.owner == number
+            size = float(rms_by_motor(beyond[:, own] @ values[own], seen.motor, n)[motor] / max(coulomb[motor], 1e-12))
+            if size > VARIES:
+                found.setdefault(self.robot.joint_names[motor], {})[kind] = size
+        return found
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What whoever uses the result should know of it."""
         said = []
@@ -112,6 +138,11 @@ class Identified:
         for motor, share in self.drifting.items():
             changed = f"friction of {motor} {'rose' if share > 0.0 else 'fell'} by {100 * abs(share):.0f} %"
             said.append(f"{changed} during the recording: let the arm warm up before it is recorded")
+        for kind in KINDS:
+            sizes = {motor: kinds[kind] for motor, kinds in self.varying.items() if kind in kinds}
+            if sizes:
+                named = ", ".join(f"{motor} by {100.0 * size:.0f} %" for motor, size in sizes.items())
+                said.append(f"friction varies with {kind} (rms, of Coulomb friction): {named}. {_ADVICE[kind]}")
         return tuple(said)
 
     @property
@@ -142,6 +173,7 @@ def identify(
     observations: Observations,
     known_torque: bool = False,
     load_kg: float | None = None,
+    kinds: tuple[Kind, ...] | None = None,
 ) -> Identified:
     """Estimate gravity, friction, torque scales, and the load of passes that carried one.
 
@@ -152,6 +184,7 @@ def identify(
         observations: passes.
         known_torque: the robot file's `dac_per_Nm` was measured, no torque scales are sought.
         load_kg: mass of the load that was carried, if it was weighed: then scales are of true torque.
+        kinds: of terms of friction that are sought of every motor; default those that residuals show.
 
     Raises:
         IdentificationError: the observations do not determine them; says what is missing.
@@ -162,19 +195,51 @@ def identify(
     unknowns = Unknowns(robot, regressor, base, load, seconds=seconds)
     if not known_torque:
         unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
+    plain = fit_scaled(unknowns, observations, load_kg)
+    unknowns = replace(unknowns, terms=_terms(unknowns, plain, observations, kinds))
     held = observations.passed % HELD_BACK == HELD_BACK - 1
     trial = fit_scaled(unknowns, observations.only(~held), load_kg)
     kept = observations.only(held & ~observations.loaded)  # the robot file knows nothing of a load
     slopes = unknowns.jacobian(trial.values, kept)
     doubt = np.sqrt(np.maximum((slopes @ trial.covariance * slopes).sum(axis=1), 0.0))
+    fit = plain if unknowns.terms is None else fit_scaled(unknowns, observations, load_kg)
     return Identified(
         unknowns,
-        fit_scaled(unknowns, observations, load_kg),
+        fit if unknowns.terms is None else _widened(fit, plain, trial, kept, doubt, unknowns),
         observations,
         rms_by_motor(kept.torque - unknowns.predict(trial.values, kept), kept.motor, robot.n),
         rms_by_motor(kept.torque - unknowns.predict(unknowns.before(), kept), kept.motor, robot.n),
         rms_by_motor(doubt, kept.motor, robot.n),
     )
+
+
+def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, doubt: Floats, unknowns: Unknowns) -> Fit:
+    """The fit with the intervals that passes held back call for: terms may follow what is chance.
+
+    Weights are taken as no better known than without terms: those are of friction, and tell nothing of weight.
+
+    Args:
+        fit, trial: of all passes, and of those that were not held back.
+        plain: of all passes, without terms.
+        kept: passes held back.
+        doubt: deviation of their prediction for what the others leave in doubt. Shape (m,).
+        unknowns: of both fits.
+    """
+    expected = np.sqrt(doubt**2 + kept.doubt**2 + trial.scatter[kept.motor] ** 2)
+    off = np.abs(kept.torque - unknowns.predict(trial.values, kept)) / expected
+    surprise = float(np.sqrt(np.mean(np.minimum(off, OUTLIER) ** 2))) if len(kept) else 1.0
+    wider, weights = np.full(len(fit.values), max(1.0, surprise)), slice(unknowns.n_weights)
+    wider[weights] = np.maximum(wider[weights], plain.half_width[weights] / fit.half_width[weights])
+    return replace(fit, covariance=np.outer(wider, wider) * fit.covariance)
+
+
+def _terms(unknowns: Unknowns, plain: Fit, observations: Observations, kinds: tuple[Kind, ...] | None) -> Terms | None:
+    """The terms of friction that are asked for, or else those that a fit without them shows."""
+    if kinds is None:
+        return terms_seen(unknowns, plain, observations)
+    turning = np.unique(observations.motor).tolist()
+    sought = [(motor, kind) for motor in turning for kind in kinds]
+    return terms_of(unknowns, plain, observations, sought) if sought else None
 
 
 def _free(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> tuple[int, ...]:

@@ -38,6 +38,7 @@ RESOLUTION: Final = 0.05  # DAC counts: the mean torque of a pass is not known b
 SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceleration before
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
+HARMONICS: Final = 12  # of a turn in joint units; those beyond are averaged away by most passes
 LOOKS: Final = 9  # at the inertial torque along a pass
 
 
@@ -59,9 +60,11 @@ class Observations:
         time_s: middle of the pass, from the first row of the first log. Shape (m,).
         q: mean position of the joints, rad (m). Shape (m, n).
         gravity: what multiplies the base parameters. Shape (m, b).
+        gravity_parts: that mean's parts along the pass, whose sum it is nearly. Shape (m, LOOKS, b).
         load: what multiplies mass and first moment of a load on the last link. Shape (m, 4).
         loaded: whether it was carried. Shape (m,).
         rate: mean speed, rad/s (m/s). Shape (m,).
+        harmonics: means of cos(k r), then of sin(k r), of the motor's angle r, k = 1 to HARMONICS. Shape (m, 2 k).
         torque: mean torque, less that of inertia, N m (N). Shape (m,).
         doubt: standard deviation of what inertia was thought to take, N m (N). Shape (m,).
     """
@@ -71,9 +74,11 @@ class Observations:
     time_s: Floats
     q: Floats
     gravity: Floats
+    gravity_parts: Floats
     load: Floats
     loaded: Bools
     rate: Floats
+    harmonics: Floats
     torque: Floats
     doubt: Floats
 
@@ -163,11 +168,20 @@ class Observer:
             time_s=np.full(turning.size, 0.5 * period_s * (steady.start + steady.stop)),
             q=np.tile(window.value @ q, (turning.size, 1)),
             gravity=self._base.columns(Y)[turning],
+            gravity_parts=self._parts(q, window)[:, turning].swapaxes(0, 1),
             load=Y[turning, -OF_GRAVITY:],
             loaded=np.full(turning.size, loaded),
             rate=(transmission.coupling @ v)[turning],
+            harmonics=np.tensordot(looks.share, harmonics(self._robot, q[looks.at]), 1)[turning],
             torque=(given - inertial)[turning],
             doubt=doubt[turning],
+        )
+
+    def _parts(self, q: Floats, window: Weights) -> Floats:
+        """Of the mean over positions of shape (r, n) of what multiplies the base parameters. Shape (LOOKS, n, b)."""
+        looks = looks_at(window, LOOKS)
+        return np.asarray(
+            looks.share[:, None, None] * self._base.columns(self._to_motor @ self._regressor(q[looks.at]))
         )
 
     def _inertial(self, q: Floats, v: Floats, window: Weights) -> Floats:
@@ -182,8 +196,19 @@ class Observer:
 def none_of(n: int, n_base: int) -> Observations:
     """No observations, of an arm with so many joints and base parameters."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, OF_GRAVITY))
-    return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, nothing, nothing)
+    columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, LOOKS, n_base)), np.zeros((0, OF_GRAVITY))
+    waves = np.zeros((0, 2 * HARMONICS))
+    return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, waves, nothing, nothing)
+
+
+def harmonics(robot: Robot, q: Floats) -> Floats:
+    """cos(k r), then sin(k r), of the angle r of each motor in joint units, at positions (..., n). Shape (..., n, 2 k).
+
+    The angle of a motor that slides a joint goes once round over the joint's range.
+    """
+    turn = np.where(robot.prismatic, robot.limits.q_max - robot.limits.q_min, 2.0 * np.pi)
+    angle = (2.0 * np.pi / turn * (q @ robot.transmission.coupling.T))[..., None] * np.arange(1, HARMONICS + 1)
+    return np.concatenate([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _stacked(parts: list[Observations]) -> Observations:

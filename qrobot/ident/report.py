@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from qrobot.config import Robot
 from qrobot.config.identified import IdentifiedModel
 from qrobot.errors import IdentificationError
-from qrobot.ident.figures import predicted_figure, residual, residuals_figure
+from qrobot.ident.figures import predicted_figure, residual, residuals_figure, structure_figure
 from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_NAMES
 from qrobot.ident.model import Identified, rms_by_motor
 from qrobot.ident.regressor import known_parameters
@@ -52,7 +52,11 @@ def write_report(
     Raises:
         IdentificationError: a file cannot be written.
     """
-    figures = {"predicted": predicted_figure(found), "residuals": residuals_figure(found)}
+    figures = {
+        "predicted": predicted_figure(found),
+        "residuals": residuals_figure(found),
+        "structure": structure_figure(found),
+    }
     pictures = {path.with_name(f"{path.stem}-{name}.png"): _png(figure) for name, figure in figures.items()}
     page = report_page(found, model, previous, list(pictures.values()))
     try:

@@ -14,6 +14,7 @@ from qrobot.ident.motion import observe_motion
 from qrobot.ident.observe import Observer
 from qrobot.ident.recording import check_recording
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor
+from qrobot.ident.terms import Kind
 from qrobot.servo.telemetry import Rows
 
 
@@ -24,6 +25,7 @@ def identify_log(
     loaded: Rows | None = None,
     known_torque: bool = False,
     load_kg: float | None = None,
+    kinds: tuple[Kind, ...] | None = None,
 ) -> Identified:
     """Gravity, friction and torque scales from a log; rows of several logs may follow each other.
 
@@ -36,6 +38,7 @@ def identify_log(
         loaded: rows of the same arm with a load besides, recorded afterwards, which is sought too.
         known_torque: no torque scales are sought, see `identify`.
         load_kg: mass of that load, if it was weighed: then torque scales are of true torque.
+        kinds: of terms of friction that are sought of every motor (`ident.terms`); default those that residuals show.
 
     Raises:
         IdentificationError: the rows do not tell them, no bodies have that gravity, or the recording is bad: an encoder
@@ -51,7 +54,7 @@ def identify_log(
         check_torques(robot, observations)
         if loaded is not None:
             observations = observations.followed_by(observer.observe(loaded, period_s, loaded=True))
-        return identify(robot, base, regressor, observations, known_torque, load_kg)
+        return identify(robot, base, regressor, observations, known_torque, load_kg, kinds)
 
     first = found(Observer(robot, regressor, base))
     better = with_gravity(robot, base, first.beta)

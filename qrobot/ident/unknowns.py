@@ -7,6 +7,7 @@ Motor i has to be commanded u_i = s_i (Y_i beta) + friction_i, in torque as the 
     s           torque scales: what motor i is commanded for a torque of 1. Some are sought, the others are 1
     remainder   of Stribeck's excess, part of friction_i; no law has it, but without it the others would be bent
     drift       share by which friction_i rose from the beginning of a recording to its end, as motors warm up
+    terms       of friction that varies otherwise with position, speed or load, where that shows (`terms`)
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from qrobot.ident.friction import (
 )
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor, known_parameters
+from qrobot.ident.terms import Terms
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,6 +60,7 @@ class Parts(NamedTuple):
     scales: Floats
     remainder: Floats
     drift: Floats
+    terms: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,7 @@ class Unknowns:
         load: those of a load, none when nothing was carried.
         free: motors whose torque scales are sought.
         seconds: that the recording took.
+        terms: of friction, beside those that are always sought.
     """
 
     robot: Robot
@@ -79,6 +83,12 @@ class Unknowns:
     load: BaseParameters | None = None
     free: tuple[int, ...] = ()
     seconds: float = 1.0
+    terms: Terms | None = None
+
+    @property
+    def n_terms(self) -> int:
+        """How many coefficients the terms have."""
+        return 0 if self.terms is None else len(self.terms.deviation)
 
     @property
     def n_weights(self) -> int:
@@ -97,9 +107,10 @@ class Unknowns:
 
     def parts(self, values: Floats) -> Parts:
         """What values (p,) there are of each kind; friction (n, 3), remainder (n, 2) and drift (n,) by motor."""
-        n, sizes = self.robot.n, (self.n_weights, self.n_friction, len(self.free), self.robot.n * len(REMAINDER_NAMES))
-        weights, friction, scales, remainder, drift = np.split(values, np.cumsum(sizes))
-        return Parts(weights, friction.reshape(n, -1), scales, remainder.reshape(n, -1), drift)
+        n = self.robot.n
+        sizes = self.n_weights, self.n_friction, len(self.free), n * len(REMAINDER_NAMES), n
+        weights, friction, scales, remainder, drift, terms = np.split(values, np.cumsum(sizes))
+        return Parts(weights, friction.reshape(n, -1), scales, remainder.reshape(n, -1), drift, terms)
 
     def scale(self, values: Floats) -> Floats:
         """Torque scale of each motor. Shape (n,)."""
@@ -122,22 +133,32 @@ class Unknowns:
     def start(self) -> Floats:
         """Nothing weighs and rubs, and every motor gives what it is asked for. Shape (p,)."""
         n, linear = self.robot.n, self.n_weights + self.n_friction
-        return np.concatenate([np.zeros(linear), np.ones(len(self.free)), np.zeros(n * (len(REMAINDER_NAMES) + 1))])
+        rest = n * (len(REMAINDER_NAMES) + 1) + self.n_terms
+        return np.concatenate([np.zeros(linear), np.ones(len(self.free)), np.zeros(rest)])
 
     def doubt(self) -> Floats:
         """Standard deviation of `start` as it is believed beforehand; infinity where nothing is. Shape (p,)."""
         preset = self.robot.friction[self.robot.control.friction_preset]
         coulomb = np.maximum(np.column_stack([preset.coulomb_pos, preset.coulomb_neg]), LEAST_FRICTION)
         linear, scales = np.full(self.n_weights + self.n_friction, np.inf), np.full(len(self.free), SCALE_DOUBT)
-        return np.concatenate([linear, scales, REMAINDER_DOUBT * coulomb.ravel(), np.full(self.robot.n, DRIFT_DOUBT)])
+        terms = np.zeros(0) if self.terms is None else self.terms.deviation
+        drift = np.full(self.robot.n, DRIFT_DOUBT)
+        return np.concatenate([linear, scales, REMAINDER_DOUBT * coulomb.ravel(), drift, terms])
 
     def predict(self, values: Floats, observations: Observations) -> Floats:
         """Commanded torque of each observation, motor side. Shape (m,)."""
         weight = self.weights(observations) @ self.parts(values).weights
         changed = self._changed(values, observations)
+        beyond = self.beyond(observations) @ self.parts(values).terms
         return np.asarray(
-            self.scale(values)[observations.motor] * weight + changed * self._friction(values, observations)
+            self.scale(values)[observations.motor] * weight + changed * self._friction(values, observations) + beyond
         )
+
+    def beyond(self, observations: Observations) -> Floats:
+        """What multiplies the coefficients of the terms. Shape (m, n_terms)."""
+        if self.terms is None:
+            return np.zeros((len(observations), 0))
+        return self.terms.columns(self.robot, observations, self.weights(observations))
 
     def sticks(self, motor: Ints, rate: Floats, remainder: Floats) -> Floats:
         """What motors (m,) with Stribeck's remainders (n, 2) rub more at speeds (m,). Shape (m,)."""
@@ -151,7 +172,14 @@ class Unknowns:
         changed = self._changed(values, observations)[:, None]
         by_drift = self._own(motor, self._when(observations) * self._friction(values, observations))
         return np.column_stack(
-            [scaled, changed * self.rubs(motor, rate), by_scale, changed * self._remainders(motor, rate), by_drift]
+            [
+                scaled,
+                changed * self.rubs(motor, rate),
+                by_scale,
+                changed * self._remainders(motor, rate),
+                by_drift,
+                self.beyond(observations),
+            ]
         )
 
     def before(self) -> Floats:
@@ -170,6 +198,8 @@ class Unknowns:
         yield from _of_remainders(self.robot)
         for name in self.robot.joint_names:
             yield Description(f"{name}.drift", f"share by which friction of motor {name} rose while recording", "", 0.0)
+        for name, meaning, unit in () if self.terms is None else self.terms.names(self.robot):
+            yield Description(name, meaning, unit, 0.0)
 
     def _friction(self, values: Floats, observations: Observations) -> Floats:
         """Of each observation, as it is in the middle of the recording. Shape (m,)."""

@@ -108,7 +108,13 @@ class UnknownArm:
         faded = 1.0 + (REMAINDER_SPEED / STRIBECK_FRACTION) ** 2
         remainder = (self.stiction - 1.0) / faded * friction[:, 1:]
         return np.concatenate(
-            [unit * beta, friction.ravel(), scale[free] / unit, remainder.ravel(), np.zeros(unknowns.robot.n)]
+            [
+                unit * beta,
+                friction.ravel(),
+                scale[free] / unit,
+                remainder.ravel(),
+                np.zeros(unknowns.robot.n + unknowns.n_terms),
+            ]
         )
 
     @property

@@ -42,10 +42,10 @@ def test_a_page_has_every_parameter_every_joint_and_its_figures(tmp_path: Path) 
     page = files[0].read_text()
     assert all(f"<td>{value.name}</td>" in page for value in model().value)
     assert all(f"<td>{name}</td>" in page for name in PUMA.joint_names)
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 3
     assert "previous model" in page
     assert "in the commanded torque of shoulder" in page
-    assert [file.read_bytes()[1:4] for file in files[1:]] == [b"PNG", b"PNG"]
+    assert [file.read_bytes()[1:4] for file in files[1:]] == 3 * [b"PNG"]
     assert re.search(r"src=\"http|<script", page) is None  # it opens without a network
 
 
