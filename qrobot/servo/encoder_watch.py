@@ -41,7 +41,6 @@ BASE_SHARE: Final = 0.25  # of a new reading in the mean, where counts and poten
 FAILED_TURNS: Final = 1.0  # from one reading to the next: no motor, but a potentiometer that has failed
 FIRST_READINGS: Final = 4
 GONE_TURNS: Final = 0.25  # of the motor, by its potentiometer: 37 units, of which noise and rounding are 7 (1 sigma)
-STRAYED_SHARE: Final = 0.6  # of that: in question, and an answer where the model is sure of missing counts
 SPREADS: Final = (
     2.0  # readings of an unknown potentiometer at rest lie within so many times less than shows a motor gone
 )

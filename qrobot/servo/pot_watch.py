@@ -39,7 +39,7 @@ from qrobot.servo.calibration_state import (
     VERDICT,
     Stage,
 )
-from qrobot.servo.encoder_watch import FIRST_READINGS, STRAYED_SHARE, follow_pot, gone_units, has_followed, in_a_row
+from qrobot.servo.encoder_watch import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.pots import MOST_SILENCES, has_table, pot_residue
@@ -52,6 +52,7 @@ SUSPECT_S: Final = 0.02  # so long driven without a count: read more often [A]
 HEARD: Final = 12  # readings of each potentiometer before power, where there is no table
 QUIET_TURNS: Final = 0.3  # of the motor, within which they lie [A]; noise of the emulated ones makes 0.17
 STEP_E: Final = ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # of 8 bits, ADC units: 0.4 turns
+STRAYED_SHARE: Final = 0.6  # of what shows a motor gone: an answer where the model is sure of missing counts [A]
 CALIBRATING: Final = int(Mode.CALIBRATING)
 SWEEPING: Final = int(Stage.SWEEPING)
 
