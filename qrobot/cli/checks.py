@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Final
 
 from qrobot.errors import ConfigError, LinkError
+from qrobot.extras import EXTRAS
 from qrobot.hwif.port.permission import allow_ports
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
 from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, Step, hold_dma_latency, may_lock_all, set_fifo
 
-LIBRARIES: Final = ("numpy", "numba", "llvmlite", "mujoco-core", "pydantic", "foxglove-sdk", "mcap", "matplotlib")
-EXTRAS: Final = {"pyarrow": "pip install 'qrobot[logs]' for Parquet"}
+LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
+DISTRIBUTIONS: Final = {"mujoco": "mujoco-core", "can": "python-can"}  # of modules that are called differently
 SEGMENT_BYTES: Final = 64 << 20  # servo memory with its telemetry ring, board memory, and room for a second arm
 OLDEST_PYTHON: Final = (3, 11)
 
@@ -65,8 +66,9 @@ def software() -> Iterator[Finding]:
     yield Finding("software", look_at_python(), Weight.NEEDED)
     for name in LIBRARIES:
         yield Finding("software", look_at_library(name, "pip install qrobot"), Weight.NEEDED)
-    for name, remedy in EXTRAS.items():
-        yield Finding("software", look_at_library(name, remedy), Weight.OPTIONAL)
+    for module, extra in EXTRAS.items():
+        remedy = f"pip install 'qrobot[{extra.name}]' for {extra.purpose}"
+        yield Finding("software", look_at_library(DISTRIBUTIONS.get(module, module), remedy), Weight.OPTIONAL)
     yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
 
 

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qrobot.errors import ConfigError, QRobotError
+from qrobot.extras import missing_extra
 from qrobot.printable import printable
 
 SUCCESS: Final = 0
@@ -106,8 +107,10 @@ def run_app(app: App, tokens: Sequence[str], prepare: Callable[[], object] = lam
     except CycloptsError as error:
         complain(f"{_sentence(error)} (see `{' '.join(['qrobot', *(error.command_chain or ())])} --help`)")
         return USAGE
-    except QRobotError as error:
-        complain(str(error))
+    except (QRobotError, ModuleNotFoundError) as error:
+        if (told := str(error) if isinstance(error, QRobotError) else missing_extra(error)) is None:
+            raise
+        complain(told)
         return FAILURE
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -1,0 +1,33 @@
+"""Libraries that not every installation needs: which extra of the package brings each, and what it is for."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Extra(NamedTuple):
+    """A name for `pip install 'qrobot[name]'`, and what works with it alone."""
+
+    name: str
+    purpose: str
+
+
+# By the name of the module that is imported.
+EXTRAS: Final = {
+    "casadi": Extra("models", "identification, the contact-free plant, and laws written as expressions"),
+    "mujoco": Extra("emulator", "the emulated arm"),
+    "matplotlib": Extra("figures", "figures"),
+    "pyarrow": Extra("logs", "Parquet files"),
+    "pymodbus": Extra("modbus", "Modbus"),
+    "can": Extra("can", "CAN"),
+    "canopen": Extra("can", "CAN"),
+    "distributed": Extra("study", "campaigns on a Dask scheduler"),
+}
+
+
+def missing_extra(error: ModuleNotFoundError) -> str | None:
+    """What to install for a module that was not found; None for one that no extra brings."""
+    library = (error.name or "").partition(".")[0]
+    if (extra := EXTRAS.get(library)) is None:
+        return None
+    return f"{library} is not installed, for {extra.purpose}: pip install 'qrobot[{extra.name}]'"
