@@ -27,7 +27,7 @@ GROUPS: Final = (
     "trajectory",
     "servo",
     "lockstep",
-    "roads",
+    "transports",
     "logs",
     "identification",
     "startup",
@@ -46,7 +46,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     Parameters
     ----------
     groups
-        Only these: laws, models, kinematics, trajectory, servo, lockstep, roads, logs, identification, startup,
+        Only these: laws, models, kinematics, trajectory, servo, lockstep, transports, logs, identification, startup,
         c_programs, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.

@@ -14,7 +14,7 @@ from qrobot.ident.base import base_of_robot
 from qrobot.ident.fit import fit_linear
 from qrobot.ident.friction import friction_columns
 from qrobot.ident.regressor import inertial_regressor, known_parameters
-from qrobot.ident.stribeck import Samples, fit_stribeck
+from qrobot.ident.stribeck import FrictionSamples, fit_stribeck
 
 SAMPLES: Final = 60_000
 NOISE_NM: Final = 0.5
@@ -23,7 +23,7 @@ FADES: Final = 0.02  # of the greatest speed
 FASTEST: Final = 2.0 * np.pi * 0.35  # rad/s of the quickest of the sines
 
 
-def motion(samples: int, excess: float, seed: int = 3) -> Samples:
+def motion(samples: int, excess: float, seed: int = 3) -> FrictionSamples:
     """Torques of a PUMA whose joints swing by sines of their own, with noise and friction that is higher at rest."""
     robot, random = load_robot("puma560"), np.random.default_rng(seed)
     regressor = inertial_regressor(robot)
@@ -39,7 +39,7 @@ def motion(samples: int, excess: float, seed: int = 3) -> Samples:
     torque = Y @ base.K @ known_parameters(robot, regressor) + preset.viscous * v + np.sign(v) * coulomb * fading
     torque += NOISE_NM * random.normal(size=torque.shape)
     motor = np.tile(np.arange(n), len(t))
-    return Samples(*(x[:samples] for x in (Y.reshape(-1, Y.shape[-1]), motor, v.ravel(), torque.ravel())))
+    return FrictionSamples(*(x[:samples] for x in (Y.reshape(-1, Y.shape[-1]), motor, v.ravel(), torque.ravel())))
 
 
 def rows(effort: Effort) -> Iterator[Row]:

@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.rows import Goal, Row, against, row
 from benchmarks.timing import Effort, interleaved
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
-from qrobot.config.values import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.kinematics import forward
 from qrobot.model.paul import T_PAUL_VAL

@@ -18,8 +18,7 @@ from qrobot.errors import QRobotError
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.lockstep import LockstepRig, run_ticks
-from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import (
+from qrobot.servo.memory.setpoint_queue import (
     FRAME_JOINTS,
     FRAME_PERIOD_NS,
     FRAME_SEQ,
@@ -29,6 +28,7 @@ from qrobot.servo.setpoint_queue import (
     frame_words,
     push_frame,
 )
+from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.plant import Physics

@@ -14,7 +14,7 @@ from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
 from qrobot.log.header import LOCKSTEP, header_for
 from qrobot.log.record import write_log
-from qrobot.servo.telemetry import Rows, TelemetryLayout
+from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 
 ROWS: Final = 200_000
 RATES_HZ: Final = (4000, 10_000)

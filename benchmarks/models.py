@@ -13,8 +13,8 @@ from benchmarks.timing import Effort, interleaved
 from qrobot.codegen import QUICK_EXPRESSIONS, compile_function, rigid_body
 from qrobot.config import Robot, load_robot
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.record import record_of
 from qrobot.sim_board.mujoco_library import mj_com_pos, mj_com_vel, mj_kinematics, mj_rne, mj_step
 from qrobot.sim_board.mujoco_plant import PlantMemory, load_plant
 from qrobot.sim_board.plant import Plant, step_plant

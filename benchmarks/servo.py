@@ -11,7 +11,7 @@ from benchmarks.box import FRAME_NS
 from benchmarks.rows import Goal, Row, row
 from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     IMAGE_COUNT,
     IMAGE_START,
     IMAGE_T_NS,
@@ -21,10 +21,8 @@ from qrobot.hwif.memory import (
 )
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.loop import one_cycle
-from qrobot.servo.mailbox import INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
-from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import (
+from qrobot.servo.memory.mailbox import INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
+from qrobot.servo.memory.setpoint_queue import (
     FRAME_JOINTS,
     FRAME_PERIOD_NS,
     FRAME_SEQ,
@@ -34,8 +32,10 @@ from qrobot.servo.setpoint_queue import (
     frame_words,
     push_frame,
 )
+from qrobot.servo.memory.telemetry import append_row
+from qrobot.servo.modes import Mode
+from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import append_row
 
 SERVO_LANE: Final = int(Lane.SERVO)
 TICKS: Final = 200_000

@@ -23,13 +23,13 @@ import numpy as np
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import QRobotError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import BOARD_SLIPPED_NS, attach_board_memory
+from qrobot.hwif.board_memory import BOARD_SLIPPED_NS, attach_board_memory
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.opening import open_channel
+from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.units import NS_PER_S
 

@@ -14,8 +14,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
-from qrobot.config.values import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.kinematics import KinematicsParams
 from qrobot.model.puma import OK, puma_inverse
@@ -25,19 +25,19 @@ from qrobot.motion import (
     Duration,
     Equation,
     Generator,
-    Kind,
-    Mode,
+    MotionMode,
     MoveRequest,
     Reach,
+    TransformKind,
     Trsf,
     motion_limits,
     reach_of,
 )
 from qrobot.motion.blend import PEAK, Blend, Correction
-from qrobot.motion.drive import drive_between
-from qrobot.motion.leg import Leg, evaluate
+from qrobot.motion.drive_transform import drive_between
+from qrobot.motion.path_piece import PathPiece, evaluate
 from qrobot.motion.product import multiply_chain
-from qrobot.motion.watch import NONE, judge_rows
+from qrobot.motion.setpoint_check import NONE, judge_rows
 from qrobot.realtime.jit import lean_kernel
 
 MOTIONS: Final = 10
@@ -131,7 +131,7 @@ class Recorder(Generator):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.first = 0
-        self.legs, self.names = list[Leg](), list[str]()
+        self.legs, self.names = list[PathPiece](), list[str]()
         self.leg, self.q = list[int](), list[Floats]()
 
     def record(self, tick: int) -> None:
@@ -151,7 +151,7 @@ class Conveyor:
 
     def __init__(self, speed: float) -> None:
         self.tick, self._speed = 0, speed
-        self.trsf = Trsf("CONV", Kind.FUNCTION, function=self._carry)
+        self.trsf = Trsf("CONV", TransformKind.FUNCTION, function=self._carry)
 
     def _carry(self, trsf: Trsf) -> None:
         trsf.value = transform(translation=[self._speed * self.tick, 0.0, 0.0])
@@ -198,11 +198,11 @@ def planned_tour(samples: int) -> tuple[Tour, Floats]:
 
 def requests(world: World, conveyor: Trsf, samples: int) -> Iterator[MoveRequest]:
     """The motions, which share the samples."""
-    z, e = Trsf("Z", Kind.CONST, world.Z), Trsf("E", Kind.CONST, world.E)
+    z, e = Trsf("Z", TransformKind.CONST, world.Z), Trsf("E", TransformKind.CONST, world.E)
     pace = Duration(samples / MOTIONS * PERIOD_S)
     for k, place in enumerate(world.places):
-        equation = Equation(str(k), [z, T6, e], [conveyor, Trsf("P", Kind.CONST, place)], e)
-        yield MoveRequest(str(k), equation.goal(), pace, mode=Mode.CARTESIAN)
+        equation = Equation(str(k), [z, T6, e], [conveyor, Trsf("P", TransformKind.CONST, place)], e)
+        yield MoveRequest(str(k), equation.goal(), pace, mode=MotionMode.CARTESIAN)
 
 
 def tour_of(generator: Recorder, world: World, arm: Arm, branch: int, speed: float) -> Tour:

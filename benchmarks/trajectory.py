@@ -16,11 +16,12 @@ import numpy as np
 from benchmarks.rows import Goal, Row, against, row
 from benchmarks.timing import Effort, interleaved
 from benchmarks.tour import CORNERS, PERIOD_S, Conveyor, Tour, bench_arm, planned_tour, scratch, walk, walk_again
-from qrobot.config.values import Floats
+from qrobot.arrays import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.transform import transform
 from qrobot.motion import (
     T6,
+    ArmSample,
     Compliance,
     Drift,
     Duration,
@@ -28,10 +29,9 @@ from qrobot.motion import (
     ForceControl,
     ForceLimits,
     Generator,
-    Kind,
-    Mode,
+    MotionMode,
     MoveRequest,
-    Seen,
+    TransformKind,
     Trsf,
     motion_limits,
 )
@@ -103,8 +103,8 @@ class Round:
         self._drift, self._conveyor = Drift(), Conveyor(CONVEYOR_M_S * PERIOD_S)
         tool = transform(translation=[0.0, 0.0, 0.1])
         self._tool, self._base = (
-            Trsf("TOOL", Kind.CONST, tool),
-            Trsf("BASE", Kind.CONST, arm.forward(self._park) @ tool),
+            Trsf("TOOL", TransformKind.CONST, tool),
+            Trsf("BASE", TransformKind.CONST, arm.forward(self._park) @ tool),
         )
         self._variable = [Trsf(name) for name in ("A", "B", "C")]
         self._asked = 0
@@ -122,11 +122,11 @@ class Round:
             while self._generator.waiting < 2:
                 self._generator.push(self._request())
             before, began = q, perf_counter()
-            q = self._cycle(Seen(q, tau, tau, before), tick)
+            q = self._cycle(ArmSample(q, tau, tau, before), tick)
             times[tick - 1] = perf_counter() - began
         return times
 
-    def _cycle(self, seen: Seen, tick: int) -> Floats:
+    def _cycle(self, seen: ArmSample, tick: int) -> Floats:
         if self._force is None:
             return self._generator.update(tick).q
         self._force.look(seen, self._generator, tick)
@@ -138,15 +138,15 @@ class Round:
         """The next corner, by T6 TOOL = CONV BASE A B C CORNER."""
         x, y, _ = CORNERS[self._asked % len(CORNERS)]
         self._asked += 1
-        corner = Trsf("CORNER", Kind.CONST, transform(translation=[x, y, 0.0]))
+        corner = Trsf("CORNER", TransformKind.CONST, transform(translation=[x, y, 0.0]))
         right = [self._conveyor.trsf, self._base, *self._variable, corner]
         equation = Equation("CORNER", [T6, self._tool], right, self._tool)
         if self._force is None:
-            return MoveRequest("corner", equation.goal(), Duration(SEGMENT_S), mode=Mode.CARTESIAN)
+            return MoveRequest("corner", equation.goal(), Duration(SEGMENT_S), mode=MotionMode.CARTESIAN)
         compliance = Compliance(np.zeros(6), (2,), self._drift)
         limits = ForceLimits(np.full(6, 1e6), np.full(6, 1e3))
         goal = equation.goal(compliance=compliance)
-        return MoveRequest("corner", goal, Duration(SEGMENT_S), mode=Mode.CARTESIAN, limits=limits)
+        return MoveRequest("corner", goal, Duration(SEGMENT_S), mode=MotionMode.CARTESIAN, limits=limits)
 
 
 def ruckig_updates(arm: Arm, park: Floats) -> Callable[[int], None] | None:

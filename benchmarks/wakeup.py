@@ -29,7 +29,7 @@ from benchmarks.timing import Effort
 from qrobot.realtime.clock import monotonic_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import hold_dma_latency, prepare_loop_thread
-from qrobot.servo.loop import MARGIN_MAX_NS, first_deadline, next_deadline, wait_until
+from qrobot.servo.process.loop import MARGIN_MAX_NS, first_deadline, next_deadline, wait_until
 
 SPIN, SLEEP, TWIN, PYTHON, CYCLICTEST = "sleep then spin", "sleep alone", "C twin", "plain Python", "cyclictest"
 IDLE, BUSY = "idle", "busy Python thread"

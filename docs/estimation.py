@@ -21,13 +21,13 @@ from tables import table
 
 from qrobot.config import Robot, load_robot
 from qrobot.log.plot import COLOURS, STYLE
-from qrobot.rig.experiment import Plant, program_path, run_program
+from qrobot.rig.experiment import PlantName, program_path, run_program
 from qrobot.rig.witness import Witnessed, WitnessRig
-from qrobot.servo.forms import FORMS, Form
-from qrobot.servo.interpolator import reference, shift_in
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stream import PLAYOUT_FRAMES
-from qrobot.servo.velocity import ESTIMATORS
+from qrobot.servo.stages.interpolation_polynomials import FORMS, Form
+from qrobot.servo.stages.interpolator import reference, shift_in
+from qrobot.servo.stages.setpoint_stream import PLAYOUT_FRAMES
+from qrobot.servo.stages.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 
@@ -35,7 +35,7 @@ DOCS: Final = Path(__file__).parent
 PAGE: Final = DOCS / "explanation/estimation-and-interpolation.md"
 IMAGES: Final = DOCS / "images"
 RATES_HZ: Final = (1000, 2000, 4000)
-PLANTS: Final[tuple[Plant, ...]] = ("nominal", "mismatched")
+PLANTS: Final[tuple[PlantName, ...]] = ("nominal", "mismatched")
 FRAME_MS: Final = 28.0
 DPI: Final = 100
 SMOOTHNESS: Final = ("position", "position and velocity", "position, velocity and acceleration")
@@ -48,7 +48,7 @@ def robot() -> Robot:
 
 
 @cache
-def measure(rate_hz: int, plant: Plant, velocity: str, interpolation: str, law: str = "qrobot") -> Witnessed:
+def measure(rate_hz: int, plant: PlantName, velocity: str, interpolation: str, law: str = "qrobot") -> Witnessed:
     """The paper's experiment with these choices."""
     n = robot().n
     wrong = PlantMismatch.mismatched(n) if plant == "mismatched" else PlantMismatch.nominal(n)

@@ -10,20 +10,20 @@ from typing import Final, NamedTuple
 from tables import raised_codes, table
 
 from qrobot.faultcodes import EXPLANATION, FaultCode
-from qrobot.servo.guard import stop_category
-from qrobot.servo.modes import Stop
+from qrobot.servo.checks.limit_checks import stop_category
+from qrobot.servo.modes import StopCategory
 
 CAMPAIGN: Final = "tests/property/test_fault_campaign.py"
 BREAKS: Final = f"{CAMPAIGN}::test_what_breaks_on_the_way_stops_the_arm_in_time"
 STREAM: Final = f"{CAMPAIGN}::test_what_goes_wrong_with_the_stream_ends_on_the_path"
-CYCLE: Final = "tests/unit/test_cycle_faults.py"
-SUPERVISOR: Final = "tests/unit/test_supervisor.py"
+CYCLE: Final = "tests/unit/servo/test_cycle_faults.py"
+SUPERVISOR: Final = "tests/unit/servo/test_mode_machine.py"
 
 
-CALIBRATE: Final = "tests/unit/test_calibrate.py"
+CALIBRATE: Final = "tests/unit/servo/test_calibrate.py"
 ENCODER: Final = "tests/property/test_encoder_campaign.py"
 MOTOR: Final = "tests/property/test_motor_campaign.py"
-WATCHES: Final = "tests/unit/test_watches.py"
+WATCHES: Final = "tests/unit/servo/test_watches.py"
 GENTLE: Final = "calibration ends; the arm stays held"
 
 
@@ -85,7 +85,7 @@ FACTS: Final = {
     ),
     F.LAW_BOUNDS: Fact(
         "the cycle in which it happens",
-        "tests/unit/test_law_copies.py::test_a_law_that_writes_beside_its_arrays_is_replaced_and_stops_the_arm",
+        "tests/unit/servo/test_guarded_copies.py::test_a_law_that_writes_beside_its_arrays_is_replaced_and_stops_the_arm",
     ),
     F.FOLLOWING: Fact("the cycle that measures it", f"{CYCLE}::test_an_arm_that_is_not_where_it_should_be_is_cut"),
     F.JOINT_LIMIT: Fact(
@@ -96,7 +96,7 @@ FACTS: Final = {
     F.ESTOP: Fact("2 cycles", BREAKS),
     F.GUARD_TRIP: Fact(
         "the guardian's time-out and one of its looks",
-        "tests/unit/test_guardian.py::test_an_armed_servo_that_falls_silent_loses_the_board_within_the_bound_and_one_look",
+        "tests/unit/servo/test_guardian.py::test_an_armed_servo_that_falls_silent_loses_the_board_within_the_bound_and_one_look",
     ),
     F.GUARD_LOST: Fact(
         "twice the guardian's time-out",
@@ -115,7 +115,7 @@ FACTS: Final = {
     F.SP_STEP: Fact("when the frame is due; it is not played", STREAM),
     F.START_POSE: Fact(
         "the stream is refused",
-        "tests/unit/test_stream.py::test_a_stream_that_does_not_begin_where_the_arm_stands_is_refused",
+        "tests/unit/servo/test_setpoint_stream.py::test_a_stream_that_does_not_begin_where_the_arm_stands_is_refused",
     ),
     F.CAL_MISMATCH: Fact(
         "power or calibration is refused",
@@ -138,38 +138,38 @@ FACTS: Final = {
     ),
     F.CFG_GAIN: Fact(
         "the servo does not start; gains asked for while it runs are refused",
-        "tests/unit/test_stability.py::test_gains_far_outside_are_refused_by_joint",
+        "tests/unit/servo/test_stability.py::test_gains_far_outside_are_refused_by_joint",
         False,
     ),
     F.HOLD_TO_RUN: Fact(
         "100 ms after the key was let go",
-        "tests/unit/test_hold_to_run.py::test_a_key_let_go_or_a_link_lost_stops_the_arm_on_its_path_within_100_ms",
+        "tests/unit/servo/test_hold_to_run.py::test_a_key_let_go_or_a_link_lost_stops_the_arm_on_its_path_within_100_ms",
     ),
     F.T1_LIMIT: Fact(
         "the cycle in which the reference or the measured motion is too fast",
-        "tests/unit/test_reduced_speed.py::test_a_fast_program_is_stopped_on_its_path_before_the_tool_is_faster",
+        "tests/unit/servo/test_reduced_speed.py::test_a_fast_program_is_stopped_on_its_path_before_the_tool_is_faster",
     ),
     F.RATE: Fact(
         "the servo does not start on a real board; with an emulated one it is told",
-        "tests/unit/test_pace.py::test_a_rate_that_is_not_kept_is_told_with_one_that_would_be",
+        "tests/unit/servo/test_rate_test.py::test_a_rate_that_is_not_kept_is_told_with_one_that_would_be",
         False,
     ),
     F.RT_BUDGET: Fact(
         "likewise",
-        "tests/unit/test_pace.py::test_the_loop_stays_below_what_the_kernel_leaves_it",
+        "tests/unit/servo/test_rate_test.py::test_the_loop_stays_below_what_the_kernel_leaves_it",
         False,
     ),
     F.PAGEFAULT: Fact(
         "told within a second, and counted in `qrobot ctl status --json`; nothing stops",
-        "tests/unit/test_pace.py::test_page_faults_of_a_thread_are_counted_from_when_it_is_ready",
+        "tests/unit/servo/test_rate_test.py::test_page_faults_of_a_thread_are_counted_from_when_it_is_ready",
         False,
     ),
     F.RESET_DENIED: Fact("0.1 s after the clear", BREAKS),
 }
 CLEARED: Final = {
-    Stop.CATEGORY_0: "a clear once the cause is gone, then a request for power",
-    Stop.CATEGORY_1: "a clear once the cause is gone, then a request for power",
-    Stop.CATEGORY_2: "nothing to clear",
+    StopCategory.CATEGORY_0: "a clear once the cause is gone, then a request for power",
+    StopCategory.CATEGORY_1: "a clear once the cause is gone, then a request for power",
+    StopCategory.CATEGORY_2: "nothing to clear",
 }
 
 
@@ -186,7 +186,7 @@ def _row(code: FaultCode) -> tuple[object, ...]:
     fact = FACTS.get(code, Fact("", ""))
     category = stop_category(code)
     test = f"`{fact.test}`" if fact.test else ""
-    cleared = CLEARED[category if fact.latches else Stop.CATEGORY_2]
+    cleared = CLEARED[category if fact.latches else StopCategory.CATEGORY_2]
     return (
         f"{code.name} ({code.value})", EXPLANATION[code][0], int(category), fact.bound, cleared, test,
     )  # fmt: skip

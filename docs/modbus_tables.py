@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from tables import table
 
-from qrobot.hwif.modbus.map import BOARD_ROWS, IMAGE, MAILBOX, ROBOT_ROWS, Row
+from qrobot.hwif.modbus.map import BOARD_ROWS, IMAGE, MAILBOX, ROBOT_ROWS, MapRow
 
 
-def _rows(rows: tuple[Row, ...]) -> str:
+def _rows(rows: tuple[MapRow, ...]) -> str:
     head = ("address", "n", "name", "form", "access", "meaning")
     return table(
         head,

@@ -11,12 +11,12 @@ from typing import Final
 
 from qrobot.config import Robot, load_robot
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.compact_recording import CompactRecording, load_recording, save_recording
 from qrobot.ident.excitation import FEWEST, Excitation, make_excitation
-from qrobot.ident.plan import Plan, make_plan
+from qrobot.ident.plan import ExcitationPlan, make_plan
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
-from qrobot.ident.shipped import Recording, load_recording, save_recording
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.unknown import UnknownArm
+from qrobot.rig.perturbed_arm import UnknownArm
 from qrobot.servo.settings import ServoSettings
 
 FOLDER: Final = Path(__file__).parents[1] / "config/data"
@@ -26,7 +26,7 @@ POSES: Final = 12
 RATE_HZ: Final = 250.0  # a quarter of the usual one, and of its rows
 
 
-def plans(robot: Robot) -> dict[str, Plan | Excitation]:
+def plans(robot: Robot) -> dict[str, ExcitationPlan | Excitation]:
     """Steady passes, and the fewest runs that tell inertia."""
     gravity, inertia = gravity_regressor(robot), inertial_regressor(robot)
     return {
@@ -35,7 +35,7 @@ def plans(robot: Robot) -> dict[str, Plan | Excitation]:
     }
 
 
-def recorded(plan: Plan | Excitation, name: str = "puma560") -> Recording:
+def recorded(plan: ExcitationPlan | Excitation, name: str = "puma560") -> CompactRecording:
     """The arm's recording of a plan, with the truth beside it."""
     robot, settings, regressor = load_robot(name), ServoSettings(rate_hz=RATE_HZ), inertial_regressor(load_robot(name))
     arm = UnknownArm.drawn(robot, SEED)
@@ -46,10 +46,10 @@ def recorded(plan: Plan | Excitation, name: str = "puma560") -> Recording:
         "links": dict(zip(regressor.names, known_parameters(arm.told, regressor).tolist(), strict=True)),
         "friction": arm.friction.tolist(),
     }
-    return Recording(robot, rows, settings.period_ns * 1e-9, facts)
+    return CompactRecording(robot, rows, settings.period_ns * 1e-9, facts)
 
 
-def digest(recording: Recording) -> str:
+def digest(recording: CompactRecording) -> str:
     """Of its rows as they are read back."""
     return hashlib.sha256(recording.rows.tobytes()).hexdigest()
 

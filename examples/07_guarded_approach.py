@@ -13,7 +13,8 @@ motion ends at its goal, and the program says so.
 # ///
 
 from qrobot import rccl
-from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtrans, t6, yunit
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, t6, yunit
+from qrobot.rccl import arm_session as hold
 
 PRESS = 20.0  # N
 

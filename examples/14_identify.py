@@ -15,12 +15,12 @@ import numpy as np
 
 from qrobot.config.identified import with_model
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.compact_recording import load_recording
 from qrobot.ident.model import identify
 from qrobot.ident.observe import Observer, steady_passes
 from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log, inertia_of_log
-from qrobot.ident.shipped import load_recording
 
 # %% [markdown]
 # ## The recording

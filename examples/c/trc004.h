@@ -48,7 +48,7 @@
 #define TRC004_DISCRETE_ADC 0x4000
 #define TRC004_DAC_ZERO 0x800
 
-/* The board memory, in words of 64 bits; the numbers are those of qrobot/hwif/memory.py, and a test compares them. */
+/* The board memory, in words of 64 bits; the numbers are those of qrobot/hwif/board_memory.py, and a test compares them. */
 #define TRC004_MAGIC 0x51524F424F54
 #define TRC004_LAYOUT 4
 #define TRC004_IMAGE_SEQ 16

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from qrobot.arrays import Words
 from qrobot.cli.console import note
 from qrobot.config import Robot, load_robot
-from qrobot.config.deployment import Arm, load_deployment
+from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.identified import load_model, with_model
 from qrobot.config.outputs import BoardOutput
 from qrobot.errors import ConfigError
-from qrobot.realtime.segment import Words
-from qrobot.servo.calibration_table import CalibrationTable, load_table
+from qrobot.servo.calibration.table import CalibrationTable, load_table
 from qrobot.servo.laws import check_law_name
 from qrobot.servo.laws.file import is_file_law, load_law, split_name
 from qrobot.servo.output_lines import OutputWire
@@ -23,7 +23,7 @@ DEFAULT_DEPLOYMENT = "emulator"
 REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person within reach
 
 
-def choose_arm(deployment: str, name: str | None) -> Arm:
+def choose_arm(deployment: str, name: str | None) -> DeployedArm:
     """The arm called `name`, or the only one. Raises ConfigError when that is not clear."""
     arms = {arm.name: arm for arm in load_deployment(deployment).arm}
     if name is None and len(arms) == 1:
@@ -36,12 +36,12 @@ def choose_arm(deployment: str, name: str | None) -> Arm:
     raise ConfigError(f"{deployment} has no arm {name!r}; there are: {known}")
 
 
-def robot_of_arm(arm: Arm) -> Robot:
+def robot_of_arm(arm: DeployedArm) -> Robot:
     """The robot file an arm names."""
     return load_robot(arm.robot)
 
 
-def controlled_robot(arm: Arm, model: str | None = None) -> tuple[Robot, str]:
+def controlled_robot(arm: DeployedArm, model: str | None = None) -> tuple[Robot, str]:
     """The robot as the servo of an arm knows it, and the model it was identified by ("" for the robot file's own).
 
     A `model` that was asked for has to fit. One of the deployment file that does not is told, and the robot file's
@@ -62,32 +62,32 @@ def controlled_robot(arm: Arm, model: str | None = None) -> tuple[Robot, str]:
         return robot, ""
 
 
-def calibration_of_arm(arm: Arm) -> CalibrationTable | None:
+def calibration_of_arm(arm: DeployedArm) -> CalibrationTable | None:
     """The calibration table an arm names, if any. Raises ConfigError when it is damaged or another arm's."""
     name = arm.board.calibration_table
     return None if name is None else load_table(name, robot_of_arm(arm))
 
 
-def revision_of_arm(arm: Arm) -> str:
+def revision_of_arm(arm: DeployedArm) -> str:
     """The deployment's word on the board's revision, or else the robot file's."""
     return arm.board.revision or robot_of_arm(arm).board.revision
 
 
-def card_of_arm(arm: Arm, read_only: bool = False) -> Words:
+def card_of_arm(arm: DeployedArm, read_only: bool = False) -> Words:
     """The card that servo and guardian reach by themselves; none, unless the board is on this machine's ISA bus.
 
     It is read only when either the file or the caller says so.
     """
-    from qrobot.hwif.port.card import NO_CARD, REAL_CARD, make_card  # kernels: half a second
+    from qrobot.hwif.isa.card import NO_CARD, REAL_CARD, make_card  # kernels: half a second
 
-    road = arm.board.port
-    if road is None:
+    transport = arm.board.port
+    if transport is None:
         return make_card(NO_CARD)
-    return make_card(REAL_CARD, road.base, revision_of_arm(arm), road.read_only or read_only)
+    return make_card(REAL_CARD, transport.base, revision_of_arm(arm), transport.read_only or read_only)
 
 
 def servo_settings(
-    arm: Arm,
+    arm: DeployedArm,
     rate_hz: float | None = None,
     law: str | None = None,
     velocity: str | None = None,
@@ -122,7 +122,7 @@ def servo_settings(
     )
 
 
-def force_calibration_of(arm: Arm) -> ForceCalibration | None:
+def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:
     """How the servo of an arm makes forces of volts; an emulated sensor tells of itself when the file does not.
 
     Raises ConfigError when one of its channels carries a potentiometer.
@@ -138,7 +138,7 @@ def force_calibration_of(arm: Arm) -> ForceCalibration | None:
     return given
 
 
-def _reduced_speed(arm: Arm, asked: bool) -> float:
+def _reduced_speed(arm: DeployedArm, asked: bool) -> float:
     """mm/s, 0 for no limit: the file's, and where somebody asks for it T1's when the file has none, or more."""
     chosen = arm.servo.reduced_speed_mm_s
     if not asked:
@@ -146,13 +146,13 @@ def _reduced_speed(arm: Arm, asked: bool) -> float:
     return REDUCED_SPEED_MM_S if chosen is None else min(chosen, REDUCED_SPEED_MM_S)
 
 
-def tool_of_arm(arm: Arm) -> tuple[float, float, float]:
+def tool_of_arm(arm: DeployedArm) -> tuple[float, float, float]:
     """The tip of the tool from the flange, m."""
     x, y, z = arm.servo.tool_mm
     return x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
 
 
-def outputs_of(arm: Arm) -> tuple[OutputWire, ...]:
+def outputs_of(arm: DeployedArm) -> tuple[OutputWire, ...]:
     """The lines that programs of an arm may switch, in the order of their numbers."""
     wires = [
         OutputWire(each.output, each.label, each.on_stop == "hold", each.bit if isinstance(each, BoardOutput) else None)
@@ -161,7 +161,7 @@ def outputs_of(arm: Arm) -> tuple[OutputWire, ...]:
     return tuple(sorted(wires, key=lambda wire: wire.output))
 
 
-def overrun_of(arm: Arm) -> Overrun:
+def overrun_of(arm: DeployedArm) -> Overrun:
     """The file's choice; without one a real arm stops at a few late cycles, and an emulated one counts them."""
     chosen = arm.servo.overrun
     if chosen is None:

@@ -1,4 +1,4 @@
-"""`qrobot board`: a TRC004 board as a process: an emulated one, or the gateway to one behind a road."""
+"""`qrobot board`: a TRC004 board as a process: an emulated one, or the gateway to one behind a transport."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
 from qrobot.cli.console import note
 from qrobot.cli.option_types import OutputFile
-from qrobot.config.deployment import Arm
+from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
-    from qrobot.realtime.segment import Words
+    from qrobot.arrays import Words
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -63,12 +63,12 @@ def board(
     scene
         Overrides the file: what stands around the arm. Its other settings are the file's.
     serve
-        Serve the emulated board over a road as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
+        Serve the emulated board over a transport as well, as `can=INTERFACE:CHANNEL` (names of python-can; @NODE may
         follow) or `modbus=HOST:PORT` (@MS may follow: the client's silence after which the board is made safe, 100 if
         left out, 0 for never; then +CLIENT,...: addresses or networks of other machines that may connect).
         Whoever is at the other end then is this board's one controller. May be given again.
     record
-        Write every register access of a board behind a road to this file; `qrobot board replay` reads it.
+        Write every register access of a board behind a transport to this file; `qrobot board replay` reads it.
     """
     chosen = choose_arm(deployment, arm)
     if chosen.board.kind != "emulator":
@@ -76,9 +76,11 @@ def board(
         run_gateway(chosen, record)
         return
     if record is not None:
-        raise ConfigError(f"--record: the emulated board of {chosen.name} is behind no road; its log has every cycle")
+        raise ConfigError(
+            f"--record: the emulated board of {chosen.name} is behind no transport; its log has every cycle"
+        )
     from qrobot.hwif.bus import MemoryEndpoint
-    from qrobot.hwif.roads import check_servers, modules_beside, servers
+    from qrobot.hwif.transports import check_servers, modules_beside, servers
     from qrobot.sim_board.deployed import emulator_of_arm
     from qrobot.sim_board.faults import FaultPlan
     from qrobot.sim_board.server import serve as serve_emulator
@@ -104,30 +106,30 @@ def board(
     )
 
 
-def refuse_options(arm: Arm, **options: object) -> None:
+def refuse_options(arm: DeployedArm, **options: object) -> None:
     """Raise ConfigError when an option is given that only an emulated board has."""
     given = ", ".join(f"--{name}" for name, value in options.items() if value not in (None, ()))
     if given:
         raise ConfigError(f"{given}: only for an emulated board, and that of {arm.name} is of kind {arm.board.kind!r}")
 
 
-def run_gateway(arm: Arm, record: Path | None = None) -> None:
+def run_gateway(arm: DeployedArm, record: Path | None = None) -> None:
     """The gateway process of a board that is elsewhere. Raises LogError when there is no writing to `record`."""
     from qrobot.hwif.gateway import serve
-    from qrobot.hwif.recorder import Recorder
-    from qrobot.hwif.roads import open_road
-    from qrobot.realtime.turn import await_turn
+    from qrobot.hwif.recorder import BusRecorder
+    from qrobot.hwif.transports import open_transport
+    from qrobot.realtime.startup_order import await_turn
 
     def report(line: str) -> None:
         note(f"{arm.name}: {line}")
 
     await_turn()
-    bus, period_ns, module_losses = open_road(arm.board, report)
+    bus, period_ns, module_losses = open_transport(arm.board, report)
     held = sum(1 << each.bit for each in arm.board.outputs if each.on_stop == "hold")
     if record is None:
         serve(arm.name, bus, period_ns, report, module_losses, held)
         return
-    with Recorder(bus, record) as recorder:
+    with BusRecorder(bus, record) as recorder:
         serve(arm.name, recorder, period_ns, report, module_losses, held)
     if recorder.problem:
         report(f"{record} is not complete: {recorder.problem}")

@@ -13,9 +13,9 @@ from qrobot.cli.console import FAILURE, SUCCESS, err, out, write_json
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 
 if TYPE_CHECKING:
-    from qrobot.config.deployment import Arm
+    from qrobot.config.deployment import DeployedArm
     from qrobot.hwif.bus import Bus
-    from qrobot.rig.board_check import Finding
+    from qrobot.rig.board_check import StepResult
 
 PATIENCE_S: Final = 2.0
 MARKS: Final = {True: ("✔", "green"), False: ("✘", "bold red"), None: ("·", "cyan")}
@@ -62,7 +62,7 @@ def check(
     chosen = choose_arm(deployment, arm)
     _refuse_beside_a_servo(chosen.name)
     walk = Walk(
-        _road_to(chosen, read_only),
+        _transport_to(chosen, read_only),
         robot_of_arm(chosen),
         (lambda _question: True) if yes else _ask,
     )
@@ -77,10 +77,10 @@ def check(
     return SUCCESS if good else FAILURE
 
 
-def _road_to(arm: Arm, read_only: bool) -> Bus:
+def _transport_to(arm: DeployedArm, read_only: bool) -> Bus:
     """The memory of the board process; a card on this machine's own bus has none, and is met at its ports."""
+    from qrobot.hwif.isa.bus import PortBus
     from qrobot.hwif.memory_bus import board_memory_bus
-    from qrobot.hwif.port.bus import PortBus
 
     if arm.board.kind == "port":
         return PortBus(card_of_arm(arm, read_only), robot_of_arm(arm).n)
@@ -89,7 +89,7 @@ def _road_to(arm: Arm, read_only: bool) -> Bus:
 
 def _refuse_beside_a_servo(arm: str) -> None:
     """Two who write torques are one too many. Raises LinkBusy."""
-    from qrobot.servo.mailbox import attach_servo_memory
+    from qrobot.servo.memory.mailbox import attach_servo_memory
 
     try:
         with attach_servo_memory(arm) as segment:
@@ -105,7 +105,7 @@ def _ask(question: str) -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _tell(finding: Finding) -> None:
+def _tell(finding: StepResult) -> None:
     mark, style = MARKS[finding.ok]
     out.print(Text(f"{mark} {finding.step}: ", style=style) + Text(finding.detail, style=""), soft_wrap=True)
     if finding.remedy:

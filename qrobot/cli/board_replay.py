@@ -10,7 +10,7 @@ from rich.table import Table
 from qrobot.cli.console import print_table, write_json
 
 if TYPE_CHECKING:
-    from qrobot.hwif.replay import Recording
+    from qrobot.hwif.replay import BusRecording
 
 
 def replay(file: Path, *, json: bool = False) -> None:
@@ -44,10 +44,10 @@ def _in_words(value: Any) -> str:
     return ", ".join(value) if isinstance(value, list) else str(value)
 
 
-def _facts(recording: Recording) -> dict[str, Any]:
-    from qrobot.hwif.replay import Connection
+def _facts(recording: BusRecording) -> dict[str, Any]:
+    from qrobot.hwif.replay import BoardFound
 
-    boards = [event.facts for event in recording.events if isinstance(event, Connection)]
+    boards = [event.facts for event in recording.events if isinstance(event, BoardFound)]
     return {
         "boards": sorted({f"revision {facts.revision}, {facts.joints} joints" for facts in boards}),
         "connections": len(boards),

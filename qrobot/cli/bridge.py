@@ -30,8 +30,8 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
     from qrobot.realtime.setup import set_fifo
-    from qrobot.realtime.turn import await_turn
-    from qrobot.servo.authority import Authority
+    from qrobot.realtime.startup_order import await_turn
+    from qrobot.servo.memory.commander_lock import Authority
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge

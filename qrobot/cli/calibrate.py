@@ -13,13 +13,13 @@ from rich.table import Table
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import SUCCESS, err, note, out, print_table, write_json
 from qrobot.cli.option_types import Indexes, OutputFile
-from qrobot.servo.calibration_table import TableFormat
+from qrobot.servo.calibration.table import TableFormat
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
-    from qrobot.config.deployment import Arm
-    from qrobot.servo.calibration_client import CalibrationReport
-    from qrobot.servo.mailbox import CalibrationProgress
+    from qrobot.config.deployment import DeployedArm
+    from qrobot.servo.memory.mailbox import CalibrationProgress
+    from qrobot.servo.operator.calibration_client import CalibrationReport
 
 
 def calibrate(
@@ -67,7 +67,7 @@ def calibrate(
     return SUCCESS
 
 
-def calibrate_arm(arm: Arm, indexes: int = 0) -> CalibrationReport:
+def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
     """Have the running servo of an arm calibrate it, and show on the terminal how far it is.
 
     Raises:
@@ -75,9 +75,9 @@ def calibrate_arm(arm: Arm, indexes: int = 0) -> CalibrationReport:
         LinkBusy: somebody else commands the arm.
         ConfigError, ServoFault: what `run_calibration` raises.
     """
-    from qrobot.servo.authority import Authority
-    from qrobot.servo.calibration_client import run_calibration
-    from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+    from qrobot.servo.memory.commander_lock import Authority
+    from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
+    from qrobot.servo.operator.calibration_client import run_calibration
 
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)
     try:
@@ -120,9 +120,9 @@ def _results(robot: Robot, report: CalibrationReport) -> Table:
     return table
 
 
-def _make_table(arm: Arm, path: Path, form: TableFormat, as_json: bool) -> int:
+def _make_table(arm: DeployedArm, path: Path, form: TableFormat, as_json: bool) -> int:
     from qrobot.rig.table_maker import make_table
-    from qrobot.servo.calibration_table import write_table
+    from qrobot.servo.calibration.table import write_table
     from qrobot.sim_board.deployed import board_options
     from qrobot.sim_board.emulator import Emulator
 

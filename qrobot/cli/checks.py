@@ -18,10 +18,10 @@ from typing import Final
 
 from qrobot.errors import ConfigError, LinkError
 from qrobot.extras import EXTRAS
-from qrobot.hwif.port.permission import allow_ports
+from qrobot.hwif.isa.permission import allow_ports
 from qrobot.realtime.machine import machine_steps
 from qrobot.realtime.runtime_folder import MEMORY_FOLDER, runtime_path, serve_in_folder, tidy_folder
-from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, Step, hold_dma_latency, may_lock_all, set_fifo
+from qrobot.realtime.setup import DMA_LATENCY, HIGHEST_PRIORITY, SetupStep, hold_dma_latency, may_lock_all, set_fifo
 
 LIBRARIES: Final = ("numpy", "numba", "llvmlite", "pydantic", "foxglove-sdk", "mcap")
 DISTRIBUTIONS: Final = {"mujoco": "mujoco-core", "can": "python-can"}  # of modules that are called differently
@@ -42,7 +42,7 @@ class Finding:
     """One line of the report."""
 
     group: str
-    step: Step
+    step: SetupStep
     weight: Weight
 
     @property
@@ -72,22 +72,22 @@ def software() -> Iterator[Finding]:
     yield Finding("software", look_at_compile_cache(), Weight.OPTIONAL)
 
 
-def look_at_python() -> Step:
+def look_at_python() -> SetupStep:
     """The interpreter."""
     good = sys.version_info >= OLDEST_PYTHON
     remedy = "" if good else "install Python 3.11 or later"
-    return Step("python", good, f"{platform.python_version()} on {platform.machine()}", remedy)
+    return SetupStep("python", good, f"{platform.python_version()} on {platform.machine()}", remedy)
 
 
-def look_at_library(name: str, remedy: str) -> Step:
+def look_at_library(name: str, remedy: str) -> SetupStep:
     """An installed distribution; it is not imported."""
     try:
-        return Step(name, True, version(name))
+        return SetupStep(name, True, version(name))
     except PackageNotFoundError:
-        return Step(name, False, "not installed", remedy)
+        return SetupStep(name, False, "not installed", remedy)
 
 
-def look_at_compile_cache() -> Step:
+def look_at_compile_cache() -> SetupStep:
     """Where Numba keeps compiled code: NUMBA_CACHE_DIR, or beside the source, or in the user's cache directory."""
     name = "compile cache"
     chosen = os.environ.get("NUMBA_CACHE_DIR")
@@ -95,8 +95,10 @@ def look_at_compile_cache() -> Step:
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     for place in (Path(chosen),) if chosen else (package, user):
         if writable(place):
-            return Step(name, True, str(place))
-    return Step(name, False, "not writable: each start compiles anew", "set NUMBA_CACHE_DIR to a writable directory")
+            return SetupStep(name, True, str(place))
+    return SetupStep(
+        name, False, "not writable: each start compiles anew", "set NUMBA_CACHE_DIR to a writable directory"
+    )
 
 
 def writable(place: Path) -> bool:
@@ -115,34 +117,36 @@ def shared_memory(directory: Path) -> Iterator[Finding]:
         yield from (Finding("shared memory", step, Weight.OPTIONAL) for step in look_at_segments(directory))
 
 
-def look_at_folder() -> Step:
+def look_at_folder() -> SetupStep:
     """Whether the runtime folder is ours alone, and in memory."""
     try:
         with serve_in_folder() as folder:
             detail = str(folder.path)
     except (LinkError, ConfigError, OSError) as error:
-        return Step("runtime folder", False, str(error), "see docs/how-to/install.md, What is written where")
+        return SetupStep("runtime folder", False, str(error), "see docs/how-to/install.md, What is written where")
     tidy_folder(folder.path)
-    return Step("runtime folder", True, detail)
+    return SetupStep("runtime folder", True, detail)
 
 
-def look_at_room(directory: Path) -> Step:
+def look_at_room(directory: Path) -> SetupStep:
     """Room in shared memory, and the right to write there."""
     name = str(directory)
     if not (directory.is_dir() and os.access(directory, os.W_OK | os.X_OK)):
-        return Step(name, False, "missing or not writable", f"mount a tmpfs on {directory} (docker: --shm-size=256m)")
+        return SetupStep(
+            name, False, "missing or not writable", f"mount a tmpfs on {directory} (docker: --shm-size=256m)"
+        )
     free = shutil.disk_usage(directory).free
     good = free >= SEGMENT_BYTES
     remedy = "" if good else f"mount -o remount,size=256M {directory} (docker: --shm-size=256m)"
-    return Step(name, good, f"{free >> 20} MB free", remedy)
+    return SetupStep(name, good, f"{free >> 20} MB free", remedy)
 
 
-def look_at_segments(directory: Path) -> Iterator[Step]:
+def look_at_segments(directory: Path) -> Iterator[SetupStep]:
     """Segments of this program: in use, or left by a process that was killed."""
     for path in sorted(filter(_is_segment, directory.iterdir())):
         living = _is_locked(path)
         detail = "in use" if living else "left behind by a process that was killed (the next one reuses it)"
-        yield Step(path.name, living, detail, "" if living else f"rm {path}, or leave it")
+        yield SetupStep(path.name, living, detail, "" if living else f"rm {path}, or leave it")
 
 
 def _is_segment(path: Path) -> bool:
@@ -161,7 +165,7 @@ def _is_locked(path: Path) -> bool:
     return False
 
 
-def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) -> Step:
+def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) -> SetupStep:
     """The address the bridge of an arm listens on; that it is taken is right when the arm runs."""
     name = f"bridge of {arm}"
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
@@ -170,24 +174,24 @@ def look_at_port(arm: str, host: str, port: int, directory: Path | None = None) 
             probe.bind((host, port))
         except OSError as error:
             if _is_locked((directory or runtime_path()) / f"{arm}-servo"):
-                return Step(name, True, f"{host}:{port} is in use, and so is the arm")
+                return SetupStep(name, True, f"{host}:{port} is in use, and so is the arm")
             remedy = "stop what listens there, or choose another port in the deployment file"
-            return Step(name, False, f"{host}:{port}: {error.strerror}", remedy)
-    return Step(name, True, f"{host}:{port} is free")
+            return SetupStep(name, False, f"{host}:{port}: {error.strerror}", remedy)
+    return SetupStep(name, True, f"{host}:{port} is free")
 
 
-def look_at_card(base: int) -> Step:
+def look_at_card(base: int) -> SetupStep:
     """May the ports of a card be used? Asked in a thread that ends at once, and its right with it."""
-    steps: list[Step] = []
+    steps: list[SetupStep] = []
     thread = threading.Thread(target=lambda: steps.append(allow_ports(base)))
     thread.start()
     thread.join()
     return steps[0]
 
 
-def realtime_rights() -> list[Step]:
+def realtime_rights() -> list[SetupStep]:
     """What servo and guardian started now would get; tried in a thread that ends at once."""
-    steps: list[Step] = []
+    steps: list[SetupStep] = []
 
     def attempt() -> None:
         steps.append(set_fifo(HIGHEST_PRIORITY))
@@ -199,5 +203,5 @@ def realtime_rights() -> list[Step]:
     thread.join()
     remedy = "run as root, or set memlock to unlimited in /etc/security/limits.d"
     lock = may_lock_all()
-    steps.append(Step("memory", lock, "may be locked" if lock else "may not be locked", "" if lock else remedy))
+    steps.append(SetupStep("memory", lock, "may be locked" if lock else "may not be locked", "" if lock else remedy))
     return steps

@@ -11,12 +11,12 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
-from qrobot.cli.option_types import Gains, Indexes, Seconds
+from qrobot.cli.option_types import GainsOption, Indexes, Seconds
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.servo.client import ServoClient
-from qrobot.servo.control_messages import BoardStatus, ServoStatus
-from qrobot.servo.journal import settings_text
+from qrobot.servo.memory.law_history import settings_text
+from qrobot.servo.operator.client import ServoClient
+from qrobot.servo.operator.messages import BoardStatus, ServoStatus
 
 HELP: Final = """
 Command a running servo by hand: power, stop, clear, law, gains; look at it, or watch it.
@@ -182,9 +182,9 @@ def _setting(text: str) -> tuple[str, float]:
 @app.command
 def gains(
     *,
-    kp: Gains | None = None,
-    kv: Gains | None = None,
-    inertia: Gains | None = None,
+    kp: GainsOption | None = None,
+    kv: GainsOption | None = None,
+    inertia: GainsOption | None = None,
     force: bool = False,
     where: Where | None = None,
 ) -> int:

@@ -18,8 +18,8 @@ from qrobot.config.deployment import Interpolation, Velocity
 from qrobot.errors import Stalled
 
 if TYPE_CHECKING:
-    from qrobot.rig.bounds import Verdict
-    from qrobot.rig.experiment import Result, Run
+    from qrobot.rig.demo_criteria import Verdict
+    from qrobot.rig.experiment import ExperimentRun, Result
 
 COMPARED_LAW: Final = "pd"
 """Which the paper compares its own with."""
@@ -67,7 +67,7 @@ def demo(
         Write a summary as JSON to this file as well.
     """
     from qrobot.cli.arms import check_law, choose_arm, robot_of_arm
-    from qrobot.rig.bounds import judge
+    from qrobot.rig.demo_criteria import judge
     from qrobot.rig.experiment import plan
 
     robot = robot_of_arm(choose_arm(deployment, None))
@@ -92,7 +92,7 @@ def demo(
     return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE
 
 
-def _run_all(runs: list[Run], deployment: str, directory: Path) -> list[Result]:
+def _run_all(runs: list[ExperimentRun], deployment: str, directory: Path) -> list[Result]:
     from qrobot.realtime.interrupt import heed_interrupts
     from qrobot.rig.experiment import run_lockstep
 
@@ -114,7 +114,7 @@ def _run_all(runs: list[Run], deployment: str, directory: Path) -> list[Result]:
     return results
 
 
-def _run_on_the_wall_clock(runs: list[Run], deployment: str, directory: Path, progress: Any) -> list[Result]:
+def _run_on_the_wall_clock(runs: list[ExperimentRun], deployment: str, directory: Path, progress: Any) -> list[Result]:
     from qrobot.cli.arms import choose_arm
     from qrobot.rig.deployed import ArmProcesses
     from qrobot.rig.experiment import run_realtime
@@ -140,7 +140,7 @@ def _tried_twice(attempt: Callable[[], Result], tell: Callable[[str], None]) -> 
         return replace(attempt(), made_again=str(stall))
 
 
-def _describe(run: Run) -> str:
+def _describe(run: ExperimentRun) -> str:
     clock = "on the wall clock" if run.clock == "realtime" else "in lock-step"
     how = f"law {run.law}, velocity by {run.velocity}, {run.interpolation} interpolation"
     return f"{run.rate_hz} Hz {clock}, {run.plant} plant, {how}"

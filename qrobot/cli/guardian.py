@@ -28,8 +28,8 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
         Seconds to wait for a dead servo to be restarted.
     """
     from qrobot.realtime.setup import insist_on
-    from qrobot.realtime.turn import await_turn
-    from qrobot.servo.guardian import Guardian, prepare, warm_up
+    from qrobot.realtime.startup_order import await_turn
+    from qrobot.servo.process.guardian import Guardian, prepare, warm_up
 
     chosen = choose_arm(deployment, arm)
     warm_up()

@@ -18,12 +18,12 @@ from qrobot.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from qrobot.arrays import Floats
     from qrobot.config import Robot
     from qrobot.config.identified import IdentifiedModel
-    from qrobot.config.values import Floats
     from qrobot.ident.base import BaseParameters
-    from qrobot.ident.excitation import Excitation, Run
-    from qrobot.ident.plan import Plan, Swing
+    from qrobot.ident.excitation import Excitation, FourierRun
+    from qrobot.ident.plan import ExcitationPlan, Swing
 
 UNTOLD: Final = 2.0  # a factor within which a speed is known, at most
 HELP: Final = """
@@ -109,7 +109,7 @@ def record(
     load_kg
         With --lockstep: what the emulated arm holds at its flange, 0 to 2.5 kg.
     """
-    from qrobot.ident.consistent import LOAD_KG
+    from qrobot.ident.physical_gravity import LOAD_KG
 
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)
@@ -155,10 +155,10 @@ def fit(
     json
         Print the model as JSON.
     """
-    from qrobot.cli.identify_fit import Request
+    from qrobot.cli.identify_fit import IdentificationTask
     from qrobot.ident.result import write_model
 
-    found, model = Request(logs, options or FitOptions()).identified()
+    found, model = IdentificationTask(logs, options or FitOptions()).identified()
     write_model(output, model)
     _report(found.robot, model, json)
     outliers = found.fit.outliers
@@ -187,13 +187,13 @@ def report(
     previous
         Another model of the robot (.toml), to compare with on the same passes.
     """
-    from qrobot.cli.identify_fit import Request
+    from qrobot.cli.identify_fit import IdentificationTask
     from qrobot.config.identified import load_model
     from qrobot.ident.report import write_report
 
     if output.suffix != ".html":
         raise ConfigError(f"the report {output} must end in .html")
-    found, model = Request(logs, options or FitOptions()).identified()
+    found, model = IdentificationTask(logs, options or FitOptions()).identified()
     old = None if previous is None else load_model(previous, found.robot)
     for file in write_report(output, found, model, old):
         note(f"written: {file}")
@@ -212,10 +212,10 @@ def friction(*logs: Path, robot: RobotFile = None, known_torque: KnownTorque = F
     json
         Print it as JSON, in N m (N) and rad/s (m/s).
     """
-    from qrobot.cli.identify_fit import Request, friction_table
+    from qrobot.cli.identify_fit import IdentificationTask, friction_table
     from qrobot.ident.stribeck import friction_of
 
-    request = Request(logs, FitOptions(robot=robot, known_torque=known_torque))
+    request = IdentificationTask(logs, FitOptions(robot=robot, known_torque=known_torque))
     (found, _), (rows, header) = request.identified(), request.recorded
     fitted = friction_of(found, rows, header.period_ns * 1e-9)
     if json:
@@ -247,13 +247,13 @@ def show(model: Path, deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None =
     _report(robot, load_model(model, robot), json)
 
 
-def _made(robot: Robot, options: PlanOptions) -> tuple[Plan | Excitation, BaseParameters]:
+def _made(robot: Robot, options: PlanOptions) -> tuple[ExcitationPlan | Excitation, BaseParameters]:
     if options.dynamic:
         return _excited(robot, options.seed)
     return _planned(robot, options.poses, options.seed, options.slow)
 
 
-def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[Plan, BaseParameters]:
+def _planned(robot: Robot, poses: int, seed: int, slow: bool) -> tuple[ExcitationPlan, BaseParameters]:
     from qrobot.ident.base import base_of_robot
     from qrobot.ident.plan import make_plan
     from qrobot.ident.regressor import gravity_regressor
@@ -273,22 +273,22 @@ def _excited(robot: Robot, seed: int) -> tuple[Excitation, BaseParameters]:
     return make_excitation(robot, regressor, base, seed=seed), base
 
 
-def _told_of(made: Plan | Excitation) -> str:
-    from qrobot.ident.plan import Plan
+def _told_of(made: ExcitationPlan | Excitation) -> str:
+    from qrobot.ident.plan import ExcitationPlan
 
-    return "gravity" if isinstance(made, Plan) else "inertia and gravity"
+    return "gravity" if isinstance(made, ExcitationPlan) else "inertia and gravity"
 
 
 def _combinations(base: BaseParameters) -> dict[str, str]:
     return {name: base.combination(index) for index, name in enumerate(base.leaders)}
 
 
-def _show_plan(robot: Robot, made: Plan | Excitation) -> None:
+def _show_plan(robot: Robot, made: ExcitationPlan | Excitation) -> None:
     scale = _people_scale(robot)
     table = Table(title=f"plan for {robot.name}, deg (mm)", title_justify="left", box=None, padding=(0, 2, 0, 0))
     for heading in ("", "move", *robot.joint_names):
         table.add_column(heading, justify="left" if heading == "move" else "right", no_wrap=heading == "move")
-    moves: Sequence[Swing | Run] = made.moves
+    moves: Sequence[Swing | FourierRun] = made.moves
     for number, move in enumerate(moves, 1):
         cells = [
             f"{centre:.0f} ± {half:.0f}" if half else f"{centre:.0f}"

@@ -12,25 +12,25 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
+from qrobot.arrays import Floats
 from qrobot.cli.console import plain_table
-from qrobot.cli.identify_options import FitOptions, Kind
+from qrobot.cli.identify_options import FitOptions, FrictionTermName
 from qrobot.cli.identify_record import read_rows
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import IdentifiedModel, robot_digest
-from qrobot.config.values import Floats
 from qrobot.errors import ConfigError
 from qrobot.ident.model import Identified
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.ident.stribeck import StribeckFit
 from qrobot.log.header import LogHeader
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.memory.telemetry import Rows
 
 DATE_FORMAT: Final = "%Y-%m-%d"
 
 
 @dataclass(frozen=True)
-class Request:
+class IdentificationTask:
     """What somebody asked for."""
 
     logs: tuple[Path, ...]
@@ -77,7 +77,7 @@ class Request:
         return robot
 
 
-def _kinds(asked: FitOptions) -> tuple[Kind, ...] | None:
+def _kinds(asked: FitOptions) -> tuple[FrictionTermName, ...] | None:
     """Terms of friction to seek on every motor; None for those that show. Raises ConfigError for none and others."""
     kinds = tuple(kind for kind in asked.friction if kind != "none")
     if kinds and len(kinds) < len(asked.friction):

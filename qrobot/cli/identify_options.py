@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.option_types import LoadKg, Poses, Seed
+from qrobot.cli.option_types import LoadKg, PosesOption, Seed
 
-Kind = Literal["position", "speed", "load"]  # as `qrobot.ident.terms` has it, which is slow to import
+FrictionTermName = Literal["position", "speed", "load"]  # as `qrobot.ident.terms` has it, which is slow to import
 RobotFile = Annotated[str | None, Parameter(help="Robot file; default the packaged one that the logs name.")]
 KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were measured: no torque scales are sought.")]
 
@@ -21,7 +21,7 @@ class PlanOptions:
     """What the arm is to do."""
 
     poses: Annotated[
-        Poses, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")
+        PosesOption, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")
     ] = 24
     seed: Annotated[Seed, Parameter(help="Of the random poses to choose from; the same seed gives the same plan.")] = 0
     slow: Annotated[bool, Parameter(help="Sweep slowly too, at 1, 2 and 4 %: for friction that falls with speed.")] = (
@@ -50,7 +50,7 @@ class FitOptions:
         tuple[Path, ...], Parameter(help="Logs of `record --dynamic` of the same arm: its inertia is found too.")
     ] = ()
     friction: Annotated[
-        tuple[Kind | Literal["none"], ...],
+        tuple[FrictionTermName | Literal["none"], ...],
         Parameter(help="Seek friction that varies so on every motor; default where residuals show it."),
     ] = ()
     date: Annotated[str | None, Parameter(help="Of the measurement, YYYY-MM-DD; default today.")] = None

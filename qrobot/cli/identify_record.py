@@ -16,28 +16,28 @@ from qrobot.cli.arms import controlled_robot, servo_settings
 from qrobot.cli.console import err, note
 from qrobot.cli.logs import read_and_warn
 from qrobot.config import Robot
-from qrobot.config.deployment import Arm
+from qrobot.config.deployment import DeployedArm
 from qrobot.errors import ConfigError, LogError
-from qrobot.ident.excitation import Excitation, Run
-from qrobot.ident.perform import Progress as Told
+from qrobot.ident.excitation import Excitation, FourierRun
+from qrobot.ident.perform import MoveProgress as Told
 from qrobot.ident.perform import perform
-from qrobot.ident.plan import Plan, Swing
+from qrobot.ident.plan import ExcitationPlan, Swing
 from qrobot.log.header import LOCKSTEP, LogHeader, header_for
 from qrobot.log.record import write_log
 from qrobot.rci import TcpLink
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
-    from qrobot.rig.experiment import Plant
+    from qrobot.rig.experiment import PlantName
 
 
 def record_emulated(
-    arm: Arm,
+    arm: DeployedArm,
     robot: Robot,
-    plan: Plan | Excitation,
+    plan: ExcitationPlan | Excitation,
     output: Path,
-    plant: Plant | None,
+    plant: PlantName | None,
     first: int,
     load_kg: float,
 ) -> None:
@@ -66,7 +66,7 @@ def record_emulated(
     note(f"{rows.size} cycles in {path}: now `qrobot identify fit {option}{path} --output model.toml`")
 
 
-def record_running(arm: Arm, robot: Robot, plan: Plan | Excitation, output: Path, first: int) -> None:
+def record_running(arm: DeployedArm, robot: Robot, plan: ExcitationPlan | Excitation, output: Path, first: int) -> None:
     """The same on the running arm: setpoints go over its bridge, the log is taken from its servo's memory."""
     address = arm.bridge.host, arm.bridge.port
     with (
@@ -80,12 +80,12 @@ def record_running(arm: Arm, robot: Robot, plan: Plan | Excitation, output: Path
 
 
 @contextmanager
-def _recording(arm: Arm, robot: Robot, output: Path) -> Iterator[None]:
+def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[None]:
     """A log of the running servo, from now on until the end."""
     from qrobot.cli.log import recorded_header
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.writer import LogWriter
-    from qrobot.servo.mailbox import attach_servo_memory
+    from qrobot.servo.memory.mailbox import attach_servo_memory
 
     attach_servo_memory(arm.name).close()  # says so when there is none
     paths = log_paths(output, arm.name)
@@ -107,7 +107,7 @@ def says_where_it_broke_off(told: Told) -> Iterator[Told]:
     """`told`, and a note of how to go on when the moves do not come to their end."""
     begun: list[tuple[int, str]] = []
 
-    def kept(number: int, move: Swing | Run) -> None:
+    def kept(number: int, move: Swing | FourierRun) -> None:
         begun.append((number + 1, move.name))
         told(number, move)
 
@@ -120,13 +120,13 @@ def says_where_it_broke_off(told: Told) -> Iterator[Told]:
 
 
 @contextmanager
-def _bar(plan: Plan | Excitation) -> Iterator[Told]:
+def _bar(plan: ExcitationPlan | Excitation) -> Iterator[Told]:
     """A bar of the moves, on the terminal only."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         task = progress.add_task("", total=len(plan.moves))
 
-        def told(number: int, move: Swing | Run) -> None:
+        def told(number: int, move: Swing | FourierRun) -> None:
             progress.update(task, completed=number, description=move.name)
 
         yield told

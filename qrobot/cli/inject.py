@@ -12,8 +12,8 @@ from qrobot.cli.console import out, print_table, write_json
 from qrobot.errors import LinkError
 
 if TYPE_CHECKING:
-    from qrobot.realtime.segment import Words
-    from qrobot.sim_board.faults import Kind
+    from qrobot.arrays import Words
+    from qrobot.sim_board.faults import FaultKind
     from qrobot.sim_board.injection import Injected
 
 
@@ -50,7 +50,7 @@ def inject(
     if list:
         _list_kinds(json)
         return
-    from qrobot.hwif.memory import attach_board_memory
+    from qrobot.hwif.board_memory import attach_board_memory
     from qrobot.sim_board.faults import FaultPlan
     from qrobot.sim_board.injection import FaultPanel
 
@@ -65,7 +65,7 @@ def inject(
 
 
 def _require_emulator(memory: Words, arm: str) -> None:
-    from qrobot.hwif.memory import BOARD_NOW_NS
+    from qrobot.hwif.board_memory import BOARD_NOW_NS
 
     if memory[BOARD_NOW_NS] == 0:
         raise LinkError(f"the board of {arm} is no emulated one: nothing can be broken in it from here")
@@ -100,5 +100,5 @@ def _list_kinds(json: bool) -> None:
     print_table(table)
 
 
-def _value(kind: Kind) -> str:
+def _value(kind: FaultKind) -> str:
     return "" if kind.default is None else f"{kind.default:g} {kind.unit}"

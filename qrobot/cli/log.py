@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from qrobot.log.header import LogHeader
     from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
-    from qrobot.servo.mailbox import ServoInfo
+    from qrobot.servo.memory.mailbox import ServoInfo
 
 MEGABYTE = 1_000_000
 TABLE_EVENTS: Final = 20
@@ -243,7 +243,7 @@ def record(
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
     from qrobot.log.writer import LogWriter
-    from qrobot.realtime.turn import await_turn
+    from qrobot.realtime.startup_order import await_turn
 
     chosen = choose_arm(deployment, arm)
     robot = robot_of_arm(chosen)

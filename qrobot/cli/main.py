@@ -12,8 +12,8 @@ from cyclopts import App, Group
 
 from qrobot.cli.console import run_app, tell_every_tenth
 from qrobot.realtime.compile_progress import tell_compiling
+from qrobot.realtime.startup_order import turn_is_awaited
 from qrobot.realtime.supervised import end_with_supervisor
-from qrobot.realtime.turn import turn_is_awaited
 
 HELP: Final = """
 Control a PUMA 560, or any robot described in a file: emulated on this machine or behind a TRC004 board.
@@ -30,7 +30,7 @@ EVERYDAY: Final = Group("Everyday", sort_key=1)
 PROCESSES: Final = Group("Single processes (`up` starts them all)", sort_key=2)
 
 
-class Command(NamedTuple):
+class Subcommand(NamedTuple):
     """One line of the table; `target` is imported when the command is called."""
 
     name: str
@@ -40,24 +40,30 @@ class Command(NamedTuple):
 
 
 COMMANDS: Final = (
-    Command("demo", "qrobot.cli.demo:demo", EVERYDAY, "Move an emulated PUMA 560 through the experiment of the paper."),
-    Command("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
-    Command("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
-    Command("cc", "qrobot.cli.cc:cc", EVERYDAY, "Compile a C program that moves an arm, old ones included."),
-    Command("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
-    Command("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
-    Command("ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."),
-    Command("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
-    Command("calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."),
-    Command("identify", "qrobot.cli.identify:app", EVERYDAY, "Find an arm's weight and friction; make its model."),
-    Command("study", "qrobot.cli.study:app", EVERYDAY, "Try identification or gains on many arms drawn at random."),
-    Command("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
-    Command("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
-    Command("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),
-    Command("servo", "qrobot.cli.servo:app", PROCESSES, "Run the servo of one arm."),
-    Command("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),
-    Command("modbus", "qrobot.cli.modbus:modbus", PROCESSES, "Show a running robot to Modbus TCP clients."),
-    Command("bridge", "qrobot.cli.bridge:bridge", PROCESSES, "Let programs command a servo over TCP."),
+    Subcommand(
+        "demo", "qrobot.cli.demo:demo", EVERYDAY, "Move an emulated PUMA 560 through the experiment of the paper."
+    ),
+    Subcommand("up", "qrobot.cli.up:up", EVERYDAY, "Start everything a deployment file names, and watch it."),
+    Subcommand("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
+    Subcommand("cc", "qrobot.cli.cc:cc", EVERYDAY, "Compile a C program that moves an arm, old ones included."),
+    Subcommand("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
+    Subcommand("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
+    Subcommand(
+        "ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."
+    ),
+    Subcommand("log", "qrobot.cli.log:app", EVERYDAY, "Look at logs: info, plot, export; record a running servo."),
+    Subcommand(
+        "calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."
+    ),
+    Subcommand("identify", "qrobot.cli.identify:app", EVERYDAY, "Find an arm's weight and friction; make its model."),
+    Subcommand("study", "qrobot.cli.study:app", EVERYDAY, "Try identification or gains on many arms drawn at random."),
+    Subcommand("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
+    Subcommand("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
+    Subcommand("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),
+    Subcommand("servo", "qrobot.cli.servo:app", PROCESSES, "Run the servo of one arm."),
+    Subcommand("guardian", "qrobot.cli.guardian:guardian", PROCESSES, "Cut torque and power when a servo dies."),
+    Subcommand("modbus", "qrobot.cli.modbus:modbus", PROCESSES, "Show a running robot to Modbus TCP clients."),
+    Subcommand("bridge", "qrobot.cli.bridge:bridge", PROCESSES, "Let programs command a servo over TCP."),
 )
 
 

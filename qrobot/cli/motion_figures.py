@@ -8,10 +8,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.log.plot import COLOURS, DASHES, LEGEND, STYLE
 from qrobot.model.arm import Arm
-from qrobot.motion.limits import Floats
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.units import DEG_PER_RAD, MM_PER_M
 

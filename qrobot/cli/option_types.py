@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from qrobot.errors import ConfigError
-from qrobot.servo.calibration_state import FEWEST_INDEXES, MOST_INDEXES
+from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 
 PROBE_BYTES: Final = 4096  # a full disk takes an empty file
@@ -127,10 +127,10 @@ Seconds = Annotated[float, Parameter(validator=Range(0.0, unit="s"))]
 RateHz = Annotated[float, Parameter(validator=Range(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, "Hz"))]
 Port = Annotated[int, Parameter(validator=Range(0, 65_535))]
 Indexes = Annotated[int, Parameter(validator=Range(FEWEST_INDEXES, MOST_INDEXES))]
-Gains = Annotated[list[float], Parameter(validator=Range(0.0, MOST_GAIN), consume_multiple=True)]
+GainsOption = Annotated[list[float], Parameter(validator=Range(0.0, MOST_GAIN), consume_multiple=True)]
 Factors = Annotated[tuple[float, ...], Parameter(validator=Range(0.01, MOST_FACTOR))]
 Seed = Annotated[int, Parameter(validator=Range(0, MOST_SEED))]
-Poses = Annotated[int, Parameter(validator=Range(1, MOST_POSES))]
+PosesOption = Annotated[int, Parameter(validator=Range(1, MOST_POSES))]
 MoveNumber = Annotated[int, Parameter(validator=Range(1))]
 ArmCount = Annotated[int, Parameter(validator=Range(1, MOST_ARMS))]
 Workers = Annotated[int, Parameter(validator=Range(1, MOST_WORKERS))]

@@ -11,9 +11,9 @@ from qrobot.cli.console import out, write_json
 from qrobot.units import DEG_PER_RAD, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.arrays import Floats
     from qrobot.config import Robot
-    from qrobot.config.deployment import Arm
-    from qrobot.config.values import Floats
+    from qrobot.config.deployment import DeployedArm
     from qrobot.rccl.channel import Channel
     from qrobot.rci import LinkFactory
 
@@ -51,7 +51,7 @@ def replay(
         Print JSON: of each joint the largest error, rad (m).
     """
     from qrobot.motion import motion_limits
-    from qrobot.rccl.opening import open_channel
+    from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
     from qrobot.rccl.setpoints import read_setpoints
 
@@ -73,13 +73,13 @@ def replay(
     out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
 
 
-def _bridge_links(arm: Arm) -> LinkFactory:
+def _bridge_links(arm: DeployedArm) -> LinkFactory:
     from qrobot.rci import TcpLink
 
     return lambda hello: TcpLink(hello, (arm.bridge.host, arm.bridge.port))
 
 
-def _lockstep_links(arm: Arm, period_us: int) -> LinkFactory:
+def _lockstep_links(arm: DeployedArm, period_us: int) -> LinkFactory:
     from qrobot.rig.lockstep import LockstepRig, link_factory
     from qrobot.sim_board.deployed import emulator_of_arm
 

@@ -22,7 +22,7 @@ from qrobot.errors import ConfigError, QRobotError
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
-    from qrobot.config.deployment import Arm
+    from qrobot.config.deployment import DeployedArm
     from qrobot.rci import LinkFactory
 
 
@@ -178,17 +178,17 @@ def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
     return 0
 
 
-def _bridge_links(arm: Arm) -> LinkFactory:
+def _bridge_links(arm: DeployedArm) -> LinkFactory:
     """To the arm of the deployment file, unless the environment names another bridge."""
     from qrobot.rci import TcpLink, bridge_address
-    from qrobot.realtime.turn import await_turn
+    from qrobot.realtime.startup_order import await_turn
 
     await_turn()
     os.environ.setdefault("QROBOT_BRIDGE", f"{arm.bridge.host}:{arm.bridge.port}")
     return lambda hello: TcpLink(hello, bridge_address())
 
 
-def _offline_links(arm: Arm) -> LinkFactory:
+def _offline_links(arm: DeployedArm) -> LinkFactory:
     """To an ideal arm as in the deployment file; a program that names another packaged one gets that."""
     from qrobot.rccl.offline import OfflineLink
 

@@ -13,7 +13,7 @@ from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_set
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
 from qrobot.config import Robot, deployment_path, robot_path
-from qrobot.config.deployment import Arm
+from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
 from qrobot.log.follow import log_paths
 from qrobot.log.header import LOCKSTEP, attach_files, header_for
@@ -30,7 +30,7 @@ from qrobot.units import US_PER_MS
 class LockstepRun:
     """An arm of a deployment file, with what the command line and the program say otherwise; None says nothing."""
 
-    arm: Arm
+    arm: DeployedArm
     program: Path
     plant: Literal["nominal", "mismatched"] | None = None
     scene: SceneKind | None = None

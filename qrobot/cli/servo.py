@@ -13,13 +13,13 @@ from cyclopts import App, Parameter
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm, controlled_robot, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
-from qrobot.config.deployment import Arm, Interpolation, Velocity
+from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
 
 if TYPE_CHECKING:
     from qrobot.config import Robot
     from qrobot.log.flight import FlightRecorder
     from qrobot.log.header import LogHeader
-    from qrobot.servo.mailbox import ServoInfo
+    from qrobot.servo.memory.mailbox import ServoInfo
 
 app = App(name="servo", help_format="plaintext", group_commands="Commands")
 
@@ -65,7 +65,7 @@ def servo(
     guardian
         Start a guardian too. With --own-guardian somebody else starts it (`qrobot guardian`, `qrobot up`).
     """
-    from qrobot.servo.daemon import serve
+    from qrobot.servo.process.daemon import serve
 
     chosen = choose_arm(deployment, arm)
     robot, identified = controlled_robot(chosen, model)
@@ -85,7 +85,7 @@ def servo(
     serve(chosen.name, robot, settings, chosen.servo.require_realtime, note, started, card=card, **look)
 
 
-def _flight_recorder(arm: Arm, robot: Robot) -> FlightRecorder:
+def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
     """Beside the arm's logs, in `incidents`."""
     from qrobot.cli.log import recorded_header
     from qrobot.log.flight import FlightRecorder

@@ -13,7 +13,7 @@ from cyclopts import App, Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from qrobot.cli.console import err, note, out, print_table, write_json
-from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputFile, Poses, Range, RateHz, Workers
+from qrobot.cli.option_types import ArmCount, Factors, OutputFigure, OutputFile, PosesOption, Range, RateHz, Workers
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def identify(
     *,
     arms: Arms = 50,
     campaign: Campaign,
-    poses: Poses = 24,
+    poses: PosesOption = 24,
     torque: Literal["known", "unknown"] = "unknown",
     tracking: bool = True,
     stiction: Stiction = 1.0,

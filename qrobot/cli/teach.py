@@ -43,9 +43,9 @@ def teach(
     arm
         Which arm of the file; may be left out when there is only one.
     """
+    from qrobot.rccl.connect import open_channel
     from qrobot.rccl.database import DataBase
     from qrobot.rccl.offline import OfflineLink
-    from qrobot.rccl.opening import open_channel
     from qrobot.rccl.teach import Teacher
     from qrobot.rci import LinkFactory, TcpLink
 

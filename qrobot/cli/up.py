@@ -12,7 +12,7 @@ from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
 
 if TYPE_CHECKING:
-    from qrobot.config.deployment import Arm
+    from qrobot.config.deployment import DeployedArm
     from qrobot.rig.processes import ProcessRig
 
 POLL_S = 0.2
@@ -62,7 +62,7 @@ def up(
     return SUCCESS
 
 
-def _calibrate(arm: Arm) -> None:
+def _calibrate(arm: DeployedArm) -> None:
     """Leave the arm with counters that are right. Raises what `calibrate_arm` raises."""
     from qrobot.cli.calibrate import calibrate_arm
 

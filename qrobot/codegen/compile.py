@@ -18,16 +18,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.codegen.opcodes import EXPRESSIONS
 from qrobot.codegen.translate import argument_names, scalar_function, translate
 from qrobot.errors import CodegenError
 
 if TYPE_CHECKING:
     import casadi
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

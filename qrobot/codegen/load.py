@@ -20,7 +20,7 @@ from typing import Any, Final
 import casadi
 import numpy as np
 
-from qrobot.codegen.rigid_body import Body, SerialArm, inverse_dynamics, solve_positive
+from qrobot.codegen.rigid_body import RigidBody, SerialArm, inverse_dynamics, solve_positive
 from qrobot.config import Robot
 
 SX = Any  # casadi.SX, which has no types
@@ -75,8 +75,8 @@ def load_step(robot: Robot, arm: SerialArm, q: SX, v: SX, a: SX, friction: SX, t
 def load_columns(arm: SerialArm, q: SX, v: SX, a: SX, gravity: SX) -> SX:
     """Torques of 1 kg and of 1 kg m along each axis at the origin of the last frame (n, 4); its inertia left out."""
     theta = casadi.SX.sym("theta", OF_LOAD)
-    nothing = Body(0, casadi.SX(3, 1), casadi.SX(3, 3))
-    load = Body(theta[0], theta[1:], casadi.SX(3, 3))
+    nothing = RigidBody(0, casadi.SX(3, 1), casadi.SX(3, 3))
+    load = RigidBody(theta[0], theta[1:], casadi.SX(3, 3))
     alone = replace(arm, links=(nothing,) * (arm.n - 1) + (load,), armature=np.zeros((arm.n, arm.n)))
     return casadi.densify(casadi.jacobian(inverse_dynamics(alone, q, v, a, gravity), theta))
 

@@ -19,31 +19,31 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 
-Floats = NDArray[np.float64]
 SX = Any  # casadi.SX, which has no types
 _ZERO = 1e-15  # cos(pi/2) is 6e-17, and stands for 0
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """Mass in kg, first moment in kg m (3), inertia about the frame's origin in kg m2 (3, 3)."""
 
     mass: SX
     moment: SX
     inertia: SX
 
-    def __add__(self, other: Body) -> Body:
-        return Body(self.mass + other.mass, self.moment + other.moment, self.inertia + other.inertia)
+    def __add__(self, other: RigidBody) -> RigidBody:
+        return RigidBody(self.mass + other.mass, self.moment + other.moment, self.inertia + other.inertia)
 
-    def seen_from(self, turn: SX, origin: SX) -> Body:
+    def seen_from(self, turn: SX, origin: SX) -> RigidBody:
         """The same body in the parent frame, in which its own is turned by `turn` (3, 3) and stands at `origin` (3)."""
         moment = turn @ self.moment
         shift = casadi.skew(origin)
         crossed = shift @ casadi.skew(moment)
         inertia = turn @ self.inertia @ turn.T - crossed - crossed.T - self.mass * (shift @ shift)
-        return Body(self.mass, moment + self.mass * origin, inertia)
+        return RigidBody(self.mass, moment + self.mass * origin, inertia)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class SerialArm:
     d: Floats
     theta: Floats
     prismatic: NDArray[np.bool_]
-    links: tuple[Body, ...]
+    links: tuple[RigidBody, ...]
     armature: Floats
 
     @property
@@ -80,7 +80,7 @@ def serial_arm(robot: Robot) -> SerialArm:
     """The arm of a robot file, rotors included: C^T diag(gear^2 Jm) C."""
     geometry, links, transmission = robot.geometry, robot.links, robot.transmission
     bodies = (
-        point_body(mass, com) + Body(0, casadi.SX(3, 1), casadi.diag(casadi.SX(inertia)))
+        point_body(mass, com) + RigidBody(0, casadi.SX(3, 1), casadi.diag(casadi.SX(inertia)))
         for mass, com, inertia in zip(links.mass, links.com, links.inertia, strict=True)
     )
     rotors = np.diag(transmission.gear**2 * transmission.rotor_inertia)
@@ -90,10 +90,10 @@ def serial_arm(robot: Robot) -> SerialArm:
     )
 
 
-def point_body(mass: SX, at: SX) -> Body:
+def point_body(mass: SX, at: SX) -> RigidBody:
     """A point mass (kg) at `at` (m, 3)."""
     shift = casadi.skew(casadi.SX(at))
-    return Body(mass, mass * casadi.SX(at), -mass * (shift @ shift))
+    return RigidBody(mass, mass * casadi.SX(at), -mass * (shift @ shift))
 
 
 def _exact(value: float) -> float:
@@ -161,7 +161,7 @@ def _link_forces(arm: SerialArm, frames: list[tuple[SX, SX]], v: SX, a: SX, grav
 
 def mass_matrix(arm: SerialArm, q: SX) -> SX:
     """M (n, n), rotors included."""
-    M, outer = casadi.SX(arm.armature), Body(0, casadi.SX(3, 1), casadi.SX(3, 3))
+    M, outer = casadi.SX(arm.armature), RigidBody(0, casadi.SX(3, 1), casadi.SX(3, 3))
     frames = [_frame(arm, q, i) for i in range(arm.n)]
     axis = casadi.SX([0, 0, 1])
     for j in reversed(range(arm.n)):

@@ -1,4 +1,4 @@
-"""The road over CAN in a deployment file."""
+"""The transport over CAN in a deployment file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qrobot.config.document import Table
 from qrobot.config.values import ExchangePeriod
 
 
-class CanRoad(Table):
+class CanTransport(Table):
     """Where the board's CANopen node is, and how often the image is exchanged with it.
 
     `interface` and `channel` are names of python-can: `socketcan` and `can0`, or `udp_multicast` and a group such as

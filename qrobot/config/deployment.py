@@ -11,20 +11,25 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from qrobot.config.can import CanRoad
+from qrobot.config.can import CanTransport
 from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
-from qrobot.config.drives import DrivesRoad
+from qrobot.config.drives import DrivesTransport
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.config.kinds import FileKind
-from qrobot.config.modbus import ModbusRoad
+from qrobot.config.modbus import ModbusTransport
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import BoardOutput, OutputLine
-from qrobot.config.road import PortRoad
 from qrobot.config.scene import ForceSensor, Scene
+from qrobot.config.transport import PortTransport
 
 FIRST_PORT = 1024
-ROADS = ("port", "can", "modbus", "drives")  # kinds of boards that are not emulated here; each has a table of its name
+TRANSPORTS = (
+    "port",
+    "can",
+    "modbus",
+    "drives",
+)  # kinds of boards that are not emulated here; each has a table of its name
 EXCHANGES_TO_MISS = 2  # before a servo may take the board behind a gateway for gone
 Millimetres = Annotated[float, Field(ge=-2000, le=2000, allow_inf_nan=False)]
 Velocity = Literal["difference", "observer"]
@@ -62,22 +67,22 @@ class BoardChoice(Table):
     calibrate_at_start: bool = False
     scene: Scene = Scene()
     force_sensor: ForceSensor | None = None
-    port: PortRoad | None = None
-    can: CanRoad | None = None
-    modbus: ModbusRoad | None = None
-    drives: DrivesRoad | None = None
+    port: PortTransport | None = None
+    can: CanTransport | None = None
+    modbus: ModbusTransport | None = None
+    drives: DrivesTransport | None = None
     can_sensor: CanSensor | None = None
     outputs: tuple[BoardOutput, ...] = Field(default=(), strict=False)
     io: tuple[ModbusIo, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _has_the_table_of_its_kind(self) -> BoardChoice:
-        for road in ROADS:
-            given = getattr(self, road) is not None
-            if given and self.kind != road:
-                raise ValueError(f"a table {road!r} needs kind = {road!r}, not {self.kind!r}")
-            if not given and self.kind == road:
-                raise ValueError(f"kind = {road!r} needs a table [arm.board.{road}]")
+        for transport in TRANSPORTS:
+            given = getattr(self, transport) is not None
+            if given and self.kind != transport:
+                raise ValueError(f"a table {transport!r} needs kind = {transport!r}, not {self.kind!r}")
+            if not given and self.kind == transport:
+                raise ValueError(f"kind = {transport!r} needs a table [arm.board.{transport}]")
         return self
 
     @model_validator(mode="after")
@@ -123,8 +128,8 @@ class BoardChoice(Table):
     @property
     def period_ms(self) -> float:
         """Time between two exchanges with a board behind a gateway; 0 for a board without one."""
-        road = getattr(self, self.kind, None)
-        return float(getattr(road, "period_ms", 0.0))
+        transport = getattr(self, self.kind, None)
+        return float(getattr(transport, "period_ms", 0.0))
 
     @property
     def slips(self) -> bool:
@@ -211,7 +216,7 @@ class LogChoice(Table):
     black_box_s: float = Field(default=60.0, ge=1, le=600, allow_inf_nan=False)
 
 
-class Arm(Table):
+class DeployedArm(Table):
     """One arm: its instance name, its robot file and its processes."""
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)
@@ -222,7 +227,7 @@ class Arm(Table):
     log: LogChoice = LogChoice()
 
     @model_validator(mode="after")
-    def _is_patient_with_its_road(self) -> Arm:
+    def _is_patient_with_its_transport(self) -> DeployedArm:
         least = EXCHANGES_TO_MISS * self.board.period_ms
         if self.servo.board_timeout_ms < least:
             raise ValueError(
@@ -232,7 +237,7 @@ class Arm(Table):
         return self
 
     @model_validator(mode="after")
-    def _has_a_law_that_is_obeyed(self) -> Arm:
+    def _has_a_law_that_is_obeyed(self) -> DeployedArm:
         given = {"law", "law_settings"} & self.servo.model_fields_set
         if given and self.board.position_drives:
             raise ValueError(f"servo.{min(given)} means nothing to drives in position mode: leave it out")
@@ -242,7 +247,7 @@ class Arm(Table):
 class Deployment(Table):
     """All arms of one machine."""
 
-    arm: tuple[Arm, ...] = Field(strict=False)
+    arm: tuple[DeployedArm, ...] = Field(strict=False)
 
     @model_validator(mode="after")
     def _is_some(self) -> Deployment:
@@ -282,7 +287,7 @@ def load_deployment(name_or_path: str | Path) -> Deployment:
     return deployment.model_copy(update={"arm": tuple(_with_whole_paths(arm, folder) for arm in deployment.arm)})
 
 
-def _with_whole_paths(arm: Arm, folder: Path) -> Arm:
+def _with_whole_paths(arm: DeployedArm, folder: Path) -> DeployedArm:
     """An arm whose files have their whole paths: those that it names by relative ones are sought from `folder`."""
     servo, board = arm.servo, arm.board
     law, colon, name = servo.law.rpartition(":") if ":" in servo.law else (servo.law, "", "")

@@ -12,7 +12,7 @@ Node = Annotated[int, Field(ge=1, le=127)]
 Nonzero = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class DrivesRoad(Table):
+class DrivesTransport(Table):
     """Instead of a board, a drive of CiA 402 for each joint, in cyclic synchronous `mode`: torque or position.
 
     `nodes` are their numbers, joint by joint. `torque_permille` is the target torque at a converter's +10 V, in
@@ -38,7 +38,7 @@ class DrivesRoad(Table):
     timeout_ms: float = Field(default=50.0, gt=0, le=1000, allow_inf_nan=False)
 
     @model_validator(mode="after")
-    def _has_a_number_for_each(self) -> DrivesRoad:
+    def _has_a_number_for_each(self) -> DrivesTransport:
         if len(set(self.nodes)) < len(self.nodes):
             raise ValueError("two drives have the same node number")
         torque = ("torque_permille",) if self.mode == "torque" else ()
@@ -50,7 +50,7 @@ class DrivesRoad(Table):
         return self
 
     @model_validator(mode="after")
-    def _has_what_position_mode_needs(self) -> DrivesRoad:
+    def _has_what_position_mode_needs(self) -> DrivesTransport:
         if self.mode == "position" and self.torque_permille:
             raise ValueError("torque_permille has no meaning in position mode: leave it out")
         if self.mode == "position" and not self.absolute:

@@ -7,11 +7,11 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
-from qrobot.config.scene import FORCE_AXES, Channel, ForceSensor
+from qrobot.config.scene import FORCE_AXES, ConverterChannel, ForceSensor
 
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Volts = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
-Row = Annotated[tuple[Coefficient, ...], Field(strict=False)]
+MatrixRow = Annotated[tuple[Coefficient, ...], Field(strict=False)]
 
 
 class ForceCalibration(Table):
@@ -23,8 +23,8 @@ class ForceCalibration(Table):
     channels all the time. An emulated arm's sensor is known by its own numbers when nothing stands here.
     """
 
-    channels: tuple[Channel, ...] = Field(min_length=1, strict=False)
-    matrix: tuple[Row, Row, Row, Row, Row, Row] = Field(strict=False)
+    channels: tuple[ConverterChannel, ...] = Field(min_length=1, strict=False)
+    matrix: tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow, MatrixRow, MatrixRow] = Field(strict=False)
     bias_v: tuple[Volts, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")

@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 from pydantic import Field
 
+from qrobot.arrays import Floats
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.kinds import FileKind
 from qrobot.config.robot import DAC_HALF_RANGE, Friction, Robot
 from qrobot.config.values import (
-    Floats,
     JointKinds,
     PerJoint,
     PerJointInertia,

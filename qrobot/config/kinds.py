@@ -19,7 +19,7 @@ class FileKind(Enum):
     DEPLOYMENT = "a deployment file", "give it where a command wants a deployment"
     CALIBRATION = "a calibration table", "name it as `calibration_table` in [arm.board]"
     FAULTS = "a file of faults", "give it to the emulated board"
-    RECORDING = "a recording for identification", "read it with `qrobot.ident.shipped.load_recording`"
+    RECORDING = "a recording for identification", "read it with `qrobot.ident.compact_recording.load_recording`"
     LOG = "a log", "give it to `qrobot log` or `qrobot identify fit`"
 
     @property

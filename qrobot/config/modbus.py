@@ -1,4 +1,4 @@
-"""The road over Modbus TCP in a deployment file."""
+"""The transport over Modbus TCP in a deployment file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qrobot.config.document import Table
 from qrobot.config.values import ExchangePeriod
 
 
-class ModbusRoad(Table):
+class ModbusTransport(Table):
     """Where the Modbus server of the board is, and how often the image is exchanged with it.
 
     One exchange is one request. One that has no answer after `timeout_ms` has failed. `device_id` matters only behind a

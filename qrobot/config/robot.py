@@ -13,14 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config.document import Section, Table, check_document, config_path, read_document
 from qrobot.config.kinds import FileKind
 from qrobot.config.values import (
-    Bools,
     Coupling,
     Degrees,
-    Floats,
-    Ints,
     JointDegrees,
     JointDegreesPositive,
     JointKinds,
@@ -232,7 +230,7 @@ class Guard(Section):
         return frozen(UNEXPLAINED_SHARE * self.tau_max) if given is None else given
 
 
-class Board(Section):
+class BoardSection(Section):
     """Which interface board drives the arm."""
 
     revision: Literal["E", "F"]
@@ -252,7 +250,7 @@ class Robot(Table):
     friction: dict[str, Friction] = Field(min_length=1)
     control: Control
     guard: Guard
-    board: Board
+    board: BoardSection
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Robot:

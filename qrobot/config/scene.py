@@ -16,7 +16,7 @@ Length = Annotated[float, Field(gt=0, le=2, allow_inf_nan=False)]
 Place = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Channel = Annotated[int, Field(ge=0, le=7)]
+ConverterChannel = Annotated[int, Field(ge=0, le=7)]
 
 
 class Tool(Table):
@@ -73,7 +73,7 @@ class ForceSensor(Table):
     filter; the converter clips at 10 V.
     """
 
-    channels: dict[ForceAxis, Channel] = Field(min_length=1)
+    channels: dict[ForceAxis, ConverterChannel] = Field(min_length=1)
     newton_per_volt: Positive = 10.0
     newton_metre_per_volt: Positive = 1.0
     zero_v: float = Field(default=0.05, ge=-10, le=10, allow_inf_nan=False)

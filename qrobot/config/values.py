@@ -16,11 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.units import RAD_PER_DEG
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 ADC_CHANNELS = 8  # of the TRC004
 

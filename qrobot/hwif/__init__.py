@@ -1,1 +1,1 @@
-"""The hardware interface: one register table, one memory layout, many roads to the board."""
+"""The hardware interface: one register table, one memory layout, many transports to the board."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.memory import BOARD_NOW_NS, BOARD_SLIPPED_NS
+from qrobot.hwif.board_memory import BOARD_NOW_NS, BOARD_SLIPPED_NS
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel

@@ -1,4 +1,5 @@
-"""The contract of every road to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the far.
+"""The contract of every transport to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the
+far.
 
 A bus carries the same two things as the board memory (memory.py): register operations out, strictly in the order given,
 and the whole image in. What it is made of - a socket, a CAN interface - is its own affair. `Gateway` (gateway.py)
@@ -17,8 +18,9 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_JOINTS,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
@@ -45,7 +47,6 @@ from qrobot.hwif.registers import (
     N_DACS,
     WINDOW_BYTES,
 )
-from qrobot.realtime.segment import Words
 
 Operations = NDArray[np.int64]  # [k, OP_FIELDS]: kind, offset, value
 REGISTER_MASK: Final = 0xFFFF
@@ -76,7 +77,7 @@ class BoardFacts:
 
 
 class Bus(Protocol):
-    """Near end of a road to a board. One thread at a time; a context is not shared between processes."""
+    """Near end of a transport to a board. One thread at a time; a context is not shared between processes."""
 
     @property
     def name(self) -> str:
@@ -88,10 +89,10 @@ class Bus(Protocol):
     def exchange(self, operations: Operations, image: Words) -> None:
         """Apply `operations` at the board in order, each at most once, then read its whole image into `image`.
 
-        Any number of them, of both kinds, at any even offset of the window: the board, not the road, ignores and counts
-        those of the wrong direction. An exchange that raises leaves `image` as it was.
+        Any number of them, of both kinds, at any even offset of the window: the board, not the transport, ignores and
+        counts those of the wrong direction. An exchange that raises leaves `image` as it was.
 
-        The time stamp is the board's where the road carries it, else the middle between asking and answer
+        The time stamp is the board's where the transport carries it, else the middle between asking and answer
         (CLOCK_MONOTONIC); the count is the board's, or one more at each answer of a board that has none.
 
         Raises:
@@ -177,10 +178,10 @@ def sane_operations(operations: Operations, references: bool = False) -> Operati
     return sane
 
 
-def for_the_road(operations: Operations) -> Operations:
+def for_the_transport(operations: Operations) -> Operations:
     """Those that go to the board: outputs are for the modules beside it."""
-    road: Operations = operations[operations[:, 0] != OP_OUTPUTS]
-    return road
+    transport: Operations = operations[operations[:, 0] != OP_OUTPUTS]
+    return transport
 
 
 def safe_operations(status: int, lines: int = 0) -> Operations:

@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_F_MASK,
@@ -24,7 +25,6 @@ from qrobot.hwif.registers import (
     STATUS,
     STATUS_ADC_BUSY,
 )
-from qrobot.realtime.segment import Words
 
 _HALF_SCALE: Final = 0x8000
 

@@ -14,19 +14,9 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import (
-    NO_OPERATIONS,
-    REGISTER_MASK,
-    BoardFacts,
-    Bus,
-    Operations,
-    for_the_road,
-    make_image,
-    safe_operations,
-    sane_operations,
-)
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_DROPPED,
     BOARD_ILLEGAL_OPS,
     BOARD_JOINTS,
@@ -45,13 +35,22 @@ from qrobot.hwif.memory import (
     publish_image,
     take_all_operations,
 )
+from qrobot.hwif.bus import (
+    NO_OPERATIONS,
+    REGISTER_MASK,
+    BoardFacts,
+    Bus,
+    Operations,
+    for_the_transport,
+    make_image,
+    safe_operations,
+    sane_operations,
+)
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS
-from qrobot.realtime.segment import Words
 from qrobot.realtime.signals import set_on_signals
+from qrobot.report import Report
 
 RETRY_NS: Final = 200_000_000
-
-Report = Callable[[str], None]
 
 
 class Gateway:
@@ -122,7 +121,7 @@ class Gateway:
         """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
         operations = sane_operations(self._operations[:taken], self._references)
         self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
-        return operations if self._outputs else for_the_road(operations)
+        return operations if self._outputs else for_the_transport(operations)
 
     def _remember_outputs(self, operations: Operations) -> None:
         """What the outputs are to be when the board is made safe, as whoever posts says, also while it is away."""

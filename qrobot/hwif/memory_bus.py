@@ -1,4 +1,4 @@
-"""The road to a board that is met through its memory: the emulated one, or whatever a gateway has found.
+"""The transport to a board that is met through its memory: the emulated one, or whatever a gateway has found.
 
 A controller that lives in the cycle uses the board memory itself (memory.py). This is for those who want to wait for
 an answer: the walk through a new board, programs of other languages, a recorder.
@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
+from qrobot.hwif.board_memory import IMAGE_COUNT, Lane, command_board_memory, discard_operations, pending_operations
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, Lane, command_board_memory, discard_operations, pending_operations
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
-from qrobot.realtime.segment import Segment, Words
+from qrobot.realtime.shared_memory import SharedMemory
 
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 100e-6
@@ -21,7 +22,7 @@ _FRESH: Final = 2  # the image being made while operations are taken may lack th
 
 
 class MemoryBus:
-    """Near end of a road that is shared memory.
+    """Near end of a transport that is shared memory.
 
     Args:
         attach: maps the memory; raises LinkError when nobody serves it.
@@ -31,11 +32,11 @@ class MemoryBus:
     """
 
     def __init__(
-        self, attach: Callable[[], Segment], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
+        self, attach: Callable[[], SharedMemory], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
     ) -> None:
         self.name = name
         self._attach, self._lane, self.timeout_s = attach, lane, timeout_s
-        self._segment: Segment | None = None
+        self._segment: SharedMemory | None = None
         self._newest = make_image()
 
     def connect(self) -> BoardFacts:
@@ -94,5 +95,5 @@ class MemoryBus:
 
 
 def board_memory_bus(arm: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S) -> MemoryBus:
-    """The road to the board that runs as a process for `arm`, and the board's one controller while connected."""
+    """The transport to the board that runs as a process for `arm`, and the board's one controller while connected."""
     return MemoryBus(lambda: command_board_memory(arm), f"the board memory of {arm}", lane, timeout_s)

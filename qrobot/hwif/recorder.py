@@ -21,18 +21,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, TextIO
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError, LogError, ProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import N_INPUT_WORDS
-from qrobot.realtime.segment import Words
 
 MAGIC: Final = "qrobot-registers 1"
 LETTERS: Final = {OP_WRITE: "w", OP_READ: "r", OP_REFERENCE: "p", OP_OUTPUTS: "o"}
 TAKES: Final = ("references", "outputs")  # what a board may take besides: facts of that name
 
 
-class Recorder:
+class BusRecorder:
     """A bus that writes down what goes over another one.
 
     Args:
@@ -92,7 +92,7 @@ class Recorder:
         with contextlib.suppress(OSError):  # what could not be written is the problem already
             self._file.close()
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> BusRecorder:
         return self
 
     def __exit__(

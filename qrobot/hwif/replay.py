@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError
-from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road, make_image
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     IMAGE_COUNT,
     IMAGE_INPUTS,
     IMAGE_T_NS,
@@ -22,9 +22,9 @@ from qrobot.hwif.memory import (
     OP_REFERENCE,
     OP_WRITE,
 )
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport, make_image
 from qrobot.hwif.recorder import MAGIC, TAKES, changes, operation_text
 from qrobot.hwif.registers import N_INPUT_WORDS, register_at
-from qrobot.realtime.segment import Words
 
 _OPERATION: Final = re.compile(r"(?:([wpo])([0-9a-f]{2})=(-?[0-9a-f]+)|r([0-9a-f]{2}))\Z")
 _KINDS: Final = {"w": OP_WRITE, "p": OP_REFERENCE, "o": OP_OUTPUTS}
@@ -43,18 +43,18 @@ class Exchange:
 
 
 @dataclass(frozen=True)
-class Connection:
+class BoardFound:
     """The board was found."""
 
     line: int
     facts: BoardFacts
 
 
-Event = Connection | Exchange
+RecordedEvent = BoardFound | Exchange
 
 
 @dataclass(frozen=True)
-class Recording:
+class BusRecording:
     """What a file holds.
 
     Attributes:
@@ -63,7 +63,7 @@ class Recording:
     """
 
     path: Path
-    events: tuple[Event, ...]
+    events: tuple[RecordedEvent, ...]
     torn: bool
 
     @property
@@ -104,7 +104,7 @@ def register_name(offset: int) -> str:
     return f"{register.name} {channel + 1}" if register.count > 1 else register.name
 
 
-def load_recording(path: Path) -> Recording:
+def load_recording(path: Path) -> BusRecording:
     """Read a recording.
 
     Raises:
@@ -117,7 +117,7 @@ def load_recording(path: Path) -> Recording:
     *lines, rest = text.split("\n")
     if not lines or lines[0] != MAGIC:
         raise LogError(f"{path} is no recording of registers, or of another version: it does not begin with {MAGIC!r}")
-    return Recording(path, tuple(_Reader(path).events(lines[1:])), torn=bool(rest))
+    return BusRecording(path, tuple(_Reader(path).events(lines[1:])), torn=bool(rest))
 
 
 @dataclass
@@ -127,7 +127,7 @@ class _Reader:
     path: Path
     image: Words = field(default_factory=make_image)
 
-    def events(self, lines: list[str]) -> Iterator[Event]:
+    def events(self, lines: list[str]) -> Iterator[RecordedEvent]:
         for number, line in enumerate(lines, start=2):
             try:
                 event = self._event(number, line)
@@ -136,13 +136,13 @@ class _Reader:
             if event is not None:
                 yield event
 
-    def _event(self, number: int, line: str) -> Event | None:
+    def _event(self, number: int, line: str) -> RecordedEvent | None:
         if line == "close":
             return None
         first, *rest = line.split(" ")
         if first == "board":
             self.image = make_image()
-            return Connection(number, _facts(rest))
+            return BoardFound(number, _facts(rest))
         if first == "lost":
             done = [part for part in rest if _OPERATION.match(part)]
             return Exchange(number, _operations(done), None, " ".join(rest[len(done) :]))
@@ -189,7 +189,7 @@ class Replay:
         LogError: as `load_recording`.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: BusRecording) -> None:
         self._recording, self._next = recording, 0
         self.name = f"the recording {recording.path}"
 
@@ -201,7 +201,7 @@ class Replay:
     def connect(self) -> BoardFacts:
         """Raises LocalProtocolError when nobody connected at this point."""
         event = self._take()
-        if not isinstance(event, Connection):
+        if not isinstance(event, BoardFound):
             raise LocalProtocolError(f"{self._place(event)}: there was an exchange, now somebody connects")
         return event.facts
 
@@ -220,13 +220,13 @@ class Replay:
     def close(self) -> None:
         """Nothing to let go of."""
 
-    def _take(self) -> Event:
+    def _take(self) -> RecordedEvent:
         if self.finished:
             raise LocalProtocolError(f"{self._recording.path} ends here, after {self._next} events")
         self._next += 1
         return self._recording.events[self._next - 1]
 
-    def _place(self, event: Event) -> str:
+    def _place(self, event: RecordedEvent) -> str:
         return f"{self._recording.path}, line {event.line}"
 
 
@@ -240,7 +240,7 @@ def operations_differ(recorded: Operations, now: Operations) -> str:
     return ""
 
 
-def replay_onto(recording: Recording, bus: Bus) -> str:
+def replay_onto(recording: BusRecording, bus: Bus) -> str:
     """Do to `bus` what was done then, and compare the input words that come back.
 
     Exchanges that failed then are left out: nobody knows how much of them happened.
@@ -253,12 +253,12 @@ def replay_onto(recording: Recording, bus: Bus) -> str:
     """
     image, connected, takes_outputs = make_image(), False, False
     for event in recording.events:
-        if isinstance(event, Connection):
+        if isinstance(event, BoardFound):
             if not connected:
                 takes_outputs = bus.connect().outputs
             connected = True
         elif event.image is not None:
-            bus.exchange(event.operations if takes_outputs else for_the_road(event.operations), image)
+            bus.exchange(event.operations if takes_outputs else for_the_transport(event.operations), image)
             if words := changes(event.image, image):
                 was = changes(image, event.image)
                 return f"{recording.path}, line {event.line}: was {' '.join(was)}, now it is {' '.join(words)}"

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.ident.regressor import Regressor
-
-Floats = NDArray[np.float64]
 
 _SAMPLES: Final = 100  # random states; twice as many change nothing
 _DEPENDENT: Final = 1e-9  # of the longest column's length: rounding of well-scaled states is 1e-15

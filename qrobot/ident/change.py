@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.ident.model import Identified
 from qrobot.ident.observe import Observations
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CLEARLY: Final = 100.0  # squares that a change explains, over the variance that it leaves [A]
 SMALLEST_KG: Final = 0.1  # less is not told: friction that drifts looks like some of it

@@ -10,13 +10,10 @@ from itertools import combinations, pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
-from qrobot.ident.skeleton import HAND_M, Skeleton
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from qrobot.ident.link_lines import HAND_M, Skeleton
 
 FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
 COLUMN: Final = 0.30  # m from the first axis that they keep below the shoulder

@@ -11,13 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
 from qrobot.model.transmission import transmission_params
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import Rows
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 STUCK_COUNTS: Final = 200  # that a motor was to turn while its counter did not: no friction holds an arm so far off
 STUCK_BAND: Final = 2  # counts between which a counter may toggle and still stand

@@ -15,8 +15,6 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.observe import Observations
 
-Floats = NDArray[np.float64]
-
 BETTER: Final = 0.05  # product of two motors' errors, over that as they stand
 FEWEST: Final = 16  # passes in which both turn
 

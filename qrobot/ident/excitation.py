@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters
@@ -24,8 +24,6 @@ from qrobot.ident.fourier import Fourier, States
 from qrobot.ident.plan import READY, TORQUE_SHARE, TRAVEL_SPEED, choose_informative, motor_columns
 from qrobot.ident.regressor import Regressor, known_parameters
 from qrobot.model.dynamics import dynamics_params
-
-Floats = NDArray[np.float64]
 
 RUNS: Final = 4
 RUN_S: Final = 8.0
@@ -42,7 +40,7 @@ _CHANGE: Final = 0.2  # of its amplitudes
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class FourierRun:
     """One motion of the plan; `by_ready` the way there goes by the pose `ready`."""
 
     name: str
@@ -73,12 +71,12 @@ class Excitation:
     """
 
     robot: str
-    runs: tuple[Run, ...]
+    runs: tuple[FourierRun, ...]
     condition: float
     seconds: float
 
     @property
-    def moves(self) -> tuple[Run, ...]:
+    def moves(self) -> tuple[FourierRun, ...]:
         """What is made one after the other."""
         return self.runs
 
@@ -215,15 +213,15 @@ def _states(motion: Fourier) -> States:
     return motion.at(np.linspace(0.0, motion.seconds, LOOKS))
 
 
-def _routed(robot: Robot, motions: list[Fourier]) -> Iterator[Run]:
+def _routed(robot: Robot, motions: list[Fourier]) -> Iterator[FourierRun]:
     """By way of `ready` where the straight way to the next is not clear."""
     clearance, at = Clearance(robot), robot.poses[READY]
     for number, motion in enumerate(motions, 1):
-        yield Run(f"run {number}", motion, by_ready=not clearance.of_way(at, motion.start))
+        yield FourierRun(f"run {number}", motion, by_ready=not clearance.of_way(at, motion.start))
         at = motion.start
 
 
-def _estimate(robot: Robot, runs: tuple[Run, ...]) -> float:
+def _estimate(robot: Robot, runs: tuple[FourierRun, ...]) -> float:
     at, seconds = robot.poses[READY], 0.0
     for run in runs:
         stops = [at, robot.poses[READY], run.motion.start] if run.by_ready else [at, run.motion.start]

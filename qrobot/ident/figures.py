@@ -11,11 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.ident.fit import OUTLIER
 from qrobot.ident.model import Identified
 from qrobot.log.plot import COLOURS, STYLE
-
-Floats = NDArray[np.float64]
 
 COLUMNS: Final = 3
 OLD, NEW, ODD = COLOURS[4], COLOURS[0], COLOURS[1]

@@ -15,10 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Ints
 from qrobot.errors import IdentificationError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 KNOWN: Final = -1  # class of rows whose deviation is all in `doubt`
 NORMAL_95: Final = 1.959964  # half width of a 95 % interval, standard deviations

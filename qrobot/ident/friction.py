@@ -13,9 +13,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from qrobot.arrays import Floats
 
 FRICTION_NAMES: Final = ("viscous", "coulomb_pos", "coulomb_neg")
 REMAINDER_NAMES: Final = ("remainder_pos", "remainder_neg")

@@ -14,23 +14,21 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.robot import Links
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters
-from qrobot.ident.bodies import nearest_bodies
-from qrobot.ident.consistent import with_gravity
 from qrobot.ident.excitation import FEWEST
 from qrobot.ident.fit import KNOWN, Fit, fit_linear
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.model import Identified, Value, rms_by_motor
 from qrobot.ident.motion import MotionRows
+from qrobot.ident.physical_gravity import with_gravity
+from qrobot.ident.physical_inertia import nearest_bodies
 from qrobot.ident.regressor import OF_GRAVITY, PER_LINK, Regressor, known_parameters
 from qrobot.ident.unknowns import Description, of_base, of_friction
-
-Floats = NDArray[np.float64]
 
 OTHER_ARM: Final = 2.0  # times the error with gravity of its own: the same arm has 1.0 to 1.3, 0.3 kg more give 17 [A]
 HELD_BACK: Final = 3  # every third motion is not fitted at first, but predicted

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Ints
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_parameters
@@ -16,16 +16,13 @@ from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.scale import fit_scaled, heaviest_motor
 from qrobot.ident.structure import terms_of, terms_seen
-from qrobot.ident.terms import KINDS, Kind, Terms
+from qrobot.ident.terms import KINDS, FrictionTermKind, Terms
 from qrobot.ident.unknowns import OF_LOAD, Unknowns
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CLEARLY: Final = 2.0  # half widths of its interval from nothing
 DRIFTS: Final = 0.03  # of friction over a recording: less is not worth a word
 VARIES: Final = 0.01  # rms, of Coulomb friction: terms that are less are not worth a word
-_ADVICE: Final[dict[Kind, str]] = {
+_ADVICE: Final[dict[FrictionTermKind, str]] = {
     "position": "It is fitted beside the rest, whose intervals are wider for it; no law compensates it. "
     "More --poses, and `--friction position`, tell it better",
     "speed": "Viscous and Coulomb friction are told apart only as well as their intervals say: "
@@ -111,14 +108,14 @@ class Identified:
         return {self.robot.joint_names[motor]: float(drift[motor]) for motor in np.flatnonzero(clearly)}
 
     @property
-    def varying(self) -> dict[str, dict[Kind, float]]:
+    def varying(self) -> dict[str, dict[FrictionTermKind, float]]:
         """Motors whose friction varies otherwise than its model says: kind, and rms as a share of Coulomb friction."""
         terms, seen, n = self.unknowns.terms, self.observations, self.robot.n
         if terms is None:
             return {}
         beyond, values = self.unknowns.beyond(seen), self.unknowns.parts(self.fit.values).terms
         coulomb = np.abs(self.friction[:, 1:]).mean(axis=1)
-        found: dict[str, dict[Kind, float]] = {}
+        found: dict[str, dict[FrictionTermKind, float]] = {}
         for number, (motor, kind, _) in enumerate(terms.sought):
             own = terms.owner == number
             size = float(rms_by_motor(beyond[:, own] @ values[own], seen.motor, n)[motor] / max(coulomb[motor], 1e-12))
@@ -173,7 +170,7 @@ def identify(
     observations: Observations,
     known_torque: bool = False,
     load_kg: float | None = None,
-    kinds: tuple[Kind, ...] | None = None,
+    kinds: tuple[FrictionTermKind, ...] | None = None,
 ) -> Identified:
     """Estimate gravity, friction, torque scales, and the load of passes that carried one.
 
@@ -233,7 +230,9 @@ def _widened(fit: Fit, plain: Fit, trial: Fit, kept: Observations, doubt: Floats
     return replace(fit, covariance=np.outer(wider, wider) * fit.covariance)
 
 
-def _terms(unknowns: Unknowns, plain: Fit, observations: Observations, kinds: tuple[Kind, ...] | None) -> Terms | None:
+def _terms(
+    unknowns: Unknowns, plain: Fit, observations: Observations, kinds: tuple[FrictionTermKind, ...] | None
+) -> Terms | None:
     """The terms of friction that are asked for, or else those that a fit without them shows."""
     if kinds is None:
         return terms_seen(unknowns, plain, observations)

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
@@ -23,12 +23,8 @@ from qrobot.ident.observe import RESOLUTION, slowest_rates
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.window import window_weights
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import Rows
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 WINDOW_S: Final = 0.1  # a sixteenth of the fastest swing of a plan; encoder steps leave 0.01 rad/s2
 SHORTEST_S: Final = 0.9 * RUN_S  # from rest to rest: shorter motions are ways between

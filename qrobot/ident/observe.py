@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
@@ -22,12 +22,8 @@ from qrobot.ident.recording import limited
 from qrobot.ident.regressor import OF_GRAVITY, Regressor
 from qrobot.ident.window import Weights, looks_at, window_weights
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import Rows
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction

@@ -6,19 +6,18 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.ident.excitation import Excitation, Run
-from qrobot.ident.plan import READY, TRAVEL_SPEED, Plan, Swing
+from qrobot.ident.excitation import Excitation, FourierRun
+from qrobot.ident.plan import READY, TRAVEL_SPEED, ExcitationPlan, Swing
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.position import Position
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.units import M_PER_MM, RAD_PER_DEG
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
-Floats = NDArray[np.float64]
-Progress = Callable[[int, Swing | Run], None]
+MoveProgress = Callable[[int, Swing | FourierRun], None]
 
 MS_PER_S: Final = 1000.0
 US_PER_S: Final = 1e6
@@ -27,8 +26,8 @@ US_PER_S: Final = 1e6
 def perform(
     arm: Channel,
     robot: Robot,
-    plan: Plan | Excitation,
-    progress: Progress = lambda _number, _move: None,
+    plan: ExcitationPlan | Excitation,
+    progress: MoveProgress = lambda _number, _move: None,
     first: int = 0,
 ) -> None:
     """Make the moves of a plan with an arm under control, from wherever it stands, and go to `ready` at the end.
@@ -43,7 +42,7 @@ def perform(
     arm.setmode("joint")
     arm.setjvel(share=TRAVEL_SPEED)
     arm.move(arm.pose(READY))
-    moves: Sequence[Swing | Run] = plan.moves
+    moves: Sequence[Swing | FourierRun] = plan.moves
     for number, move in enumerate(moves[first:], first):
         progress(number, move)
         if isinstance(move, Swing):
@@ -66,7 +65,7 @@ def _swing(arm: Channel, robot: Robot, swing: Swing) -> None:
     arm.waitfor(arm.completed)
 
 
-def _run(arm: Channel, robot: Robot, run: Run) -> None:
+def _run(arm: Channel, robot: Robot, run: FourierRun) -> None:
     arm.sample(DEFAULT_PERIOD_US / US_PER_S * MS_PER_S)
     if run.by_ready:
         arm.move(arm.pose(READY))
@@ -76,7 +75,7 @@ def _run(arm: Channel, robot: Robot, run: Run) -> None:
     arm.waitfor(arm.completed)
 
 
-def setpoints_of(robot: Robot, run: Run) -> Setpoints:
+def setpoints_of(robot: Robot, run: FourierRun) -> Setpoints:
     """A run, sample by sample."""
     period_s = DEFAULT_PERIOD_US / US_PER_S
     t = period_s * np.arange(1 + int(np.ceil(run.motion.seconds / period_s)))

@@ -14,15 +14,13 @@ from itertools import islice, pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.clearance import Clearance
 from qrobot.ident.regressor import Regressor, known_parameters
-
-Floats = NDArray[np.float64]
 
 POSES: Final = 24
 SWING_SPEED: Final = 0.1  # of each joint's greatest speed, through poses
@@ -69,7 +67,7 @@ class Swing:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class ExcitationPlan:
     """Swings in the order in which they are made.
 
     Attributes:
@@ -100,7 +98,7 @@ class Plan:
 
 def make_plan(
     robot: Robot, regressor: Regressor, base: BaseParameters, poses: int = POSES, seed: int = 0, slow: bool = False
-) -> Plan:
+) -> ExcitationPlan:
     """Choose poses and speeds for a robot; the same seed gives the same plan.
 
     Args:
@@ -130,7 +128,7 @@ def make_plan(
     seconds = _estimate(robot, swings)
     stacked = columns[chosen].reshape(-1, columns.shape[-1])
     condition = np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0))
-    return Plan(robot.name, swings, float(condition), seconds)
+    return ExcitationPlan(robot.name, swings, float(condition), seconds)
 
 
 def choose_informative(columns: Floats, count: int) -> list[int]:

@@ -9,16 +9,14 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Bools
 from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.counters import counter_faults
+from qrobot.servo.memory.telemetry import VECTORS, Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import VECTORS, Rows
-
-Bools = NDArray[np.bool_]
 
 SATURATED_SHARE: Final = 0.02  # of the time under way
 DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end

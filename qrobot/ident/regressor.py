@@ -12,16 +12,14 @@ from typing import Final
 import casadi
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.codegen import CompiledFunction, compile_function
-from qrobot.codegen.rigid_body import Body, SerialArm, inverse_dynamics, serial_arm
+from qrobot.codegen.rigid_body import RigidBody, SerialArm, inverse_dynamics, serial_arm
 from qrobot.config import Robot
 from qrobot.model.dynamics import dynamics_params
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import KernelPointer, function_at
-
-Floats = NDArray[np.float64]
 
 PER_LINK: Final = ("m", "hx", "hy", "hz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 OF_GRAVITY: Final = 4  # the first of them: a resting arm shows no inertia
@@ -95,7 +93,9 @@ def _regressor(robot: Robot, per_link: int) -> Regressor:
 def _symbolic(robot: Robot, theta: casadi.SX) -> SerialArm:
     """The arm without rotors whose link i has the parameters `theta[:, i]`, inertia left out or not."""
     links = tuple(
-        Body(theta[0, i], theta[1:4, i], _tensor(theta[OF_GRAVITY:, i]) if theta.rows() > OF_GRAVITY else _NO_INERTIA)
+        RigidBody(
+            theta[0, i], theta[1:4, i], _tensor(theta[OF_GRAVITY:, i]) if theta.rows() > OF_GRAVITY else _NO_INERTIA
+        )
         for i in range(robot.n)
     )
     return replace(serial_arm(robot), links=links, armature=np.zeros((robot.n, robot.n)))

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.identified import IdentifiedModel
 from qrobot.errors import IdentificationError
@@ -20,8 +20,6 @@ from qrobot.ident.figures import predicted_figure, residual, residuals_figure, s
 from qrobot.ident.friction import FRICTION_NAMES, REMAINDER_NAMES
 from qrobot.ident.model import Identified, rms_by_motor
 from qrobot.ident.regressor import known_parameters
-
-Floats = NDArray[np.float64]
 
 DPI: Final = 110
 _PAGE: Final = """<!DOCTYPE html>

@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.document import check_document
 from qrobot.config.identified import IdentifiedModel, robot_digest
 from qrobot.config.values import JointKinds
 from qrobot.errors import IdentificationError
-from qrobot.ident.consistent import nearest_links
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import CLEARLY, Identified
-from qrobot.servo.telemetry import Rows
-
-Floats = NDArray[np.float64]
+from qrobot.ident.physical_gravity import nearest_links
+from qrobot.servo.memory.telemetry import Rows
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none

@@ -12,13 +12,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.ident.fit import KNOWN, Fit, fit_linear
 from qrobot.ident.observe import Observations
 from qrobot.ident.unknowns import Unknowns
-
-Floats = NDArray[np.float64]
 
 LOAD_DOUBT: Final = 1e-3  # of a load that was weighed
 _STEPS: Final = 30

@@ -6,16 +6,16 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.change import counter_slip, load_change
-from qrobot.ident.consistent import with_gravity
 from qrobot.ident.exchanged import check_torques
 from qrobot.ident.inertia import InertialModel, identify_inertia
 from qrobot.ident.model import Identified, identify
 from qrobot.ident.motion import observe_motion
 from qrobot.ident.observe import Observer
+from qrobot.ident.physical_gravity import with_gravity
 from qrobot.ident.recording import check_recording
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor
-from qrobot.ident.terms import Kind
-from qrobot.servo.telemetry import Rows
+from qrobot.ident.terms import FrictionTermKind
+from qrobot.servo.memory.telemetry import Rows
 
 
 def identify_log(
@@ -25,7 +25,7 @@ def identify_log(
     loaded: Rows | None = None,
     known_torque: bool = False,
     load_kg: float | None = None,
-    kinds: tuple[Kind, ...] | None = None,
+    kinds: tuple[FrictionTermKind, ...] | None = None,
 ) -> Identified:
     """Gravity, friction and torque scales from a log; rows of several logs may follow each other.
 

@@ -15,18 +15,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from qrobot.ident.consistent import with_gravity
+from qrobot.arrays import Floats, Ints
 from qrobot.ident.fit import HUBER, NORMAL_95
 from qrobot.ident.friction import BELIEVED
 from qrobot.ident.model import Identified
 from qrobot.ident.observe import Observer
+from qrobot.ident.physical_gravity import with_gravity
 from qrobot.ident.varpro import Projected, fit_separable
-from qrobot.servo.telemetry import Rows
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from qrobot.servo.memory.telemetry import Rows
 
 CRAWLING: Final = 0.005  # of a joint's greatest speed: slower motors stick and slip
 SPEED_DOUBT: Final = 1.0  # of the logarithm of v_s: a factor of e, until samples tell
@@ -67,7 +64,7 @@ class StribeckFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class FrictionSamples:
     """Torques of motors, one row each: `linear` (m, p) is what multiplies that which is no friction, motor side."""
 
     linear: Floats
@@ -109,11 +106,11 @@ def friction_of(found: Identified, rows: Rows, period_s: float) -> StribeckFit:
     better = with_gravity(robot, found.base, found.beta)
     observer = Observer(robot, found.regressor, found.base, better, found.scale, CRAWLING * v_max)
     seen = observer.observe(rows, period_s)
-    samples = Samples(found.scale[seen.motor, None] * seen.gravity, seen.motor, seen.rate, seen.torque)
+    samples = FrictionSamples(found.scale[seen.motor, None] * seen.gravity, seen.motor, seen.rate, seen.torque)
     return fit_stribeck(samples, robot.n, BELIEVED * v_max)
 
 
-def fit_stribeck(samples: Samples, n: int, speed: Floats) -> StribeckFit:
+def fit_stribeck(samples: FrictionSamples, n: int, speed: Floats) -> StribeckFit:
     """Friction with Stribeck's term, and the linear values beside it, by robust least squares.
 
     Args:

@@ -15,15 +15,12 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Ints
 from qrobot.ident.fit import Fit
 from qrobot.ident.observe import Observations
-from qrobot.ident.terms import KINDS, Kind, Term, Terms
+from qrobot.ident.terms import KINDS, FrictionTermKind, Term, Terms
 from qrobot.ident.unknowns import Unknowns
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CHANCE: Final = 0.01  # of a false alarm in a whole recording, all motors and kinds together [A]
 SMALLEST: Final = 0.002  # of Coulomb friction, rms: less changes no interval that anybody looks at [A]
@@ -59,9 +56,9 @@ def terms_seen(unknowns: Unknowns, fit: Fit, seen: Observations) -> Terms | None
     return terms_of(unknowns, fit, seen, found) if found else None
 
 
-def _kinds_seen(unknowns: Unknowns, fit: Fit, seen: Observations, motor: int) -> list[Kind]:
+def _kinds_seen(unknowns: Unknowns, fit: Fit, seen: Observations, motor: int) -> list[FrictionTermKind]:
     """Of one motor: the kind that explains most with each of its columns first, then what shows beside it."""
-    chosen: list[Kind] = ["speed"] if _bends(unknowns, fit, motor) else []
+    chosen: list[FrictionTermKind] = ["speed"] if _bends(unknowns, fit, motor) else []
     left = _left(unknowns, fit, seen)
     for kind in chosen:
         left = left.with_columns(_whitened(unknowns, fit, seen, left, motor, kind))
@@ -84,7 +81,7 @@ def _bends(unknowns: Unknowns, fit: Fit, motor: int) -> bool:
     return bool((too_much | too_little).any())
 
 
-def terms_of(unknowns: Unknowns, fit: Fit, seen: Observations, sought: Sequence[tuple[int, Kind]]) -> Terms:
+def terms_of(unknowns: Unknowns, fit: Fit, seen: Observations, sought: Sequence[tuple[int, FrictionTermKind]]) -> Terms:
     """These terms, whether they show or not, with the deviations that the residuals of a fit without any give them."""
     terms, left = _terms(unknowns, fit, sought), _left(unknowns, fit, seen)
     found = _deviations(seen, left, _of_terms(unknowns, seen, left, terms), terms.owner)
@@ -94,7 +91,7 @@ def terms_of(unknowns: Unknowns, fit: Fit, seen: Observations, sought: Sequence[
     return replace(terms, sought=sized)
 
 
-def _terms(unknowns: Unknowns, fit: Fit, sought: Sequence[tuple[int, Kind]]) -> Terms:
+def _terms(unknowns: Unknowns, fit: Fit, sought: Sequence[tuple[int, FrictionTermKind]]) -> Terms:
     parts = unknowns.parts(fit.values)
     return Terms(tuple(Term(motor, kind, 1.0) for motor, kind in sought), parts.weights, np.abs(parts.friction[:, 1:]))
 
@@ -117,14 +114,16 @@ def _of_terms(unknowns: Unknowns, seen: Observations, left: Left, terms: Terms) 
     return _beside(left.fitted, np.vstack([own, np.zeros((len(left.residual) - len(seen), own.shape[1]))]))
 
 
-def _whitened(unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: Kind) -> Floats:
+def _whitened(
+    unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: FrictionTermKind
+) -> Floats:
     """Orthonormal columns of one term beside what is explained already. Shape (m + known, c)."""
     terms = _terms(unknowns, fit, [(motor, kind)])
     directions, sizes, _ = np.linalg.svd(_of_terms(unknowns, seen, left, terms), full_matrices=False)
     return np.asarray(directions[:, sizes > _NOTHING * max(float(sizes[0]), 1e-9)])
 
 
-def _gain(unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: Kind) -> float:
+def _gain(unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: FrictionTermKind) -> float:
     """Squares that a term explains with each of its columns; 0 where chance does as much, or it is not worth a word."""
     mine = seen.motor == motor
     if mine.sum() < FEWEST:

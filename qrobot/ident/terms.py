@@ -22,15 +22,14 @@ from typing import Final, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.ident.observe import HARMONICS, LOOKS, Observations
 
-Floats = NDArray[np.float64]
-
-Kind = Literal["position", "speed", "load"]
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+FrictionTermKind = Literal["position", "speed", "load"]
+KINDS: Final[tuple[FrictionTermKind, ...]] = get_args(FrictionTermKind)
 FADES_AT: Final = (0.05, 0.1, 0.2, 0.4)  # v_k over a joint's greatest speed [A]
-_NAMES: Final[dict[Kind, tuple[str, ...]]] = {
+_NAMES: Final[dict[FrictionTermKind, tuple[str, ...]]] = {
     "position": tuple(f"ripple_{wave}{k}" for wave in ("cos", "sin") for k in range(1, HARMONICS + 1)),
     "speed": tuple(
         f"{shape}_{side}"
@@ -45,7 +44,7 @@ class Term(NamedTuple):
     """One kind of term of one motor, whose coefficients are 0 ± `deviation` beforehand."""
 
     motor: int
-    kind: Kind
+    kind: FrictionTermKind
     deviation: float
 
 

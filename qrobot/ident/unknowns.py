@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Ints
 from qrobot.config import Robot
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.friction import (
@@ -31,9 +31,6 @@ from qrobot.ident.friction import (
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor, known_parameters
 from qrobot.ident.terms import Terms
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SCALE_DOUBT: Final = 0.3  # of a scale: two motors, whose published torque constants differ by 15 to 24 %
 DRIFT_DOUBT: Final = 0.1  # of friction, over a recording: of a cold arm it changes more, and then the passes tell

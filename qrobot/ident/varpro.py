@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.errors import IdentificationError
-
-Floats = NDArray[np.float64]
 
 _STEPS: Final = 100
 _SETTLED: Final = 1e-10  # relative change of the cost

@@ -31,11 +31,12 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.log.topics import FRAMES_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TOOL_TOPIC
 from qrobot.model import transform as frames_of
 from qrobot.model.transform import transform
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import NS_PER_S
 
 RATE_HZ: Final = 50
@@ -48,7 +49,6 @@ LINK_COLOUR: Final = (0.85, 0.85, 0.80)
 JOINT_COLOUR: Final = (0.20, 0.35, 0.60)
 Point = tuple[float, float, float]
 NO_TOOL: Final[Point] = (0.0, 0.0, 0.0)
-Floats = NDArray[np.float64]
 
 
 def link_frames(robot: Robot, q: Sequence[float]) -> list[Floats]:

@@ -15,8 +15,8 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.errors import LogError
 from qrobot.log.events import GAINS
 from qrobot.log.header import LogHeader
@@ -28,8 +28,6 @@ MAX_SHIFT_S: Final = 0.25  # two and a half frames of the longest sample period
 SHIFT_STEPS_S: Final = (0.005, 0.0005, 0.00005)  # each search refines the one before
 COMPARED_STEP_S: Final = 0.004
 NOT_A_CHOICE: Final = ("robot", "law", "joint_names", "prismatic", "wall_offset_ns", "part", "setup")
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

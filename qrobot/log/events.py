@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.log.read import Log
-from qrobot.servo.journal import LawInForce
+from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.modes import mode_name
 
-Kind = Literal["law", "gains", "fault", "mode"]
+LogEventKind = Literal["law", "gains", "fault", "mode"]
 GAINS: Final = (("Kp", "kp"), ("Kv", "kv"), ("inertia", "inertia"))  # for people, in `LawInForce`
 
 
 @dataclass(frozen=True)
-class Event:
+class LogEvent:
     """One thing that happened.
 
     Attributes:
@@ -33,7 +33,7 @@ class Event:
 
     t_s: float
     tick: int
-    kind: Kind
+    kind: LogEventKind
     short: str
     text: str
 
@@ -47,21 +47,21 @@ class Event:
         return asdict(self) | {"line": self.line}
 
 
-def log_events(log: Log) -> list[Event]:
+def log_events(log: Log) -> list[LogEvent]:
     """Everything that happened in a log. Of one cycle: laws and gains, then faults, then the mode they led to."""
     events = [*_law_events(log), *_fault_events(log), *_mode_events(log)]
     return sorted(events, key=lambda event: event.tick)
 
 
-def _law_events(log: Log) -> Iterator[Event]:
+def _law_events(log: Log) -> Iterator[LogEvent]:
     for before, after in pairwise(log.laws):
         t_s = (after.t_ns - int(log.rows["t_ns"][0])) * 1e-9
         if after.told != before.told:
-            yield Event(t_s, after.tick, "law", after.law, f"law {before.told} -> {after.told}")
+            yield LogEvent(t_s, after.tick, "law", after.law, f"law {before.told} -> {after.told}")
         if text := _gains_told(before, after):
-            yield Event(t_s, after.tick, "gains", "gains", text)
+            yield LogEvent(t_s, after.tick, "gains", "gains", text)
         elif after.told == before.told:  # a law in a file may have another text now
-            yield Event(t_s, after.tick, "law", after.law, f"law {after.told} anew")
+            yield LogEvent(t_s, after.tick, "law", after.law, f"law {after.told} anew")
 
 
 def _gains_told(before: LawInForce, after: LawInForce) -> str:
@@ -74,18 +74,18 @@ def _listed(row: tuple[float, ...]) -> str:
     return " ".join(f"{value:g}" for value in row)
 
 
-def _fault_events(log: Log) -> Iterator[Event]:
+def _fault_events(log: Log) -> Iterator[LogEvent]:
     for k in _changes(log.rows["fault"], first=0):
         if code := int(log.rows["fault"][k]):
             text = explain(code, int(log.rows["event_joint"][k]))
-            yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), text)
+            yield LogEvent(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), text)
 
 
-def _mode_events(log: Log) -> Iterator[Event]:
+def _mode_events(log: Log) -> Iterator[LogEvent]:
     modes = log.rows["mode"]
     for k in _changes(modes, first=modes[:1]):
         before, after = mode_name(int(modes[k - 1])), mode_name(int(modes[k]))
-        yield Event(log.time_s[k].item(), int(log.rows["tick"][k]), "mode", after, f"{before} -> {after}")
+        yield LogEvent(log.time_s[k].item(), int(log.rows["tick"][k]), "mode", after, f"{before} -> {after}")
 
 
 def _changes(column: NDArray[np.int64], first: Any) -> NDArray[np.int64]:

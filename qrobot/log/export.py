@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.read import Log
-from qrobot.servo.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
+from qrobot.servo.memory.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
 
 ANGULAR_UNITS: Final = {
     "q_ref": "rad", "v_ref": "rad_s", "a_ref": "rad_s2", "q": "rad", "v": "rad_s", "tau": "Nm", "gravity": "Nm",

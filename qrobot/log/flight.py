@@ -22,10 +22,10 @@ from qrobot.log.follow import fresh_path
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.read import Log
 from qrobot.log.record import write_log
-from qrobot.servo.incident import Incident
-from qrobot.servo.journal import JournalReader, LawInForce
-from qrobot.servo.mailbox import ServoInfo, ServoMailbox, journal_base
-from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
+from qrobot.servo.memory.law_history import JournalReader, LawInForce
+from qrobot.servo.memory.mailbox import ServoInfo, ServoMailbox, journal_base
+from qrobot.servo.memory.stop_record import Incident
+from qrobot.servo.memory.telemetry import READ_ROWS, Rows, TelemetryReader
 
 BEFORE_NS: Final = 10_000_000_000
 AFTER_NS: Final = 500_000_000

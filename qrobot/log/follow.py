@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Final
 
 from qrobot.errors import LinkError
-from qrobot.log.record import Recorder
+from qrobot.log.record import LogRecorder
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
-from qrobot.realtime.segment import GENERATION, OWNER_PID, Segment
-from qrobot.servo.journal import JournalReader
-from qrobot.servo.mailbox import ServoInfo, attach_servo_memory, journal_base, servo_info
-from qrobot.servo.telemetry import TelemetryReader
+from qrobot.realtime.shared_memory import GENERATION, OWNER_PID, SharedMemory
+from qrobot.report import Report
+from qrobot.servo.memory.law_history import JournalReader
+from qrobot.servo.memory.mailbox import ServoInfo, attach_servo_memory, journal_base, servo_info
+from qrobot.servo.memory.telemetry import TelemetryReader
 
 POLL_S: Final = 0.01
 LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
@@ -29,20 +30,19 @@ REPORT_NS: Final = 1_000_000_000
 LEFT_OUT: Final = 4  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read
 
 OpenLog = Callable[[ServoInfo, int], LogWriter]  # the servo and its process id
-Report = Callable[[str], None]
 
 
 @dataclass
 class _Session:
     """One servo process being recorded."""
 
-    segment: Segment
+    segment: SharedMemory
     generation: int
-    recorder: Recorder
+    recorder: LogRecorder
     name: str
 
 
-def _reader(segment: Segment, info: ServoInfo) -> TelemetryReader:
+def _reader(segment: SharedMemory, info: ServoInfo) -> TelemetryReader:
     """From the oldest row that will still be there when the log is open."""
     reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
     most = info.telemetry_capacity - info.telemetry_capacity // LEFT_OUT
@@ -104,7 +104,7 @@ class ServoFollower:
         writer = self._open_log(info, int(segment.words[OWNER_PID]))
         reader = _reader(segment, info)
         journal = JournalReader(segment.words, journal_base(info.n), info.n)
-        self._session = _Session(segment, info.generation, Recorder(reader, writer, journal), str(writer.path))
+        self._session = _Session(segment, info.generation, LogRecorder(reader, writer, journal), str(writer.path))
         self._reported = LogStatus()
         self._report(f"recording the servo of {self._arm} into {writer.path}")
 
@@ -122,7 +122,7 @@ class ServoFollower:
         self._session = None
         self._look_at_ns = 0
 
-    def _complain(self, recorder: Recorder, now_ns: int) -> None:
+    def _complain(self, recorder: LogRecorder, now_ns: int) -> None:
         """At most one line a second about a disk that refuses or rows that were lost."""
         status = recorder.status
         trouble = (status.lost, status.disk_errors) != (self._reported.lost, self._reported.disk_errors)

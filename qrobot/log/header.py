@@ -12,8 +12,8 @@ from typing import Any, Final
 from qrobot.config import Robot
 from qrobot.config.identified import robot_digest
 from qrobot.errors import LogError
-from qrobot.realtime.setup import Step
-from qrobot.servo.telemetry import TelemetryLayout
+from qrobot.realtime.setup import SetupStep
+from qrobot.servo.memory.telemetry import TelemetryLayout
 
 METADATA_NAME: Final = "qrobot"
 FORMAT: Final = "1"
@@ -64,7 +64,7 @@ class LogHeader:
     part: int = 1
     version: str = ""
     robot_digest: str = ""
-    setup: tuple[Step, ...] = ()
+    setup: tuple[SetupStep, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.joint_names or self.period_ns <= 0:
@@ -151,5 +151,5 @@ def attach_files(paths: Iterable[Path]) -> list[Attachment]:
 
 
 def _frozen(values: dict[str, Any]) -> dict[str, Any]:
-    setup = tuple(Step(**step) for step in values.pop("setup", ()))
+    setup = tuple(SetupStep(**step) for step in values.pop("setup", ()))
     return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()} | {"setup": setup}

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.servo.journal import LawInForce
-from qrobot.servo.telemetry import CDR_HEADER
+from qrobot.servo.memory.law_history import LawInForce
+from qrobot.servo.memory.telemetry import CDR_HEADER
 
 _HEAD: Final = struct.Struct("<qq")  # t_ns, tick
 _LENGTH: Final = struct.Struct("<I")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
-from qrobot.log.events import Event, log_events
+from qrobot.log.events import LogEvent, log_events
 from qrobot.log.read import Log
 
 # Okabe and Ito's colours, told apart by colour-blind readers too; more joints than colours get another dash.
@@ -202,7 +202,7 @@ def _plot_joints(axes: Axes, log: Log, joints: Sequence[int], values: NDArray[An
     axes.margins(x=0.01)
 
 
-def _mark(axes: Axes, events: Sequence[Event]) -> None:
+def _mark(axes: Axes, events: Sequence[LogEvent]) -> None:
     """A line with a name where another law, other gains or a fault came; of very many the first."""
     marks = [event for event in events if event.kind in MARKS]
     for event in marks[:MAX_MARKS]:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from qrobot.errors import LogError
 from qrobot.log.damage import DamagedPlace
 from qrobot.log.header import LogHeader
-from qrobot.log.scan import Contents, scan_file
+from qrobot.log.mcap_scan import Contents, scan_file
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
-from qrobot.servo.journal import LawInForce
-from qrobot.servo.telemetry import Rows, TelemetryLayout
+from qrobot.servo.memory.law_history import LawInForce
+from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from qrobot.errors import LogError
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
-from qrobot.servo.journal import JournalReader, LawInForce
-from qrobot.servo.telemetry import READ_ROWS, Rows, TelemetryReader
+from qrobot.servo.memory.law_history import JournalReader, LawInForce
+from qrobot.servo.memory.telemetry import READ_ROWS, Rows, TelemetryReader
 
 FLUSH_NS: Final = 200_000_000  # what a kill -9 of the recorder can cost, and the ring has it still
 SYNC_NS: Final = 1_000_000_000  # what a power cut can cost
 BACKLOG_BYTES: Final = 16 << 20
 
 
-class Recorder:
+class LogRecorder:
     """Follows one ring and writes it down.
 
     Args:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.servo.telemetry import CDR_HEADER
+from qrobot.servo.memory.telemetry import CDR_HEADER
 
 SCHEMA_NAME: Final = "qrobot_msgs/msg/LogStatus"
 

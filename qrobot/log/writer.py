@@ -10,11 +10,11 @@ from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.log.arm_view import NO_TOOL, Point
 from qrobot.log.header import Attachment, LogHeader
-from qrobot.log.part import LogPart, LogStream
+from qrobot.log.mcap_file import LogPart, LogStream
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
-from qrobot.servo.journal import LawInForce
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.memory.law_history import LawInForce
+from qrobot.servo.memory.telemetry import Rows
 
 
 class LogWriter:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.config.values import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.branch import ALL_BRANCHES, Branch
 from qrobot.model.chain import link_turn, to_parent
 from qrobot.model.closed_form import CLOSED_FORMS, ClosedForm
 from qrobot.model.kinematics import forward, jacobian, kinematics_params
-from qrobot.model.puma import Status, nearest_solution
+from qrobot.model.puma import InverseStatus, nearest_solution
 from qrobot.model.transform import is_transform, transform
 
 SINGULAR = {
-    Status.SHOULDER_SINGULAR: "the wrist is on the shoulder's cylinder, where left and right are one",
-    Status.ELBOW_SINGULAR: "the arm is stretched or folded, where up and down are one",
-    Status.WRIST_SINGULAR: "joints 4 and 6 are in line, so only their sum is determined",
+    InverseStatus.SHOULDER_SINGULAR: "the wrist is on the shoulder's cylinder, where left and right are one",
+    InverseStatus.ELBOW_SINGULAR: "the arm is stretched or folded, where up and down are one",
+    InverseStatus.WRIST_SINGULAR: "joints 4 and 6 are in line, so only their sum is determined",
 }
 
 
@@ -90,7 +90,7 @@ class Arm:
         self._need_pose(T)
         q = np.empty(self.robot.n)
         status = self.closed_form.inverse(_own(T), self.params, int(branch), self._joints(near), q)
-        self._judge(Status(status), T, branch, q)
+        self._judge(InverseStatus(status), T, branch, q)
         return q
 
     def inverses(self, T: Floats, near: Floats) -> dict[Branch, Floats]:
@@ -100,7 +100,7 @@ class Arm:
             MotionError: `T` is no rigid transform, or the robot has no closed-form inverse.
         """
         q, status = self._solve_all(T, near)
-        return {branch: q[branch] for branch in ALL_BRANCHES if status[branch] == Status.OK}
+        return {branch: q[branch] for branch in ALL_BRANCHES if status[branch] == InverseStatus.OK}
 
     def nearest(self, T: Floats, near: Floats) -> Floats:
         """The solution of any branch whose largest joint step from `near` (n,) is smallest. Shape (n,).
@@ -113,7 +113,7 @@ class Arm:
         best = nearest_solution(q, status, self._joints(near))
         if best < 0:
             best = int(self.branch(near))
-            self._judge(Status(status[best]), T, Branch(best), q[best])
+            self._judge(InverseStatus(status[best]), T, Branch(best), q[best])
         solution: Floats = q[best]
         return solution
 
@@ -145,14 +145,14 @@ class Arm:
         if not is_transform(T):
             raise MotionError("the pose is not a rigid transform: its rotation must be orthonormal and right-handed")
 
-    def _judge(self, status: Status, T: Floats, branch: Branch, q: Floats) -> None:
+    def _judge(self, status: InverseStatus, T: Floats, branch: Branch, q: Floats) -> None:
         """Raise what `status` stands for."""
-        if status == Status.OK:
+        if status == InverseStatus.OK:
             return
         where = f"configuration {branch.letters!r}, wrist at {np.round(T[:3, 3], 4).tolist()} m"
-        if status == Status.UNREACHABLE:
+        if status == InverseStatus.UNREACHABLE:
             raise Unreachable(f"{where}: outside the workspace")
-        if status == Status.JOINT_LIMIT:
+        if status == InverseStatus.JOINT_LIMIT:
             raise JointLimit(f"{where}: {self.limits_passed(q)}")
         raise Singular(f"{where}: {SINGULAR[status]}")
 

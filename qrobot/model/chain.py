@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from qrobot.arrays import Bools, Floats
 from qrobot.config.robot import Robot
-from qrobot.config.values import Bools, Floats
-from qrobot.model.vec import Vec
+from qrobot.model.vec3 import Vec
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.sine import sine_cosine
 
-Turn = tuple[float, float, float, float]
+LinkRotation = tuple[float, float, float, float]
 
 
 class ChainParams(NamedTuple):
@@ -43,7 +43,7 @@ def chain_params(robot: Robot) -> ChainParams:
 
 
 @lean_kernel
-def link_turn(q: Floats, chain: ChainParams, i: int) -> Turn:
+def link_turn(q: Floats, chain: ChainParams, i: int) -> LinkRotation:
     """The rotation of frame i in frame i-1, as cosine and sine of theta and of alpha."""
     theta = chain.theta[i] if chain.prismatic[i] else chain.theta[i] + q[i]
     sine, cosine = sine_cosine(theta)
@@ -58,7 +58,7 @@ def link_origin(q: Floats, chain: ChainParams, i: int) -> Vec:
 
 
 @lean_kernel
-def to_link(turn: Turn, v: Vec) -> Vec:
+def to_link(turn: LinkRotation, v: Vec) -> Vec:
     """A vector of frame i-1 in frame i: Rz(theta)' Rx(alpha)' v."""
     c, s, ca, sa = turn
     lifted = ca * v[1] + sa * v[2]
@@ -66,7 +66,7 @@ def to_link(turn: Turn, v: Vec) -> Vec:
 
 
 @lean_kernel
-def to_parent(turn: Turn, v: Vec) -> Vec:
+def to_parent(turn: LinkRotation, v: Vec) -> Vec:
     """A vector of frame i in frame i-1: Rx(alpha) Rz(theta) v; the inverse of `to_link`."""
     c, s, ca, sa = turn
     lifted = s * v[0] + c * v[1]

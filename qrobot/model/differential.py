@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from qrobot.config.values import Floats
+from qrobot.arrays import Floats
 
 
 def cross_matrix(p: Floats) -> Floats:

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.config.values import Floats
-from qrobot.model.chain import ChainParams, Turn, chain_params, link_origin, link_turn, to_link, to_parent
-from qrobot.model.vec import Vec, add, cross, row, scale
+from qrobot.model.chain import ChainParams, LinkRotation, chain_params, link_origin, link_turn, to_link, to_parent
+from qrobot.model.vec3 import Vec, add, cross, row, scale
 from qrobot.realtime.jit import lean_kernel
 
 
@@ -107,7 +107,7 @@ def _turn_links(q: Floats, p: DynamicsParams, work: Floats) -> None:
 
 
 @lean_kernel
-def _turn(p: DynamicsParams, work: Floats, i: int) -> Turn:
+def _turn(p: DynamicsParams, work: Floats, i: int) -> LinkRotation:
     """`link_turn` as `_turn_links` has left it."""
     at = 3 * p.mass.size + i
     return work[at, 0], work[at, 1], p.chain.cos_alpha[i], p.chain.sin_alpha[i]

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.config.values import Floats
 from qrobot.model.dynamics import DynamicsParams, dynamics_params, dynamics_work, inverse_dynamics, with_payload
 
 RANDOM_POSES: Final = 32  # [A] beside the named ones; three times as many change no extreme by more than 2 %

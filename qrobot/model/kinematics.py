@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
-from qrobot.config.values import Floats
 from qrobot.model.chain import ChainParams, chain_params, link_origin, link_turn, to_parent
-from qrobot.model.vec import Vec, add, combine, cross
+from qrobot.model.vec3 import Vec, add, combine, cross
 from qrobot.realtime.jit import lean_kernel
 
 

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from qrobot.config.values import Floats, frozen
+from qrobot.arrays import Floats
+from qrobot.config.values import frozen
 from qrobot.errors import MotionError
 from qrobot.model.transform import rot_y, rot_z, so3_exp
 

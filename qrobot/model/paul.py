@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qrobot.config.values import Floats, frozen
+from qrobot.arrays import Floats
+from qrobot.config.values import frozen
 from qrobot.model.transform import transform
 
 PAUL_OFFSET: Floats = frozen(np.radians([0.0, 180.0, 180.0, 0.0, 0.0, 180.0]))

@@ -15,14 +15,14 @@ import math
 from enum import IntEnum
 from typing import Final
 
-from qrobot.config.values import Floats, Ints
+from qrobot.arrays import Floats, Ints
 from qrobot.model.branch import Branch
 from qrobot.model.kinematics import KinematicsParams
 from qrobot.realtime.arctangent import angle_of
 from qrobot.realtime.jit import lean_kernel
 
 
-class Status(IntEnum):
+class InverseStatus(IntEnum):
     """What came of an inverse solution."""
 
     OK = 0
@@ -33,12 +33,12 @@ class Status(IntEnum):
     JOINT_LIMIT = 5  # no turn brings some joint into its range
 
 
-OK: Final = int(Status.OK)
-UNREACHABLE: Final = int(Status.UNREACHABLE)
-SHOULDER_SINGULAR: Final = int(Status.SHOULDER_SINGULAR)
-ELBOW_SINGULAR: Final = int(Status.ELBOW_SINGULAR)
-WRIST_SINGULAR: Final = int(Status.WRIST_SINGULAR)
-JOINT_LIMIT: Final = int(Status.JOINT_LIMIT)
+OK: Final = int(InverseStatus.OK)
+UNREACHABLE: Final = int(InverseStatus.UNREACHABLE)
+SHOULDER_SINGULAR: Final = int(InverseStatus.SHOULDER_SINGULAR)
+ELBOW_SINGULAR: Final = int(InverseStatus.ELBOW_SINGULAR)
+WRIST_SINGULAR: Final = int(InverseStatus.WRIST_SINGULAR)
+JOINT_LIMIT: Final = int(InverseStatus.JOINT_LIMIT)
 LEFT: Final = int(Branch.LEFT)
 DOWN: Final = int(Branch.DOWN)
 FLIP: Final = int(Branch.FLIP)
@@ -61,7 +61,7 @@ def puma_inverse(T: Floats, p: KinematicsParams, branch: int, q_near: Floats, q:
     Shapes (4, 4), (6,), (6,); VAL angles. `q` is untouched when the pose is unreachable.
 
     Returns:
-        A `Status`.
+        A `InverseStatus`.
     """
     waist_status, waist, reach = _waist(T, p, branch)
     status, straight = _solve(T, p, branch, waist_status, waist, reach, q_near, q)

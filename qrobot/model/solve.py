@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qrobot.config.values import Floats
+from qrobot.arrays import Floats
 from qrobot.realtime.jit import lean_kernel
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from qrobot.config.values import Floats, Ints
+from qrobot.arrays import Floats, Ints
 from qrobot.model.kinematics import KinematicsParams
 from qrobot.model.puma import (
     DOWN,

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from qrobot.config.values import Floats
-from qrobot.model.vec import Vec
+from qrobot.arrays import Floats
+from qrobot.model.vec3 import Vec
 from qrobot.realtime.jit import kernel
 
 Quaternion = tuple[float, float, float, float]

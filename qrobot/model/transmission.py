@@ -17,8 +17,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from qrobot.arrays import Floats, Ints
 from qrobot.config.robot import Robot
-from qrobot.config.values import Floats, Ints
 from qrobot.realtime.jit import lean_kernel
 
 DAC_ZERO: Final = 0x800  # 12-bit offset binary: 0 V, no torque [V]

@@ -10,22 +10,32 @@ early, `halt` leaves it altogether, `progress` is how far the arm is on it, `wat
 
 from qrobot.motion.blend import Blend, Correction
 from qrobot.motion.compliance import Compliance, Drift, ForceLimits
-from qrobot.motion.drive import Turn
+from qrobot.motion.drive_transform import OrientationInterpolation
 from qrobot.motion.equation import Equation, Goal
-from qrobot.motion.events import EventKind, MotionEvent, Termination
-from qrobot.motion.external import Exerted, Seen
+from qrobot.motion.event import EventKind, MotionEvent, Termination
+from qrobot.motion.external_torque import ArmSample, Exerted
 from qrobot.motion.force import ForceControl
 from qrobot.motion.generator import Generator
+from qrobot.motion.kinematics import Reach, reach_of
 from qrobot.motion.limits import MotionLimits, motion_limits
 from qrobot.motion.output import Output
-from qrobot.motion.reach import Reach, reach_of
-from qrobot.motion.request import HERE, Duration, JointSpeed, Mode, MoveRequest, Pace, SpeedShare, ToolSpeed
-from qrobot.motion.trsf import T6, Kind, Trsf
-from qrobot.motion.warm import warm_up, warm_up_cartesian, warm_up_force
+from qrobot.motion.request import (
+    HERE,
+    Duration,
+    JointSpeed,
+    MotionMode,
+    MotionSpeed,
+    MoveRequest,
+    SpeedShare,
+    ToolSpeed,
+)
+from qrobot.motion.trsf import T6, TransformKind, Trsf
+from qrobot.motion.warm_up import warm_up, warm_up_cartesian, warm_up_force
 
 __all__ = [
     "HERE",
     "T6",
+    "ArmSample",
     "Blend",
     "Compliance",
     "Correction",
@@ -39,20 +49,19 @@ __all__ = [
     "Generator",
     "Goal",
     "JointSpeed",
-    "Kind",
-    "Mode",
     "MotionEvent",
     "MotionLimits",
+    "MotionMode",
+    "MotionSpeed",
     "MoveRequest",
+    "OrientationInterpolation",
     "Output",
-    "Pace",
     "Reach",
-    "Seen",
     "SpeedShare",
     "Termination",
     "ToolSpeed",
+    "TransformKind",
     "Trsf",
-    "Turn",
     "motion_limits",
     "reach_of",
     "warm_up",

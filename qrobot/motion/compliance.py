@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion.drive import drive
-from qrobot.motion.limits import Floats
-from qrobot.motion.trsf import Kind, Trsf
+from qrobot.motion.drive_transform import drive
+from qrobot.motion.trsf import TransformKind, Trsf
 
 N_AXES: Final = 6
 AXES: Final = ("x", "y", "z", "about x", "about y", "about z")
@@ -65,7 +65,7 @@ class Compliance:
             raise MotionError(f"compliant axes must be different ones of 0 to {N_AXES - 1}, not {list(self.axes)}")
         if not np.isfinite(self.wrench).all():
             raise MotionError(f"the forces of a compliance must be finite, not {self.wrench.tolist()}")
-        object.__setattr__(self, "transform", Trsf("COMPLY", Kind.FUNCTION, function=self._carry))
+        object.__setattr__(self, "transform", Trsf("COMPLY", TransformKind.FUNCTION, function=self._carry))
 
     @property
     def names(self) -> str:

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse
 from qrobot.motion.compliance import Compliance
-from qrobot.motion.limits import Floats
 from qrobot.motion.product import Factor, Product, inverted
 from qrobot.motion.trsf import T6, Trsf
 

@@ -6,9 +6,9 @@ axes (Hayward & Paul 1986, section 2.4):
     torque_S = (J' f)_S + G_S - D (v - v_planned)_S        f: the wrench the program wants exerted
 
 G is left to the servo where it carries the arm anyhow, and friction always: the servo sees at once how fast a joint
-is, and adds the friction of one that stands in the direction of its torque (`model.breakaway`). A joint that stands
-although its plan moves it is given a little more, which tells that direction. The damping D keeps a joint that meets
-nothing from running away.
+is, and adds the friction of one that stands in the direction of its torque (`model.stiction_compensation`). A joint
+that stands although its plan moves it is given a little more, which tells that direction. The damping D keeps a joint
+that meets nothing from running away.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import MotionError, Singular
 from qrobot.model.arm import Arm
 from qrobot.motion.compliance import N_AXES, Compliance
-from qrobot.motion.contact import Contact, contact
+from qrobot.motion.controlled_frame import Contact, contact
 from qrobot.motion.equation import Goal
-from qrobot.motion.events import Termination
-from qrobot.motion.external import Exerted, ExternalTorque, Seen
+from qrobot.motion.event import Termination
+from qrobot.motion.external_torque import ArmSample, Exerted, ExternalTorque
 from qrobot.motion.generator import Generator
-from qrobot.motion.limits import Floats
-from qrobot.motion.matching import KEPT_FITNESS, Joints, drift_step, fitness, match
-from qrobot.motion.reach import Reach
+from qrobot.motion.joint_matching import KEPT_FITNESS, JointIndices, drift_step, fitness, match
+from qrobot.motion.kinematics import Reach
 
 LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
 FADE_S: Final = 0.4  # in which a joint's torque goes over from what its servo gave to what it shall be [A]
@@ -40,7 +40,7 @@ _SHARE: Final = 0.3  # of the drift found that one sample takes over: the other 
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class JointCommand:
     """What goes to the servo.
 
     Attributes:
@@ -73,7 +73,7 @@ class ForceControl:
         self._damping = _DAMPING / period_s * robot.control.inertia
         self._tau_max = USABLE * robot.guard.tau_max
         self.standing: Floats | None = None
-        self.joints: Joints = ()
+        self.joints: JointIndices = ()
         self._compliance: Compliance | None = None
         self._contact: Contact | None = None
         self._met: tuple[int, Goal | None, Contact] | None = None  # the newest contact, and what it was asked for
@@ -112,7 +112,7 @@ class ForceControl:
             raise Singular(f"{goal.name}: cannot comply along {compliance.names}: {error}") from error
         self._check_torques(goal.name, there.jacobian.T @ compliance.wrench + self._external.gravity(q), joints)
 
-    def _check_torques(self, name: str, tau: Floats, joints: Joints) -> None:
+    def _check_torques(self, name: str, tau: Floats, joints: JointIndices) -> None:
         for j in joints:
             if abs(tau[j]) > self._tau_max[j]:
                 what = f"joint {j + 1} ({self._arm.robot.joint_names[j]}) would need {abs(tau[j]):.1f}"
@@ -120,7 +120,7 @@ class ForceControl:
 
     # ---------------------------------------------------------------------------------------------- once per sample
 
-    def look(self, seen: Seen, generator: Generator, tick: int) -> None:
+    def look(self, seen: ArmSample, generator: Generator, tick: int) -> None:
         """Take in what the robot says, carry COMPLY along, and end the motion where a limit is passed."""
         self._external.look(seen, tick)
         self._carried = np.zeros(N_AXES)
@@ -137,7 +137,7 @@ class ForceControl:
             self.standing = np.full(seen.q.size, np.nan)
             self.standing[list(self.joints)] = self._stood[list(self.joints)]
 
-    def drive(self, q: Floats, seen: Seen, generator: Generator, tick: int) -> Drive:
+    def drive(self, q: Floats, seen: ArmSample, generator: Generator, tick: int) -> JointCommand:
         """What the servo gets when the generator wants the joints at `q` (n,)."""
         goal = generator.goal
         compliance = None if goal is None else goal.compliance
@@ -145,7 +145,7 @@ class ForceControl:
         self._asked = q
         if goal is None or compliance is None:
             self._let_go()
-            return Drive(tuple(q.tolist()), (False,) * q.size)
+            return JointCommand(tuple(q.tolist()), (False,) * q.size)
         self._contact = self._contact_at(seen, goal, tick)
         planned -= self._contact.inverse @ self._carried / self._period_s  # to drift is not the plan
         if compliance is not self._compliance:
@@ -155,11 +155,11 @@ class ForceControl:
         setpoints = q.copy()
         S = list(self.joints)
         setpoints[S] = self._torque(compliance, self._contact, seen, planned)[S]
-        return Drive(tuple(setpoints.tolist()), tuple(j in self.joints for j in range(q.size)))
+        return JointCommand(tuple(setpoints.tolist()), tuple(j in self.joints for j in range(q.size)))
 
     # ------------------------------------------------------------------------------------------------------ inside
 
-    def _contact_at(self, seen: Seen, goal: Goal | None, tick: int) -> Contact:
+    def _contact_at(self, seen: ArmSample, goal: Goal | None, tick: int) -> Contact:
         """The controlled frame of `goal`, T6 without one; the limits and the torques of a sample ask for the same."""
         if self._met is None or self._met[:2] != (tick, goal):
             tool = np.eye(4) if goal is None else goal.tool(tick)
@@ -202,7 +202,7 @@ class ForceControl:
         self._since[taken] = 0
         self.joints = joints
 
-    def _torque(self, compliance: Compliance, there: Contact, seen: Seen, planned: Floats) -> Floats:
+    def _torque(self, compliance: Compliance, there: Contact, seen: ArmSample, planned: Floats) -> Floats:
         """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
         gravity, elapsed_s = self._external.gravity(seen.q), self._since * self._period_s
         friction = self._external.friction
@@ -226,7 +226,7 @@ class ForceControl:
         settled = friction.setpoint(wanted + friction.added(wanted - left * self._exerted), standing)
         return np.where((left > 0.0) & (wanted != 0.0), settled, wanted)
 
-    def _limit_passed(self, seen: Seen, generator: Generator, tick: int) -> Termination:
+    def _limit_passed(self, seen: ArmSample, generator: Generator, tick: int) -> Termination:
         request = generator.serving
         if request is None or request.limits is None or (exerted := self.exerted) is None:
             return Termination.NONE

@@ -14,24 +14,25 @@ whose goals may move, each is judged before it goes out, and an absolute stop ta
 
 from __future__ import annotations
 
+from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.blend import Blend, Correction
-from qrobot.motion.chart import JOINTS
-from qrobot.motion.corner import Corner, WayRound
+from qrobot.motion.coordinates import JOINTS
 from qrobot.motion.equation import Goal
-from qrobot.motion.errand import NOTHING, Errand, Following
-from qrobot.motion.events import Termination
-from qrobot.motion.leg import Shape
-from qrobot.motion.limits import Floats, MotionLimits
-from qrobot.motion.news import News
-from qrobot.motion.output import Output, Passing, Stop
+from qrobot.motion.event import Termination
+from qrobot.motion.event_queue import EventQueue
+from qrobot.motion.kinematics import Reach
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.output import Output, Passing, StopState
 from qrobot.motion.path import Segment
-from qrobot.motion.planner import Departure, Planner, Room
-from qrobot.motion.progress import Progress
+from qrobot.motion.path_piece import BlendSettings
+from qrobot.motion.planner import Planner, SegmentEntry, TransitionBounds
 from qrobot.motion.queue import QUEUE_SIZE, RequestQueue
-from qrobot.motion.reach import Reach
+from qrobot.motion.queued_motion import NOTHING, Following, QueuedMotion
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.watch import judge_next, reason
+from qrobot.motion.setpoint_check import judge_next, reason
+from qrobot.motion.trajectory_state import TrajectoryState
+from qrobot.motion.via_point import ViaPlanner, ViaTransition
 
 
 class Generator:
@@ -61,19 +62,19 @@ class Generator:
     ) -> None:
         self.period_s = period_s
         self._limits = limits
-        self._shape = Shape(period_s, blend, correction)
+        self._shape = BlendSettings(period_s, blend, correction)
         self._planner = Planner(limits, self._shape, reach)
         self._scheduler = self._planner.scheduler
         self._reach = reach
         self._queue = RequestQueue(queue_size)
-        self._at = Progress(q, tick, self._shape)
+        self._at = TrajectoryState(q, tick, self._shape)
         self._path = self._at.path
-        self._stop: Stop | None = None
-        self._corner = Corner(self._planner)
+        self._stop: StopState | None = None
+        self._corner = ViaPlanner(self._planner)
         self._passing: Passing | None = None
         self._interrupted: tuple[Segment | None, int] | None = None  # what was under way then, and the code
         self._arrived: MoveRequest | None = None
-        self._news = News()
+        self._news = EventQueue()
 
     # -------------------------------------------------------------------------------------------------- at any time
 
@@ -240,7 +241,7 @@ class Generator:
             return False
         if errand.here:
             return self._begin_here()
-        room = Room(following=self._asked_behind(), at_any_rate=self._path.chart.fixed)
+        room = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.chart.fixed)
         if self._depart(errand, self._at.goal_joints(), room):
             return True
         if self._queue.peek() is errand and not self._path.chart.fixed:  # too fast a goal to leave: from rest, then
@@ -261,7 +262,7 @@ class Generator:
             return False
         return self._pass_corner(segment, errand, way) or self._approach_rest(segment)
 
-    def _way_round(self, segment: Segment, errand: Errand) -> WayRound | None:
+    def _way_round(self, segment: Segment, errand: QueuedMotion) -> ViaTransition | None:
         """How to turn into `errand`, the oldest request; None when it came too late, or cannot be served at all."""
         try:
             return self._corner.way_round(segment, errand, self._at, self._queue.peek(1))
@@ -269,19 +270,19 @@ class Generator:
             self._refuse(error)
             return None
 
-    def _pass_corner(self, segment: Segment, errand: Errand, way: WayRound) -> bool:
+    def _pass_corner(self, segment: Segment, errand: QueuedMotion, way: ViaTransition) -> bool:
         """Into the transition to `errand` now; False when there turned out to be no way."""
         if way.course.chart is JOINTS and segment.chart is JOINTS:
             self._round_exactly(segment, errand, way)
             return True
-        room = Room(way.schedule.transition, following=self._asked_behind())
+        room = TransitionBounds(way.schedule.transition, following=self._asked_behind())
         return self._depart(errand, self._at.goal_joints(), room, Termination.COMPLETED)
 
-    def _round_exactly(self, segment: Segment, errand: Errand, way: WayRound) -> None:
+    def _round_exactly(self, segment: Segment, errand: QueuedMotion, way: ViaTransition) -> None:
         """From one joint path into another, beginning when it should have, whichever samples were left out."""
         begin = segment.end - way.schedule.transition
         there = self._planner.segment(errand, way.course, way.schedule, segment.end)
-        self._enter(Departure(there, self._path.state(begin)), begin, Termination.COMPLETED)
+        self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Into the transition to rest, once it is time for it."""
@@ -302,7 +303,7 @@ class Generator:
             self._news.ended(ended, Termination.COMPLETED)
         return True
 
-    def _depart(self, errand: Errand, corner: Floats, room: Room, code: int | None = None) -> bool:
+    def _depart(self, errand: QueuedMotion, corner: Floats, room: TransitionBounds, code: int | None = None) -> bool:
         """Into `errand` now; the present request ends with `code`. False when there turned out to be no way."""
         points = self._at.points()
         try:
@@ -315,7 +316,7 @@ class Generator:
         self._enter(departure, self._at.clock, code)
         return True
 
-    def _enter(self, departure: Departure, begin: float, code: int | None) -> None:
+    def _enter(self, departure: SegmentEntry, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
         if code == Termination.COMPLETED and self._path.segment is not None:
             self._passing = Passing(self._path.segment, departure.segment.begin)
@@ -360,16 +361,16 @@ class Generator:
         if self.waiting:
             self._news.ended(self._queue.pop().request, code)
 
-    def _leave_for(self, errand: Errand, code: int) -> bool:
+    def _leave_for(self, errand: QueuedMotion, code: int) -> bool:
         """From where the arm is now, at the speed it has, into `errand`; False when no such way is safe."""
         if errand.here:
             return self._begin_here(code)
         if self._at.on_joint_path and errand.target is not None:
             return self._divert(errand, code)
         corner = self._planner.ahead(errand.request, self._at.points())
-        return self._depart(errand, corner, Room(following=self._asked_behind()), code)
+        return self._depart(errand, corner, TransitionBounds(following=self._asked_behind()), code)
 
-    def _divert(self, errand: Errand, code: int) -> bool:
+    def _divert(self, errand: QueuedMotion, code: int) -> bool:
         """As `_leave_for`, from one joint path to another."""
         clock = self._at.clock
         departure = self._planner.divert(errand, self._path.state(clock), clock, self._asked_behind())
@@ -402,7 +403,7 @@ class Generator:
 
     def _cut_short(self, request: MoveRequest | None, code: int, on_path: bool) -> None:
         """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
-        self._stop = Stop(request, code, self._scal(), on_path)
+        self._stop = StopState(request, code, self._scal(), on_path)
         self._corner.forget()
         self._pass_via_point()
         if request is not None and code != Termination.COMPLETED:

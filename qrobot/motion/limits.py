@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
 from qrobot.errors import JointLimit, MotionError
 from qrobot.units import DEG_PER_RAD
-
-Floats: TypeAlias = NDArray[np.float64]
-Bools: TypeAlias = NDArray[np.bool_]
 
 # Share of the acceleration limit that a planned motion uses; the rest lets a stop begin in the middle of a transition.
 PLANNED_SHARE: Final = 0.9

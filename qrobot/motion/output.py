@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from qrobot.motion.events import MotionEvent
-from qrobot.motion.limits import Floats
+from qrobot.arrays import Floats
+from qrobot.motion.event import MotionEvent
 from qrobot.motion.path import Segment
 from qrobot.motion.request import MoveRequest
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopState:
     """An absolute stop under way.
 
     Attributes:

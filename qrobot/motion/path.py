@@ -11,13 +11,13 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.motion.blend import Blend, beta
-from qrobot.motion.chart import JOINTS, Chart
-from qrobot.motion.course import Course
-from qrobot.motion.leg import Leg, Shape, leg_from, leg_round, rest
-from qrobot.motion.limits import Floats
+from qrobot.motion.coordinates import JOINTS, Coordinates
+from qrobot.motion.geometric_path import GeometricPath
+from qrobot.motion.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line, rest
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.schedule import Schedule
+from qrobot.motion.timing import Schedule
 
 _NOWHERE: Final = 1e-9  # rad or m; rounding
 
@@ -38,7 +38,7 @@ class Segment:
     """
 
     request: MoveRequest
-    chart: Chart
+    chart: Coordinates
     begin: float
     corner: Floats
     target: Floats
@@ -83,7 +83,9 @@ class Segment:
         return min(d * beta(int(blend), h)[0] / length, 1.0)
 
 
-def segment_of(request: MoveRequest, course: Course, schedule: Schedule, begin: float, period_s: float) -> Segment:
+def segment_of(
+    request: MoveRequest, course: GeometricPath, schedule: Schedule, begin: float, period_s: float
+) -> Segment:
     """The segment that leaves its corner at path time `begin`."""
     seconds = schedule.length * period_s
     velocity, arriving = course.velocity(seconds), course.arriving(seconds)
@@ -105,8 +107,8 @@ class Path:
         shape: of the legs.
     """
 
-    def __init__(self, q: Floats, shape: Shape) -> None:
-        self.chart: Chart = JOINTS
+    def __init__(self, q: Floats, shape: BlendSettings) -> None:
+        self.chart: Coordinates = JOINTS
         self.leg = rest(np.array(q, dtype=np.float64), 0.0)
         self.segment: Segment | None = None
         self.ending = False
@@ -134,7 +136,7 @@ class Path:
 
     def enter(self, segment: Segment, begin: float, state: Floats) -> None:
         """Turn into `segment`, beginning at path time `begin` with `state` (3, m) in the segment's coordinates."""
-        self.leg = leg_round(
+        self.leg = piece_joining_line(
             state, segment.corner, segment.begin, segment.velocity, begin, 2.0 * segment.schedule.transition,
             self.shape.period_s,
         )  # fmt: skip
@@ -150,7 +152,7 @@ class Path:
         Their accelerations fade out in the shares `fading` (n,) of that.
         """
         self.chart, self.ending = JOINTS, True
-        self.leg = leg_from(state, np.zeros_like(state[1]), clock, length, fading)
+        self.leg = piece_from_state(state, np.zeros_like(state[1]), clock, length, fading)
 
     def states_ahead(self, moments: Iterator[tuple[float, float, float]]) -> Iterator[Floats]:
         """States (3, m) at future (path time, rate, slope per sample), if nothing follows the present segment."""
@@ -162,6 +164,6 @@ class Path:
             leg = final if clock >= final_from else self.leg
             yield leg.state(clock, self.shape, rate, slope / self.shape.period_s)
 
-    def _leg_to_rest(self, segment: Segment, begin: float) -> Leg:
+    def _leg_to_rest(self, segment: Segment, begin: float) -> PathPiece:
         length = (1.0 if segment.dwells else 2.0) * (segment.end - begin)
-        return leg_from(self.state(begin), np.zeros_like(segment.velocity), begin, length)
+        return piece_from_state(self.state(begin), np.zeros_like(segment.velocity), begin, length)

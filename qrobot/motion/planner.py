@@ -10,19 +10,20 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion.chart import JOINTS, measured
-from qrobot.motion.course import Course, lay_course
-from qrobot.motion.diversion import divert
-from qrobot.motion.errand import NOTHING, Errand, Following, errand_of
-from qrobot.motion.halt import all_haltable
-from qrobot.motion.leg import Leg, Shape, leg_from, leg_round
-from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.coordinates import JOINTS, measured
+from qrobot.motion.geometric_path import GeometricPath, plan_geometric_path
+from qrobot.motion.joint_stop import all_haltable
+from qrobot.motion.kinematics import Reach
+from qrobot.motion.limits import MotionLimits
 from qrobot.motion.path import Segment, segment_of
-from qrobot.motion.reach import Reach
+from qrobot.motion.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
+from qrobot.motion.queued_motion import NOTHING, Following, QueuedMotion, prepare_motion
+from qrobot.motion.replan import divert
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.schedule import MANY, Schedule, Scheduler
-from qrobot.motion.trail import Samples, motion_of
+from qrobot.motion.setpoint_history import History, motion_of
+from qrobot.motion.timing import MANY, Schedule, Scheduler
 
 _LOOKS: Final = 16
 _EARLY: Final = np.linspace(0.0, 1.0, _LOOKS + 1)[1:] ** 2  # most of them where what was left over fades out
@@ -31,7 +32,7 @@ _LONGER: Final = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class Departure:
+class SegmentEntry:
     """How a segment is entered.
 
     Attributes:
@@ -44,7 +45,7 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class Room:
+class TransitionBounds:
     """Bounds of a transition.
 
     Attributes:
@@ -71,13 +72,13 @@ class Planner:
         scheduler: of times.
     """
 
-    def __init__(self, limits: MotionLimits, shape: Shape, reach: Reach | None) -> None:
+    def __init__(self, limits: MotionLimits, shape: BlendSettings, reach: Reach | None) -> None:
         self.scheduler = Scheduler(limits, shape.period_s, shape.blend)
         self._limits = limits
         self._shape = shape
         self._reach = reach
 
-    def prepare(self, request: MoveRequest, start: Floats | None, near: Floats, tick: int) -> Errand:
+    def prepare(self, request: MoveRequest, start: Floats | None, near: Floats, tick: int) -> QueuedMotion:
         """Judge a request as a motion from rest at `start` (n,) to rest, as far as both are known.
 
         Args:
@@ -92,7 +93,7 @@ class Planner:
         """
         what = f"move to {request.name}"
         with _told(what):
-            errand = errand_of(request, near if start is None else start, self._reach, tick)
+            errand = prepare_motion(request, near if start is None else start, self._reach, tick)
         if errand.end is not None:
             self._limits.check_position(errand.end, what)
         if errand.here:
@@ -104,11 +105,13 @@ class Planner:
         self.scheduler.check(request, course)
         return replace(errand, asks=self.scheduler.alone(request, course))
 
-    def lay(self, errand: Errand, corner: Floats) -> Course:
-        """The way from the joint positions `corner` (n,); raises what `lay_course` raises."""
-        return lay_course(errand, corner, self._reach)
+    def lay(self, errand: QueuedMotion, corner: Floats) -> GeometricPath:
+        """The way from the joint positions `corner` (n,); raises what `plan_geometric_path` raises."""
+        return plan_geometric_path(errand, corner, self._reach)
 
-    def depart(self, errand: Errand, corner: Floats, points: Samples, clock: float, room: Room) -> Departure | None:
+    def depart(
+        self, errand: QueuedMotion, corner: Floats, points: History, clock: float, room: TransitionBounds
+    ) -> SegmentEntry | None:
         """Into `errand` now, at path time `clock`; None when no transition that was tried keeps the limits.
 
         Args:
@@ -119,7 +122,7 @@ class Planner:
             room: for the transition.
 
         Raises:
-            MotionError: see `lay_course`.
+            MotionError: see `plan_geometric_path`.
         """
         course = self.lay(errand, corner)
         state, v = self._measured(course, points), motion_of(points, self._shape.period_s)[1]
@@ -128,17 +131,17 @@ class Planner:
             schedule = self.scheduler.plan(errand.request, course, v, least, room.most, room.following, rest)
             segment = self.segment(errand, course, schedule, clock + schedule.transition)
             if self._fits(segment, state, clock, points[-1][1]):
-                return Departure(segment, state)
+                return SegmentEntry(segment, state)
             least = rest = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
-        return Departure(segment, state) if room.at_any_rate and segment is not None else None
+        return SegmentEntry(segment, state) if room.at_any_rate and segment is not None else None
 
-    def divert(self, errand: Errand, state: Floats, clock: float, following: Following) -> Departure | None:
+    def divert(self, errand: QueuedMotion, state: Floats, clock: float, following: Following) -> SegmentEntry | None:
         """Out of a joint path, at `state` (3, n), into the joint path of `errand`; None when no such way is safe."""
         lay = partial(self.lay, errand)
         segment = divert(errand.request, lay, state, clock, self.scheduler, self._shape, following)
-        return None if segment is None else Departure(segment, state)
+        return None if segment is None else SegmentEntry(segment, state)
 
-    def ahead(self, request: MoveRequest, points: Samples) -> Floats:
+    def ahead(self, request: MoveRequest, points: History) -> Floats:
         """Where the joints will be, at their present speed, half a transition later: the corner of a diversion.
 
         Shape (n,).
@@ -148,18 +151,18 @@ class Planner:
         inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
         return inside
 
-    def segment(self, errand: Errand, course: Course, schedule: Schedule, begin: float) -> Segment:
+    def segment(self, errand: QueuedMotion, course: GeometricPath, schedule: Schedule, begin: float) -> Segment:
         """The segment that leaves its corner at path time `begin`."""
         return segment_of(errand.request, course, schedule, begin, self._shape.period_s)
 
-    def _measured(self, course: Course, points: Samples) -> Floats:
+    def _measured(self, course: GeometricPath, points: History) -> Floats:
         return measured(course.chart, points, self._shape.period_s)
 
     def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
         """True when the joints keep their limits in the transitions; not to be known when the goal moves."""
         if not segment.chart.fixed:
             return True
-        entering = leg_round(
+        entering = piece_joining_line(
             state, segment.corner, segment.begin, segment.velocity, clock, 2.0 * segment.schedule.transition,
             self._shape.period_s,
         )  # fmt: skip
@@ -173,7 +176,7 @@ class Planner:
         except MotionError:  # the turn leads where the straight lines do not
             return False
 
-    def _keeps_limits(self, segment: Segment, leg: Leg, near: Floats) -> bool:
+    def _keeps_limits(self, segment: Segment, leg: PathPiece, near: Floats) -> bool:
         step_s = leg.length * self._shape.period_s / _LOOKS
         joints = np.empty((_LOOKS + 1, near.size))
         for i, look in enumerate(np.linspace(leg.start, leg.end, _LOOKS + 1)):
@@ -192,9 +195,9 @@ def _told(what: str) -> Iterator[None]:
         raise type(error)(f"{what}: {error}") from error
 
 
-def to_rest(segment: Segment, shape: Shape) -> Leg:
+def to_rest(segment: Segment, shape: BlendSettings) -> PathPiece:
     """The transition to rest at the end of a segment."""
     length = 2.0 * segment.schedule.resting
     behind = segment.velocity * (segment.schedule.resting * shape.period_s)
     state = np.vstack((segment.target - behind, segment.velocity, np.zeros_like(behind)))
-    return leg_from(state, np.zeros_like(behind), segment.rest_begin, length)
+    return piece_from_state(state, np.zeros_like(behind), segment.rest_begin, length)

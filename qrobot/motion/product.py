@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.model.row import store_row, times, times_inverse, unit_row
+from qrobot.arrays import Bools, Floats
+from qrobot.model.row_ops import store_row, times, times_inverse, unit_row
 from qrobot.model.transform import inverse
-from qrobot.motion.limits import Bools, Floats
-from qrobot.motion.trsf import Kind, Trsf
+from qrobot.motion.trsf import TransformKind, Trsf
 from qrobot.realtime.jit import lean_kernel
 
-_STANDS: Final = (Kind.CONST, Kind.HOLD)
+_STANDS: Final = (TransformKind.CONST, TransformKind.HOLD)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections import deque
 from typing import Final
 
 from qrobot.errors import MotionError
-from qrobot.motion.errand import Errand
+from qrobot.motion.queued_motion import QueuedMotion
 
 QUEUE_SIZE: Final = 64
 
@@ -15,13 +15,13 @@ class RequestQueue:
     """Requests that nobody serves yet, oldest first."""
 
     def __init__(self, size: int = QUEUE_SIZE) -> None:
-        self._waiting: deque[Errand] = deque()
+        self._waiting: deque[QueuedMotion] = deque()
         self._size = size
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def push(self, errand: Errand) -> None:
+    def push(self, errand: QueuedMotion) -> None:
         """Append. Raises MotionError when the queue is full."""
         if len(self._waiting) >= self._size:
             raise MotionError(
@@ -29,19 +29,19 @@ class RequestQueue:
             )
         self._waiting.append(errand)
 
-    def pop(self) -> Errand:
+    def pop(self) -> QueuedMotion:
         """Take the oldest."""
         return self._waiting.popleft()
 
-    def peek(self, index: int = 0) -> Errand | None:
+    def peek(self, index: int = 0) -> QueuedMotion | None:
         """The request that is `index` places from the front, None when there is none."""
         return self._waiting[index] if index < len(self._waiting) else None
 
-    def last(self) -> Errand | None:
+    def last(self) -> QueuedMotion | None:
         """The newest, None when empty."""
         return self._waiting[-1] if self._waiting else None
 
-    def clear(self) -> list[Errand]:
+    def clear(self) -> list[QueuedMotion]:
         """Take all, oldest first."""
         taken = list(self._waiting)
         self._waiting.clear()

@@ -13,12 +13,13 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.branch import Branch
 from qrobot.motion.compliance import ForceLimits
-from qrobot.motion.drive import Turn
+from qrobot.motion.drive_transform import OrientationInterpolation
 from qrobot.motion.equation import Goal
-from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.limits import MotionLimits
 
 _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them stays that number
 
@@ -113,10 +114,10 @@ class ToolSpeed:
         return enough_samples(max(distance / self.linear, turn / self.angular), period_s)
 
 
-Pace: TypeAlias = Duration | JointSpeed | SpeedShare | ToolSpeed
+MotionSpeed: TypeAlias = Duration | JointSpeed | SpeedShare | ToolSpeed
 
 
-class Mode(Enum):
+class MotionMode(Enum):
     """What is straight about the way."""
 
     JOINT = "joint"
@@ -151,13 +152,13 @@ class MoveRequest:
 
     name: str
     target: Floats | Goal | Here
-    pace: Pace
+    pace: MotionSpeed
     transition_s: float | None = None
-    mode: Mode = Mode.JOINT
+    mode: MotionMode = MotionMode.JOINT
     branch: Branch | None = None
     monitor: Callable[[], object] | None = None
     limits: ForceLimits | None = None
-    turn: Turn = Turn.ONE_AXIS
+    turn: OrientationInterpolation = OrientationInterpolation.ONE_AXIS
 
     def __post_init__(self) -> None:
         if isinstance(self.target, np.ndarray):

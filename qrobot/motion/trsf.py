@@ -17,9 +17,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.transform import is_transform
-from qrobot.motion.limits import Floats
 from qrobot.realtime.jit import kernel
 
 _TOLERANCE: Final = 1e-6  # as of `is_transform`
@@ -46,7 +46,7 @@ def _sound(value: Floats) -> bool:
     return bool(rigid(np.ascontiguousarray(value))) if plain else is_transform(np.asarray(value))
 
 
-class Kind(Enum):
+class TransformKind(Enum):
     """When the value of a transform counts."""
 
     CONST = "const"
@@ -75,11 +75,11 @@ class Trsf:
     def __init__(
         self,
         name: str,
-        kind: Kind = Kind.VARB,
+        kind: TransformKind = TransformKind.VARB,
         value: Floats | None = None,
         function: Callable[[Any], object] | None = None,
     ) -> None:
-        if (kind is Kind.FUNCTION) != (function is not None):
+        if (kind is TransformKind.FUNCTION) != (function is not None):
             raise MotionError(f"transform {name}: a function belongs to a functional transform, and only there")
         self.name = name
         self.kind = kind
@@ -113,5 +113,5 @@ class Trsf:
         return f"{type(self).__name__}({self.name!r}, {self.kind.value})"
 
 
-T6: Final = Trsf("T6", Kind.UNKNOWN)
+T6: Final = Trsf("T6", TransformKind.UNKNOWN)
 """The end of the arm in its base, the unknown of every position equation."""

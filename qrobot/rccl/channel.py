@@ -13,12 +13,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Exerted, Trsf
-from qrobot.motion.limits import Floats
+from qrobot.rccl.arm_session import Hold, ended_well
 from qrobot.rccl.event import Event
-from qrobot.rccl.hold import Hold, ended_well
 from qrobot.rccl.parameters import (
     Parameters,
     force_limits,

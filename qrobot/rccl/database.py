@@ -20,11 +20,11 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
 from qrobot.motion import Trsf
-from qrobot.motion.limits import Floats
 from qrobot.rccl.transforms import Transform, assigntr, newtrans, varb
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
 

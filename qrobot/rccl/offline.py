@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
-from qrobot.motion.external import Friction
-from qrobot.motion.limits import Floats
-from qrobot.motion.trail import DEPTH, motion_of
+from qrobot.motion.external_torque import DriveFriction
+from qrobot.motion.setpoint_history import DEPTH, motion_of
 from qrobot.units import NS_PER_US
 from qrobot.wire import ClientRole, Command, Hello, JointMode, RobotFlag, RobotMode, RobotState, State, Welcome
 from qrobot.wire.packets import UNKNOWN_FORCE
@@ -34,7 +34,7 @@ class _Torques:
 
     def __init__(self, robot: Robot, period_s: float) -> None:
         self._dynamics, self._work = dynamics_params(robot), dynamics_work(robot.n)
-        self._friction = Friction(robot)
+        self._friction = DriveFriction(robot)
         self._period_s = period_s
         self._references: deque[tuple[int, Floats]] = deque(maxlen=DEPTH)
 

@@ -14,10 +14,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
+from qrobot.arrays import Floats
 from qrobot.model.arm import Arm
-from qrobot.motion import Equation, EventKind, Kind, MotionEvent, MoveRequest, Output, Termination, Trsf
-from qrobot.motion.limits import Floats
-from qrobot.rccl.parameters import Order
+from qrobot.motion import Equation, EventKind, MotionEvent, MoveRequest, Output, Termination, TransformKind, Trsf
+from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import reason_of
 
@@ -37,11 +37,11 @@ class Orders:
     def __init__(self, arm: Arm) -> None:
         self.failures: list[str] = []
         self._arm = arm
-        self._open: dict[MoveRequest, Order] = {}
+        self._open: dict[MoveRequest, MoveOrder] = {}
         self._begun: set[MoveRequest] = set()
         self._arrived: Position | None = None
 
-    def add(self, order: Order) -> None:
+    def add(self, order: MoveOrder) -> None:
         """A motion was asked for."""
         if self._oldest(order.position) is None and not self._looked_at(order.position):
             order.position.code, order.position.scal = Termination.NONE, 0.0
@@ -117,4 +117,4 @@ def _functions(position: Position) -> set[Trsf]:
     """The functional transforms in its equation."""
     if not isinstance(position.target, Equation):
         return set()
-    return {term for term in position.target.terms if term.kind is Kind.FUNCTION}
+    return {term for term in position.target.terms if term.kind is TransformKind.FUNCTION}

@@ -12,6 +12,7 @@ from typing import Final, SupportsFloat
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, MotionError
 from qrobot.model.branch import Branch, branch_of
 from qrobot.model.transform import so3_exp, transform
@@ -23,23 +24,27 @@ from qrobot.motion import (
     ForceLimits,
     Goal,
     JointSpeed,
-    Mode,
+    MotionMode,
+    MotionSpeed,
     MoveRequest,
-    Pace,
+    OrientationInterpolation,
     SpeedShare,
     ToolSpeed,
     Trsf,
-    Turn,
 )
-from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
 from qrobot.rccl.position import Position
 from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS, US_PER_MS
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 DEFAULT_PACE: Final = SpeedShare(0.3)
-_MODES: Final = {"joint": Mode.JOINT, "j": Mode.JOINT, "cartesian": Mode.CARTESIAN, "c": Mode.CARTESIAN}
-_TURNS: Final = {turn.value: turn for turn in Turn}
+_MODES: Final = {
+    "joint": MotionMode.JOINT,
+    "j": MotionMode.JOINT,
+    "cartesian": MotionMode.CARTESIAN,
+    "c": MotionMode.CARTESIAN,
+}
+_TURNS: Final = {turn.value: turn for turn in OrientationInterpolation}
 _DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -53,7 +58,7 @@ class Update:
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class MoveOrder:
     """A motion as a program asked for it.
 
     Attributes:
@@ -68,7 +73,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Once:
+class NextMoveOptions:
     """Parameters of the next motion alone; see the calls of the same names."""
 
     setime: tuple[float, float] | None = None
@@ -86,10 +91,10 @@ class Parameters:
     """
 
     def __init__(self) -> None:
-        self.once = Once()
-        self._pace: Pace = DEFAULT_PACE
-        self._mode = Mode.JOINT
-        self._turn = Turn.ONE_AXIS
+        self.once = NextMoveOptions()
+        self._pace: MotionSpeed = DEFAULT_PACE
+        self._mode = MotionMode.JOINT
+        self._turn = OrientationInterpolation.ONE_AXIS
         self._branch: Branch | None = None
         self._drift = Drift()
         self._compliance: Compliance | None = None
@@ -154,15 +159,15 @@ class Parameters:
         wrench = np.where(np.isin(np.arange(len(_FORCES)), axes), self._compliance.wrench, 0.0)
         self._compliance = Compliance(wrench, axes, self._drift) if axes else None
 
-    def order(self, position: Position) -> Order:
+    def order(self, position: Position) -> MoveOrder:
         """The motion that a call of `move` asks for; what was said for one motion is used up."""
-        once, self.once = self.once, Once()
+        once, self.once = self.once, NextMoveOptions()
         pace, ta = (self._pace, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
         goal = _goal(position, once.distance, self._compliance)
         request = MoveRequest(
             position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
         )
-        return Order(request, position, once.updates)
+        return MoveOrder(request, position, once.updates)
 
 
 def _goal(position: Position, distance: Floats | None, compliance: Compliance | None) -> Floats | Goal | Here:

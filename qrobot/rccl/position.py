@@ -7,22 +7,22 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import HERE, Equation, Termination, Trsf
-from qrobot.motion.limits import Floats
 from qrobot.motion.request import Here
 from qrobot.rccl.event import Event
 
 
-class Word(Enum):
+class Separator(Enum):
     """What separates the arguments of `makeposition`."""
 
     EQ = "EQ"
     TL = "TL"
 
 
-EQ: Final = Word.EQ
-TL: Final = Word.TL
+EQ: Final = Separator.EQ
+TL: Final = Separator.TL
 
 Target: TypeAlias = "Floats | Equation | Here"
 
@@ -80,7 +80,7 @@ class Position:
         return f"Position({self.name!r}, {self.target})"
 
 
-def makeposition(name: str, *terms: Trsf | Word) -> Position:
+def makeposition(name: str, *terms: Trsf | Separator) -> Position:
     """A position equation: `makeposition("P", z, t6, e, EQ, table, pin, TL, e)` is Z T6 E = TABLE PIN.
 
     Left of EQ must stand `t6`, once; TL is followed by the one term, of either side, that ends in the controlled frame.
@@ -88,7 +88,7 @@ def makeposition(name: str, *terms: Trsf | Word) -> Position:
     Raises:
         MotionError: a term is no transform, EQ or TL is missing or in the wrong place, or the equation makes no sense.
     """
-    if (strange := [term for term in terms if not isinstance(term, Trsf | Word)]) != []:
+    if (strange := [term for term in terms if not isinstance(term, Trsf | Separator)]) != []:
         raise MotionError(f"makeposition {name}: {strange[0]!r} is no transform")
     if terms.count(EQ) != 1 or terms.count(TL) != 1 or terms[-2:-1] != (TL,) or terms[-1] is EQ:
         raise MotionError(f'makeposition: write ("{name}", terms with t6, EQ, terms, TL, the term of the tool)')
@@ -97,7 +97,7 @@ def makeposition(name: str, *terms: Trsf | Word) -> Position:
     return Position(name, Equation(name, left, right, tool[0]))
 
 
-def _parts(terms: tuple[Trsf | Word, ...], at: int) -> tuple[tuple[Trsf | Word, ...], ...]:
+def _parts(terms: tuple[Trsf | Separator, ...], at: int) -> tuple[tuple[Trsf | Separator, ...], ...]:
     return terms[:at], terms[at + 1 : -2], terms[-1:]
 
 

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 from qrobot.errors import LinkError
 from qrobot.motion import Blend, Trsf
+from qrobot.rccl.arm_session import Hold, ended_well
 from qrobot.rccl.channel import YES, Channel
+from qrobot.rccl.connect import open_channel
 from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
-from qrobot.rccl.hold import Hold, ended_well
-from qrobot.rccl.lesson import teach as teach_arm
-from qrobot.rccl.opening import open_channel
 from qrobot.rccl.position import Position
+from qrobot.rccl.teach_transform import teach as teach_arm
 from qrobot.rccl.trace import Trace
 from qrobot.rccl.transforms import Transform
 from qrobot.rci import Link, LinkFactory, TcpLink, bridge_address

@@ -20,8 +20,9 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, MotionError
-from qrobot.motion.limits import Floats, MotionLimits
+from qrobot.motion.limits import MotionLimits
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 FIRST_LINE: Final = "# qrobot setpoints 1"

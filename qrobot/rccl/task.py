@@ -18,27 +18,27 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.arm import Arm
 from qrobot.motion import (
+    ArmSample,
     Blend,
     EventKind,
     ForceControl,
     Generator,
     Goal,
-    Seen,
     motion_limits,
     reach_of,
 )
-from qrobot.motion.limits import Floats
+from qrobot.rccl.callback_timing import Slot
 from qrobot.rccl.event import Level
 from qrobot.rccl.orders import Orders
-from qrobot.rccl.parameters import Order
-from qrobot.rccl.player import Player
+from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
+from qrobot.rccl.setpoint_player import Player
 from qrobot.rccl.setpoints import Setpoints
-from qrobot.rccl.slot import Slot
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.wire import Command, RobotMode, RobotState, State
@@ -137,7 +137,7 @@ class TrajectoryTask:
         """Events of motions are still to come; in the next sample also when a stop has left nothing to be done."""
         return self.busy or (self._generator is not None and self._generator.has_news)
 
-    def push(self, order: Order) -> None:
+    def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.
 
         Raises what `Generator.push` raises, and for a motion that complies what `ForceControl.check` does.
@@ -250,7 +250,7 @@ class TrajectoryTask:
         if self._player is not None:
             self._play(self._player, self.how)
             return
-        seen = Seen(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
+        seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.look(seen, self.generator, self.tick)
         output = self.generator.update(self.tick, self.force.standing)
         drive = self.force.drive(output.q, seen, self.generator, self.tick)

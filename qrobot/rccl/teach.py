@@ -7,7 +7,7 @@ from typing import Final
 from qrobot.errors import ConfigError
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.database import DataBase
-from qrobot.rccl.stepping import STEPPING_HELP, Stepper, place, position_of
+from qrobot.rccl.jog import STEPPING_HELP, Stepper, place, position_of
 
 HELP: Final = f"""\
 {STEPPING_HELP}

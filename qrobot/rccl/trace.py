@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.motion import EventKind, MotionEvent, MoveRequest, Termination
-from qrobot.motion.limits import Floats
 from qrobot.rccl.setpoints import Setpoints
 
 _HEADING: Final = f"{'':>4}  {'position':<16} {'mode':<10} {'asked':>9} {'begun':>9} {'ended':>9}  how it ended"

@@ -13,14 +13,14 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.orientation import axis_angle, euler
 from qrobot.model.transform import inverse, rpy, transform
-from qrobot.motion import T6, Kind, Trsf
-from qrobot.motion.limits import Floats
+from qrobot.motion import T6, TransformKind, Trsf
 from qrobot.units import M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG
 
-Vector: TypeAlias = Sequence[float]
+VectorArgument: TypeAlias = Sequence[float]
 Function: TypeAlias = Callable[["Transform"], object]
 
 const: Final = "const"
@@ -124,10 +124,10 @@ def newtrans(name: str, kind: str | Function = varb) -> Transform:
         MotionError: no such kind.
     """
     if callable(kind):
-        return Transform(name, Kind.FUNCTION, function=timed(kind))
+        return Transform(name, TransformKind.FUNCTION, function=timed(kind))
     if kind not in (const, varb, hold):
         raise MotionError(f"transform {name}: kind {kind!r} is none of {const!r}, {varb!r}, {hold!r}, nor a function")
-    return Transform(name, Kind(kind))
+    return Transform(name, TransformKind(kind))
 
 
 def timed(function: Function) -> Function:
@@ -146,7 +146,7 @@ def gentr_trsl(name: str, px: float, py: float, pz: float, kind: str = const) ->
     return _made(name, kind, np.eye(3), (px, py, pz))
 
 
-def gentr_rot(name: str, px: float, py: float, pz: float, v: Vector, a: float, kind: str = const) -> Transform:
+def gentr_rot(name: str, px: float, py: float, pz: float, v: VectorArgument, a: float, kind: str = const) -> Transform:
     """A translation, mm, and a rotation by `a` degrees about the vector `v`. Raises MotionError: v has no direction."""
     return _made(name, kind, axis_angle(v, a * RAD_PER_DEG), (px, py, pz))
 
@@ -165,7 +165,7 @@ def gentr_rpy(
     return _made(name, kind, rpy(*(RAD_PER_DEG * np.array([roll, pitch, yaw])).tolist()), (px, py, pz))
 
 
-def gentr_pao(name: str, p: Vector, a: Vector, o: Vector, kind: str = const) -> Transform:
+def gentr_pao(name: str, p: VectorArgument, a: VectorArgument, o: VectorArgument, kind: str = const) -> Transform:
     """A position `p`, mm, an approach vector `a`, and an orientation vector `o` that is made normal to it.
 
     Raises:
@@ -179,13 +179,13 @@ def gentr_pao(name: str, p: Vector, a: Vector, o: Vector, kind: str = const) -> 
     return _made(name, kind, np.column_stack([column / np.linalg.norm(column) for column in columns]), p)
 
 
-def _made(name: str, kind: str, rotation: Floats, p: Vector) -> Transform:
+def _made(name: str, kind: str, rotation: Floats, p: VectorArgument) -> Transform:
     made = newtrans(name, kind)
     made.set(transform(rotation, M_PER_MM * np.asarray(p, dtype=np.float64)))
     return made
 
 
-def rot(t: Transform, v: Vector, angle: float) -> Transform:
+def rot(t: Transform, v: VectorArgument, angle: float) -> Transform:
     """Make `t` a pure rotation by `angle` degrees about `v`."""
     return _set(t, transform(axis_angle(v, angle * RAD_PER_DEG)))
 

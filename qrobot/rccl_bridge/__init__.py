@@ -5,10 +5,10 @@ setpoints in, the robot's state out. `session` decides without I/O, `server` mov
 servo.
 """
 
-from qrobot.rccl_bridge.actions import Action, Close, Forward, Outcome, Send, Stop, carry_out
+from qrobot.rccl_bridge.actions import Action, Close, Forward, SendBytes, SessionOutcome, StopArm, carry_out
 from qrobot.rccl_bridge.lease import Lease
-from qrobot.rccl_bridge.port import RobotPort, RobotState, SetpointFrame
 from qrobot.rccl_bridge.server import BridgeServer, run_bridge
+from qrobot.rccl_bridge.servo_interface import RobotPort, RobotState, SetpointFrame
 from qrobot.rccl_bridge.session import Session
 from qrobot.rccl_bridge.settings import BridgeSettings
 
@@ -19,13 +19,13 @@ __all__ = [
     "Close",
     "Forward",
     "Lease",
-    "Outcome",
     "RobotPort",
     "RobotState",
-    "Send",
+    "SendBytes",
     "Session",
+    "SessionOutcome",
     "SetpointFrame",
-    "Stop",
+    "StopArm",
     "carry_out",
     "run_bridge",
 ]

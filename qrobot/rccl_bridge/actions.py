@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from qrobot.errors import LinkError
-from qrobot.rccl_bridge.port import RobotPort, SetpointFrame
+from qrobot.rccl_bridge.servo_interface import RobotPort, SetpointFrame
 
 
 @dataclass(frozen=True, slots=True)
-class Send:
+class SendBytes:
     """Bytes for the client."""
 
     data: bytes
@@ -25,14 +25,14 @@ class Forward:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class BareRequest:
     """Requests of a frame whose setpoints nobody can follow."""
 
     frame: SetpointFrame
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopArm:
     """A controlled stop, and why."""
 
     reason: str
@@ -45,18 +45,18 @@ class Close:
     reason: str
 
 
-Action: TypeAlias = Send | Forward | Request | Stop | Close
+Action: TypeAlias = SendBytes | Forward | BareRequest | StopArm | Close
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SessionOutcome:
     """What is left for the owner of the connection: bytes to write, then, unless `closed` is "", to close it."""
 
     data: bytes
     closed: str
 
 
-def carry_out(actions: Iterable[Action], port: RobotPort) -> Outcome:
+def carry_out(actions: Iterable[Action], port: RobotPort) -> SessionOutcome:
     """Do what concerns the servo, return what concerns the client.
 
     A servo that went away in between is no error here: the next tick finds out and tells the client.
@@ -64,20 +64,20 @@ def carry_out(actions: Iterable[Action], port: RobotPort) -> Outcome:
     data, closed = b"", ""
     for action in actions:
         match action:
-            case Send():
+            case SendBytes():
                 data += action.data
             case Close():
                 closed = action.reason
             case _:
                 _tell_servo(action, port)
-    return Outcome(data, closed)
+    return SessionOutcome(data, closed)
 
 
-def _tell_servo(action: Forward | Request | Stop, port: RobotPort) -> None:
+def _tell_servo(action: Forward | BareRequest | StopArm, port: RobotPort) -> None:
     try:
         if isinstance(action, Forward):
             port.write_setpoint(action.frame)
-        elif isinstance(action, Request):
+        elif isinstance(action, BareRequest):
             port.write_requests(action.frame)
         else:
             port.request_stop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from qrobot.rccl_bridge.lease import Lease
-from qrobot.rccl_bridge.port import SetpointFrame
+from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.wire import Command
 
 

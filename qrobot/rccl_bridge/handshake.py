@@ -12,7 +12,7 @@ from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, ClientRole, Error
 
 
 @dataclass(frozen=True)
-class Visitor:
+class HandshakeRequest:
     """Who greets, and whom: the HELLO, the address it came from, the robot that is here, and what lets one in.
 
     An empty token lets everybody in who comes by loopback.
@@ -32,7 +32,7 @@ class Refusal:
     text: str
 
 
-def judge_robot(visitor: Visitor) -> Refusal | None:
+def judge_robot(visitor: HandshakeRequest) -> Refusal | None:
     """A commander has to name this robot; an observer may name none."""
     asked, here = visitor.hello.robot, visitor.robot_name
     if asked == here or (not asked and visitor.hello.role is ClientRole.OBSERVER):
@@ -40,7 +40,7 @@ def judge_robot(visitor: Visitor) -> Refusal | None:
     return Refusal(ErrorCode.WRONG_ROBOT, f"this is {here!r}, not {asked!r}")
 
 
-def judge_period(visitor: Visitor) -> Refusal | None:
+def judge_period(visitor: HandshakeRequest) -> Refusal | None:
     """Sample periods run from 1 to 100 ms; 0 takes the bridge's."""
     period_us = visitor.hello.period_us
     if period_us == 0 or SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
@@ -49,7 +49,7 @@ def judge_period(visitor: Visitor) -> Refusal | None:
     return Refusal(ErrorCode.BAD_PERIOD, f"sample period {period_us} µs: {allowed} are possible, 0 takes the server's")
 
 
-def judge_authentication(visitor: Visitor) -> Refusal | None:
+def judge_authentication(visitor: HandshakeRequest) -> Refusal | None:
     """A client comes by loopback, where nobody listens in, and shows the token of this bridge."""
     if not is_loopback(visitor.host):
         where = "come through a tunnel to its loopback interface"
@@ -64,9 +64,13 @@ _REMEDY: Final = (
     "run it under the account that serves the arm or in its group qrobot, with the same QROBOT_RUNTIME_DIR, "
     "or give it the bridge's token in QROBOT_TOKEN"
 )
-RULES: Final[tuple[Callable[[Visitor], Refusal | None], ...]] = (judge_authentication, judge_robot, judge_period)
+RULES: Final[tuple[Callable[[HandshakeRequest], Refusal | None], ...]] = (
+    judge_authentication,
+    judge_robot,
+    judge_period,
+)
 
 
-def judge(visitor: Visitor) -> Refusal | None:
+def judge(visitor: HandshakeRequest) -> Refusal | None:
     """First objection, or None."""
     return next((refusal for rule in RULES if (refusal := rule(visitor)) is not None), None)

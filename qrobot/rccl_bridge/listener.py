@@ -17,7 +17,7 @@ BURST: Final = 4  # connections accepted in a row: with what each costs, well be
 PAUSE_S: Final = 0.004  # between two bursts: a thousand connections a second, a quarter of a processor [A]
 BACKLOG: Final = 128  # connections that wait in the kernel meanwhile
 
-Welcome = Callable[[socket.socket, Peer], None]
+AcceptConnection = Callable[[socket.socket, Peer], None]
 
 
 class PreciseSelector(selectors.EpollSelector):
@@ -49,7 +49,7 @@ class Listener:
         LinkBusy: the port is taken. LinkError: it cannot be listened on.
     """
 
-    def __init__(self, host: str, port: int, welcome: Welcome) -> None:
+    def __init__(self, host: str, port: int, welcome: AcceptConnection) -> None:
         self._welcome = welcome
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None

@@ -7,11 +7,12 @@ import time
 from dataclasses import replace
 from typing import Final
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
-from qrobot.rccl_bridge.port import SetpointFrame
-from qrobot.realtime.segment import GENERATION, Segment, Words
-from qrobot.servo.mailbox import (
+from qrobot.rccl_bridge.servo_interface import SetpointFrame
+from qrobot.realtime.shared_memory import GENERATION, SharedMemory
+from qrobot.servo.memory.mailbox import (
     BEAT_SLIPPED_NS,
     BEAT_SLIPS,
     BEAT_T_NS,
@@ -22,7 +23,7 @@ from qrobot.servo.mailbox import (
     attach_servo_memory,
     local_servo_memory,
 )
-from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
 
@@ -95,7 +96,7 @@ class ServoPort:
         self.arm = arm
         self.robot_name = robot_name
         self.n = n
-        self._segment: Segment | None = None
+        self._segment: SharedMemory | None = None
         self._mailbox: ServoMailbox | None = None
         self._generation = self._slipped_ns = 0
         self._was_here = False
@@ -196,7 +197,7 @@ def _to_wire(mailbox: ServoMailbox) -> RobotState:
 def tell_key(mailbox: ServoMailbox, stream: int, held_ns: int | None) -> None:
     """Let `stream` move the arm only while a key is held; it was at `held_ns`, None when it is not.
 
-    What moves is stopped when nothing has been said of the key for `servo.hold_to_run.PATIENCE_NS`.
+    What moves is stopped when nothing has been said of the key for `servo.checks.hold_to_run.PATIENCE_NS`.
     """
     if held_ns is not None:
         mailbox.words[COMMAND_HELD_NS] = held_ns  # first: what begins now must not be judged by what was before

@@ -22,10 +22,10 @@ from qrobot.rccl_bridge.actions import Action, carry_out
 from qrobot.rccl_bridge.lease import ArmAuthority, Lease
 from qrobot.rccl_bridge.listener import Listener, precise_loop
 from qrobot.rccl_bridge.places import Places
-from qrobot.rccl_bridge.port import RobotPort, RobotState
+from qrobot.rccl_bridge.rate_limit import Throttle
+from qrobot.rccl_bridge.servo_interface import RobotPort, RobotState
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
-from qrobot.rccl_bridge.throttle import Throttle
 from qrobot.realtime.bridge_token import offered_token
 from qrobot.wire import ErrorCode
 

@@ -13,14 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qrobot.errors import RemoteProtocolError
-from qrobot.rccl_bridge.actions import Action, Close, Forward, Request, Send, Stop
+from qrobot.rccl_bridge.actions import Action, BareRequest, Close, Forward, SendBytes, StopArm
 from qrobot.rccl_bridge.frames import FrameMaker
-from qrobot.rccl_bridge.handshake import Visitor, judge
+from qrobot.rccl_bridge.handshake import HandshakeRequest, judge
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.places import Places
-from qrobot.rccl_bridge.port import RobotState
+from qrobot.rccl_bridge.rate_limit import Throttle
+from qrobot.rccl_bridge.servo_interface import RobotState
 from qrobot.rccl_bridge.settings import BridgeSettings
-from qrobot.rccl_bridge.throttle import Throttle
 from qrobot.wire import (
     VERSION,
     Bye,
@@ -28,13 +28,13 @@ from qrobot.wire import (
     Command,
     Connection,
     ErrorCode,
-    Event,
     Hello,
     InvalidSetpoint,
     Side,
     State,
     Welcome,
     WireError,
+    WireEvent,
 )
 from qrobot.wire.sequence import wrapped
 
@@ -148,17 +148,17 @@ class Session:
         """End the session from our side in good order."""
         if self.ended:
             return []
-        farewell = Send(self._connection.send(Bye(reason, now_ns)))
+        farewell = SendBytes(self._connection.send(Bye(reason, now_ns)))
         return [*self._give_up_command(reason), farewell, Close(reason)]
 
     def refuse(self, code: ErrorCode, text: str, now_ns: int) -> list[Action]:
         """End the session because of something the client did, or did not do."""
         if self.ended:
             return []
-        complaint = Send(self._connection.send(WireError(code, text, True, now_ns)))
+        complaint = SendBytes(self._connection.send(WireError(code, text, True, now_ns)))
         return [*self._give_up_command(text), complaint, Close(text)]
 
-    def _take(self, event: Event, now_ns: int) -> list[Action]:
+    def _take(self, event: WireEvent, now_ns: int) -> list[Action]:
         match event:
             case Command():
                 return self._take_command(event, now_ns)
@@ -173,7 +173,7 @@ class Session:
                 return []
 
     def _greet(self, hello: Hello, now_ns: int) -> list[Action]:
-        refusal = judge(Visitor(hello, self._peer.host, self._robot_name, self._token))
+        refusal = judge(HandshakeRequest(hello, self._peer.host, self._robot_name, self._token))
         if refusal is not None:
             return self.refuse(refusal.code, refusal.text, now_ns)
         self.label = f"{hello.program or 'a program'} at {self._peer}"
@@ -188,7 +188,7 @@ class Session:
         self._period_ns = period_us * 1000
         self._origin_ns = self.due_ns = self._heard_ns = now_ns
         self._frames = FrameMaker(self._lease, self._period_ns) if commands else None
-        return [Send(self._connection.send(Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)))]
+        return [SendBytes(self._connection.send(Welcome(hello.role, self._robot_name, self._n, period_us, now_ns)))]
 
     def _take_command(self, command: Command, now_ns: int) -> list[Action]:
         self._heard_ns = now_ns
@@ -206,14 +206,14 @@ class Session:
             setpoint = event.command.setpoints[event.joint]
             text = f"setpoint {setpoint} of joint {event.joint + 1} in frame {event.command.seq}"
             warning = WireError(ErrorCode.INVALID_SETPOINT, text, False, now_ns)
-            actions.append(Send(self._connection.send(warning)))
+            actions.append(SendBytes(self._connection.send(warning)))
         return actions
 
     def _take_requests(self, command: Command, now_ns: int) -> list[Action]:
         if self._frames is None or self._servo_gone:
             return []
         request = self._frames.make_request(command, now_ns)
-        return [Request(request)] if request is not None else _stop_if_asked(command)
+        return [BareRequest(request)] if request is not None else _stop_if_asked(command)
 
     def _tell(self, number: int, robot: RobotState) -> list[Action]:
         state = State(
@@ -224,7 +224,7 @@ class Session:
             you_command=self._frames is not None,
             commanded=self._lease.taken,
         )
-        return [Send(self._connection.send(state))]
+        return [SendBytes(self._connection.send(state))]
 
     def _miss_servo(self, now_ns: int) -> list[Action]:
         if self._servo_gone:
@@ -233,7 +233,7 @@ class Session:
         if self._frames is not None:
             self._frames.lose_servo()
         text = f"the servo of {self._robot_name} does not run; this connection waits for it"
-        return [Send(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
+        return [SendBytes(self._connection.send(WireError(ErrorCode.SERVO_GONE, text, False, now_ns)))]
 
     def _leave_out(self, now_ns: int, since_ns: int) -> list[Action]:
         self.left_out += 1
@@ -242,9 +242,9 @@ class Session:
         return self.refuse(ErrorCode.SLOW_READER, "the client does not read", now_ns)
 
     def _give_up_command(self, reason: str) -> list[Action]:
-        return [Stop(reason)] if self._lease.release(self) else []
+        return [StopArm(reason)] if self._lease.release(self) else []
 
 
 def _stop_if_asked(command: Command) -> list[Action]:
     """The stop of a COMMAND of which nothing else may pass."""
-    return [Stop("asked for")] if command.stop else []
+    return [StopArm("asked for")] if command.stop else []

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import MotionError
 from qrobot.wire import Command, JointMode, State
-from qrobot.wire.packets import Vector
+from qrobot.wire.packets import Values
 
 
 @dataclass
@@ -24,7 +24,7 @@ class Chg:
 
     n: int
     modes: tuple[int, ...] = field(init=False)
-    setpoints: Vector = field(init=False)
+    setpoints: Values = field(init=False)
     power: bool = False
     clear_fault: bool = False
     stop: bool = False
@@ -41,11 +41,11 @@ class Chg:
         """All joints stay where they are."""
         self.modes, self.setpoints = (JointMode.HOLD,) * self.n, (0.0,) * self.n
 
-    def go_to(self, q: Vector) -> None:
+    def go_to(self, q: Values) -> None:
         """All joints follow the position `q` (n numbers, rad or m)."""
         self.modes, self.setpoints = (JointMode.POSITION,) * self.n, q
 
-    def drive(self, setpoints: Vector, torque: tuple[bool, ...]) -> None:
+    def drive(self, setpoints: Values, torque: tuple[bool, ...]) -> None:
         """Joints exert a torque (N m or N) where `torque` is true, and go to a position on the others."""
         self.modes = tuple(JointMode.TORQUE if exerts else JointMode.POSITION for exerts in torque)
         self.setpoints = setpoints

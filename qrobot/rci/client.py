@@ -10,12 +10,12 @@ from qrobot.wire import (
     Command,
     Connection,
     ErrorCode,
-    Event,
     Hello,
     Side,
     State,
     Welcome,
     WireError,
+    WireEvent,
 )
 
 _REFUSALS: Final[dict[int, type[LinkError]]] = {
@@ -88,7 +88,7 @@ class Client:
         complaint = f"; its last words: {self.warning}" if self.warning else ""
         return LinkTimeout(f"{self.peer} has fallen silent{complaint}")
 
-    def _sort(self, event: Event) -> None:
+    def _sort(self, event: WireEvent) -> None:
         match event:
             case Welcome():
                 self._welcome = event

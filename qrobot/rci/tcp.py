@@ -25,10 +25,10 @@ LINGER_S: Final = 0.5  # a bridge that does not close its end after our goodbye 
 _CHUNK: Final = 1 << 16
 
 T = TypeVar("T")
-Address = tuple[str, int]
+SocketAddress = tuple[str, int]
 
 
-def bridge_address(text: str | None = None) -> Address:
+def bridge_address(text: str | None = None) -> SocketAddress:
     """Host and port of the bridge from "host:port", "host" or ":port"; default the variable QROBOT_BRIDGE.
 
     Raises:
@@ -41,7 +41,7 @@ def bridge_address(text: str | None = None) -> Address:
     return host or LOCALHOST, int(port) if port else DEFAULT_PORT
 
 
-def connect(address: Address) -> socket.socket:
+def connect(address: SocketAddress) -> socket.socket:
     """A TCP connection without Nagle's delay. Raises LinkTimeout or LinkLost."""
     where = f"{address[0]}:{address[1]}"
     try:
@@ -74,7 +74,9 @@ class TcpLink:
 
     virtual_time = False
 
-    def __init__(self, hello: Hello, address: Address, connector: Callable[[Address], socket.socket] = connect) -> None:
+    def __init__(
+        self, hello: Hello, address: SocketAddress, connector: Callable[[SocketAddress], socket.socket] = connect
+    ) -> None:
         self._hello = hello
         self._client = self._new_client(address)
         self._address = address
@@ -115,7 +117,7 @@ class TcpLink:
             sock.shutdown(socket.SHUT_WR)
             _read_to_the_end(sock, LINGER_S)
 
-    def _new_client(self, address: Address) -> Client:
+    def _new_client(self, address: SocketAddress) -> Client:
         hello = self._hello if self._hello.auth else replace(self._hello, auth=token_for(*address))
         return Client(hello, f"the bridge at {address[0]}:{address[1]}")
 

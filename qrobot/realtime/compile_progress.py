@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-Listener = Callable[[str, int, int], None]  # name, the how-manieth, of how many
+CompileListener = Callable[[str, int, int], None]  # name, the how-manieth, of how many
 SHORT: Final = 20  # kernels; what takes a second or two is not told
 
-_listeners: Final[list[Listener]] = []
+_listeners: Final[list[CompileListener]] = []
 
 
 class _Entry:
@@ -18,7 +18,7 @@ class _Entry:
     of = 0
 
 
-def tell_compiling(listener: Listener) -> None:
+def tell_compiling(listener: CompileListener) -> None:
     """Call `listener` for each kernel, when many have to be compiled."""
     _listeners.append(listener)
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numba
 
 from qrobot.realtime.compile_once import compile_once
-from qrobot.realtime.stamp import source_stamp
+from qrobot.realtime.source_digest import source_stamp
 from qrobot.realtime.whole_program import EntryCompiler, split
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -12,7 +12,7 @@ from typing import Final
 TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 _LOCAL, _REMOTE, _ACCOUNT = 1, 2, 7  # columns, proc(5)
 
-Endpoint = tuple[IPv4Address | IPv6Address, int]
+PeerAddress = tuple[IPv4Address | IPv6Address, int]
 
 
 def is_loopback(host: str) -> bool:
@@ -36,7 +36,7 @@ def maybe_peer_account(connection: socket.socket) -> int | None:
     return next((account for local, remote, account in _connections() if (local, remote) == wanted), None)
 
 
-def _connections() -> Iterator[tuple[Endpoint, Endpoint, int]]:
+def _connections() -> Iterator[tuple[PeerAddress, PeerAddress, int]]:
     for table in TABLES:
         try:
             lines = table.read_text().splitlines()[1:]
@@ -46,7 +46,7 @@ def _connections() -> Iterator[tuple[Endpoint, Endpoint, int]]:
             yield _endpoint(columns[_LOCAL]), _endpoint(columns[_REMOTE]), int(columns[_ACCOUNT])
 
 
-def _endpoint(text: str) -> Endpoint:
+def _endpoint(text: str) -> PeerAddress:
     """Address and port as /proc writes them: words of 32 bits in the order of this machine, in hexadecimal."""
     address, port = text.split(":")
     words = (int(address[k : k + 8], 16) for k in range(0, len(address), 8))

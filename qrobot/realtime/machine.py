@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from qrobot.realtime.setup import DMA_LATENCY, Step
+from qrobot.realtime.setup import DMA_LATENCY, SetupStep
 
 ROOT: Final = Path("/")
 _THROTTLE_FLOOR: Final = 0.9  # share of each second that SCHED_FIFO threads must be left
@@ -25,7 +25,7 @@ def _read(path: Path) -> str | None:
     return None
 
 
-def machine_steps(root: Path = ROOT) -> list[Step]:
+def machine_steps(root: Path = ROOT) -> list[SetupStep]:
     """All looks at the machine."""
     return [
         look_at_cpus(),
@@ -37,34 +37,36 @@ def machine_steps(root: Path = ROOT) -> list[Step]:
     ]
 
 
-def look_at_cpus() -> Step:
+def look_at_cpus() -> SetupStep:
     """The loop wants a processor of its own beside one for everything else."""
     allowed = sorted(os.sched_getaffinity(0))
     enough = len(allowed) >= 2
     remedy = "" if enough else "give the controller a second CPU (affinity mask, container's cpuset)"
-    return Step("processors", enough, f"allowed: {','.join(map(str, allowed))}", remedy)
+    return SetupStep("processors", enough, f"allowed: {','.join(map(str, allowed))}", remedy)
 
 
-def look_at_kernel(root: Path = ROOT, version: str | None = None) -> Step:
+def look_at_kernel(root: Path = ROOT, version: str | None = None) -> SetupStep:
     """Preemption model; `version` stands for `uname -v`."""
     name, text = "kernel", platform.version() if version is None else version
     if _read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in text:
-        return Step(name, True, "PREEMPT_RT")
+        return SetupStep(name, True, "PREEMPT_RT")
     for flavour in ("PREEMPT_DYNAMIC", "PREEMPT"):
         if flavour in text:
-            return Step(name, True, f"{flavour}; a PREEMPT_RT kernel bounds the rare long wake-ups too")
-    return Step(name, False, "no preemption inside the kernel", "install a PREEMPT_RT kernel (Debian: linux-image-rt)")
+            return SetupStep(name, True, f"{flavour}; a PREEMPT_RT kernel bounds the rare long wake-ups too")
+    return SetupStep(
+        name, False, "no preemption inside the kernel", "install a PREEMPT_RT kernel (Debian: linux-image-rt)"
+    )
 
 
-def look_at_governor(root: Path = ROOT) -> Step:
+def look_at_governor(root: Path = ROOT) -> SetupStep:
     """Frequency scaling lengthens a cycle after each pause."""
     name = "governor"
     files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     found = sorted({text for text in map(_read, files) if text})
     if not found:
-        return Step(name, True, "no frequency scaling (fixed, or left to the host)")
+        return SetupStep(name, True, "no frequency scaling (fixed, or left to the host)")
     good = found == ["performance"]
-    return Step(name, good, ", ".join(found), "" if good else "cpupower frequency-set -g performance")
+    return SetupStep(name, good, ", ".join(found), "" if good else "cpupower frequency-set -g performance")
 
 
 def throttled_to(root: Path = ROOT) -> float | None:
@@ -76,29 +78,29 @@ def throttled_to(root: Path = ROOT) -> float | None:
     return int(runtime) / int(period)
 
 
-def look_at_throttling(root: Path = ROOT) -> Step:
+def look_at_throttling(root: Path = ROOT) -> SetupStep:
     """The kernel stops SCHED_FIFO threads that use up their share of a period."""
     name, share = "throttling", throttled_to(root)
     if share is None:
-        return Step(name, True, "the kernel does not throttle real-time threads")
+        return SetupStep(name, True, "the kernel does not throttle real-time threads")
     good = share >= _THROTTLE_FLOOR
-    return Step(
+    return SetupStep(
         name, good, f"real-time threads get {share:.0%} of the time",
         "" if good else "sysctl kernel.sched_rt_runtime_us=950000",
     )  # fmt: skip
 
 
-def look_at_quota(root: Path = ROOT) -> Step:
+def look_at_quota(root: Path = ROOT) -> SetupStep:
     """A container's CPU quota stops every thread for the rest of its period, real-time or not."""
     name = "container quota"
     words = (_read(root / "sys/fs/cgroup/cpu.max") or "max").split()
     if words[0] == "max":
-        return Step(name, True, "none")
+        return SetupStep(name, True, "none")
     share = int(words[0]) / int(words[1])
-    return Step(name, False, f"{share:.2g} CPUs", "run the container without a CPU quota (docker: no --cpus)")
+    return SetupStep(name, False, f"{share:.2g} CPUs", "run the container without a CPU quota (docker: no --cpus)")
 
 
-def look_at_limits() -> Step:
+def look_at_limits() -> SetupStep:
     """What an unprivileged user may ask for; root needs neither."""
     name = "limits"
     rtprio, memlock = (resource.getrlimit(which)[0] for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK))
@@ -108,10 +110,10 @@ def look_at_limits() -> Step:
     remedy = (
         "put '@realtime - rtprio 90' and '@realtime - memlock unlimited' in /etc/security/limits.d, join that group"
     )
-    return Step(name, good, detail, "" if good else remedy)
+    return SetupStep(name, good, detail, "" if good else remedy)
 
 
-def observe_process(pid: int, root: Path = ROOT) -> list[Step]:
+def observe_process(pid: int, root: Path = ROOT) -> list[SetupStep]:
     """What process `pid` has in force: scheduler and CPU of its most urgent thread, locked memory, idle states.
 
     Empty when the process has ended or belongs to somebody else.
@@ -125,22 +127,24 @@ def observe_process(pid: int, root: Path = ROOT) -> list[Step]:
         return []
 
 
-def _observe_scheduler(thread: int) -> Step:
+def _observe_scheduler(thread: int) -> SetupStep:
     policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
     cpus = ",".join(map(str, sorted(os.sched_getaffinity(thread))))
     priority = os.sched_getparam(thread).sched_priority
-    return Step("scheduler", policy == os.SCHED_FIFO, f"{_POLICY_NAMES.get(policy, policy)} {priority} on CPU {cpus}")
+    return SetupStep(
+        "scheduler", policy == os.SCHED_FIFO, f"{_POLICY_NAMES.get(policy, policy)} {priority} on CPU {cpus}"
+    )
 
 
-def _observe_memory(proc: Path) -> Step:
+def _observe_memory(proc: Path) -> SetupStep:
     lines = (proc / "status").read_text().splitlines()
     locked_kb = next((int(line.split()[1]) for line in lines if line.startswith("VmLck:")), 0)
-    return Step("memory", locked_kb > 0, f"{locked_kb // 1024} MB locked")
+    return SetupStep("memory", locked_kb > 0, f"{locked_kb // 1024} MB locked")
 
 
-def _observe_idle_states(proc: Path) -> Step:
+def _observe_idle_states(proc: Path) -> SetupStep:
     held = False
     for entry in (proc / "fd").iterdir():
         with suppress(OSError):
             held = held or os.readlink(entry) == str(DMA_LATENCY)
-    return Step("idle states", held, "deep idle states are off" if held else "not held")
+    return SetupStep("idle states", held, "deep idle states are off" if held else "not held")

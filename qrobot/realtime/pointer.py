@@ -21,8 +21,8 @@ from numba.extending import intrinsic
 
 from qrobot.realtime.jit import jit_disabled
 
-Body = Callable[..., None]
-_BODIES: Final[dict[int, Body]] = {}  # what stands at an address, with the JIT off
+PointerBody = Callable[..., None]
+_BODIES: Final[dict[int, PointerBody]] = {}  # what stands at an address, with the JIT off
 
 
 class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
@@ -33,7 +33,7 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
         signature: Numba's, `types.void(...)`.
     """
 
-    def __init__(self, body: Body, signature: Any) -> None:
+    def __init__(self, body: PointerBody, signature: Any) -> None:
         self.body = body
         self._signature = signature
 

@@ -31,7 +31,7 @@ _CAP_IPC_LOCK = 14
 
 
 @dataclass(frozen=True)
-class Step:
+class SetupStep:
     """One measure or one finding.
 
     Attributes:
@@ -55,7 +55,7 @@ def _errno_text() -> str:
     return os.strerror(ctypes.get_errno())
 
 
-def set_fifo(priority: int = 80) -> Step:
+def set_fifo(priority: int = 80) -> SetupStep:
     """Run the calling thread under SCHED_FIFO; its children start under the normal scheduler again.
 
     Where the user's limit is lower it gets that: better than to wait behind every thread that has any.
@@ -69,16 +69,16 @@ def set_fifo(priority: int = 80) -> Step:
         if isinstance(error, PermissionError) and 0 < limit < priority:
             with suppress(OSError):
                 _enter_fifo(limit)
-                return Step(name, False, f"SCHED_FIFO {limit}: {priority} is above the user's limit", remedy)
-        return Step(name, False, f"SCHED_FIFO {priority} refused: {error}", remedy)
-    return Step(name, True, f"SCHED_FIFO {priority}")
+                return SetupStep(name, False, f"SCHED_FIFO {limit}: {priority} is above the user's limit", remedy)
+        return SetupStep(name, False, f"SCHED_FIFO {priority} refused: {error}", remedy)
+    return SetupStep(name, True, f"SCHED_FIFO {priority}")
 
 
 def _enter_fifo(priority: int) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
-def insist_on(steps: Iterable[Step], required: bool, report: Callable[[str], None]) -> None:
+def insist_on(steps: Iterable[SetupStep], required: bool, report: Callable[[str], None]) -> None:
     """Report every step that was refused. Raises QRobotError for them when they are `required`."""
     refused = [step for step in steps if not step.ok]
     for step in refused:
@@ -87,7 +87,7 @@ def insist_on(steps: Iterable[Step], required: bool, report: Callable[[str], Non
         raise QRobotError(f"real time was required, but: {', '.join(step.name for step in refused)}")
 
 
-def pin_threads(cpu: int | None = None) -> Step:
+def pin_threads(cpu: int | None = None) -> SetupStep:
     """Keep the calling thread on `cpu` (default: the last allowed one) and all others of the process off it."""
     name = "affinity"
     allowed = os.sched_getaffinity(0)
@@ -97,13 +97,15 @@ def pin_threads(cpu: int | None = None) -> Step:
         os.sched_setaffinity(0, {chosen})
     except (OSError, ValueError) as error:
         allowed_text = ",".join(map(str, sorted(allowed)))
-        return Step(name, False, f"CPU {chosen} refused: {error}", f"choose one of the allowed CPUs: {allowed_text}")
+        return SetupStep(
+            name, False, f"CPU {chosen} refused: {error}", f"choose one of the allowed CPUs: {allowed_text}"
+        )
     if not rest:
-        return Step(name, False, f"CPU {chosen} is the only one", "give the controller a second CPU")
+        return SetupStep(name, False, f"CPU {chosen} is the only one", "give the controller a second CPU")
     for thread in _other_threads():
         with suppress(OSError):  # it has ended meanwhile
             os.sched_setaffinity(thread, rest)
-    return Step(name, True, f"loop on CPU {chosen}, other threads on {','.join(map(str, sorted(rest)))}")
+    return SetupStep(name, True, f"loop on CPU {chosen}, other threads on {','.join(map(str, sorted(rest)))}")
 
 
 def _other_threads() -> list[int]:
@@ -111,15 +113,15 @@ def _other_threads() -> list[int]:
     return [int(entry) for entry in os.listdir("/proc/self/task") if int(entry) != own]
 
 
-def lock_memory() -> Step:
+def lock_memory() -> SetupStep:
     """Keep all pages in memory, those to come as well."""
     name = "memory"
     remedy = "run as root, or set memlock to unlimited in /etc/security/limits.d"
     if not may_lock_all():  # with a finite limit later allocations would fail
-        return Step(name, False, "the limit of locked memory is finite", remedy)
+        return SetupStep(name, False, "the limit of locked memory is finite", remedy)
     if _libc().mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
-        return Step(name, False, f"mlockall refused: {_errno_text()}", remedy)
-    return Step(name, True, "all pages locked")
+        return SetupStep(name, False, f"mlockall refused: {_errno_text()}", remedy)
+    return SetupStep(name, True, "all pages locked")
 
 
 def may_lock_all() -> bool:
@@ -137,49 +139,53 @@ def has_capability(bit: int) -> bool:
     return False
 
 
-def keep_heap() -> Step:
+def keep_heap() -> SetupStep:
     """Never give heap memory back to the system, so that it need not be faulted in again."""
     name = "heap"
     try:
         mallopt = _libc().mallopt
     except AttributeError:
-        return Step(name, False, "this C library has no mallopt", "use a glibc system")
+        return SetupStep(name, False, "this C library has no mallopt", "use a glibc system")
     done = mallopt(_M_TRIM_THRESHOLD, -1) and mallopt(_M_MMAP_MAX, 0)
-    return Step(name, bool(done), "no trimming, no mmap" if done else "mallopt refused", "" if done else "use glibc")
+    return SetupStep(
+        name, bool(done), "no trimming, no mmap" if done else "mallopt refused", "" if done else "use glibc"
+    )
 
 
-def tighten_timers() -> Step:
+def tighten_timers() -> SetupStep:
     """Timer slack of the calling thread to 1 ns; the default of 50 us is added to every sleep outside SCHED_FIFO."""
     name = "timer slack"
     if _libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
-        return Step(name, False, f"prctl refused: {_errno_text()}", "use SCHED_FIFO, which has no slack")
-    return Step(name, True, "1 ns")
+        return SetupStep(name, False, f"prctl refused: {_errno_text()}", "use SCHED_FIFO, which has no slack")
+    return SetupStep(name, True, "1 ns")
 
 
-def freeze_garbage() -> Step:
+def freeze_garbage() -> SetupStep:
     """Collect garbage now and exempt what lives from all later collections."""
     gc.collect()
     gc.freeze()
-    return Step("garbage", True, f"{gc.get_freeze_count()} objects frozen")
+    return SetupStep("garbage", True, f"{gc.get_freeze_count()} objects frozen")
 
 
 @contextmanager
-def hold_dma_latency(path: Path = DMA_LATENCY) -> Iterator[Step]:
+def hold_dma_latency(path: Path = DMA_LATENCY) -> Iterator[SetupStep]:
     """Forbid the deep idle states of the processors while inside; they cost 20 us per wake-up and some power."""
     name = "idle states"
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
     except OSError as error:
-        yield Step(name, False, f"{path}: {error.strerror}", f"run as root, or give your group write access to {path}")
+        yield SetupStep(
+            name, False, f"{path}: {error.strerror}", f"run as root, or give your group write access to {path}"
+        )
         return
     try:
         os.write(fd, (0).to_bytes(4, "little"))
-        yield Step(name, True, "deep idle states are off")
+        yield SetupStep(name, True, "deep idle states are off")
     finally:
         os.close(fd)  # the kernel forgets the request with the last descriptor
 
 
-def prepare_loop_thread(cpu: int | None = None, priority: int = 80) -> list[Step]:
+def prepare_loop_thread(cpu: int | None = None, priority: int = 80) -> list[SetupStep]:
     """Everything for the calling thread and its process but the idle states, which go with arm power."""
     return [
         keep_heap(),

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from qrobot.realtime.flat_record import float_bits
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.record import float_bits
 
 _PER_QUARTER: Final = 6.36619772367581382433e-01  # 2 / pi
 _QUARTER: Final = 1.57079632673412561417e00  # the first 33 bits of pi / 2: k times it is exact

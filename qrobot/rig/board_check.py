@@ -38,7 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.board_walk import SCRATCH, Walk
-from qrobot.servo.adc import code_volts
+from qrobot.servo.stages.converter import code_volts
 
 LOAD_STEP: Final = 1000  # counts added to a counter to see that it takes a load
 STILL: Final = 5  # counts a standing joint may show
@@ -64,7 +64,7 @@ class Amiss(QRobotError):  # noqa: N818
 
 
 @dataclass(frozen=True)
-class Finding:
+class StepResult:
     """What a step found; `ok` is None for one that was left out."""
 
     step: str
@@ -73,7 +73,7 @@ class Finding:
     remedy: str = ""
 
 
-class Step(NamedTuple):
+class CheckStep(NamedTuple):
     """One step: what it does, and what it must be allowed to."""
 
     name: str
@@ -99,12 +99,12 @@ class Leave:
     hands: bool = True
 
 
-def check_board(walk: Walk, leave: Leave) -> Iterator[Finding]:
+def check_board(walk: Walk, leave: Leave) -> Iterator[StepResult]:
     """Make the steps, one after the other. Raises nothing of ours: what goes wrong is a finding."""
     try:
         walk.begin()
     except QRobotError as error:
-        yield Finding(
+        yield StepResult(
             "find the board", False, str(error), "start it with `qrobot board`, or look at the address and the cable"
         )
         return
@@ -121,20 +121,20 @@ def check_board(walk: Walk, leave: Leave) -> Iterator[Finding]:
         walk.bus.close()
 
 
-def _make(step: Step, walk: Walk, leave: Leave) -> Finding:
+def _make(step: CheckStep, walk: Walk, leave: Leave) -> StepResult:
     if why_not := _forbidden(step, leave):
-        return Finding(step.name, None, f"left out: {why_not}")
+        return StepResult(step.name, None, f"left out: {why_not}")
     try:
         if step.question and not walk.ask(step.question):
-            return Finding(step.name, None, "left out: not wanted")
-        return Finding(step.name, True, step.look(walk))
+            return StepResult(step.name, None, "left out: not wanted")
+        return StepResult(step.name, True, step.look(walk))
     except Amiss as error:
-        return Finding(step.name, False, str(error), error.remedy)
+        return StepResult(step.name, False, str(error), error.remedy)
     except QRobotError as error:
-        return Finding(step.name, False, str(error), "look at the link to the board")
+        return StepResult(step.name, False, str(error), "look at the link to the board")
 
 
-def _forbidden(step: Step, leave: Leave) -> str:
+def _forbidden(step: CheckStep, leave: Leave) -> str:
     if step.writes and leave.read_only:
         return "it writes"
     if step.powers and not leave.power:
@@ -338,22 +338,24 @@ _HOLD_ARM: Final = (
 )
 
 STEPS: Final = (
-    Step("the board answers", see_images),
-    Step("status", see_status),
-    Step("outputs to zero", zero_outputs, writes=True),
-    Step("scratch bits", toggle_scratch, writes=True),
-    Step("counters take a load", load_counters, writes=True),
-    Step("index flags", arm_indexes, writes=True),
-    Step("converter", convert_all, writes=True),
-    Step(
+    CheckStep("the board answers", see_images),
+    CheckStep("status", see_status),
+    CheckStep("outputs to zero", zero_outputs, writes=True),
+    CheckStep("scratch bits", toggle_scratch, writes=True),
+    CheckStep("counters take a load", load_counters, writes=True),
+    CheckStep("index flags", arm_indexes, writes=True),
+    CheckStep("converter", convert_all, writes=True),
+    CheckStep(
         "analogue outputs",
         measure_outputs,
         writes=True,
         hands=True,
         question="Is arm power locked out, and a voltmeter at hand?",
     ),
-    Step("encoders by hand", turn_by_hand, hands=True, question="Can the joints without brakes be turned by hand?"),
-    Step("power for an instant", power_for_an_instant, writes=True, powers=True, question=_HOLD_ARM),
-    Step("a push on each joint", push_each_joint, writes=True, powers=True, question=_HOLD_ARM),
+    CheckStep(
+        "encoders by hand", turn_by_hand, hands=True, question="Can the joints without brakes be turned by hand?"
+    ),
+    CheckStep("power for an instant", power_for_an_instant, writes=True, powers=True, question=_HOLD_ARM),
+    CheckStep("a push on each joint", push_each_joint, writes=True, powers=True, question=_HOLD_ARM),
 )
 """In this order."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.errors import LinkTimeout
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, make_image, safe_operations
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_F_COMMAND,
@@ -32,8 +32,8 @@ from qrobot.model.transmission import signed_word
 SCRATCH: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 IMAGES_AT_MOST: Final = 1_000_000
 
-Ask = Callable[[str], bool]
-Access = tuple[int, int, int]
+Confirm = Callable[[str], bool]
+RegisterAccess = tuple[int, int, int]
 
 
 class Walk:
@@ -45,7 +45,7 @@ class Walk:
         ask: puts a question to the operator; False leaves something out.
     """
 
-    def __init__(self, bus: Bus, robot: Robot, ask: Ask) -> None:
+    def __init__(self, bus: Bus, robot: Robot, ask: Confirm) -> None:
         self.bus, self.robot, self.ask = bus, robot, ask
         self.facts = BoardFacts("F", robot.n)
         self._image = make_image()
@@ -62,7 +62,7 @@ class Walk:
         """Write (offset, value) pairs in order; the image shows what they did."""
         self.do(*((OP_WRITE, offset, value) for offset, value in pairs))
 
-    def do(self, *accesses: Access) -> None:
+    def do(self, *accesses: RegisterAccess) -> None:
         """As `write`, with reads for their side effect among them: (kind, offset, value)."""
         self.bus.exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS), self._image)
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from qrobot.motion.leg import evaluate
-from qrobot.rccl.opening import compile_motion
+from qrobot.motion.path_piece import evaluate
+from qrobot.rccl.connect import compile_motion
 from qrobot.realtime.jit import jit_disabled
 
 

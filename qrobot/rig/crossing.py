@@ -1,4 +1,4 @@
-"""The roads to a board side by side: the same servo, the same arm and the same virtual time over each of them."""
+"""The transports to a board side by side: the same servo, the same arm and the same virtual time over each of them."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Words
 from qrobot.config import Robot
+from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.bus import NO_OPERATIONS, Bus, Endpoint
-from qrobot.hwif.memory import attach_board_memory, create_board_memory
-from qrobot.hwif.port.card import serve_card, show_card
-from qrobot.hwif.port.fake import FakeCard
-from qrobot.realtime.segment import Words
+from qrobot.hwif.isa.card import serve_card, show_card
+from qrobot.hwif.isa.fake import FakeCard
 from qrobot.rig.lockstep import LockstepRig, run_blocks
-from qrobot.rig.lockstep_road import RoadRig
+from qrobot.rig.lockstep_transport import TransportRig
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator, emulator_run
-from qrobot.sim_board.stepping import SteppingEndpoint
+from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
 
 COMPARED: Final = ("q_ref", "dac", "q", "mode")
 PATIENCE_S: Final = 60.0  # on the wall clock: a busy machine must not look like a cut
@@ -54,7 +54,8 @@ class MemoryRig(LockstepRig):
 
 
 class CardRig(LockstepRig):
-    """The servo's loop around an ISA card, as `servo.loop.run` has it, with a fake one that the emulator answers.
+    """The servo's loop around an ISA card, as `servo.process.loop.run` has it, with a fake one that the emulator
+    answers.
 
     Attributes:
         card: to be pulled and looked at.
@@ -98,11 +99,11 @@ def _bus(
     open_bus: Callable[[Endpoint, ExitStack], Bus], robot: Robot, settings: ServoSettings, emulator: Emulator
 ) -> Iterator[LockstepRig]:
     with ExitStack() as stack:
-        yield RoadRig(robot, settings, lambda end: open_bus(end, stack), emulator)
+        yield TransportRig(robot, settings, lambda end: open_bus(end, stack), emulator)
 
 
 def _standing_clock() -> int:
-    """Far ends of a road in lock-step have nobody to be impatient with."""
+    """Far ends of a transport in lock-step have nobody to be impatient with."""
     return 0
 
 
@@ -135,20 +136,20 @@ def _open_can(end: Endpoint, stack: ExitStack) -> Bus:
     return bus
 
 
-ROADS: Final[dict[str, Callable[[Robot, ServoSettings, Emulator], AbstractContextManager[LockstepRig]]]] = {
+TRANSPORTS: Final[dict[str, Callable[[Robot, ServoSettings, Emulator], AbstractContextManager[LockstepRig]]]] = {
     "direct": _direct,
     "shared memory": _memory,
     "ISA card": _card,
     "Modbus TCP": partial(_bus, _open_modbus),
     "CAN": partial(_bus, _open_can),
 }
-"""A servo and an emulated board in lock-step, by the road between them: both in one array, in shared memory with a
+"""A servo and an emulated board in lock-step, by the transport between them: both in one array, in shared memory with a
 mapping each, behind a card that is not there, behind a Modbus server and behind a CAN node of this process."""
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """What came of a motion over one road.
+    """What came of a motion over one transport.
 
     Attributes:
         error: largest absolute tracking error of each joint, rad or m. Shape (n,).
@@ -156,7 +157,7 @@ class Crossing:
         fault: code of the first fault, 0 for none.
     """
 
-    road: str
+    transport: str
     rate_hz: float
     error: NDArray[np.float64]
     digest: str
@@ -164,16 +165,17 @@ class Crossing:
 
 
 def cross(
-    road: str, robot: Robot, settings: ServoSettings, emulator: Emulator, move: Callable[[LockstepRig], object]
+    transport: str, robot: Robot, settings: ServoSettings, emulator: Emulator, move: Callable[[LockstepRig], object]
 ) -> Crossing:
-    """Let `move` move the arm over one of `ROADS`. Raises KeyError for another road, LinkError when it is not there."""
-    with ROADS[road](robot, settings, emulator) as rig:
+    """Let `move` move the arm over one of `TRANSPORTS`. Raises KeyError for another transport, LinkError when it is not
+    there."""
+    with TRANSPORTS[transport](robot, settings, emulator) as rig:
         move(rig)
         rows = rig.rows()
     tracked = rows[rows["mode"] == Mode.TRACKING]
     error = np.abs(tracked["q_ref"] - tracked["q"]).max(axis=0)
     faults = rows["fault"][rows["fault"] != 0]
-    return Crossing(road, settings.rate_hz, error, _digest(rows), int(faults[0]) if faults.size else 0)
+    return Crossing(transport, settings.rate_hz, error, _digest(rows), int(faults[0]) if faults.size else 0)
 
 
 def _digest(rows: Rows) -> str:

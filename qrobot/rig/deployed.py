@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from qrobot.config.deployment import Arm
+from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LinkBusy
-from qrobot.rig.processes import Child, Plan, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
+from qrobot.rig.processes import Child, ProcessPlan, ProcessRig, board_ready, bridge_ready, guardian_ready, servo_ready
 
 # The higher the rank, the sooner a process ends: the servo stops the arm while board, guardian and log still live.
 PROGRAM_RANK, BRIDGE_RANK, SERVO_RANK, LOG_RANK, GUARDIAN_RANK, BOARD_RANK = 5, 4, 3, 2, 1, 0
 RESTARTS = 3  # [A] a minute, of processes without which the servo holds the arm
 
 
-def require_free_port(arm: Arm) -> None:
+def require_free_port(arm: DeployedArm) -> None:
     """Raise LinkBusy when somebody answers where the bridge of `arm` is to listen."""
     host, port = arm.bridge.host, arm.bridge.port
     if bridge_ready(host, port):
@@ -35,7 +35,7 @@ class ArmProcesses:
 
     rig: ProcessRig
     deployment: str
-    arm: Arm
+    arm: DeployedArm
 
     def start_all(self) -> None:
         """Board, servo, guardian, bridge, log. Raises LinkError in the words of the process that failed.
@@ -59,36 +59,36 @@ class ArmProcesses:
         plans = {"board": self.board, "servo": self.servo, "guardian": self.guardian, "bridge": self.bridge}
         self.rig.start(*(plans[command]() for command in commands))
 
-    def board(self, *options: str) -> Plan:
+    def board(self, *options: str) -> ProcessPlan:
         """The emulated board."""
         return self._plan(("board", self.deployment), options, lambda: board_ready(self.arm.name), BOARD_RANK)
 
-    def servo(self, *options: str) -> Plan:
+    def servo(self, *options: str) -> ProcessPlan:
         """The servo; it refuses power until a guardian watches it."""
         options = (*options, "--own-guardian")
         return self._plan(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
 
-    def guardian(self, *options: str) -> Plan:
+    def guardian(self, *options: str) -> ProcessPlan:
         """The guardian of a running servo; it follows restarts of servo and board, whenever they come."""
         options = (*options, "--linger", "inf")
         since_ns = time.monotonic_ns()
         ready = partial(guardian_ready, self.arm.name, since_ns)
         return self._plan(("guardian", self.deployment), options, ready, GUARDIAN_RANK)
 
-    def bridge(self, *options: str) -> Plan:
+    def bridge(self, *options: str) -> ProcessPlan:
         """The bridge."""
         host, port = self.arm.bridge.host, self.arm.bridge.port
         ready = partial(bridge_ready, host, port)
         return self._plan(("bridge", self.deployment), options, ready, BRIDGE_RANK, RESTARTS)
 
-    def log(self, *options: str) -> Plan:
+    def log(self, *options: str) -> ProcessPlan:
         """The recorder of the servo's telemetry."""
         return self._plan(("log", "record", self.deployment), options, None, LOG_RANK, RESTARTS, vital=False)
 
     def start_program(self, program: Path) -> Child:
         """Start a program of this arm."""
         arguments = ["run", "--deployment", self.deployment, "--arm", self.arm.name, str(program)]
-        self.rig.start(Plan(self.name_of("program"), arguments, None, PROGRAM_RANK))
+        self.rig.start(ProcessPlan(self.name_of("program"), arguments, None, PROGRAM_RANK))
         return self.rig.children[self.name_of("program")]
 
     def end(self, *commands: str) -> None:
@@ -108,6 +108,6 @@ class ArmProcesses:
         rank: int,
         restarts: int = 0,
         vital: bool = True,
-    ) -> Plan:
+    ) -> ProcessPlan:
         arguments = [*command, "--arm", self.arm.name, *options]
-        return Plan(self.name_of(command[0]), arguments, ready, rank, restarts, vital)
+        return ProcessPlan(self.name_of(command[0]), arguments, ready, rank, restarts, vital)

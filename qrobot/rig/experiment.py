@@ -31,19 +31,19 @@ from qrobot.log.summary import TrackingSummary, tracking_summary
 from qrobot.rig.compile_ahead import motion_compiled_beside
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.forms import DEFAULT_FORM
 from qrobot.servo.laws import DEFAULT_LAW, law_label
-from qrobot.servo.mailbox import FLAG_UNSEEN
+from qrobot.servo.memory.mailbox import FLAG_UNSEEN
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
-from qrobot.servo.velocity import DEFAULT_ESTIMATOR
+from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM
+from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
 Clock = Literal["realtime", "lockstep"]
-Plant = Literal["nominal", "mismatched"]
+PlantName = Literal["nominal", "mismatched"]
 
 PROGRAM: Final = "01_park_and_return.py"
 RATES_HZ: Final = (1000, 2000, 4000)
@@ -65,12 +65,12 @@ AFTERMATH_NS: Final = 50_000_000
 
 
 @dataclass(frozen=True)
-class Run:
+class ExperimentRun:
     """One run of the experiment."""
 
     rate_hz: int
     clock: Clock = "lockstep"
-    plant: Plant = "nominal"
+    plant: PlantName = "nominal"
     law: str = DEFAULT_LAW
     velocity: str = DEFAULT_ESTIMATOR
     interpolation: str = DEFAULT_FORM
@@ -107,7 +107,7 @@ class Result:
         digest: of every telemetry row of a lock-step run; equal digests are bit-identical runs.
     """
 
-    run: Run
+    run: ExperimentRun
     log: Log
     summary: TrackingSummary
     realtime_factor: float
@@ -146,7 +146,7 @@ def program_path(name: str = PROGRAM) -> Path:
     return (installed if installed.is_dir() else package.parent / "examples") / name
 
 
-def run_lockstep(run: Run, directory: Path, robot: Robot | None = None) -> Result:
+def run_lockstep(run: ExperimentRun, directory: Path, robot: Robot | None = None) -> Result:
     """The experiment on virtual time; its log is written below `directory` afterwards."""
     robot = robot or load_robot("puma560")
     wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
@@ -169,7 +169,7 @@ def run_program(rig: LockstepRig, program: Path, period_us: int = DEFAULT_PERIOD
     return printed.getvalue()
 
 
-def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
+def run_realtime(run: ExperimentRun, processes: ArmProcesses, directory: Path) -> Result:
     """The experiment on the wall clock; board and bridge of the arm have to run.
 
     Raises:
@@ -193,7 +193,7 @@ def run_realtime(run: Run, processes: ArmProcesses, directory: Path) -> Result:
 
 
 @contextlib.contextmanager
-def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[None]:
+def _servo_running(run: ExperimentRun, processes: ArmProcesses, log: Path) -> Iterator[None]:
     """Servo, guardian and recorder for one run."""
     choices = ("--law", run.law, "--velocity", run.velocity, "--interpolation", run.interpolation)
     servo = processes.servo("--rate", str(run.rate_hz), *choices)
@@ -204,7 +204,7 @@ def _servo_running(run: Run, processes: ArmProcesses, log: Path) -> Iterator[Non
         processes.end("servo", "log", "guardian")
 
 
-def _result(run: Run, log: Log, factor: float, digest: str = "") -> Result:
+def _result(run: ExperimentRun, log: Log, factor: float, digest: str = "") -> Result:
     faults = _rows_with_fault(log)
     fault = FaultCode(int(faults["fault"][0])).name if faults.size else ""
     return Result(run, log, tracking_summary(log), factor, fault, digest)
@@ -233,20 +233,20 @@ def stalled_before_fault(log: Log) -> bool:
 def plan(
     lockstep: bool = False,
     rate_hz: int | None = None,
-    plant: Plant | None = None,
+    plant: PlantName | None = None,
     law: str | None = None,
     velocity: str | None = None,
     interpolation: str | None = None,
-) -> list[Run]:
+) -> list[ExperimentRun]:
     """The runs of a demo: everything, or what the options choose."""
-    usual = Run(
+    usual = ExperimentRun(
         RATES_HZ[0],
         law=law or DEFAULT_LAW,
         velocity=velocity or DEFAULT_ESTIMATOR,
         interpolation=interpolation or DEFAULT_FORM,
     )
     rates = (rate_hz,) if rate_hz else RATES_HZ
-    plants: tuple[Plant, ...] = (
+    plants: tuple[PlantName, ...] = (
         (plant,) if plant else ("nominal",) if lockstep and rate_hz else ("nominal", "mismatched")
     )
     runs = []

@@ -7,11 +7,11 @@ from functools import partial
 from qrobot import rccl
 from qrobot.config import Robot
 from qrobot.ident.excitation import Excitation
-from qrobot.ident.perform import Progress, perform
-from qrobot.ident.plan import Plan
+from qrobot.ident.perform import MoveProgress, perform
+from qrobot.ident.plan import ExcitationPlan
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
@@ -21,8 +21,8 @@ def record_lockstep(
     robot_file: str,
     settings: ServoSettings,
     emulator: Emulator,
-    plan: Plan | Excitation,
-    progress: Progress = lambda _number, _move: None,
+    plan: ExcitationPlan | Excitation,
+    progress: MoveProgress = lambda _number, _move: None,
     period_us: int = DEFAULT_PERIOD_US,
     first: int = 0,
 ) -> Rows:

@@ -12,26 +12,26 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import local_board_memory
+from qrobot.hwif.board_memory import local_board_memory
 from qrobot.rccl_bridge.actions import carry_out
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import VirtualLink
+from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.record import block_of
-from qrobot.realtime.segment import Words
-from qrobot.servo.law_process import tried_law
 from qrobot.servo.laws import law_label
-from qrobot.servo.loop import one_cycle
-from qrobot.servo.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.laws.trial_process import tried_law
+from qrobot.servo.memory.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
+from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
-from qrobot.servo.telemetry import Rows, TelemetryReader
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, emulator_run
 from qrobot.units import NS_PER_S
 from qrobot.wire import Hello

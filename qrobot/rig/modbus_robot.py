@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkLost
+from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations
-from qrobot.hwif.memory import attach_board_memory
 from qrobot.hwif.modbus.map import encode_robot
-from qrobot.realtime.segment import Segment, Words
-from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.realtime.shared_memory import SharedMemory
+from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
 
 
 class Follower:
@@ -20,9 +21,9 @@ class Follower:
         who: for messages.
     """
 
-    def __init__(self, attach: Callable[[], Segment], who: str) -> None:
+    def __init__(self, attach: Callable[[], SharedMemory], who: str) -> None:
         self._attach, self._who = attach, who
-        self._segment: Segment | None = None
+        self._segment: SharedMemory | None = None
 
     def words(self) -> Words:
         """The memory of whoever serves it now. Raises LinkError when nobody does."""
@@ -43,7 +44,7 @@ class Follower:
 
 
 class RunningRobot:
-    """The far end of a road that leads to a robot whose servo has the board.
+    """The far end of a transport that leads to a robot whose servo has the board.
 
     Args:
         arm: instance name.

@@ -22,12 +22,12 @@ from types import FrameType, TracebackType
 from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
-from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
-from qrobot.realtime.segment import discard_dead
+from qrobot.hwif.board_memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
+from qrobot.realtime.shared_memory import discard_dead
+from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
-from qrobot.realtime.turn import TURN_VARIABLE
 from qrobot.rig.interrupts import interrupts_deferred
-from qrobot.servo.mailbox import BEAT_SLIPPED_NS, GUARD_T_NS, INFO_READY, attach_servo_memory
+from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, GUARD_T_NS, INFO_READY, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
@@ -35,7 +35,7 @@ POLL_S = 0.02
 
 
 @dataclass(frozen=True)
-class Plan:
+class ProcessPlan:
     """A process to be started.
 
     Attributes:
@@ -59,7 +59,7 @@ class Plan:
 class Child:
     """One supervised process."""
 
-    plan: Plan
+    plan: ProcessPlan
     process: subprocess.Popen[bytes]
     output: Path
     turn: IO[bytes]
@@ -115,7 +115,7 @@ class ProcessRig:
         self._supervision = Supervision()
         directory.mkdir(parents=True, exist_ok=True)
 
-    def start(self, *plans: Plan) -> None:
+    def start(self, *plans: ProcessPlan) -> None:
         """Start processes; each begins its work when the ones before it are ready.
 
         Raises:
@@ -168,10 +168,10 @@ class ProcessRig:
             discard_dead(child.name)  # of one that was killed: its memory has its name
         self._supervision.close()
 
-    def _output(self, plan: Plan) -> Path:
+    def _output(self, plan: ProcessPlan) -> Path:
         return self.directory / f"{plan.name}.txt"
 
-    def _spawn(self, plan: Plan) -> Child:
+    def _spawn(self, plan: ProcessPlan) -> Child:
         awaited, turn = os.pipe()
         with self._output(plan).open("ab") as file, os.fdopen(awaited):
             process = subprocess.Popen(

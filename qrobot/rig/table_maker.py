@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_REVISION,
     IMAGE_COUNT,
     IMAGE_INPUTS,
@@ -31,18 +32,16 @@ from qrobot.hwif.memory import (
 from qrobot.hwif.registers import DISCRETE, DISCRETE_ADC, ENC_COUNT, ENC_INDEX, INDEX_BIT_0, N_ADCS, STATUS
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Words
-from qrobot.servo.adc import IMAGES_TO_ANSWER, collect_sample, make_adc_state, start_sample
-from qrobot.servo.calibration_table import CalibrationTable
-from qrobot.servo.pots import pot_units
+from qrobot.servo.calibration.potentiometers import pot_units
+from qrobot.servo.calibration.table import CalibrationTable
+from qrobot.servo.stages.converter import IMAGES_TO_ANSWER, collect_sample, make_adc_state, start_sample
 from qrobot.sim_board.board import accept_operations, publish_sample
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, turn_shafts
 
 PLACES_PER_TURN: Final = 64  # half as many readings
 PATIENCE: Final = 8
 
-Floats = NDArray[np.float64]
-Progress = Callable[[int, float], None]
+TableProgress = Callable[[int, float], None]
 
 
 @lean_kernel
@@ -66,7 +65,7 @@ class _Recorder:
     volts: Floats = field(default_factory=lambda: np.zeros(N_ADCS))
     t_ns: int = 0
 
-    def record(self, joint: int, places: Floats, progress: Progress) -> tuple[list[int], list[int]]:
+    def record(self, joint: int, places: Floats, progress: TableProgress) -> tuple[list[int], list[int]]:
         """Rows (pots, counts) met while the arm is led through `places` (m, n)."""
         transmission = self.emulator.robot.transmission
         slope = transmission.pot_per_rev / transmission.counts_per_rev[joint]
@@ -108,7 +107,7 @@ def _ignore(_joint: int, _share: float) -> None:
     """Nobody watches."""
 
 
-def make_table(emulator: Emulator, progress: Progress = _ignore) -> CalibrationTable:
+def make_table(emulator: Emulator, progress: TableProgress = _ignore) -> CalibrationTable:
     """Lead the emulated arm through its range and record its table; the arm is where it was, and off, afterwards.
 
     Args:

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator
 
 RIPPLE_WINDOW_S: Final = 0.028  # torque is held against its mean over one sample period of RCCL
 CRUISE_RAD_S2: Final = 0.01  # smaller desired accelerations are cruise or rest
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

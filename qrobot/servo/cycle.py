@@ -4,7 +4,7 @@
 
 `cycle` is pure: it works on the arrays it is given, with the time as an argument, and every path ends in a list of
 register writes that carries either the guarded torque of the law or zero torque. The loops that own a clock
-(`servo.loop`, the lock-step rig) and the tests all call this one function.
+(`servo.process.loop`, the lock-step rig) and the tests all call this one function.
 """
 
 from __future__ import annotations
@@ -12,18 +12,30 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.actuate import drive, write
-from qrobot.servo.calibrate import IDLE, calibrate, leave_calibration
-from qrobot.servo.calibration_state import STAGE
-from qrobot.servo.give_way import give_way
-from qrobot.servo.hold_to_run import watch_key
-from qrobot.servo.interpolator import reference, shift_extrapolated, stop_profile
+from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
+from qrobot.servo.calibration.state import STAGE
+from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors, watch_timing
+from qrobot.servo.checks.hold_to_run import watch_key
+from qrobot.servo.checks.reduced_speed import watch_tool
+from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque
-from qrobot.servo.outputs import settle_outputs
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.reduced_speed import watch_tool
-from qrobot.servo.sense import estimate, read, watch_arm
-from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
+from qrobot.servo.stages.binary_outputs import settle_outputs
+from qrobot.servo.stages.collision_stop import give_way
+from qrobot.servo.stages.dropout_hold import hold_through_dropout
+from qrobot.servo.stages.inputs import estimate, read, watch_arm
+from qrobot.servo.stages.interpolator import reference, shift_extrapolated, stop_profile
+from qrobot.servo.stages.mode_machine import (
+    apply_faults,
+    finish_stop,
+    handle_requests,
+    hold_position,
+    report_fault,
+    watch_surroundings,
+)
+from qrobot.servo.stages.publish import publish
+from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
+from qrobot.servo.stages.torque_output import drive, write
 from qrobot.servo.state import (
     BEGAN_NS,
     DT,
@@ -41,18 +53,6 @@ from qrobot.servo.state import (
     UNSEEN,
     ServoState,
 )
-from qrobot.servo.stream import advance_phase, frame_is_over, take_frame
-from qrobot.servo.supervisor import (
-    finish_stop,
-    hold_here,
-    obey_requests,
-    raise_code,
-    react,
-    watch_surroundings,
-)
-from qrobot.servo.tell import tell
-from qrobot.servo.unseen import keep_pace
-from qrobot.servo.watch import watch_brakes, watch_modules, watch_motors, watch_timing
 
 CALIBRATING: Final = int(Mode.CALIBRATING)
 TRACKING: Final = int(Mode.TRACKING)
@@ -65,8 +65,8 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
 
     Args:
         params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
-            board, `IMAGE_OK` whether it was whole. mail: servo memory, see `servo.mailbox`. now_ns: planned time of
-            this cycle. late_ns: how much later it really runs.
+            board, `IMAGE_OK` whether it was whole. mail: servo memory, see `servo.memory.mailbox`. now_ns: planned time
+            of this cycle. late_ns: how much later it really runs.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.
@@ -79,17 +79,17 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     watch_motors(params, state)
     watch_brakes(params, state, now_ns)
     watch_modules(state)
-    obey_requests(params, state, mail, now_ns)
-    refer(params, state, mail, now_ns)
-    keep_pace(state)
+    handle_requests(params, state, mail, now_ns)
+    update_reference(params, state, mail, now_ns)
+    hold_through_dropout(state)
     watch_key(state, mail, now_ns)
     watch_tool(params, state)
-    react(params, state, mail, now_ns)
+    apply_faults(params, state, mail, now_ns)
     drive(params, state)
-    react(params, state, mail, now_ns)
+    apply_faults(params, state, mail, now_ns)
     settle_outputs(params, state, mail, now_ns)
     n_ops = write(params, state, mail)
-    tell(params, state, mail, now_ns, late_ns)
+    publish(params, state, mail, now_ns, late_ns)
     return n_ops
 
 
@@ -110,7 +110,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 
 
 @lean_kernel
-def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.i[MODE]
     if mode != CALIBRATING and state.cal.i[STAGE] != IDLE:
@@ -118,12 +118,12 @@ def refer(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) ->
     if mode == CALIBRATING:
         calibrate(params, state)
     elif not gives_torque(mode):
-        hold_here(state)  # without torque the reference is wherever the arm is
+        hold_position(state)  # without torque the reference is wherever the arm is
     elif mode == TRACKING:
         advance_phase(state)
         while frame_is_over(state):
             code, joint = take_frame(params, state, mail, now_ns)
-            raise_code(state, code, joint)
+            report_fault(state, code, joint)
         follow_path(params, state, 0.0)
         follow_torque_joints(state)
     elif mode == STOPPING:

@@ -31,7 +31,7 @@ class Mode(IntEnum):
     FAULT = 7
 
 
-class Stop(IntEnum):
+class StopCategory(IntEnum):
     """Stop categories of IEC 60204-1, and how the servo ends each."""
 
     CATEGORY_0 = 0  # torque and power off at once, brakes close

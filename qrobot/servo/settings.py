@@ -10,12 +10,12 @@ from qrobot.config import Robot
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
-from qrobot.servo.calibration_table import CalibrationTable
-from qrobot.servo.forms import DEFAULT_FORM, find_form
-from qrobot.servo.law import Law
+from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
+from qrobot.servo.laws.law import Law
 from qrobot.servo.output_lines import OutputWire
-from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
+from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM, find_form
+from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.units import NS_PER_S
 
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
@@ -53,8 +53,8 @@ class ServoSettings:
         rate_hz: cycles per second; the period is rounded to whole nanoseconds.
         law: name of the control law, see `servo.laws`.
         law_settings: numbers of the law's own that were chosen, by name.
-        velocity: how velocities are estimated, see `servo.velocity.ESTIMATORS`.
-        interpolation: form of the path between setpoints, see `servo.forms.FORMS`.
+        velocity: how velocities are estimated, see `servo.stages.velocity.ESTIMATORS`.
+        interpolation: form of the path between setpoints, see `servo.stages.interpolation_polynomials.FORMS`.
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
         board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.
@@ -64,14 +64,14 @@ class ServoSettings:
         cpu: processor for the loop thread, None for the last one allowed.
         priority: SCHED_FIFO priority of the loop thread.
         black_box_s: how much the telemetry ring holds, at least, where shared memory has room for it.
-        unchecked_rate: somebody has signed for a rate that the self-test of `servo.pace` would refuse.
+        unchecked_rate: somebody has signed for a rate that the self-test of `servo.process.rate_test` would refuse.
         sensor_channels: ADC channels sampled all the time, for laws that use sensors.
         force_sensor: how volts become force and torque at the wrist; its channels are sampled all the time, too.
         position_drives: the arm's drives close the loop themselves (cyclic synchronous position): they get the
             reference, no law but the default may be named and it gives no torque, and what is judged by torques is not
             watched.
         exchange_ms: time between two exchanges with a board behind a gateway; 0 for a board without one.
-        unchecked_gains: somebody has signed for gains that `servo.stability` would refuse.
+        unchecked_gains: somebody has signed for gains that `servo.laws.stability` would refuse.
         reduced_speed_m_s: the most that the tool's tip may move, 0 for no such limit.
         tool_m: the tool's tip from the flange, in its frame.
         outputs: lines that programs may switch.

@@ -10,23 +10,23 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.faultcodes import NO_JOINT
-from qrobot.hwif.memory import IMAGE_WORDS, OP_FIELDS
+from qrobot.hwif.board_memory import IMAGE_WORDS, OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
-from qrobot.realtime.record import record_of
-from qrobot.servo.adc import AdcState, make_adc_state
-from qrobot.servo.calibration_state import CalibrationState, PotState, make_calibration_state, make_pot_state
-from qrobot.servo.forms import N_KNOTS
-from qrobot.servo.index_watch import IndexWatch, make_index_watch
-from qrobot.servo.law import MEMORY_WORDS, Law
-from qrobot.servo.law_copies import LawCopies, make_law_copies
-from qrobot.servo.mailbox import state_words
+from qrobot.realtime.flat_record import record_of
+from qrobot.servo.calibration.state import CalibrationState, PotState, make_calibration_state, make_pot_state
+from qrobot.servo.checks.lost_counts import IndexWatch, make_index_watch
+from qrobot.servo.checks.monitor_state import WatchState, make_watch_state
+from qrobot.servo.laws.guarded_copies import LawCopies, make_law_copies
+from qrobot.servo.laws.law import MEMORY_WORDS, Law
+from qrobot.servo.laws.law_swap import SwapState, make_swap_state
+from qrobot.servo.memory.mailbox import state_words
+from qrobot.servo.memory.setpoint_queue import frame_words
+from qrobot.servo.memory.telemetry import TelemetryLayout
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.setpoint_queue import frame_words
-from qrobot.servo.swap import SwapState, make_swap_state
-from qrobot.servo.telemetry import TelemetryLayout
-from qrobot.servo.watch_state import WatchState, make_watch_state
-from qrobot.servo.wrench import N_COMPONENTS
+from qrobot.servo.stages.converter import AdcState, make_adc_state
+from qrobot.servo.stages.interpolation_polynomials import N_KNOTS
+from qrobot.servo.stages.wrench import N_COMPONENTS
 
 # indexes into `i`
 (
@@ -68,7 +68,7 @@ from qrobot.servo.wrench import N_COMPONENTS
     FLAGS,
     IMAGE_SEEN,  # count of the newest image
     UNCHANGED,  # cycles in a row that have seen no newer one
-    UNSEEN,  # 1: no image says where the joints are, and they are carried on, see `servo.unseen`
+    UNSEEN,  # 1: no image says where the joints are, and they are carried on, see `servo.stages.dropout_hold`
     READ_NS,  # when encoder words were last taken from an image
     ADOPT,  # what to take over from the next good image
     REVISION,  # of the board, as it says itself
@@ -81,7 +81,7 @@ from qrobot.servo.wrench import N_COMPONENTS
     BRIDGED,  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
     BEGAN_NS,  # when this cycle really began
     DRIVEN,  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
-    ARMED,  # 1: the guardian is to act should the servo fall silent, see `servo.arming`
+    ARMED,  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`
     SAFE_HEAD,  # end of the first list of the lane after which nothing is driven, -1 for none
     SAFE_IMAGE,  # count of the image in which that list was seen taken, -1 before
     IMAGE_AGE_NS,  # of the image fetched for this tick, on the clock of the servo

@@ -17,12 +17,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.hwif.memory import PANEL_ANALOG, PANEL_MICRO
+from qrobot.arrays import Words
+from qrobot.hwif.board_memory import PANEL_ANALOG, PANEL_MICRO
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Words
-from qrobot.sim_board.lehmer import first_state, normal
-from qrobot.sim_board.upset import POT_GAIN, POT_NOISE, POT_SHIFT, Knobs
+from qrobot.sim_board.fault_effects import POT_GAIN, POT_NOISE, POT_SHIFT, Knobs
+from qrobot.sim_board.random_lcg import first_state, normal
 
 WAVE_UNITS: Final = 20.0  # [A] amplitude; 14 rms against 11-22 in the vendor's table
 WAVE_LENGTH_REVS: Final = 37.0  # [A] slow, and not a divisor of the range

@@ -26,7 +26,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.hwif.memory import (
+from qrobot.arrays import Words
+from qrobot.hwif.board_memory import (
     BOARD_ILLEGAL_OPS,
     IMAGE_COUNT,
     IMAGE_INPUTS,
@@ -76,10 +77,9 @@ from qrobot.hwif.registers import (
 )
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wipers
 from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, sample_encoders
-from qrobot.sim_board.upset import (
+from qrobot.sim_board.fault_effects import (
     ADC_STUCK,
     BRAKE_LATE_NS,
     DEAF,
@@ -124,7 +124,7 @@ class BoardOptions(NamedTuple):
     watchdog_ns: int = 0  # without a write for this long all DACs go to zero torque; 0: no watchdog, as on the TRC004
 
 
-class Board(NamedTuple):
+class BoardState(NamedTuple):
     """State of the board's chips."""
 
     encoders: Encoders
@@ -140,7 +140,7 @@ class Board(NamedTuple):
     options: BoardOptions
 
 
-def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: int = 0) -> Board:
+def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: int = 0) -> BoardState:
     """A board just powered up: zero torque, everything off, brakes closed, not calibrated. The seed is its faults'."""
     register = np.zeros(N_REGISTERS, np.int64)
     register[REG_FLAGS] = FLIP_FLOPS
@@ -148,7 +148,7 @@ def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: 
     register[REG_ESTOP_OK] = 1
     register[REG_ADC_DONE_NS] = _ADC_IDLE
     dac = np.full(N_DACS, DAC_ZERO, np.int64)
-    return Board(
+    return BoardState(
         encoders=encoders,
         analog=analog,
         upset=make_upset(seed),
@@ -164,7 +164,7 @@ def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: 
 
 
 @lean_kernel
-def _write_discrete(board: Board, value: int) -> None:
+def _write_discrete(board: BoardState, value: int) -> None:
     """Latch the word; a mask bit at 0 presets its flip-flop, and power enable at 0 drops power."""
     register = board.register
     risen = value & ~register[REG_DISCRETE]
@@ -178,7 +178,7 @@ def _write_discrete(board: Board, value: int) -> None:
 
 
 @lean_kernel
-def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
+def _start_conversion(board: BoardState, memory: Words, t_ns: int) -> None:
     """Sample the selected channel; its code shows `conversion_ns` later."""
     register = board.register
     volts = input_volts(board.analog, memory, board.upset.knob, register[REG_ADC_CHANNEL])
@@ -187,7 +187,7 @@ def _start_conversion(board: Board, memory: Words, t_ns: int) -> None:
 
 
 @lean_kernel
-def _write_mux(board: Board, memory: Words, value: int, t_ns: int) -> None:
+def _write_mux(board: BoardState, memory: Words, value: int, t_ns: int) -> None:
     """Revision F: channel and start bit in one word; revision E: the channel only."""
     if board.options.revision_f:
         board.register[REG_ADC_CHANNEL] = value >> ADC_F_CHANNEL_SHIFT & 7
@@ -198,7 +198,7 @@ def _write_mux(board: Board, memory: Words, value: int, t_ns: int) -> None:
 
 
 @lean_kernel
-def _write(board: Board, memory: Words, offset: int, value: int, t_ns: int) -> None:
+def _write(board: BoardState, memory: Words, offset: int, value: int, t_ns: int) -> None:
     """A legal write: 0x20-0x3E."""
     if offset >= DAC:
         board.dac[(offset - DAC) // 2] = value & DAC_MASK
@@ -211,7 +211,7 @@ def _write(board: Board, memory: Words, offset: int, value: int, t_ns: int) -> N
 
 
 @lean_kernel
-def _apply(board: Board, memory: Words, lane: int, t_ns: int) -> None:
+def _apply(board: BoardState, memory: Words, lane: int, t_ns: int) -> None:
     """Apply `board.operation`; one on an offset of the wrong direction is ignored and counted [A]."""
     kind, offset, value = board.operation[0], board.operation[1], board.operation[2]
     even = offset % 2 == 0
@@ -254,7 +254,7 @@ def _update_power(register: Words, switch: Words, options: BoardOptions, memory:
 
 
 @lean_kernel
-def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
+def accept_operations(board: BoardState, memory: Words, t_ns: int) -> None:
     """Apply what was posted for times up to board time `t_ns`, lane by lane in order; then settle power and brakes."""
     for lane in range(N_LANES):
         for _ in range(LANE_CAPACITY):
@@ -270,7 +270,7 @@ def accept_operations(board: Board, memory: Words, t_ns: int) -> None:
 
 
 @lean_kernel
-def _count(board: Board, shaft: NDArray[np.float64]) -> None:
+def _count(board: BoardState, shaft: NDArray[np.float64]) -> None:
     """Move the encoders to the shafts' positions; an index latched drops its flip-flop."""
     register = board.register
     armed = register[REG_DISCRETE] & STATUS_INDEX
@@ -306,7 +306,7 @@ def _status(register: Words, options: BoardOptions, memory: Words) -> int:
 
 
 @lean_kernel
-def publish_sample(board: Board, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
+def publish_sample(board: BoardState, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
     _count(board, shaft)
     _finish_conversion(board.register, board.upset.switch, t_ns)

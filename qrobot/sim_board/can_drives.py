@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.bus import Endpoint, make_image
 from qrobot.hwif.canbus.drives import FROM_DRIVE
 from qrobot.hwif.canbus.ds402 import (
@@ -34,7 +35,6 @@ from qrobot.hwif.canbus.ds402 import (
 from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, RPDO, SDO_ANSWER, SDO_ASK, SYNC, TPDO
 from qrobot.hwif.canbus.link import ABORTED, DOWNLOAD, DOWNLOADED, SDO, START, UPLOAD, UPLOADED
 from qrobot.hwif.canbus.setpoints import PositionSetpoints, TorqueSetpoints
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -51,7 +51,7 @@ VOLTAGE: Final = 0x10  # bit of the status word: there is power to switch on
 LOST_SYNC: Final = 0x8100  # error code: communication
 _EMERGENCY: Final = struct.Struct("<HB5x")
 _COMMANDS: Final = 0x8F  # bits of the control word that make the state machine move
-Send = Callable[[int, bytes], None]
+SendFrame = Callable[[int, bytes], None]
 
 # Transitions of CiA 402 (table 28): where a control word leads from where.
 _STEPS: Final = {
@@ -152,7 +152,7 @@ class EmulatedDrives:
     """
 
     end: Endpoint
-    send: Send
+    send: SendFrame
     nodes: Sequence[int]
     torque_permille: Sequence[float]
     increments_per_count: Sequence[float]

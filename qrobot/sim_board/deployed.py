@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from qrobot.config import Arm, Robot
+from qrobot.config import DeployedArm, Robot
 from qrobot.config.deployment import BoardChoice
 from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
@@ -24,7 +24,7 @@ def board_options(choice: BoardChoice, robot: Robot) -> BoardOptions:
 
 
 def emulator_of_arm(
-    arm: Arm,
+    arm: DeployedArm,
     robot: Robot,
     *,
     plant: Literal["nominal", "mismatched"] | None = None,

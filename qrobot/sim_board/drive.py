@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import DAC_ZERO
@@ -34,10 +35,8 @@ BRAKE_FACTOR: Final = 3.0  # [A] holding torque of a brake over the motor's full
 _BRISTLE_ANGLE: Final = 0.5  # sqrt(k / inertia) dt, rad per step; stable below 2 without damping
 _BRISTLE_DAMPING: Final = 0.7  # of the critical one
 
-Floats = NDArray[np.float64]
 
-
-class Drive(NamedTuple):
+class JointDrives(NamedTuple):
     """Parameters and state of all joints' drives; arrays float64[n] in joint units (N.m, rad or N, m)."""
 
     torque_per_count: Floats  # signed
@@ -54,7 +53,7 @@ class Drive(NamedTuple):
     stiction: float
 
 
-def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) -> Drive:
+def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) -> JointDrives:
     """Drives of `robot` with one of its friction presets. Raises ConfigError when the robot has no such preset."""
     if friction not in robot.friction:
         raise ConfigError(f"{robot.name} has no friction preset {friction!r}, only {', '.join(robot.friction)}")
@@ -63,7 +62,7 @@ def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) 
     full_scale = DAC_ZERO / np.abs(transmission.dac_per_Nm)
     stiffness = armature * (_BRISTLE_ANGLE / dt) ** 2
     damping = 2.0 * _BRISTLE_DAMPING * np.sqrt(stiffness * armature)
-    return Drive(
+    return JointDrives(
         torque_per_count=mismatch.torque_gain / transmission.dac_per_Nm,
         viscous=preset.viscous * mismatch.viscous,
         coulomb_pos=preset.coulomb_pos * mismatch.coulomb_pos,
@@ -80,7 +79,7 @@ def make_drive(robot: Robot, mismatch: PlantMismatch, friction: str, dt: float) 
 
 
 @lean_kernel
-def friction_torque(drive: Drive, joint: int, velocity: float, braked: float) -> float:
+def friction_torque(drive: JointDrives, joint: int, velocity: float, braked: float) -> float:
     """Torque friction takes from a motor at `velocity`, N.m in joint units; advances the bristle by one step.
 
     `braked` is the share of its holding torque the joint's brake has now, 0 when it is open.
@@ -99,7 +98,7 @@ def friction_torque(drive: Drive, joint: int, velocity: float, braked: float) ->
 
 @lean_kernel
 def drive_torque(
-    drive: Drive, dac: NDArray[np.int64], powered: bool, braked: Floats, velocity: Floats, tau_joint: Floats
+    drive: JointDrives, dac: NDArray[np.int64], powered: bool, braked: Floats, velocity: Floats, tau_joint: Floats
 ) -> None:
     """Joint torques of one step: amplifiers less friction, seen through the coupling.
 

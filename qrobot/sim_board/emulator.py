@@ -7,10 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_JOINTS,
     BOARD_NOW_NS,
     BOARD_PERIOD_NS,
@@ -20,44 +21,41 @@ from qrobot.hwif.memory import (
     PANEL_PUSH,
 )
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
+from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.record import record_of
-from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import Analog, make_analog
 from qrobot.sim_board.board import (
     REG_BRAKED,
     REG_DISCRETE,
     REG_POWER,
     REG_PRESSES,
-    Board,
     BoardOptions,
+    BoardState,
     accept_operations,
     make_board,
     publish_sample,
 )
-from qrobot.sim_board.drive import Drive, drive_torque, make_drive
+from qrobot.sim_board.drive import JointDrives, drive_torque, make_drive
 from qrobot.sim_board.encoder import COUNTER_MASK, make_encoders
+from qrobot.sim_board.fault_effects import ENC_TURNED, PUSH
 from qrobot.sim_board.faults import FaultPlan
 from qrobot.sim_board.injection import FaultPanel, apply_faults
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.sim_board.mujoco_plant import EMPTY, PlantMemory, load_plant
 from qrobot.sim_board.plant import Physics, Plant, PlantOwner, step_plant
 from qrobot.sim_board.rigid_plant import RigidPlant
-from qrobot.sim_board.upset import ENC_TURNED, PUSH
 from qrobot.sim_board.wrist import Wrist, make_wrist, no_wrist, sense_wrist
 from qrobot.units import NS_PER_S
 
 PLANT_HZ: Final = 4000
 REST: Final = 1e-12  # joint units per second; slower is standing still
 
-Floats = NDArray[np.float64]
-
 
 class EmulatorBundle(NamedTuple):
     """Everything a plant step needs, as plain arrays and numbers: an argument for other kernels."""
 
-    board: Board
-    drive: Drive
+    board: BoardState
+    drive: JointDrives
     plant: Plant
     wrist: Wrist
     counts_per_unit: Floats  # [n] counts per rad (or m) of motor-side position, signed
@@ -270,7 +268,7 @@ def _make_wrist(sensor: ForceSensor | None, plant: PlantOwner, analog: Analog, d
     return make_wrist(sensor, plant.wrist, analog, dt, seed)
 
 
-def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, fault_seed: int) -> Board:
+def _make_board(robot: Robot, options: BoardOptions, seed: int, pots: bool, fault_seed: int) -> BoardState:
     transmission = robot.transmission
     encoders = make_encoders(transmission.counts_per_rev, transmission.index_phase)
     at_zero = transmission.pot_at_zero if pots else np.zeros(0)

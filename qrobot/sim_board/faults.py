@@ -25,7 +25,7 @@ from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ENCODERS
 
 
-class Kind(NamedTuple):
+class FaultKind(NamedTuple):
     """One row of the table of faults.
 
     Attributes:
@@ -68,38 +68,40 @@ BOARD_OFF, BOARD_FROZEN, BOARD_SLOW, BOARD_INTERMITTENT, BOARD_DEAF = range(90, 
 ARM_PUSHED: Final = 100
 
 KINDS: Final = (
-    Kind(ENC_STUCK, "encoder", "stuck", "counts nothing; what was not counted stays lost"),
-    Kind(ENC_JUMP, "encoder", "jump", "jumps and goes on from there", True, 2000, -32000, 32000, "counts", once=True),
-    Kind(ENC_GARBAGE, "encoder", "garbage", "reads a random word"),
-    Kind(ENC_REVERSED, "encoder", "reversed", "counts the wrong way"),
-    Kind(ENC_SCALE, "encoder", "scale", "counts so many times what it should", True, 1.01, -10, 10, "times"),
-    Kind(ENC_LOST, "encoder", "lost", "loses one of so many rising counts", True, 1000, 1, 1e6, "counts"),
-    Kind(ENC_WRONG, "encoder", "wrong", "reads so much more while it lasts", True, 500, -32000, 32000, "counts"),
-    Kind(ENC_OFF, "encoder", "off", "gives neither counts nor index pulses, as with its cable pulled out"),
-    Kind(INDEX_MISSING, "index", "missing", "gives no index pulse"),
-    Kind(INDEX_DOUBLE, "index", "double", "gives a second index pulse half a revolution off"),
-    Kind(POT_NOISY, "pot", "noise", "is so many times as noisy", True, 10, 0, 10000, "times"),
-    Kind(POT_DEAD, "pot", "dead", "reads zero volts"),
-    Kind(POT_WRONG, "pot", "wrong", "reads so much more", True, 0.5, -10, 10, "V"),
-    Kind(ADC_STOPPED, "adc", "stuck", "shows its last code for every channel", False),
-    Kind(DAC_STUCK, "dac", "stuck", "holds the word it had"),
-    Kind(DAC_FULL, "dac", "full", "holds word 4095, or 0 for a negative value", True, 1, -1, 1, "sign"),
-    Kind(DAC_GAIN_OFF, "dac", "gain", "gives so much of the torque", True, 0.8, -1, 1, "times"),
-    Kind(DAC_DEAD, "dac", "dead", "gives no torque"),
-    Kind(POWER_DROP, "power", "drop", "falls off and may be switched on again", False, once=True),
-    Kind(POWER_FAILED, "power", "off", "is off and does not come on", False),
-    Kind(BRAKE_STUCK, "brake", "stuck", "does not release"),
-    Kind(BRAKE_SLIPS, "brake", "slips", "holds with so much of its torque", True, 0.05, 0, 1, "times"),
-    Kind(BRAKE_SLOW, "brake", "slow", "acts so much later, on every joint", False, 300, 0, 60000, "ms"),
-    Kind(ESTOP_HELD, "estop", "pressed", "is pressed", False),
-    Kind(BOARD_OFF, "board", "off", "reads this word at every input", False, 0xFFFF, 0, 0xFFFF, "word"),
-    Kind(BOARD_FROZEN, "board", "frozen", "publishes no new image", False),
-    Kind(BOARD_SLOW, "board", "slow", "shows its inputs so much later", False, 5, 0, 60, "ms"),
-    Kind(
+    FaultKind(ENC_STUCK, "encoder", "stuck", "counts nothing; what was not counted stays lost"),
+    FaultKind(
+        ENC_JUMP, "encoder", "jump", "jumps and goes on from there", True, 2000, -32000, 32000, "counts", once=True
+    ),
+    FaultKind(ENC_GARBAGE, "encoder", "garbage", "reads a random word"),
+    FaultKind(ENC_REVERSED, "encoder", "reversed", "counts the wrong way"),
+    FaultKind(ENC_SCALE, "encoder", "scale", "counts so many times what it should", True, 1.01, -10, 10, "times"),
+    FaultKind(ENC_LOST, "encoder", "lost", "loses one of so many rising counts", True, 1000, 1, 1e6, "counts"),
+    FaultKind(ENC_WRONG, "encoder", "wrong", "reads so much more while it lasts", True, 500, -32000, 32000, "counts"),
+    FaultKind(ENC_OFF, "encoder", "off", "gives neither counts nor index pulses, as with its cable pulled out"),
+    FaultKind(INDEX_MISSING, "index", "missing", "gives no index pulse"),
+    FaultKind(INDEX_DOUBLE, "index", "double", "gives a second index pulse half a revolution off"),
+    FaultKind(POT_NOISY, "pot", "noise", "is so many times as noisy", True, 10, 0, 10000, "times"),
+    FaultKind(POT_DEAD, "pot", "dead", "reads zero volts"),
+    FaultKind(POT_WRONG, "pot", "wrong", "reads so much more", True, 0.5, -10, 10, "V"),
+    FaultKind(ADC_STOPPED, "adc", "stuck", "shows its last code for every channel", False),
+    FaultKind(DAC_STUCK, "dac", "stuck", "holds the word it had"),
+    FaultKind(DAC_FULL, "dac", "full", "holds word 4095, or 0 for a negative value", True, 1, -1, 1, "sign"),
+    FaultKind(DAC_GAIN_OFF, "dac", "gain", "gives so much of the torque", True, 0.8, -1, 1, "times"),
+    FaultKind(DAC_DEAD, "dac", "dead", "gives no torque"),
+    FaultKind(POWER_DROP, "power", "drop", "falls off and may be switched on again", False, once=True),
+    FaultKind(POWER_FAILED, "power", "off", "is off and does not come on", False),
+    FaultKind(BRAKE_STUCK, "brake", "stuck", "does not release"),
+    FaultKind(BRAKE_SLIPS, "brake", "slips", "holds with so much of its torque", True, 0.05, 0, 1, "times"),
+    FaultKind(BRAKE_SLOW, "brake", "slow", "acts so much later, on every joint", False, 300, 0, 60000, "ms"),
+    FaultKind(ESTOP_HELD, "estop", "pressed", "is pressed", False),
+    FaultKind(BOARD_OFF, "board", "off", "reads this word at every input", False, 0xFFFF, 0, 0xFFFF, "word"),
+    FaultKind(BOARD_FROZEN, "board", "frozen", "publishes no new image", False),
+    FaultKind(BOARD_SLOW, "board", "slow", "shows its inputs so much later", False, 5, 0, 60, "ms"),
+    FaultKind(
         BOARD_INTERMITTENT, "board", "intermittent", "reads 0xFFFF in this share of images", False, 0.5, 0, 1, "share"
     ),
-    Kind(BOARD_DEAF, "board", "deaf", "loses what is written to it", False),
-    Kind(ARM_PUSHED, "arm", "pushed", "is pushed at the joint, by so much", True, 30, -1000, 1000, "N.m or N"),
+    FaultKind(BOARD_DEAF, "board", "deaf", "loses what is written to it", False),
+    FaultKind(ARM_PUSHED, "arm", "pushed", "is pushed at the joint, by so much", True, 30, -1000, 1000, "N.m or N"),
 )
 COMPONENTS: Final = tuple(dict.fromkeys(kind.component for kind in KINDS))
 _BY_NAME: Final = {(kind.component, kind.name): kind for kind in KINDS}
@@ -149,7 +151,7 @@ class Fault:
             raise ConfigError(f"{name}: it cannot last {self.duration_s} s; leave the duration out for good")
         self._check_value(row)
 
-    def _check_value(self, row: Kind) -> None:
+    def _check_value(self, row: FaultKind) -> None:
         if self.value is None:
             return
         if row.default is None:
@@ -160,7 +162,7 @@ class Fault:
             )
 
     @property
-    def row(self) -> Kind:
+    def row(self) -> FaultKind:
         """Its row of the table."""
         return _BY_NAME[self.component, self.kind]
 
@@ -222,7 +224,7 @@ class PlanFile(Table):
     seed: int = 0
 
 
-def kind_of(number: int) -> Kind:
+def kind_of(number: int) -> FaultKind:
     """The row with that number. Raises ConfigError when there is none: somebody has damaged the board memory."""
     for kind in KINDS:
         if kind.number == number:

@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from qrobot.arrays import Words
 from qrobot.errors import ConfigError
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_JOINTS,
     BOARD_NOW_NS,
     BOARD_PERIOD_NS,
@@ -24,7 +25,6 @@ from qrobot.hwif.memory import (
 from qrobot.hwif.registers import DAC_MASK, DISCRETE_POWER, N_ENCODERS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Words
 from qrobot.sim_board import faults as kinds
 from qrobot.sim_board.board import (
     REG_ADC_CHANNEL,
@@ -34,11 +34,9 @@ from qrobot.sim_board.board import (
     REG_DISCRETE,
     REG_DROPPED,
     REG_POWER,
-    Board,
+    BoardState,
 )
-from qrobot.sim_board.faults import Fault, FaultPlan, kind_of
-from qrobot.sim_board.lehmer import uniform
-from qrobot.sim_board.upset import (
+from qrobot.sim_board.fault_effects import (
     ADC_STUCK,
     BRAKE_CLOSED,
     BRAKE_LATE_NS,
@@ -64,6 +62,8 @@ from qrobot.sim_board.upset import (
     TOUCHED,
     to_neutral,
 )
+from qrobot.sim_board.faults import Fault, FaultPlan, kind_of
+from qrobot.sim_board.random_lcg import uniform
 from qrobot.units import NS_PER_MS, NS_PER_S
 
 # Fields of a slot. STEPS counts the board's steps in which the fault was active, ACTED those in which that made a
@@ -79,7 +79,7 @@ _ALL_ONES: Final = 0xFFFF
 
 
 @lean_kernel
-def _upset_encoder(board: Board, kind: int, channel: int, value: float, first: bool) -> bool:
+def _upset_encoder(board: BoardState, kind: int, channel: int, value: float, first: bool) -> bool:
     """True when the channel counts other than its shaft turns."""
     knob = board.upset.knob
     step = knob[ENC_STEP, channel]
@@ -108,7 +108,7 @@ def _upset_encoder(board: Board, kind: int, channel: int, value: float, first: b
 
 
 @lean_kernel
-def _upset_index(board: Board, memory: Words, at: int, channel: int) -> bool:
+def _upset_index(board: BoardState, memory: Words, at: int, channel: int) -> bool:
     """True when an index pulse was swallowed or added since the last step."""
     encoders = board.encoders
     if memory[at + STEPS] == 0:
@@ -120,7 +120,7 @@ def _upset_index(board: Board, memory: Words, at: int, channel: int) -> bool:
 
 
 @lean_kernel
-def _upset_pot(board: Board, kind: int, channel: int, value: float) -> bool:
+def _upset_pot(board: BoardState, kind: int, channel: int, value: float) -> bool:
     """True when the converter looks at this potentiometer."""
     knob = board.upset.knob
     if kind == kinds.POT_NOISY:
@@ -133,7 +133,7 @@ def _upset_pot(board: Board, kind: int, channel: int, value: float) -> bool:
 
 
 @lean_kernel
-def _upset_dac(board: Board, memory: Words, at: int, channel: int, value: float) -> bool:
+def _upset_dac(board: BoardState, memory: Words, at: int, channel: int, value: float) -> bool:
     """True when, in the step before, an amplifier under power saw another word than the one written."""
     knob, kind = board.upset.knob, memory[at + KIND]
     if memory[at + STEPS] == 0:
@@ -148,7 +148,7 @@ def _upset_dac(board: Board, memory: Words, at: int, channel: int, value: float)
 
 
 @lean_kernel
-def _upset_power(board: Board, kind: int, first: bool) -> bool:
+def _upset_power(board: BoardState, kind: int, first: bool) -> bool:
     """True when power was on, or would have been."""
     register = board.register
     if kind == kinds.POWER_FAILED:
@@ -160,7 +160,7 @@ def _upset_power(board: Board, kind: int, first: bool) -> bool:
 
 
 @lean_kernel
-def _upset_brake(board: Board, kind: int, channel: int, value: float) -> bool:
+def _upset_brake(board: BoardState, kind: int, channel: int, value: float) -> bool:
     """True when a brake is not what the board wants it to be."""
     register = board.register
     if kind == kinds.BRAKE_SLOW:
@@ -174,14 +174,14 @@ def _upset_brake(board: Board, kind: int, channel: int, value: float) -> bool:
 
 
 @lean_kernel
-def _upset_adc(board: Board) -> bool:
+def _upset_adc(board: BoardState) -> bool:
     """True when the converter's last sample is not what it shows."""
     board.upset.switch[ADC_STUCK] = 1
     return bool(board.register[REG_ADC_SAMPLE] != board.register[REG_ADC_VALUE])
 
 
 @lean_kernel
-def _upset_bus(board: Board, memory: Words, kind: int, value: float) -> bool:
+def _upset_bus(board: BoardState, memory: Words, kind: int, value: float) -> bool:
     """True when the image differs, or operations are lost."""
     switch = board.upset.switch
     if kind == kinds.BOARD_FROZEN:
@@ -202,7 +202,7 @@ def _upset_bus(board: Board, memory: Words, kind: int, value: float) -> bool:
 
 
 @lean_kernel
-def _act(board: Board, memory: Words, at: int) -> bool:
+def _act(board: BoardState, memory: Words, at: int) -> bool:
     """Let the fault in the slot at `at` act in this step; True when that makes a difference."""
     kind, value = memory[at + KIND], memory[at + VALUE] / PANEL_MICRO
     channel = min(max(0, memory[at + CHANNEL]), N_ENCODERS - 1)
@@ -232,7 +232,7 @@ def _act(board: Board, memory: Words, at: int) -> bool:
 
 
 @lean_kernel
-def apply_faults(board: Board, memory: Words, now_ns: int) -> None:
+def apply_faults(board: BoardState, memory: Words, now_ns: int) -> None:
     """Turn the board's knobs to what the faults active at `now_ns` call for; first of all in a step."""
     used = min(load_acquire(memory, PANEL_FAULTS), FAULT_SLOTS)
     if used <= 0 and board.upset.switch[TOUCHED] == 0:

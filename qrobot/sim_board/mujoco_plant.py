@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.scene import Scene
 from qrobot.errors import ConfigError
@@ -45,7 +46,7 @@ from qrobot.sim_board.mujoco_scene import (
     add_wrist_sensor,
     set_contact_options,
 )
-from qrobot.sim_board.plant import Floats, Plant, plant_step
+from qrobot.sim_board.plant import Plant, plant_step
 
 if TYPE_CHECKING:
     import mujoco

@@ -12,10 +12,10 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import KernelPointer, function_at
 
-Floats = NDArray[np.float64]
 Physics = Literal["mujoco", "rigid"]
 
 _VECTOR: Final = types.float64[::1]

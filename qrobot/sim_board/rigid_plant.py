@@ -17,11 +17,12 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.codegen import QUICK_EXPRESSIONS, CompiledFunction, compile_function
 from qrobot.codegen.compile import default_cache_dir
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.sim_board.plant import Floats, Plant, plant_step, step_plant
+from qrobot.sim_board.plant import Plant, plant_step, step_plant
 
 _ROUNDING: Final = 1e-9  # a flat body is on the bound
 _STEPS: Final[dict[tuple[Path, bytes], CompiledFunction]] = {}  # by cache folder and all that is known of the arm

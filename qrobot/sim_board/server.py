@@ -20,8 +20,9 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.hwif.arm_clock import STALL_NS
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_SKIPPED,
     BOARD_SLIPPED_NS,
     create_board_memory,
@@ -31,10 +32,9 @@ from qrobot.hwif.memory import (
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.segment import Words
 from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.realtime.signals import set_on_signals
-from qrobot.realtime.turn import await_turn
+from qrobot.realtime.startup_order import await_turn
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, advance
 from qrobot.units import NS_PER_MS
 
@@ -86,7 +86,7 @@ def catch_up(bundle: EmulatorBundle, memory: Words, due_ns: int, now_ns: int) ->
         due_ns += bundle.period_ns
 
 
-class BoardServer:
+class EmulatedBoardServer:
     """An emulated board that runs in a thread of its own behind `<arm>`'s board memory, as a context manager.
 
     With `slips` time in which this process was kept from running, and nobody wrote to the board, does not count.
@@ -113,7 +113,7 @@ class BoardServer:
         """Time that did not count, all in all."""
         return int(self.segment.words[BOARD_SLIPPED_NS])
 
-    def __enter__(self) -> BoardServer:
+    def __enter__(self) -> EmulatedBoardServer:
         self.emulator.connect(self.segment.words, time.monotonic_ns())
         self._thread.start()
         return self
@@ -154,7 +154,7 @@ def serve(
     """
     _warm_up(emulator)  # before its turn, not with it
     await_turn()
-    with set_on_signals() as done, BoardServer(arm, emulator, slips) as server, beside(server.segment.words):
+    with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.words):
         ready()
         told_ns = 0
         while not done.wait(LOOK_S):

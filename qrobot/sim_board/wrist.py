@@ -18,7 +18,7 @@ from qrobot.config.scene import FORCE_AXES, ForceSensor
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.analog import Analog
-from qrobot.sim_board.lehmer import first_state, normal
+from qrobot.sim_board.random_lcg import first_state, normal
 
 _N_FORCES: Final = 3
 NO_VOLTS: Final = 1e-12  # less is none: without noise the filter would decay into denormal numbers [A]

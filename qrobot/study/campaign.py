@@ -9,7 +9,7 @@ from pathlib import Path
 
 from qrobot.study.engine import Engine
 from qrobot.study.results import Results, open_results, read_results
-from qrobot.study.study import Outcome, Study, attempt
+from qrobot.study.study import ArmResult, Study, attempt
 
 Told = Callable[[int, int], None]
 """Called with the number of arms that are done and of all, each time one comes in."""
@@ -34,7 +34,7 @@ def carry_out(study: Study, arms: int, engine: Engine, path: Path, told: Told = 
     return Results(found.terms, tuple(outcome for outcome in found.outcomes if outcome["seed"] < arms))
 
 
-def _outcomes(study: Study, terms: Outcome, seeds: Iterable[int], engine: Engine) -> Iterator[Outcome]:
+def _outcomes(study: Study, terms: ArmResult, seeds: Iterable[int], engine: Engine) -> Iterator[ArmResult]:
     """As they come in."""
     waiting = iter(seeds)
     running = {engine.executor.submit(attempt, study, terms, seed) for seed in islice(waiting, engine.at_once)}

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.study.results import Results
-from qrobot.study.study import Outcome
-
-Floats = NDArray[np.float64]
+from qrobot.study.study import ArmResult
 
 QUIET: Final = 2.0  # times the least chatter of all pairs: a louder one heats motors and wears gears
 MEASURES: Final = ("rms", "largest", "chatter")
@@ -87,7 +85,7 @@ def summarise_gains(results: Results) -> GainSummary:
     return GainSummary(len(good), failed, tuple(_pair(tries) for tries in by_pair))
 
 
-def _pair(tries: Sequence[Outcome]) -> PairSummary:
+def _pair(tries: Sequence[ArmResult]) -> PairSummary:
     rms, largest, chatter = (np.array([tried.get(name, np.nan) for tried in tries]) for name in MEASURES)
     faults = Counter(tried["fault"] for tried in tries if "fault" in tried)
     return PairSummary(tries[0]["bandwidth"], tries[0]["damping"], rms, largest, chatter, dict(faults))

@@ -9,12 +9,12 @@ from typing import ClassVar, Final
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import explain
-from qrobot.rig.unknown import UnknownArm
+from qrobot.rig.perturbed_arm import UnknownArm
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.velocity import DEFAULT_ESTIMATOR, find_estimator
-from qrobot.study.journey import journey
-from qrobot.study.study import Outcome, Study, kept
+from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
+from qrobot.study.study import ArmResult, Study, kept
+from qrobot.study.tracking_run import journey
 
 BANDWIDTHS: Final = (0.5, 0.7, 1.0, 1.4, 2.0)
 DAMPINGS: Final = (0.5, 1.0)
@@ -43,7 +43,7 @@ class GainStudy(Study):
         if not (self.bandwidths and self.dampings and min(*self.bandwidths, *self.dampings) > 0.0):
             raise ConfigError(f"bandwidths {self.bandwidths} and dampings {self.dampings}: factors above 0 are wanted")
 
-    def judge(self, seed: int) -> Outcome:
+    def judge(self, seed: int) -> ArmResult:
         """What each pair does.
 
         Returns:
@@ -59,7 +59,7 @@ class GainStudy(Study):
             ],
         }
 
-    def _tried(self, believed: Robot, arm: UnknownArm) -> Outcome:
+    def _tried(self, believed: Robot, arm: UnknownArm) -> ArmResult:
         settings = ServoSettings(rate_hz=self.rate_hz, law=self.law, velocity=self.velocity)
         try:
             tracked = journey(believed, self.robot_file, settings, arm.emulator())

@@ -7,26 +7,24 @@ from functools import cache
 from typing import ClassVar, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.config.identified import with_model
 from qrobot.ident.base import base_of_robot
 from qrobot.ident.excitation import Excitation, make_excitation
 from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import Identified
-from qrobot.ident.plan import POSES, Plan, make_plan
+from qrobot.ident.plan import POSES, ExcitationPlan, make_plan
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.unknown import UnknownArm
+from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
-from qrobot.study.journey import journey
-from qrobot.study.study import Outcome, Study, kept
-
-Floats = NDArray[np.float64]
+from qrobot.study.study import ArmResult, Study, kept
+from qrobot.study.tracking_run import journey
 
 TRIED: Final = 500  # poses that were not recorded, at which gravity is compared
 Torque = Literal["known", "unknown"]
@@ -53,7 +51,7 @@ class IdentificationStudy(Study):
     stiction: float = 1.0
     dynamic: bool = False
 
-    def judge(self, seed: int) -> Outcome:
+    def judge(self, seed: int) -> ArmResult:
         """Errors of gravity and friction, every value's error in its own deviations, and tracking errors.
 
         Raises:
@@ -73,13 +71,13 @@ class IdentificationStudy(Study):
             outcome["tracking"] = self._tracked(arm, {"before": believed, "after": identified, "exact": arm.told})
         return outcome
 
-    def _recorded(self, arm: UnknownArm, believed: Robot, plan: Plan | Excitation) -> tuple[Rows, float]:
+    def _recorded(self, arm: UnknownArm, believed: Robot, plan: ExcitationPlan | Excitation) -> tuple[Rows, float]:
         """Telemetry of the moves of a plan, and its period."""
         settings = ServoSettings(rate_hz=self.rate_hz)
         rows = record_lockstep(believed, self.robot_file, settings, arm.emulator(), plan)
         return rows, settings.period_ns * 1e-9
 
-    def _tracked(self, arm: UnknownArm, beliefs: dict[str, Robot]) -> Outcome:
+    def _tracked(self, arm: UnknownArm, beliefs: dict[str, Robot]) -> ArmResult:
         """Rms errors by joint, by what the servo believes."""
         settings = ServoSettings(rate_hz=self.rate_hz)
         return {
@@ -88,7 +86,7 @@ class IdentificationStudy(Study):
 
 
 @cache
-def _plan(robot_file: str, poses: int) -> Plan:
+def _plan(robot_file: str, poses: int) -> ExcitationPlan:
     """What all arms of a study do; each process makes it once."""
     robot = load_robot(robot_file)
     regressor = gravity_regressor(robot)
@@ -103,7 +101,7 @@ def _runs(robot_file: str) -> Excitation:
     return make_excitation(robot, regressor, base_of_robot(robot, regressor))
 
 
-def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
+def compared(arm: UnknownArm, found: Identified, seed: int) -> ArmResult:
     """What was found, against the truth.
 
     Returns:
@@ -128,7 +126,7 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> Outcome:
     }
 
 
-def inertia_compared(arm: UnknownArm, inertial: InertialModel, measured: bool) -> Outcome:
+def inertia_compared(arm: UnknownArm, inertial: InertialModel, measured: bool) -> ArmResult:
     """What fast runs told, against the truth.
 
     Where torque was not `measured`, nothing is in the unit of the truth, because of the rotors, and only errors tell.

@@ -8,14 +8,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.ident.fit import NORMAL_95
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.log.plot import COLOURS, STYLE
 from qrobot.study.identification_summary import IdentificationSummary
-
-Floats = NDArray[np.float64]
 
 FOUND, BEFORE, EXACT = COLOURS[0], COLOURS[1], COLOURS[2]
 SIDE: Final = 0.17  # of a group's points from its middle

@@ -8,12 +8,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.ident.fit import NORMAL_95
 from qrobot.ident.friction import FRICTION_NAMES
 from qrobot.study.results import Results
-
-Floats = NDArray[np.float64]
 
 QUANTILES: Final = {"median": 0.5, "p95": 0.95, "worst": 1.0}
 FRICTION_GOAL: Final = 0.1  # share of the truth

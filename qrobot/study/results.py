@@ -16,23 +16,23 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from qrobot.errors import ConfigError
-from qrobot.study.study import Outcome
+from qrobot.study.study import ArmResult
 
 
 @dataclass(frozen=True)
 class Results:
     """What a file holds: the terms of its study, and an outcome for each arm, by seed."""
 
-    terms: Outcome
-    outcomes: tuple[Outcome, ...]
+    terms: ArmResult
+    outcomes: tuple[ArmResult, ...]
 
     @property
-    def good(self) -> list[Outcome]:
+    def good(self) -> list[ArmResult]:
         """Of arms that did not end in an error."""
         return [outcome for outcome in self.outcomes if "failed" not in outcome]
 
     @property
-    def failed(self) -> list[Outcome]:
+    def failed(self) -> list[ArmResult]:
         """Of arms that did: `seed` and `failed`, the reason."""
         return [outcome for outcome in self.outcomes if "failed" in outcome]
 
@@ -63,7 +63,7 @@ class ResultsWriter:
     def __init__(self, file: TextIO) -> None:
         self._file = file
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: ArmResult) -> None:
         """Put one outcome on the disk."""
         self._write(outcome)
         os.fsync(self._file.fileno())
@@ -72,13 +72,13 @@ class ResultsWriter:
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
         self._file.flush()
 
-    def begin(self, terms: Outcome) -> None:
+    def begin(self, terms: ArmResult) -> None:
         """First line of a new file."""
         self._write(terms)
 
 
 @contextmanager
-def open_results(path: Path, terms: Outcome) -> Iterator[tuple[ResultsWriter, frozenset[int]]]:
+def open_results(path: Path, terms: ArmResult) -> Iterator[tuple[ResultsWriter, frozenset[int]]]:
     """Begin a results file, or go on with one of the same terms: where to add, and the seeds it has already.
 
     Raises:
@@ -102,7 +102,7 @@ def _own(file: TextIO, path: Path) -> None:
         raise ConfigError(f"another run is writing to {path}: wait for it, or name another file") from error
 
 
-def _go_on(file: TextIO, path: Path, terms: Outcome) -> frozenset[int]:
+def _go_on(file: TextIO, path: Path, terms: ArmResult) -> frozenset[int]:
     """Seeds of what is there; a torn last line is cut off, an empty file gets its first line."""
     whole = _whole(path.read_text(encoding="utf-8", errors="replace"))
     if not whole:

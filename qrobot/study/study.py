@@ -16,11 +16,11 @@ import numpy as np
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError, QRobotError
-from qrobot.realtime.stamp import source_stamp
+from qrobot.realtime.source_digest import source_stamp
 
 DIGITS: Final = 6  # significant, of what is kept: sums in another order differ in the sixteenth
 
-Outcome = dict[str, Any]
+ArmResult = dict[str, Any]
 """Of one arm: its `seed`, and the numbers of its study or, where it ended in an error, `failed`."""
 
 
@@ -44,7 +44,7 @@ class Study(ABC):
         _loaded(self.robot_file)
 
     @abstractmethod
-    def judge(self, seed: int) -> Outcome:
+    def judge(self, seed: int) -> ArmResult:
         """What comes of the arm drawn with `seed`. Raises QRobotError when nothing does."""
 
     @property
@@ -53,7 +53,7 @@ class Study(ABC):
         return _loaded(self.robot_file)
 
     @property
-    def terms(self) -> Outcome:
+    def terms(self) -> ArmResult:
         """What outcomes depend on beside the seed: only those of equal terms belong together."""
         robot = json.dumps(self.robot.model_dump(), default=np.ndarray.tolist, sort_keys=True)
         return {
@@ -70,7 +70,7 @@ def _loaded(robot_file: str) -> Robot:
     return load_robot(robot_file)
 
 
-def attempt(study: Study, terms: Outcome, seed: int) -> Outcome:
+def attempt(study: Study, terms: ArmResult, seed: int) -> ArmResult:
     """Do to one arm what the study says: what a worker is asked for.
 
     Raises:

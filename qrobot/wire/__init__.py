@@ -5,7 +5,7 @@ into the other, `states` tells which packet may follow which, and `connection` i
 docs/reference/wire-protocol.md is the page for those who write the other end in another language.
 """
 
-from qrobot.wire.connection import Connection, Event, InvalidSetpoint
+from qrobot.wire.connection import Connection, InvalidSetpoint, WireEvent
 from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
 from qrobot.wire.states import Conversation, Side
 from qrobot.wire.vocabulary import (
@@ -33,7 +33,6 @@ __all__ = [
     "Connection",
     "Conversation",
     "ErrorCode",
-    "Event",
     "Hello",
     "InvalidSetpoint",
     "JointMode",
@@ -45,4 +44,5 @@ __all__ = [
     "State",
     "Welcome",
     "WireError",
+    "WireEvent",
 ]

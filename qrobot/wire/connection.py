@@ -37,7 +37,7 @@ class InvalidSetpoint:
     joint: int
 
 
-Event: TypeAlias = Packet | InvalidSetpoint
+WireEvent: TypeAlias = Packet | InvalidSetpoint
 
 
 def invalid_joint(command: Command) -> int | None:
@@ -92,7 +92,7 @@ class Connection:
             raise RemoteProtocolError(f"more than {MAX_BUFFER_BYTES} bytes at once")
         self._buffer += data
 
-    def next_event(self) -> Event | None:
+    def next_event(self) -> WireEvent | None:
         """The next thing the far end said; None when that takes more bytes, or the conversation has ended.
 
         Raises RemoteProtocolError, once, when the far end broke the protocol.
@@ -121,7 +121,7 @@ class Connection:
         self._follow(packet, target)
         return data
 
-    def _next_event(self) -> Event | None:
+    def _next_event(self) -> WireEvent | None:
         while (packet := self._next_packet()) is not None:
             target = self._target(self.side.other, packet)
             if target is None:
@@ -167,7 +167,7 @@ class Connection:
         return f"the conversation is {self.conversation.value}"
 
 
-def _judged(packet: Packet) -> Event:
+def _judged(packet: Packet) -> WireEvent:
     """A COMMAND nobody can follow becomes an event of its own."""
     if isinstance(packet, Command) and (joint := invalid_joint(packet)) is not None:
         return InvalidSetpoint(packet, joint)

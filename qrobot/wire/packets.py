@@ -13,9 +13,9 @@ from typing import Final, TypeAlias
 from qrobot.faultcodes import NO_JOINT
 from qrobot.wire.vocabulary import ClientRole, RobotFlag
 
-Vector: TypeAlias = tuple[float, ...]
+Values: TypeAlias = tuple[float, ...]
 
-UNKNOWN_FORCE: Final[Vector] = (math.nan,) * 6
+UNKNOWN_FORCE: Final[Values] = (math.nan,) * 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Command:
 
     seq: int
     modes: tuple[int, ...]
-    setpoints: Vector
+    setpoints: Values
     power: bool = False
     clear_fault: bool = False
     stop: bool = False
@@ -99,10 +99,10 @@ class RobotState:
 
     t_ns: int
     mode: int
-    q: Vector
-    v: Vector
-    tau: Vector
-    q_setpoint: Vector
+    q: Values
+    v: Values
+    tau: Values
+    q_setpoint: Values
     fault: int = 0
     event: int = 0
     event_joint: int = NO_JOINT
@@ -111,7 +111,7 @@ class RobotState:
     missed_frames: int = 0
     inputs: int = 0
     hand: int = 0
-    force: Vector = (0.0,) * 6
+    force: Values = (0.0,) * 6
     outputs: int = 0
 
     @property

@@ -41,7 +41,7 @@ class Conversation(Enum):
     ENDED = "ended"
 
 
-class Word(Enum):
+class PacketClass(Enum):
     """What the table tells apart: kinds of packets, and of two of them what they say."""
 
     HELLO = "HELLO"
@@ -54,51 +54,51 @@ class Word(Enum):
     BYE = "BYE"
 
 
-_CLIENT_LEAVES: Final = {(Side.CLIENT, Word.BYE): Conversation.ENDED}
+_CLIENT_LEAVES: Final = {(Side.CLIENT, PacketClass.BYE): Conversation.ENDED}
 _SERVER_ENDS: Final = {
-    (Side.SERVER, Word.REFUSAL): Conversation.ENDED,
-    (Side.SERVER, Word.BYE): Conversation.ENDED,
+    (Side.SERVER, PacketClass.REFUSAL): Conversation.ENDED,
+    (Side.SERVER, PacketClass.BYE): Conversation.ENDED,
 }
 _EITHER_ENDS: Final = _CLIENT_LEAVES | _SERVER_ENDS
 
-TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, Word], Conversation]]] = {
+TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, PacketClass], Conversation]]] = {
     Conversation.GREETING: {
-        (Side.CLIENT, Word.HELLO): Conversation.ANSWERING,
+        (Side.CLIENT, PacketClass.HELLO): Conversation.ANSWERING,
         **_EITHER_ENDS,
     },
     Conversation.ANSWERING: {
-        (Side.SERVER, Word.WELCOME_COMMANDER): Conversation.COMMANDING,
-        (Side.SERVER, Word.WELCOME_OBSERVER): Conversation.OBSERVING,
+        (Side.SERVER, PacketClass.WELCOME_COMMANDER): Conversation.COMMANDING,
+        (Side.SERVER, PacketClass.WELCOME_OBSERVER): Conversation.OBSERVING,
         **_EITHER_ENDS,
     },
     Conversation.COMMANDING: {
-        (Side.SERVER, Word.STATE): Conversation.COMMANDING,
-        (Side.CLIENT, Word.COMMAND): Conversation.COMMANDING,
-        (Side.SERVER, Word.WARNING): Conversation.COMMANDING,
+        (Side.SERVER, PacketClass.STATE): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.COMMAND): Conversation.COMMANDING,
+        (Side.SERVER, PacketClass.WARNING): Conversation.COMMANDING,
         **_EITHER_ENDS,
     },
     Conversation.OBSERVING: {
-        (Side.SERVER, Word.STATE): Conversation.OBSERVING,
-        (Side.SERVER, Word.WARNING): Conversation.OBSERVING,
+        (Side.SERVER, PacketClass.STATE): Conversation.OBSERVING,
+        (Side.SERVER, PacketClass.WARNING): Conversation.OBSERVING,
         **_EITHER_ENDS,
     },
     Conversation.ENDED: {},
 }
 
-_PLAIN_WORDS: Final[dict[type, Word]] = {
-    State: Word.STATE,
-    Command: Word.COMMAND,
-    Hello: Word.HELLO,
-    Bye: Word.BYE,
+_PLAIN_WORDS: Final[dict[type, PacketClass]] = {
+    State: PacketClass.STATE,
+    Command: PacketClass.COMMAND,
+    Hello: PacketClass.HELLO,
+    Bye: PacketClass.BYE,
 }
 
 
-def word_of(packet: Packet) -> Word:
+def word_of(packet: Packet) -> PacketClass:
     """What a packet says to the table."""
     if isinstance(packet, Welcome):
-        return Word.WELCOME_COMMANDER if packet.role is ClientRole.COMMANDER else Word.WELCOME_OBSERVER
+        return PacketClass.WELCOME_COMMANDER if packet.role is ClientRole.COMMANDER else PacketClass.WELCOME_OBSERVER
     if isinstance(packet, WireError):
-        return Word.REFUSAL if packet.fatal else Word.WARNING
+        return PacketClass.REFUSAL if packet.fatal else PacketClass.WARNING
     return _PLAIN_WORDS[type(packet)]
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
-from qrobot.servo.incident import read_incident
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.stop_record import read_incident
 from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, Floats, N
 from tests.support.dead_encoder import Case, SlowArm
 

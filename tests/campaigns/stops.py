@@ -15,9 +15,9 @@ import numpy as np
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.incident import read_incident
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

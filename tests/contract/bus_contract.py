@@ -1,8 +1,8 @@
-"""What every road to a board keeps, whatever it is made of: run by a class of each road's own tests.
+"""What every transport to a board keeps, whatever it is made of: run by a class of each transport's own tests.
 
-    class TestMyRoad(BusContract):
+    class TestMyTransport(BusContract):
         @contextmanager
-        def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
+        def open_transport(self, end: BenchEndpoint) -> Iterator[Transport]:
             ...build near and far end around `end`, not connected yet; tear them down behind the yield...
 
 The far end may live in a thread or in lock-step; nothing here depends on how often it exchanges by itself.
@@ -17,9 +17,10 @@ from typing import Protocol
 
 import pytest
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE, PANEL_DISCRETE
 from qrobot.hwif.bus import Bus, make_image
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE, PANEL_DISCRETE
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_CHANNEL_SHIFT,
@@ -47,7 +48,6 @@ from qrobot.hwif.registers import (
     STATUS_J6_OVERFLOW,
     STATUS_POWER,
 )
-from qrobot.realtime.segment import Words
 from tests.support.bench import PHASE, Bench
 from tests.support.bus import BenchEndpoint, Row, rows_of
 
@@ -55,13 +55,13 @@ POLLS = 40
 FREE_CHANNEL = 6  # of the converter: the bench's potentiometers take the first six
 
 
-class Road(Protocol):
-    """A road under test."""
+class Transport(Protocol):
+    """A transport under test."""
 
     bus: Bus
 
     def hurry(self) -> None:
-        """Let the near end wait a moment only, for what will not come, until the road is mended."""
+        """Let the near end wait a moment only, for what will not come, until the transport is mended."""
 
     def cut(self) -> None:
         """Break it, at once and silently if it can be; may be called by the far end, in the middle of an exchange."""
@@ -76,8 +76,8 @@ class Road(Protocol):
 class Traveller:
     """Somebody at the near end."""
 
-    def __init__(self, road: Road, end: BenchEndpoint) -> None:
-        self.road, self.bus, self.end = road, road.bus, end
+    def __init__(self, transport: Transport, end: BenchEndpoint) -> None:
+        self.transport, self.bus, self.end = transport, transport.bus, end
         self.image = make_image()
 
     def exchange(self, *operations: Row) -> Words:
@@ -99,7 +99,7 @@ class Traveller:
 
     def come_back(self) -> None:
         self.bus.close()
-        self.road.restore()
+        self.transport.restore()
         self.bus.connect()
 
 
@@ -107,32 +107,34 @@ class BusContract:
     """The contract.
 
     Attributes:
-        board_counts: the board numbers its images; without, the road does, and nothing it reads can be old.
+        board_counts: the board numbers its images; without, the transport does, and nothing it reads can be old.
     """
 
     board_counts = True
 
     def illegal(self, there: Traveller) -> int:
-        """Operations in the wrong direction that were ignored and counted: by the board, unless the road does it."""
+        """Operations in the wrong direction that were ignored and counted: by the board, unless the transport does
+        it."""
         return there.end.illegal
 
-    def open_road(self, end: BenchEndpoint) -> AbstractContextManager[Road]:
-        """The road to `end`."""
+    def open_transport(self, end: BenchEndpoint) -> AbstractContextManager[Transport]:
+        """The transport to `end`."""
         raise NotImplementedError
 
     @pytest.fixture
     def there(self, request: pytest.FixtureRequest) -> Iterator[Traveller]:
-        """A connected road to a board at rest; `@pytest.mark.parametrize("there", [...], indirect=True)` with options
+        """A connected transport to a board at rest; `@pytest.mark.parametrize("there", [...], indirect=True)` with
+        options
         of the board."""
         end = BenchEndpoint(Bench(**getattr(request, "param", {})))
-        with self.open_road(end) as road:
-            road.bus.connect()
-            there = Traveller(road, end)
+        with self.open_transport(end) as transport:
+            transport.bus.connect()
+            there = Traveller(transport, end)
             there.exchange()
             end.lists.clear()
             yield there
             end.before = end.after = lambda: None
-            road.bus.close()
+            transport.bus.close()
 
     # --- what it is ----------------------------------------------------------------------------------------------
 
@@ -142,7 +144,7 @@ class BusContract:
         assert (facts.revision, facts.joints) == (there.end.facts().revision, N_ENCODERS)
         assert facts.period_ns >= 0
 
-    def test_a_road_has_a_name_that_people_recognise(self, there: Traveller) -> None:
+    def test_a_transport_has_a_name_that_people_recognise(self, there: Traveller) -> None:
         assert there.bus.name.strip()
         assert "\n" not in there.bus.name
 
@@ -278,7 +280,7 @@ class BusContract:
     def test_a_board_that_stands_still_never_looks_alive(self, there: Traveller) -> None:
         """Either the count shows it, or there is no answer."""
         there.end.standing = True
-        there.road.hurry()
+        there.transport.hurry()
         count = None
         for _ in range(3):
             try:
@@ -290,18 +292,18 @@ class BusContract:
 
     # --- away ----------------------------------------------------------------------------------------------------
 
-    def test_a_road_that_is_cut_says_so_and_shows_no_image(self, there: Traveller) -> None:
+    def test_a_transport_that_is_cut_says_so_and_shows_no_image(self, there: Traveller) -> None:
         image = there.exchange()
-        there.road.hurry()
-        there.road.cut()
+        there.transport.hurry()
+        there.transport.cut()
         for _ in range(2):
             with pytest.raises(LinkError):
                 there.write((DAC, 1))
         assert list(there.image) == list(image)
 
-    def test_a_road_that_is_mended_goes_on_and_brings_nothing_from_before(self, there: Traveller) -> None:
-        there.road.hurry()
-        there.road.cut()
+    def test_a_transport_that_is_mended_goes_on_and_brings_nothing_from_before(self, there: Traveller) -> None:
+        there.transport.hurry()
+        there.transport.cut()
         with pytest.raises(LinkError):
             there.write((DAC, 0x111))
         there.come_back()
@@ -310,17 +312,17 @@ class BusContract:
         assert [row for row in there.end.applied if row[2] == 0x222] == [(OP_WRITE, DAC + 2, 0x222)]
         assert len([row for row in there.end.applied if row[2] == 0x111]) <= 1
 
-    def test_a_road_cut_before_the_operations_are_applied_gives_no_image(self, there: Traveller) -> None:
-        there.end.before = there.road.cut
+    def test_a_transport_cut_before_the_operations_are_applied_gives_no_image(self, there: Traveller) -> None:
+        there.end.before = there.transport.cut
         self._fail_and_come_back(there)
 
-    def test_a_road_cut_before_the_answer_applies_at_most_once(self, there: Traveller) -> None:
-        there.end.after = there.road.cut
+    def test_a_transport_cut_before_the_answer_applies_at_most_once(self, there: Traveller) -> None:
+        there.end.after = there.transport.cut
         self._fail_and_come_back(there)
 
     def _fail_and_come_back(self, there: Traveller) -> None:
         image = there.image.copy()
-        there.road.hurry()
+        there.transport.hurry()
         with pytest.raises((LinkError, ProtocolError)):
             there.write((DAC, 0x333))
         there.end.before = there.end.after = lambda: None
@@ -331,14 +333,14 @@ class BusContract:
 
     def test_a_far_end_without_a_board_says_so(self, there: Traveller) -> None:
         there.end.gone = True
-        there.road.hurry()
+        there.transport.hurry()
         with pytest.raises((LinkError, RemoteProtocolError)):
             there.write((DAC, 1))
         there.end.gone = False
         there.come_back()
         assert there.write((DAC, 2))[IMAGE_COUNT] > 0
 
-    def test_closing_twice_does_no_harm_and_a_closed_road_is_no_road(self, there: Traveller) -> None:
+    def test_closing_twice_does_no_harm_and_a_closed_transport_is_no_transport(self, there: Traveller) -> None:
         there.bus.close()
         there.bus.close()
         there.bus.connect()
@@ -348,8 +350,8 @@ class BusContract:
 
     def test_garbage_is_an_error_and_never_an_image(self, there: Traveller) -> None:
         image = there.exchange()
-        there.road.hurry()
-        there.road.garbage()
+        there.transport.hurry()
+        there.transport.garbage()
         with pytest.raises((LinkError, ProtocolError)):
             there.exchange()
         assert list(there.image) == list(image)

@@ -7,7 +7,17 @@ from math import nan
 
 import pytest
 
-from qrobot.rccl_bridge import BridgeSettings, Close, Forward, Lease, Send, Session, SetpointFrame, Stop, carry_out
+from qrobot.rccl_bridge import (
+    BridgeSettings,
+    Close,
+    Forward,
+    Lease,
+    SendBytes,
+    Session,
+    SetpointFrame,
+    StopArm,
+    carry_out,
+)
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.session import Peer
@@ -520,7 +530,7 @@ def test_a_servo_that_dies_between_two_ticks_does_not_take_the_bridge_along(clie
 
 def test_actions_are_carried_out_in_their_order(port: FakePort) -> None:
     frame = SetpointFrame(1, 1, 0, PERIOD_NS, (0,) * 6, (0.0,) * 6, False, False, False, 0, 0)
-    outcome = carry_out([Send(b"a"), Forward(frame), Stop("why"), Send(b"b"), Close("end")], port)
+    outcome = carry_out([SendBytes(b"a"), Forward(frame), StopArm("why"), SendBytes(b"b"), Close("end")], port)
     assert (outcome.data, outcome.closed) == (b"ab", "end")
     assert (port.frames, port.stops) == ([frame], 1)
 

@@ -29,13 +29,13 @@ from qrobot.wire import (
     Connection,
     Conversation,
     ErrorCode,
-    Event,
     Hello,
     RobotFlag,
     Side,
     State,
     Welcome,
     WireError,
+    WireEvent,
 )
 from qrobot.wire.codec import encode
 from qrobot.wire.vocabulary import Request
@@ -188,7 +188,7 @@ def doubles(numbers: Sequence[float]) -> str:
     return " ".join(struct.pack(">d", number).hex() for number in numbers)
 
 
-def told(event: Event) -> str:
+def told(event: WireEvent) -> str:
     """An event as the program prints it."""
     match event:
         case Welcome():

@@ -13,7 +13,7 @@ from qrobot.hwif.canbus.frames import RPDO, TPDO
 from qrobot.hwif.canbus.objects import ENTRIES
 from qrobot.hwif.registers import DAC_ZERO, REGISTERS, Access
 from tests.support.bus import BenchEndpoint
-from tests.support.can_road import can_road
+from tests.support.can_transport import can_transport
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.virtual_clock import VirtualClock
 
@@ -30,10 +30,10 @@ class Desk:
 @pytest.fixture(scope="module")
 def desk() -> Iterator[Desk]:
     end = BenchEndpoint()
-    with can_road(end) as road:
-        network = canopen.Network(road.interface())
+    with can_transport(end) as transport:
+        network = canopen.Network(transport.interface())
         network.connect()
-        desk = Desk(network, end, road.clock)
+        desk = Desk(network, end, transport.clock)
         desk.node.nmt.state = "OPERATIONAL"
         yield desk
         network.disconnect()

@@ -1,4 +1,4 @@
-"""The contract of a road, kept by Modbus TCP over a loopback connection that can be cut and garbled."""
+"""The contract of a transport, kept by Modbus TCP over a loopback connection that can be cut and garbled."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.server import ModbusServer
-from tests.contract.bus_contract import BusContract, Road
+from tests.contract.bus_contract import BusContract, Transport
 from tests.support.bus import BenchEndpoint, rows_of
-from tests.support.modbus_road import set_patience
+from tests.support.modbus_transport import set_patience
 from tests.support.patience import MOMENT_S, PATIENCE_S
 from tests.support.relay import Relay, as_it_came
 from tests.support.virtual_clock import VirtualClock
@@ -18,7 +18,7 @@ from tests.support.virtual_clock import VirtualClock
 HEAD = 7
 
 
-class ModbusRoad:
+class ModbusTransport:
     """Cut in the middle; garbage is an answer whose length is right and whose meaning is not, once."""
 
     def __init__(self, relay: Relay) -> None:
@@ -48,10 +48,10 @@ class TestModbus(BusContract):
     """Modbus TCP."""
 
     @contextmanager
-    def open_road(self, end: BenchEndpoint) -> Iterator[Road]:
+    def open_transport(self, end: BenchEndpoint) -> Iterator[Transport]:
         end.apply(rows_of(()))  # compiles here, not while the near end waits for an answer
         with (
             ModbusServer(ModbusDevice(end, watchdog_ms=0, now_ns=VirtualClock())) as server,
             Relay(server.address) as relay,
         ):
-            yield ModbusRoad(relay)
+            yield ModbusTransport(relay)

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot import rccl
+from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import Termination
-from qrobot.motion.limits import Floats
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, rot, t6, yunit, zunit
 from qrobot.rci import VirtualLink
 from tests.support.fake_robot import FakeRobot

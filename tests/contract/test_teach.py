@@ -14,9 +14,9 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import MotionError
 from qrobot.model.orientation import axis_angle
-from qrobot.rccl.lesson import teach
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.teach import Teacher
+from qrobot.rccl.teach_transform import teach
 from tests.support.puma import arm as kinematics
 
 

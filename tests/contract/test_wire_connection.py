@@ -20,13 +20,13 @@ from qrobot.wire import (
     Command,
     Connection,
     ErrorCode,
-    Event,
     Hello,
     InvalidSetpoint,
     RobotMode,
     Side,
     State,
     WireError,
+    WireEvent,
 )
 from qrobot.wire.codec import encode
 from qrobot.wire.connection import MAX_BUFFER_BYTES
@@ -37,7 +37,7 @@ STILL = Command(1, (0,) * N, (0.0,) * N)
 REST = resting((0.1,) * N)
 
 
-def events(connection: Connection) -> list[Event]:
+def events(connection: Connection) -> list[WireEvent]:
     found = []
     while (event := connection.next_event()) is not None:
         found.append(event)

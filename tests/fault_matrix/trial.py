@@ -13,19 +13,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import PANEL_MICRO, PANEL_PUSH
+from qrobot.hwif.board_memory import PANEL_MICRO, PANEL_PUSH
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration_table import load_table
+from qrobot.servo.calibration.table import load_table
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import Overrun, ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.units import NS_PER_S
 
-Floats = NDArray[np.float64]
 PUMA: Final = load_robot("puma560")
 TABLE: Final = load_table("puma560", PUMA)
 N: Final = PUMA.n

@@ -1,4 +1,4 @@
-"""The roads to a board side by side: none changes anything, and the page that says so shows what is measured."""
+"""The transports to a board side by side: none changes anything, and the page that says so shows what is measured."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.rig.crossing import ROADS, Crossing, cross
+from qrobot.rig.crossing import TRANSPORTS, Crossing, cross
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
 
-from roads import PAGE, measure  # type: ignore[import-not-found]  # noqa: E402
+from transports import PAGE, measure  # type: ignore[import-not-found]  # noqa: E402
 
 ROBOT = load_robot("puma560")
 RATE_HZ = 500.0
@@ -39,8 +39,8 @@ def fly(rig: LockstepRig) -> None:
         rig.run_for(FRAME_NS * 1e-9)
 
 
-def crossing(road: str, rate_hz: float = RATE_HZ) -> Crossing:
-    return cross(road, ROBOT, ServoSettings(rate_hz=rate_hz), Emulator(ROBOT, physics="rigid"), fly)
+def crossing(transport: str, rate_hz: float = RATE_HZ) -> Crossing:
+    return cross(transport, ROBOT, ServoSettings(rate_hz=rate_hz), Emulator(ROBOT, physics="rigid"), fly)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +48,9 @@ def direct() -> Crossing:
     return crossing("direct")
 
 
-@pytest.mark.parametrize("road", list(ROADS)[1:])
-def test_a_road_changes_no_setpoint_no_torque_word_and_no_position(road: str, direct: Crossing) -> None:
-    seen = crossing(road)
+@pytest.mark.parametrize("transport", list(TRANSPORTS)[1:])
+def test_a_transport_changes_no_setpoint_no_torque_word_and_no_position(transport: str, direct: Crossing) -> None:
+    seen = crossing(transport)
     assert (seen.fault, seen.digest) == (0, direct.digest)
     np.testing.assert_array_equal(seen.error, direct.error)
 

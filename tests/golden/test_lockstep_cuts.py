@@ -1,4 +1,5 @@
-"""Every road cut in the middle of a fast move: a stop within the bound, a clear word, and no restart of anything."""
+"""Every transport cut in the middle of a fast move: a stop within the bound, a clear word, and no restart of
+anything."""
 
 from __future__ import annotations
 
@@ -13,21 +14,21 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
-from qrobot.hwif.memory import attach_board_memory, create_board_memory
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.crossing import CardRig, MemoryRig
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.rig.lockstep_road import RoadRig
+from qrobot.rig.lockstep_transport import TransportRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.drive_loop import PositionLoop
 from qrobot.sim_board.emulator import Emulator
-from tests.support.can_road import RoadStack
+from tests.support.can_transport import TransportStack
 from tests.support.drives import Drives, loops_for, served, torque_for
-from tests.support.modbus_road import Far
+from tests.support.modbus_transport import Far
 
 ROBOT = load_robot("puma560")
 SETTINGS = ServoSettings(rate_hz=500.0)
@@ -38,8 +39,8 @@ BOUND = 4 + 1  # cycles: four without a new image are not held against the board
 
 
 @dataclass
-class Road:
-    """A rig whose road can be cut and mended; `told` is what its gateway says of the cut, where there is one."""
+class Transport:
+    """A rig whose transport can be cut and mended; `told` is what its gateway says of the cut, where there is one."""
 
     rig: LockstepRig
     cut: Callable[[], object]
@@ -53,42 +54,42 @@ def new_emulator() -> Emulator:
 
 
 @contextmanager
-def memory() -> Iterator[Road]:
+def memory() -> Iterator[Transport]:
     name = f"cut{os.getpid()}"
     with create_board_memory(name) as far, attach_board_memory(name) as near:
         rig = MemoryRig(ROBOT, SETTINGS, new_emulator(), near.words, far.words)
-        yield Road(rig, lambda: setattr(rig, "board_runs", False), lambda: setattr(rig, "board_runs", True))
+        yield Transport(rig, lambda: setattr(rig, "board_runs", False), lambda: setattr(rig, "board_runs", True))
 
 
 @contextmanager
-def card() -> Iterator[Road]:
+def card() -> Iterator[Transport]:
     rig = CardRig(ROBOT, SETTINGS, new_emulator())
-    yield Road(rig, lambda: setattr(rig.card, "pulled", True), lambda: setattr(rig.card, "pulled", False))
+    yield Transport(rig, lambda: setattr(rig.card, "pulled", True), lambda: setattr(rig.card, "pulled", False))
 
 
 @contextmanager
-def modbus() -> Iterator[Road]:
+def modbus() -> Iterator[Transport]:
     with ExitStack() as stack:
         far = Far(stack)
-        rig = RoadRig(ROBOT, SETTINGS, far.open_bus, new_emulator())
-        yield Road(rig, far.cut, far.mend, far.until_safe, "gave no answer")
+        rig = TransportRig(ROBOT, SETTINGS, far.open_bus, new_emulator())
+        yield Transport(rig, far.cut, far.mend, far.until_safe, "gave no answer")
 
 
 @contextmanager
-def can() -> Iterator[Road]:
-    with RoadStack() as roads:
-        rig = RoadRig(ROBOT, SETTINGS, roads.open, new_emulator())
-        road = roads.road
+def can() -> Iterator[Transport]:
+    with TransportStack() as transports:
+        rig = TransportRig(ROBOT, SETTINGS, transports.open, new_emulator())
+        transport = transports.transport
 
         def cut() -> None:
-            road.hurry()
-            road.cut()
+            transport.hurry()
+            transport.cut()
 
-        yield Road(rig, cut, road.restore, road.expire, "does not answer")
+        yield Transport(rig, cut, transport.restore, transport.expire, "does not answer")
 
 
 @contextmanager
-def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[Road]:
+def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[Transport]:
     with ExitStack() as stack:
         opened: list[Drives] = []
 
@@ -96,9 +97,9 @@ def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[R
             opened.append(stack.enter_context(served(end, torque=torque_for(ROBOT), loops=loops)))
             return opened[0].bus
 
-        rig = RoadRig(ROBOT, settings, open_bus, new_emulator())
+        rig = TransportRig(ROBOT, settings, open_bus, new_emulator())
         far = opened[0]
-        yield Road(
+        yield Transport(
             rig,
             far.cut,
             far.mend,
@@ -107,11 +108,11 @@ def drives(settings: ServoSettings, loops: Sequence[PositionLoop]) -> Iterator[R
         )
 
 
-def torque_drives() -> AbstractContextManager[Road]:
+def torque_drives() -> AbstractContextManager[Transport]:
     return drives(SETTINGS, ())
 
 
-def position_drives() -> AbstractContextManager[Road]:
+def position_drives() -> AbstractContextManager[Transport]:
     settings = dataclasses.replace(SETTINGS, position_drives=True)
     return drives(settings, loops_for(ROBOT, settings.period_ns * 1e-9))
 
@@ -132,26 +133,26 @@ def get_going(rig: LockstepRig) -> None:
     assert np.abs(rig.emulator.v).max() > FAST_RAD_S
 
 
-@pytest.mark.parametrize("open_road", [memory, card, modbus, can, torque_drives, position_drives])
-def test_a_road_cut_in_a_fast_move_stops_the_arm_in_time_and_a_mended_one_needs_no_restart(
-    open_road: Callable[[], AbstractContextManager[Road]],
+@pytest.mark.parametrize("open_transport", [memory, card, modbus, can, torque_drives, position_drives])
+def test_a_transport_cut_in_a_fast_move_stops_the_arm_in_time_and_a_mended_one_needs_no_restart(
+    open_transport: Callable[[], AbstractContextManager[Transport]],
 ) -> None:
-    with open_road() as road:
-        rig = road.rig
+    with open_transport() as transport:
+        rig = transport.rig
         power_on(rig)
         get_going(rig)
         before = len(rig.rows())
-        road.cut()
+        transport.cut()
         rig.ticks(2 * BOUND)
         after = rig.rows()[before:]
         reaction = int(np.argmax(after["mode"] == Mode.FAULT))
         assert 0 < reaction <= BOUND
         assert after["fault"][reaction] == FaultCode.BOARD_GONE
         assert (after["dac"][reaction:] == DAC_ZERO).all()
-        if isinstance(rig, RoadRig):
-            assert road.told in rig.lines[-1]
-        road.until_far_end_is_safe()
-        road.mend()
+        if isinstance(rig, TransportRig):
+            assert transport.told in rig.lines[-1]
+        transport.until_far_end_is_safe()
+        transport.mend()
         rig.run_for(0.5)
         assert not rig.emulator.powered
         assert rig.emulator.bundle.board.dac[: ROBOT.n].tolist() == [DAC_ZERO] * ROBOT.n

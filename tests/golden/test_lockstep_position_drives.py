@@ -10,14 +10,14 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import BOARD_ILLEGAL_OPS
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import DriveState
-from qrobot.hwif.memory import BOARD_ILLEGAL_OPS
 from qrobot.hwif.registers import DAC_ZERO
-from qrobot.rig.lockstep_road import RoadRig
+from qrobot.rig.lockstep_transport import TransportRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.drives import Drives, loops_for, served, torque_for
@@ -35,7 +35,7 @@ OVERCURRENT = 0x2310
 class Arm:
     """The arm, powered and held by its drives."""
 
-    def __init__(self, rig: RoadRig, drives: Drives) -> None:
+    def __init__(self, rig: TransportRig, drives: Drives) -> None:
         self.rig, self.drives = rig, drives
         rig.ticks(3)
         rig.mailbox.request_power(True)
@@ -77,7 +77,7 @@ def powered() -> Iterator[Arm]:
             opened.append(stack.enter_context(served(end, torque=torque_for(ROBOT), loops=loops_for(ROBOT, PERIOD_S))))
             return opened[0].bus
 
-        rig = RoadRig(ROBOT, SETTINGS, open_bus, Emulator(ROBOT, physics="rigid"))
+        rig = TransportRig(ROBOT, SETTINGS, open_bus, Emulator(ROBOT, physics="rigid"))
         yield Arm(rig, opened[0])
 
 

@@ -12,21 +12,20 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stream import longest_silence
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.stages.setpoint_stream import longest_silence
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 
-Floats = NDArray[np.float64]
 FRAME_S = 0.028
 FRAME_NS = 28_000_000
 ROBOT = load_robot("puma560")

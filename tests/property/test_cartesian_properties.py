@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.motion import HERE, Blend, Mode, MoveRequest, SpeedShare, Termination, ToolSpeed
+from qrobot.motion import HERE, Blend, MotionMode, MoveRequest, SpeedShare, Termination, ToolSpeed
 from qrobot.motion.blend import Correction
 from tests.support.motion import ended, run
 from tests.support.puma import LIMITS, PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
@@ -17,7 +17,7 @@ from tests.support.puma import LIMITS, PARK, TOOL, Conveyor, arm, at_park, puma_
 FINE_S = 0.005
 DISTANCE = st.floats(-0.1, 0.1)
 SHIFTS = st.builds(shift, DISTANCE, DISTANCE, st.floats(-0.15, 0.05), st.floats(-0.6, 0.6))
-MODES = st.sampled_from(Mode)
+MODES = st.sampled_from(MotionMode)
 BLENDS = st.sampled_from(Blend)
 SPEED = st.builds(ToolSpeed, st.floats(0.05, 0.3), st.floats(0.3, 1.0))
 # What differences of samples may exceed a planned value by: they see its change within a sample.
@@ -67,7 +67,7 @@ def test_every_cartesian_program_ends_exactly_at_its_last_goal_within_the_limits
 @settings(max_examples=15)
 def test_the_controlled_frame_moves_on_a_straight_line_and_turns_about_a_fixed_axis(there, pace) -> None:
     gen = puma_generator()
-    gen.push(MoveRequest("there", at_park(there).goal(), pace, mode=Mode.CARTESIAN))
+    gen.push(MoveRequest("there", at_park(there).goal(), pace, mode=MotionMode.CARTESIAN))
     start = tool_at(PARK)
     line = start[:3, :3] @ there.value[:3, 3]
     for output in run(gen):
@@ -142,7 +142,7 @@ def test_moving_frames_are_joined_followed_and_left_without_a_jump(mode, other, 
 def test_the_goal_equation_is_exact_at_the_end_of_a_segment_whose_frames_never_rest() -> None:
     belt = Conveyor(lambda t: (0.03 * t, 0.02 * t * t, 0.0, 0.1 * t))
     gen = puma_generator()
-    gen.push(MoveRequest("m", at_park(belt.trsf).goal(), ToolSpeed(0.2, 1.0), mode=Mode.CARTESIAN))
+    gen.push(MoveRequest("m", at_park(belt.trsf).goal(), ToolSpeed(0.2, 1.0), mode=MotionMode.CARTESIAN))
     for tick in range(1, 60):
         belt.tick = tick
         output = gen.update(tick)
@@ -155,7 +155,7 @@ def test_the_goal_equation_is_exact_at_the_end_of_a_segment_whose_frames_never_r
 @given(SHIFTS, MODES)
 @settings(max_examples=6)
 def test_replanning_from_every_intermediate_state_of_a_cartesian_motion_keeps_the_limits(there, mode) -> None:
-    first = MoveRequest("first", at_park(there).goal(), ToolSpeed(0.2, 1.0), mode=Mode.CARTESIAN)
+    first = MoveRequest("first", at_park(there).goal(), ToolSpeed(0.2, 1.0), mode=MotionMode.CARTESIAN)
     second = MoveRequest("second", at_park(shift(y=-0.1)).goal(), ToolSpeed(0.2, 1.0), mode=mode)
     length = sum(1 for _ in run(with_moves(first)))
     for when in range(2, length, max(1, length // 10)):

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from qrobot import rccl
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse, rot_z, rpy, so3_exp, so3_log, transform
-from qrobot.motion import Mode, MoveRequest, Termination, ToolSpeed, Turn
-from qrobot.motion.drive import drive, drive_parameters
+from qrobot.motion import MotionMode, MoveRequest, OrientationInterpolation, Termination, ToolSpeed
+from qrobot.motion.drive_transform import drive, drive_parameters
 from qrobot.rccl.offline import OfflineLink
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, const, puma_generator
-from tests.unit.test_generator import ended, run
+from tests.unit.motion.test_generator import ended, run
 
 ANGLE = st.floats(-3.1, 3.1)
 POSES = st.builds(lambda r, p, y, x: transform(rpy(r, p, y), [x, 0.1, -0.2]), ANGLE, ANGLE, ANGLE, st.floats(-0.5, 0.5))
-TURNS = st.sampled_from(Turn)
+TURNS = st.sampled_from(OrientationInterpolation)
 SMALL = st.builds(
     lambda r, p, y, x: const("AWAY", x, 0.04, -0.03, rpy(r, p, y)), *[st.floats(-0.5, 0.5)] * 3, st.floats(-0.08, 0.08)
 )
@@ -34,7 +34,7 @@ def test_parameters_of_any_drive_make_it_again(D, turn) -> None:
     assert abs(x[5]) <= np.pi + 1e-9
 
 
-@pytest.mark.parametrize("turn", Turn)
+@pytest.mark.parametrize("turn", OrientationInterpolation)
 @pytest.mark.parametrize("R", [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), rot_z(np.pi)])
 def test_half_turns_have_parameters_too(R, turn) -> None:
     D = transform(R, [0.1, 0.2, 0.3])
@@ -81,8 +81,8 @@ def pauls_drive(one: np.ndarray, two: np.ndarray, r: float) -> np.ndarray:
 @given(POSES, POSES, st.floats(0.0, 1.0))
 @settings(max_examples=60)
 def test_two_angles_turn_as_pauls_drive_does(start, goal, r) -> None:
-    x = drive_parameters(inverse(goal) @ start, turn=Turn.TWO_ANGLES)
-    there = goal[:3, :3] @ drive((1.0 - r) * x, Turn.TWO_ANGLES)[:3, :3]
+    x = drive_parameters(inverse(goal) @ start, turn=OrientationInterpolation.TWO_ANGLES)
+    there = goal[:3, :3] @ drive((1.0 - r) * x, OrientationInterpolation.TWO_ANGLES)[:3, :3]
     assert there == pytest.approx((start @ pauls_drive(start, goal, r))[:3, :3], abs=1e-7)
 
 
@@ -111,7 +111,11 @@ def test_parameters_read_one_after_the_other_do_not_jump(D, direction, turn) -> 
 def test_a_motion_in_two_angles_keeps_the_approach_vector_in_a_plane_and_ends_at_its_goal(first, second) -> None:
     gen = puma_generator()
     for away in (first, second):
-        gen.push(MoveRequest("m", at_park(away).goal(), PACE, mode=Mode.CARTESIAN, turn=Turn.TWO_ANGLES))
+        gen.push(
+            MoveRequest(
+                "m", at_park(away).goal(), PACE, mode=MotionMode.CARTESIAN, turn=OrientationInterpolation.TWO_ANGLES
+            )
+        )
     normal = np.cross((arm().forward(PARK) @ TOOL.value)[:3, 2], at_park(first).goal().pose(0)[:3, 2])
     outputs, tilted = list(run(gen)), 0
     for output in outputs:
@@ -123,12 +127,12 @@ def test_a_motion_in_two_angles_keeps_the_approach_vector_in_a_plane_and_ends_at
     assert arm().forward(outputs[-1].q) == pytest.approx(at_park(second).goal().pose(0), abs=1e-9)
 
 
-@pytest.mark.parametrize("turn", Turn)
+@pytest.mark.parametrize("turn", OrientationInterpolation)
 def test_the_goal_is_met_exactly_while_its_frame_turns(turn) -> None:
     belt = Conveyor(lambda t: (0.02 * t, 0.0, 0.0, 0.2 * np.sin(t)))
     tilt = const("TILT", rotation=rpy(0.3, -0.2, 0.4))
     gen = puma_generator()
-    gen.push(MoveRequest("m", at_park(belt.trsf, tilt).goal(), PACE, mode=Mode.CARTESIAN, turn=turn))
+    gen.push(MoveRequest("m", at_park(belt.trsf, tilt).goal(), PACE, mode=MotionMode.CARTESIAN, turn=turn))
     for tick in range(1, 200):
         belt.tick = tick
         output = gen.update(tick)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
-from qrobot.config.values import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.dynamics import (
     DynamicsParams,

@@ -13,10 +13,10 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration_state import PROVEN, REFUTED, UNPROVEN
-from qrobot.servo.incident import read_incident
+from qrobot.servo.calibration.state import PROVEN, REFUTED, UNPROVEN
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator

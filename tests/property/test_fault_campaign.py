@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import load_head
+from qrobot.hwif.board_memory import load_head
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
-from qrobot.servo.guard import stop_category
-from qrobot.servo.modes import Mode, Stop
-from qrobot.servo.stream import SILENCE_MARGIN
+from qrobot.servo.checks.limit_checks import stop_category
+from qrobot.servo.modes import Mode, StopCategory
+from qrobot.servo.stages.setpoint_stream import SILENCE_MARGIN
 from tests.support.campaign import FRAME_S, PUMA, SAMPLE_S, FastLeg, Outcome, fast_leg, writes_since
 
 RATES = pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
@@ -114,7 +114,7 @@ def test_what_breaks_on_the_way_stops_the_arm_in_time(case: Case, rate_hz: float
 
 
 def _the_stop_is_that_of_its_category(outcome: Outcome) -> None:
-    if stop_category(outcome.code) is Stop.CATEGORY_0:
+    if stop_category(outcome.code) is StopCategory.CATEGORY_0:
         assert outcome.modes == [Mode.TRACKING, Mode.FAULT]
         assert outcome.cut_at_once
     else:

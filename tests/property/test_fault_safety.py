@@ -12,10 +12,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from qrobot.hwif.memory import FAULT_SLOTS, load_head
+from qrobot.hwif.board_memory import FAULT_SLOTS, load_head
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
-from qrobot.sim_board.faults import BOARD_DEAF, KINDS, Fault, Kind
+from qrobot.sim_board.faults import BOARD_DEAF, KINDS, Fault, FaultKind
 from tests.support.campaign import PUMA, FastLeg, fast_leg, writes_since
 
 # Against a board that takes no writes the servo is helpless, whatever it does.
@@ -76,7 +76,7 @@ class FaultyArm(RuleBasedStateMachine):
         sign=st.sampled_from([-1.0, 1.0]),
         lasts_ms=st.sampled_from([None, 1, 20, 200]),
     )
-    def something_breaks(self, kind: Kind, joint: int, sign: float, lasts_ms: int | None) -> None:
+    def something_breaks(self, kind: FaultKind, joint: int, sign: float, lasts_ms: int | None) -> None:
         signed = kind.default is not None and kind.low < 0.0 and -kind.low >= abs(kind.default)
         self.rig.emulator.faults.add(
             Fault(

@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from qrobot.motion.blend import Blend
-from qrobot.motion.halt import haltable, halting_s
-from qrobot.motion.leg import Shape, leg_from
+from qrobot.motion.joint_stop import haltable, halting_s
+from qrobot.motion.path_piece import BlendSettings, piece_from_state
 from tests.support.halts import halted
 from tests.support.motion import LIMITS
 
@@ -48,8 +48,8 @@ def test_a_halt_keeps_the_limits_from_every_state_that_may_be_halted(speeds, acc
         assume(haltable(v[joint], a[joint], LIMITS.v_max[joint], LIMITS.a_max[joint]))
     state = np.vstack((np.zeros(2), v, a))
     length_s, fading_s = halting_s(state, LIMITS, blend)
-    leg = leg_from(state, np.zeros(2), 0.0, length_s, fading_s / length_s)
-    states = np.array([leg.state(t, Shape(1.0, blend)) for t in np.linspace(0.0, length_s, 400)])
+    leg = piece_from_state(state, np.zeros(2), 0.0, length_s, fading_s / length_s)
+    states = np.array([leg.state(t, BlendSettings(1.0, blend)) for t in np.linspace(0.0, length_s, 400)])
     assert (np.abs(states[:, 1]) <= LIMITS.v_max * (1.0 + 1e-6)).all()
     assert (np.abs(states[:, 2]) <= LIMITS.a_max * (1.0 + 1e-6)).all()
     assert not states[-1, 1:].round(9).any()

@@ -6,12 +6,12 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
-from qrobot.config.values import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.branch import ALL_BRANCHES, Branch
 from qrobot.model.paul import from_paul, pose_from_paul, pose_to_paul, to_paul
-from qrobot.model.puma import Status, puma_branch, puma_inverse, puma_inverse_all, wrap_into_range
+from qrobot.model.puma import InverseStatus, puma_branch, puma_inverse, puma_inverse_all, wrap_into_range
 from qrobot.model.transform import so3_log
 
 PUMA = Arm(load_robot("puma560"))
@@ -41,10 +41,10 @@ def test_all_eight_branches_reach_the_pose_and_each_stands_on_its_own_branch(q: 
     T, solution = PUMA.forward(q), np.empty(6)
     for branch in ALL_BRANCHES:
         status = puma_inverse(T, PUMA.params, int(branch), q, solution)
-        assert status in (Status.OK, Status.JOINT_LIMIT)
+        assert status in (InverseStatus.OK, InverseStatus.JOINT_LIMIT)
         np.testing.assert_allclose(PUMA.forward(solution), T, atol=1e-9)
         assert puma_branch(solution, PUMA.params) == branch
-        assert (status == Status.OK) == bool(((solution >= Q_MIN) & (solution <= Q_MAX)).all())
+        assert (status == InverseStatus.OK) == bool(((solution >= Q_MIN) & (solution <= Q_MAX)).all())
 
 
 @given(joints)

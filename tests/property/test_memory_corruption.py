@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import explain
-from qrobot.hwif.bus import sane_operations
-from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_DROPPED,
     BOARD_ILLEGAL_OPS,
     IMAGE_INPUTS,
@@ -27,6 +25,8 @@ from qrobot.hwif.memory import (
     pending_operations,
     post_operations,
 )
+from qrobot.hwif.bus import sane_operations
+from qrobot.hwif.gateway import Gateway
 from qrobot.hwif.registers import DAC, DAC_ZERO, ENC_COUNT, STATUS_POWER, WINDOW_BYTES
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.modes import Mode

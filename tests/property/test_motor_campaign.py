@@ -12,11 +12,11 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.incident import Incident, read_incident
+from qrobot.servo.checks.monitor_state import YIELDS
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.watch_state import YIELDS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.support.campaign import FRAME_NS, FRAME_S, PUMA, FastLeg, Floats, N

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from qrobot.model.transform import inverse, so3_exp, transform
 from qrobot.motion import Blend, MotionLimits, Termination
 from qrobot.motion.blend import PEAK
-from qrobot.motion.halt import BULGE, SHORTEST_HALT_S, halting_s
+from qrobot.motion.joint_stop import BULGE, SHORTEST_HALT_S, halting_s
 from qrobot.motion.product import multiply_chain
-from qrobot.motion.trail import motion_of
-from qrobot.motion.watch import judge_next
+from qrobot.motion.setpoint_check import judge_next
+from qrobot.motion.setpoint_history import motion_of
 from tests.support.motion import LIMITS
 
 numbers = st.floats(-3.0, 3.0)

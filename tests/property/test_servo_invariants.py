@@ -11,15 +11,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from qrobot.hwif.memory import Lane
+from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
-from qrobot.servo.forms import FORMS
-from qrobot.servo.law import law
 from qrobot.servo.laws import LAWS
-from qrobot.servo.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
+from qrobot.servo.laws.law import law
+from qrobot.servo.memory.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
+from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
-from qrobot.servo.setpoint_queue import TORQUE_SETPOINT
-from qrobot.servo.velocity import ESTIMATORS
+from qrobot.servo.stages.interpolation_polynomials import FORMS
+from qrobot.servo.stages.velocity import ESTIMATORS
 from tests.support.servo_bench import Program, ServoBench, cruise
 
 N = 6

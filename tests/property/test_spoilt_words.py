@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qrobot.errors import LinkError
-from qrobot.servo.mailbox import (
+from qrobot.servo.memory.mailbox import (
     INFO_ESTIMATOR,
     INFO_JOINTS,
     INFO_TELEMETRY_BASE,
@@ -17,8 +17,8 @@ from qrobot.servo.mailbox import (
     local_servo_memory,
     servo_info,
 )
-from qrobot.servo.setpoint_queue import QUEUE_CAPACITY, QUEUE_HEAD, QUEUE_TAIL, frame_words, peek_frame
-from qrobot.servo.telemetry import TelemetryLayout, TelemetryReader
+from qrobot.servo.memory.setpoint_queue import QUEUE_CAPACITY, QUEUE_HEAD, QUEUE_TAIL, frame_words, peek_frame
+from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader
 
 N, ROWS = 6, 16
 WILD = st.integers(-(2**63), 2**63 - 1)

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
-from qrobot.config.values import Floats
 from qrobot.errors import JointLimit, Singular, Unreachable
 from qrobot.model.arm import Arm
 from qrobot.model.branch import ALL_BRANCHES, Branch
-from qrobot.model.puma import Status
+from qrobot.model.puma import InverseStatus
 from qrobot.model.stanford import stanford_branch, stanford_inverse
 
 ARM = Arm(load_robot("stanford"))
@@ -42,12 +42,12 @@ def test_four_branches_reach_the_pose_and_there_is_no_elbow(q: Floats) -> None:
     for branch in ALL_BRANCHES:
         status = stanford_inverse(T, ARM.params, int(branch), q, solution)
         if branch & Branch.DOWN:
-            assert status == Status.UNREACHABLE
+            assert status == InverseStatus.UNREACHABLE
             continue
-        assert status in (Status.OK, Status.JOINT_LIMIT)
+        assert status in (InverseStatus.OK, InverseStatus.JOINT_LIMIT)
         np.testing.assert_allclose(ARM.forward(solution), T, atol=1e-9)
         assert stanford_branch(solution, ARM.params) == branch
-        assert (status == Status.OK) == bool(((solution >= Q_MIN) & (solution <= Q_MAX)).all())
+        assert (status == InverseStatus.OK) == bool(((solution >= Q_MIN) & (solution <= Q_MAX)).all())
 
 
 @given(joints)
@@ -70,7 +70,7 @@ def test_at_a_straight_wrist_joint_4_stays_and_the_pose_is_kept(q: Floats, near:
     T, solution = ARM.forward(q), np.empty(6)
     around = q.copy()
     around[3] = near
-    assert stanford_inverse(T, ARM.params, int(ARM.branch(q)), around, solution) == Status.WRIST_SINGULAR
+    assert stanford_inverse(T, ARM.params, int(ARM.branch(q)), around, solution) == InverseStatus.WRIST_SINGULAR
     assert solution[3] == pytest.approx(near)
     np.testing.assert_allclose(ARM.forward(solution), T, atol=1e-9)
 

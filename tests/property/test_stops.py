@@ -6,24 +6,23 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.forms import FORMS
-from qrobot.servo.interpolator import PEAK_SLOPE
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.velocity import ESTIMATORS
+from qrobot.servo.stages.interpolation_polynomials import FORMS
+from qrobot.servo.stages.interpolator import PEAK_SLOPE
+from qrobot.servo.stages.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.campaigns.stops import cases as random_cases
 from tests.campaigns.stops import stop_once
 from tests.support.servo_bench import cruise
 
-Floats = NDArray[np.float64]
 PUMA = load_robot("puma560")
 FRAME_S, FRAME_NS = 0.028, 28_000_000
 RAMP_S, CRUISE_S, SETTLE_S = 0.3, 0.1, 0.3

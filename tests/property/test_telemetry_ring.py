@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import jit_disabled, kernel
-from qrobot.servo.telemetry import TelemetryLayout, TelemetryReader, append_row, ring_words
+from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, append_row, ring_words
 
 BASE = 24  # a ring is a region of a larger segment
 JOINTS = st.integers(1, 9)

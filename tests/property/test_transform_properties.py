@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot.config.values import Floats
+from qrobot.arrays import Floats
 from qrobot.model.transform import (
     inverse,
     is_transform,

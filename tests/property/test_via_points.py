@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import MotionError
-from qrobot.motion import Duration, Mode, MoveRequest, SpeedShare, Termination
+from qrobot.motion import Duration, MotionMode, MoveRequest, SpeedShare, Termination
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 from tests.support.paul import paul_path, samples_of, stretched
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
@@ -58,7 +58,7 @@ def test_a_program_of_straight_lines_is_pauls_path_of_the_tool(segments) -> None
     times = [(ta, 2.0 * ts) for _, ta, ts in segments]  # from place to place it may be twice as far as from park
     gen = puma_generator()
     for place, (ta, ts) in zip(corners[1:], times, strict=True):
-        gen.push(MoveRequest("via", at_park(shift(*place)).goal(), Duration(ts), ta, Mode.CARTESIAN))
+        gen.push(MoveRequest("via", at_park(shift(*place)).goal(), Duration(ts), ta, MotionMode.CARTESIAN))
     start = arm().forward(PARK) @ TOOL.value
     tools = [np.linalg.inv(start) @ arm().forward(output.q) @ TOOL.value for output in run(gen)]
     path = np.array([[*tool[:3, 3], np.arctan2(tool[1, 0], tool[0, 0])] for tool in tools])
@@ -114,7 +114,7 @@ def test_at_no_via_point_the_arm_is_slower_than_both_segments_ask_for(hasty, lat
             assert speeds.min() >= slowest_between(here[1], there[1]) - 1e-9
 
 
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("mode", list(MotionMode))
 def test_a_shorter_transition_does_not_stop_the_arm_at_its_via_point(mode) -> None:
     gen = puma_generator()
     for y, ta in ((0.1, 0.2), (0.2, 0.1)):
@@ -129,8 +129,8 @@ def test_a_request_that_was_to_follow_and_is_refused_when_its_turn_comes_lets_th
     far = np.zeros(3)
     gen = puma_generator()
     belt = Conveyor(lambda _: (*far, 0.0))
-    gen.push(MoveRequest("first", at_park(shift(y=0.1)).goal(), Duration(1.0), 0.4, Mode.CARTESIAN))
-    gen.push(MoveRequest("second", at_park(belt.trsf).goal(), Duration(1.0), 0.1, Mode.CARTESIAN))
+    gen.push(MoveRequest("first", at_park(shift(y=0.1)).goal(), Duration(1.0), 0.4, MotionMode.CARTESIAN))
+    gen.push(MoveRequest("second", at_park(belt.trsf).goal(), Duration(1.0), 0.1, MotionMode.CARTESIAN))
     path, codes = [PARK], []
     for tick in range(1, 120):
         belt.tick = tick

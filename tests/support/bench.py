@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qrobot.hwif.memory import (
+from qrobot.arrays import Words
+from qrobot.hwif.board_memory import (
     IMAGE_INPUTS,
     IMAGE_WORDS,
     OP_READ,
@@ -15,9 +16,8 @@ from qrobot.hwif.memory import (
     post_operations,
 )
 from qrobot.hwif.registers import N_ENCODERS, STATUS
+from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import jit_disabled
-from qrobot.realtime.record import record_of
-from qrobot.realtime.segment import Words
 from qrobot.sim_board.analog import make_analog
 from qrobot.sim_board.board import BoardOptions, accept_operations, make_board, publish_sample
 from qrobot.sim_board.encoder import make_encoders

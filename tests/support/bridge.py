@@ -8,7 +8,7 @@ import threading
 
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.listener import precise_loop
-from qrobot.wire import ClientRole, Connection, Event, Hello, Side, Welcome
+from qrobot.wire import ClientRole, Connection, Hello, Side, Welcome, WireEvent
 from tests.support.fake_port import FakePort
 from tests.support.patience import PATIENCE_S
 
@@ -68,7 +68,7 @@ class Client:
     def say(self, packet) -> None:
         self.socket.sendall(self.wire.send(packet))
 
-    def hear(self) -> Event | None:
+    def hear(self) -> WireEvent | None:
         """Next event; None when the bridge has hung up."""
         while (event := self.wire.next_event()) is None:
             data = self.socket.recv(65_536)

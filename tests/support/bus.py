@@ -1,4 +1,4 @@
-"""A bench as the far end of a road, and a bus to it in the same process that can be cut."""
+"""A bench as the far end of a transport, and a bus to it in the same process that can be cut."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkError, LinkLost
-from qrobot.hwif.bus import BoardFacts, Endpoint, Operations, check_image, make_image
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_ILLEGAL_OPS,
     OP_FIELDS,
     PANEL_ANALOG,
@@ -18,7 +18,7 @@ from qrobot.hwif.memory import (
     fetch_image,
     post_operations,
 )
-from qrobot.realtime.segment import Words
+from qrobot.hwif.bus import BoardFacts, Endpoint, Operations, check_image, make_image
 from tests.support.bench import Bench
 
 Row = tuple[int, int, int]
@@ -34,16 +34,16 @@ def nothing() -> None:
 
 
 class BenchEndpoint:
-    """A `Bench` as the far end of a road: it ticks once for each list of operations it is given.
+    """A `Bench` as the far end of a transport: it ticks once for each list of operations it is given.
 
-    What the board does by itself (`turn`, `set_volts`) and what is asked of it over the road exclude each other, for a
-    server may run in a thread.
+    What the board does by itself (`turn`, `set_volts`) and what is asked of it over the transport exclude each other,
+    for a server may run in a thread.
 
     Attributes:
         lists: the lists of operations it was given.
         standing: True holds the board: it takes operations and shows its last image again.
         gone: True takes the board away from the server that holds this endpoint.
-        before, after: called when operations have come, before and after they are applied; for cutting the road.
+        before, after: called when operations have come, before and after they are applied; for cutting the transport.
     """
 
     def __init__(self, bench: Bench | None = None) -> None:

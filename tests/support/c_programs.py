@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from qrobot import rccl
+from qrobot.arrays import Floats
 from qrobot.cli import toolchain
-from qrobot.motion.limits import Floats
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace

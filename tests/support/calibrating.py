@@ -10,11 +10,11 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration_client import CalibrationReport, run_calibration
-from qrobot.servo.calibration_state import Stage
-from qrobot.servo.calibration_table import CalibrationTable, load_table
-from qrobot.servo.mailbox import ServoSnapshot
+from qrobot.servo.calibration.state import Stage
+from qrobot.servo.calibration.table import CalibrationTable, load_table
+from qrobot.servo.memory.mailbox import ServoSnapshot
 from qrobot.servo.modes import Mode
+from qrobot.servo.operator.calibration_client import CalibrationReport, run_calibration
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator

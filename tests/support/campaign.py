@@ -9,21 +9,20 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats, Words
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import load_head, read_trace
+from qrobot.hwif.board_memory import load_head, read_trace
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
-from qrobot.realtime.segment import Words
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 
-Floats = NDArray[np.float64]
 PUMA = load_robot("puma560")
 N = PUMA.n
 FRAME_S = 0.028

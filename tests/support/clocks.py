@@ -29,10 +29,10 @@ CALENDARS: Final = ("localtime", "gmtime", "ctime", "asctime", "strftime")  # cl
 CALLERS: Final[dict[str, str]] = {
     "tests/support/patience.py": "bounds a wait for an event of another thread or process, by a minute",
     "qrobot/realtime/deadline.py": "bounds a wait for another process; tests give it a minute, or what will not come",
-    "qrobot/realtime/segment.py": "pauses between two tries of a lock, of which it makes a number",
-    "qrobot/servo/client.py": "bounds a wait for the servo's answer",
-    "qrobot/servo/control.py": "bounds a wait for the servo's loop, and tells the age of the board's image",
-    "qrobot/servo/law_trial.py": "measures how long a law takes",
+    "qrobot/realtime/shared_memory.py": "pauses between two tries of a lock, of which it makes a number",
+    "qrobot/servo/operator/client.py": "bounds a wait for the servo's answer",
+    "qrobot/servo/operator/requests.py": "bounds a wait for the servo's loop, and tells the age of the board's image",
+    "qrobot/servo/laws/trial.py": "measures how long a law takes",
     "qrobot/hwif/gateway.py": "its loop owns a clock; each step of a gateway is told the time",
     "qrobot/rccl_bridge/server.py": "its loop owns a clock; a session is told the time, and tests make it patient",
     "qrobot/rci/tcp.py": "a program on a real socket lives on the wall clock; its motion goes by the states it gets",
@@ -40,20 +40,20 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/rig/lockstep.py": "tells how much faster than real time a rig ran, and decides nothing by it",
     "qrobot/rig/experiment.py": "tells how long an experiment took, and decides nothing by it",
     "qrobot/rig/deployed.py": "remembers when it asked for a guardian, to tell it from its predecessor",
-    "qrobot/rccl/c/cell.py": "bounds a wait for the answer of a program in C",
+    "qrobot/rccl/c/callback_slot.py": "bounds a wait for the answer of a program in C",
     "qrobot/cli/identify_fit.py": "dates a model when nobody says from which day it is",
     "qrobot/log/follow.py": "names a log by the time it begins; each step of a follower is told the time",
-    "qrobot/servo/mailbox.py": "pauses between two tries of a read, of which it makes a number",
-    "qrobot/servo/board_status.py": "tells the age of the board's image, and decides nothing by it",
+    "qrobot/servo/memory/mailbox.py": "pauses between two tries of a read, of which it makes a number",
+    "qrobot/servo/operator/board_status.py": "tells the age of the board's image, and decides nothing by it",
     "qrobot/hwif/modbus/panel.py": "its loop owns a clock; each step of the panel is told the time",
 }
 
 # Tests that may, though they are not `realtime`, by the beginning of their name, and why.
 TESTS: Final[dict[str, str]] = {
     "tests/system/test_wrong_commands.py::test_a_wrong_command_is_one_line[guardian": "beats before it looks",
-    "tests/unit/test_modbus_io.py::test_modules_of_a_deployment_file": "runs the loops of modules, which own a clock",
-    "tests/unit/test_port.py::test_the_servo_owns_the_memory_of_its_card": "a card's images are stamped by the servo",
-    "tests/unit/test_port.py::test_the_servos_loop_reads_the_card": "runs the servo's loop, which owns a clock",
+    "tests/unit/hwif/test_modbus_io.py::test_modules_of_a_deployment_file": "runs the loops of modules",
+    "tests/unit/hwif/test_port.py::test_the_servo_owns_the_memory_of_its_card": "stamped by the servo",
+    "tests/unit/hwif/test_port.py::test_the_servos_loop_reads_the_card": "runs the servo's loop, which owns a clock",
 }
 
 

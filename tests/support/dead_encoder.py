@@ -10,10 +10,10 @@ import numpy as np
 
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.calibration_table import load_table
-from qrobot.servo.incident import read_incident
+from qrobot.servo.calibration.table import load_table
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.memory.stop_record import read_incident
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

@@ -11,10 +11,10 @@ import can
 import numpy as np
 
 from qrobot.config import Robot
-from qrobot.config.drives import DrivesRoad
+from qrobot.config.drives import DrivesTransport
+from qrobot.hwif.board_memory import IMAGE_INPUTS
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint, make_image
 from qrobot.hwif.canbus.drives import DrivesBus
-from qrobot.hwif.memory import IMAGE_INPUTS
 from qrobot.hwif.registers import ENC_COUNT, STATUS
 from qrobot.sim_board.can_drives import EmulatedDrives
 from qrobot.sim_board.drive_loop import PositionLoop
@@ -54,7 +54,7 @@ class Drives:
         channel = uuid.uuid4().hex
         self.interface = can.Bus(interface="virtual", channel=channel)
         self.far = EmulatedDrives(end, self._send, NODES, torque, INCREMENTS, loops)
-        road = DrivesRoad(
+        transport = DrivesTransport(
             interface="virtual",
             channel=channel,
             mode="position" if loops else "torque",
@@ -64,7 +64,7 @@ class Drives:
             counts_at_zero=(0,) * 6,
             absolute=absolute,
         )
-        self.bus = DrivesBus(road, lambda: getattr(end, "now_ns", 1))
+        self.bus = DrivesBus(transport, lambda: getattr(end, "now_ns", 1))
         self.bus.link.timeout_s = PATIENCE_S
         self.silent: set[int] = set()
         self._cut = False

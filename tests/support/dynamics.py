@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.model.dynamics import DynamicsParams, dynamics_work, gravity_torque, inverse_dynamics
-
-Floats = NDArray[np.float64]
 
 
 def model_torque(params: DynamicsParams, q: Floats, v: Floats, a: Floats) -> Floats:

@@ -16,7 +16,6 @@ from qrobot.wire import (
     Command,
     Connection,
     ErrorCode,
-    Event,
     Hello,
     JointMode,
     RobotFlag,
@@ -26,6 +25,7 @@ from qrobot.wire import (
     State,
     Welcome,
     WireError,
+    WireEvent,
 )
 
 START_NS = 1_000_000_000
@@ -101,7 +101,7 @@ class FakeRobot:
 
     # ---------------------------------------------------------------------------------------------------- inside
 
-    def _take(self, event: Event) -> bytes:
+    def _take(self, event: WireEvent) -> bytes:
         match event:
             case Hello() if event.robot != self.name:
                 complaint = f"this is {self.name!r}, not {event.robot!r}"

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from qrobot.errors import MotionError
-from qrobot.motion import HERE, Duration, Generator, Mode, MoveRequest, SpeedShare, Termination, ToolSpeed, Turn
+from qrobot.motion import (
+    HERE,
+    Duration,
+    Generator,
+    MotionMode,
+    MoveRequest,
+    OrientationInterpolation,
+    SpeedShare,
+    Termination,
+    ToolSpeed,
+)
 from tests.support.motion import ended
 from tests.support.puma import LIMITS, PARK, Conveyor, at_park, puma_generator, shift
 
@@ -56,8 +66,8 @@ def request(rng: np.random.Generator, belt: Conveyor, fixed: bool) -> MoveReques
         Duration(rng.uniform(0.2, 1.5)),
     )
     ta = None if rng.random() < 0.6 else rng.uniform(0.0, 0.4)
-    mode = Mode.CARTESIAN if rng.random() < 0.6 else Mode.JOINT
-    turn = Turn.ONE_AXIS if rng.random() < 0.7 else Turn.TWO_ANGLES
+    mode = MotionMode.CARTESIAN if rng.random() < 0.6 else MotionMode.JOINT
+    turn = OrientationInterpolation.ONE_AXIS if rng.random() < 0.7 else OrientationInterpolation.TWO_ANGLES
     return MoveRequest("move", at_park(*frames).goal(), paces[rng.integers(3)], ta, mode, turn=turn)
 
 

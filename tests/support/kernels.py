@@ -12,11 +12,11 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
-from qrobot.hwif.memory import local_board_memory
+from qrobot.hwif.board_memory import local_board_memory
 from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.law_trial import prove_finite
 from qrobot.servo.laws import LAWS, find_law
+from qrobot.servo.laws.trial import prove_finite
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from tests.support.fake_robot import FakeRobot

@@ -10,15 +10,15 @@ from collections.abc import Callable
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import Lane, discard_operations
+from qrobot.hwif.board_memory import Lane, discard_operations
 from qrobot.realtime.jit import jit_disabled
-from qrobot.servo.guardian import TRIPPED
 from qrobot.servo.laws import find_law
-from qrobot.servo.mailbox import BEAT_ARMED, COMMAND_SHUTDOWN, GUARD_TAKEOVER
+from qrobot.servo.laws.law_swap import SWAPPED, ask_for_law, maybe_swap_result
+from qrobot.servo.memory.mailbox import BEAT_ARMED, COMMAND_SHUTDOWN, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OutputWire
+from qrobot.servo.process.guardian import TRIPPED
 from qrobot.servo.settings import Overrun
-from qrobot.servo.swap import SWAPPED, ask_for_law, maybe_swap_result
 from tests.support.kill_points import WAYS, DyingBench
 from tests.support.servo_bench import moving
 

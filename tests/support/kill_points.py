@@ -14,9 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.gateway import Gateway
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     IMAGE_WORDS,
     LANE_WORDS,
     LANES_START,
@@ -26,7 +24,9 @@ from qrobot.hwif.memory import (
     local_board_memory,
     take_operation,
 )
-from qrobot.hwif.port.card import (
+from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.isa.card import (
     CARD_REVISION,
     FAKE_CARD,
     FAKE_HEAD,
@@ -40,10 +40,10 @@ from qrobot.hwif.port.card import (
     show_card,
 )
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS, N_INPUT_WORDS
-from qrobot.servo.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
-from qrobot.servo.loop import one_cycle
-from qrobot.servo.mailbox import BEAT_KEPT, BEAT_T_NS
+from qrobot.servo.memory.mailbox import BEAT_KEPT, BEAT_T_NS
 from qrobot.servo.modes import gives_torque
+from qrobot.servo.process.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
+from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.state import MODE
 from tests.support.servo_bench import ServoBench
 

@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.rccl import opening
+from qrobot.rccl import connect as opening
 
 OURS = ("qrobot.motion.", "qrobot.model.")
 seen: dict[str, int] = {}

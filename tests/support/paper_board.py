@@ -1,12 +1,12 @@
-"""A board of paper at the far end of a road: words in, words out, no kernels; for tests of the road alone."""
+"""A board of paper at the far end of a transport: words in, words out, no kernels; for tests of the transport alone."""
 
 from __future__ import annotations
 
+from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.registers import ENC_COUNT, ENC_LOAD, N_INPUT_WORDS, STATUS
-from qrobot.realtime.segment import Words
 
 Row = tuple[int, int, int]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config.scene import Scene
 from qrobot.model.transform import transform
 from qrobot.sim_board.mujoco_plant import PlantMemory, load_plant
 from tests.support.puma import ROBOT, arm
 
-Floats = NDArray[np.float64]
 DT = 0.00025
 DOWN = np.diag([1.0, -1.0, -1.0])
 STIFFNESS = np.array([4000.0, 4000.0, 4000.0, 400.0, 400.0, 400.0])

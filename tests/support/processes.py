@@ -20,9 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qrobot.config.deployment import Arm, load_deployment
-from qrobot.hwif.bus import MemoryEndpoint
-from qrobot.hwif.memory import (
+from qrobot.config.deployment import DeployedArm, load_deployment
+from qrobot.hwif.board_memory import (
     IMAGE_INPUTS,
     IMAGE_WORDS,
     PANEL_DISCRETE,
@@ -30,16 +29,17 @@ from qrobot.hwif.memory import (
     attach_board_memory,
     read_trace,
 )
+from qrobot.hwif.bus import MemoryEndpoint
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.opening import open_channel
+from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.mailbox import BEAT_SLIPPED_NS, ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.modes import Mode
-from qrobot.servo.telemetry import Rows, TelemetryReader
 from tests.support.patience import PATIENCE_S, wait_until
 
 GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it
@@ -120,7 +120,7 @@ class Killing(NamedTuple):
 class RunningArm:
     """Processes of one arm and what they show. Shared memory is mapped anew at every look, as restarts replace it."""
 
-    def __init__(self, rig: ProcessRig, deployment: Path, arm: Arm) -> None:
+    def __init__(self, rig: ProcessRig, deployment: Path, arm: DeployedArm) -> None:
         self.deployment, self.arm, self.name = deployment, arm, arm.name
         self.processes = ArmProcesses(rig, str(deployment), arm)
         self._rig = rig

@@ -9,7 +9,18 @@ import numpy as np
 from qrobot.config import load_robot
 from qrobot.model.arm import Arm
 from qrobot.model.transform import rot_z, transform
-from qrobot.motion import T6, Blend, Equation, Generator, Kind, MotionLimits, Reach, Trsf, motion_limits, reach_of
+from qrobot.motion import (
+    T6,
+    Blend,
+    Equation,
+    Generator,
+    MotionLimits,
+    Reach,
+    TransformKind,
+    Trsf,
+    motion_limits,
+    reach_of,
+)
 from qrobot.motion.blend import Correction
 
 PERIOD_S = 0.028
@@ -36,7 +47,7 @@ def puma_generator(
 
 
 def const(name: str, x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation=None) -> Trsf:
-    return Trsf(name, Kind.CONST, transform(rotation, [x, y, z]))
+    return Trsf(name, TransformKind.CONST, transform(rotation, [x, y, z]))
 
 
 TOOL = const("TOOL", z=0.1)
@@ -44,7 +55,9 @@ TOOL = const("TOOL", z=0.1)
 
 def at_park(*terms: Trsf, name: str = "P", tool: Trsf = TOOL) -> Equation:
     """T6 TOOL = PARK terms: from where the tool is at park, by `terms`."""
-    return Equation(name, (T6, tool), (Trsf("PARK", Kind.CONST, arm().forward(PARK) @ tool.value), *terms), tool)
+    return Equation(
+        name, (T6, tool), (Trsf("PARK", TransformKind.CONST, arm().forward(PARK) @ tool.value), *terms), tool
+    )
 
 
 def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn: float = 0.0) -> Trsf:
@@ -58,7 +71,7 @@ class Conveyor:
         self.tick = 0
         self.calls = 0
         self._way, self._period_s = way, period_s
-        self.trsf = Trsf("CONV", Kind.FUNCTION, function=self._move)
+        self.trsf = Trsf("CONV", TransformKind.FUNCTION, function=self._move)
 
     def _move(self, trsf: Trsf) -> None:
         self.calls += 1

@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     IMAGE_COUNT,
     IMAGE_INPUTS,
     IMAGE_T_NS,
@@ -44,21 +45,20 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.model.transmission import joint_to_counts, transmission_params
+from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import jit_disabled, lean_kernel
-from qrobot.realtime.record import block_of
-from qrobot.servo.law import Law
 from qrobot.servo.laws import find_law
-from qrobot.servo.loop import one_cycle
-from qrobot.servo.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
+from qrobot.servo.laws.law import Law
+from qrobot.servo.laws.law_swap import LAW_AT
+from qrobot.servo.memory.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
+from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.parameters import servo_parameters
+from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.servo.state import MODE, make_state
-from qrobot.servo.swap import LAW_AT
-from qrobot.servo.telemetry import Rows, TelemetryLayout
 
-Floats = NDArray[np.float64]
 START_NS = 1_000_000_000
 RING_ROWS = 16
 FRAME_NS = 28_000_000

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.memory.telemetry import Rows
 from tests.support.servo_bench import ServoBench, play, swing
 
 PERIOD_NS = 10_000_000  # short frames, so that much happens in few cycles

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from qrobot.config import load_robot
-from qrobot.hwif.memory import attach_board_memory
-from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.hwif.board_memory import attach_board_memory
+from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel
 from tests.support.patience import wait_until

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from qrobot.errors import LinkError
-from qrobot.rig.processes import Plan, ProcessRig
+from qrobot.rig.processes import ProcessPlan, ProcessRig
 from qrobot.servo.modes import Mode
 from qrobot.wire import Connection, ErrorCode, Side, WireError
 from tests.support.patience import PATIENCE_S
@@ -148,4 +148,4 @@ def test_a_second_commander_is_refused_by_name_and_the_first_goes_on(arm: Runnin
 
 def test_the_rig_tells_why_a_process_did_not_start(tmp_path: Path) -> None:
     with ProcessRig(tmp_path) as rig, pytest.raises(LinkError, match=r"did not start: no program missing\.py"):
-        rig.start(Plan("broken", ["run", "missing.py"], lambda: False))
+        rig.start(ProcessPlan("broken", ["run", "missing.py"], lambda: False))

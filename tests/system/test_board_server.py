@@ -15,7 +15,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif.memory import (
+from qrobot.hwif.board_memory import (
     BOARD_JOINTS,
     BOARD_PERIOD_NS,
     BOARD_REVISION,
@@ -33,9 +33,9 @@ from qrobot.hwif.memory import (
     read_trace,
 )
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS, STATUS_POWER
-from qrobot.realtime.segment import segment_path
+from qrobot.realtime.shared_memory import segment_path
 from qrobot.sim_board.emulator import Emulator
-from qrobot.sim_board.server import BoardServer
+from qrobot.sim_board.server import EmulatedBoardServer
 from tests.support.patience import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -80,7 +80,7 @@ def write(memory: Any, offset: int, value: int) -> None:
 
 
 def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> None:
-    with BoardServer(arm, Emulator(load_robot("puma560"))) as server:
+    with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server:
         memory = server.segment.words
         wait_until(lambda: image_of(memory)[IMAGE_COUNT] > 2)  # the image of power-up is not on the loop's grid
         first, after_ns = image_of(memory), time.monotonic_ns()
@@ -97,8 +97,8 @@ def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> N
 
 def test_a_second_board_for_the_same_arm_is_refused(arm: str) -> None:
     emulator = Emulator(load_robot("puma560"))
-    with BoardServer(arm, emulator), pytest.raises(LinkBusy, match=arm):
-        BoardServer(arm, emulator)
+    with EmulatedBoardServer(arm, emulator), pytest.raises(LinkBusy, match=arm):
+        EmulatedBoardServer(arm, emulator)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

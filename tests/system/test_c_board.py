@@ -16,14 +16,15 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif import memory, registers
-from qrobot.hwif.memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
+from qrobot.hwif import board_memory as memory
+from qrobot.hwif import registers
+from qrobot.hwif.board_memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
 from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
-from qrobot.realtime import segment
+from qrobot.realtime import shared_memory as segment
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
-from qrobot.sim_board.server import BoardServer
+from qrobot.sim_board.server import EmulatedBoardServer
 from tests.support.patience import wait_until
 
 SOURCES = Path(__file__).parents[2] / "examples" / "c"
@@ -50,8 +51,8 @@ def arm() -> str:
 
 
 @pytest.fixture
-def server(arm: str) -> Iterator[BoardServer]:
-    with BoardServer(arm, Emulator(load_robot("puma560"))) as server:
+def server(arm: str) -> Iterator[EmulatedBoardServer]:
+    with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server:
         yield server
 
 
@@ -59,7 +60,7 @@ def start(program: Path, arm: str) -> Program:
     return subprocess.Popen([program, arm], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def moving(server: BoardServer) -> bool:
+def moving(server: EmulatedBoardServer) -> bool:
     return abs(float(server.emulator.v[MOVED])) > 0.05
 
 
@@ -83,7 +84,7 @@ def test_the_header_says_what_the_board_memory_is() -> None:
 @needs_compiler
 @pytest.mark.realtime
 def test_the_program_powers_the_arm_moves_one_joint_there_and_back_and_leaves_it_without_torque_and_power(
-    program: Path, arm: str, server: BoardServer
+    program: Path, arm: str, server: EmulatedBoardServer
 ) -> None:
     begin, far = np.int16(server.emulator.counters[MOVED]), 0
     with start(program, arm) as process:
@@ -106,7 +107,7 @@ def test_the_program_powers_the_arm_moves_one_joint_there_and_back_and_leaves_it
 
 @needs_compiler
 @pytest.mark.realtime
-def test_ctrl_c_takes_torque_and_power_off(program: Path, arm: str, server: BoardServer) -> None:
+def test_ctrl_c_takes_torque_and_power_off(program: Path, arm: str, server: EmulatedBoardServer) -> None:
     with start(program, arm) as process:
         wait_until(lambda: moving(server), "joint 6 moves")
         process.send_signal(signal.SIGINT)
@@ -118,7 +119,7 @@ def test_ctrl_c_takes_torque_and_power_off(program: Path, arm: str, server: Boar
 @needs_compiler
 @pytest.mark.realtime
 def test_a_board_that_goes_away_ends_the_program_with_a_word(program: Path, arm: str) -> None:
-    with BoardServer(arm, Emulator(load_robot("puma560"))) as server, start(program, arm) as process:
+    with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server, start(program, arm) as process:
         wait_until(lambda: moving(server), "joint 6 moves")
         server.__exit__(None, None, None)
         assert process.wait() == 1
@@ -140,7 +141,7 @@ def pots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.mark.parametrize("revision", ["E", "F"])
 def test_a_program_reads_every_channel_by_the_sequence_of_either_revision(pots: Path, arm: str, revision: str) -> None:
     options = BoardOptions(revision_f=revision == "F")
-    with BoardServer(arm, Emulator(PUMA, options=options)) as server:
+    with EmulatedBoardServer(arm, Emulator(PUMA, options=options)) as server:
         for channel, volts in ((6, 1.25), (7, 3.75)):
             server.segment.words[PANEL_ANALOG + channel] = round(volts * PANEL_MICRO)
         for _ in range(5):
@@ -153,7 +154,7 @@ def test_a_program_reads_every_channel_by_the_sequence_of_either_revision(pots: 
 
 @needs_compiler
 @pytest.mark.realtime
-def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str, server: BoardServer) -> None:
+def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str, server: EmulatedBoardServer) -> None:
     source = tmp_path / "flood.c"
     source.write_text(
         """#include "trc004.h"
@@ -181,7 +182,7 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
 
 @needs_compiler
 @pytest.mark.realtime
-def test_a_board_has_one_controller_whoever_comes_first(program: Path, arm: str, server: BoardServer) -> None:
+def test_a_board_has_one_controller_whoever_comes_first(program: Path, arm: str, server: EmulatedBoardServer) -> None:
     bus = board_memory_bus(arm)
     bus.connect()
     with start(program, arm) as late:

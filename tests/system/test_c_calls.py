@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.rccl.c import cell, engine
+from qrobot.rccl.c import callback_slot as cell
+from qrobot.rccl.c import engine
 from qrobot.rccl.c.message import Op
 from qrobot.rccl.c.program import run_executable
 from tests.support.c_programs import compiled_text, needs_compiler, offline

@@ -23,7 +23,7 @@ from qrobot.rccl.setpoints import read_setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.calibration_table import load_table
+from qrobot.servo.calibration.table import load_table
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire import Command

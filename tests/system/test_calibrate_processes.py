@@ -11,7 +11,7 @@ import pytest
 from qrobot.config.deployment import load_deployment
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.mailbox import FLAG_CALIBRATED, ServoMailbox, attach_servo_memory
+from qrobot.servo.memory.mailbox import FLAG_CALIBRATED, ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from tests.support.patience import wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment

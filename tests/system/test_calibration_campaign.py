@@ -8,7 +8,7 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.table_maker import make_table
-from qrobot.servo.calibration_table import CalibrationTable
+from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

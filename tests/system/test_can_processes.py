@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
 from qrobot.hwif.bus import make_image
 from qrobot.hwif.canbus.interface import open_interface
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
 from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.rig.processes import board_ready
 from tests.support.patience import PATIENCE_S, wait_until
@@ -67,7 +67,7 @@ def end(process: subprocess.Popen[str]) -> None:
 
 
 def inputs_of(arm: str) -> np.ndarray:
-    """Input words in the newest image of a board, past its road."""
+    """Input words in the newest image of a board, past its transport."""
     segment = attach_board_memory(arm)
     image = make_image()
     assert fetch_image(segment.words, image)

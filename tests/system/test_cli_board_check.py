@@ -13,13 +13,13 @@ import pytest
 
 from qrobot.cli.console import FAILURE
 from qrobot.config import load_robot
-from qrobot.hwif.memory import read_trace
+from qrobot.hwif.board_memory import read_trace
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.rig.board_check import STEPS
-from qrobot.servo.mailbox import create_servo_memory
-from qrobot.servo.telemetry import SMALLEST_RING
+from qrobot.servo.memory.mailbox import create_servo_memory
+from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.sim_board.emulator import Emulator
-from qrobot.sim_board.server import BoardServer
+from qrobot.sim_board.server import EmulatedBoardServer
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import qrobot
 
@@ -27,13 +27,13 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[BoardServer]:
-    with BoardServer(f"t{uuid.uuid4().hex[:10]}", Emulator(load_robot("puma560"))) as server:
+def server() -> Iterator[EmulatedBoardServer]:
+    with EmulatedBoardServer(f"t{uuid.uuid4().hex[:10]}", Emulator(load_robot("puma560"))) as server:
         yield server
 
 
 @pytest.fixture
-def deployment(server: BoardServer, tmp_path: Path) -> Path:
+def deployment(server: EmulatedBoardServer, tmp_path: Path) -> Path:
     name = server.segment.path.name.removesuffix("-board")
     path = tmp_path / "arms.toml"
     path.write_text(f'[[arm]]\nname = "{name}"\nrobot = "puma560"\nbridge = {{ port = 5999 }}\n')
@@ -46,7 +46,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
 
 
-def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: BoardServer, deployment: Path) -> None:
+def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: EmulatedBoardServer, deployment: Path) -> None:
     done = run(deployment, "--yes", "--power", "--json")
     report = json.loads(done.stdout)
     assert [finding for finding in report["findings"] if finding["ok"] is False] == []
@@ -58,7 +58,7 @@ def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: BoardSer
     assert (server.emulator.bundle.board.dac == DAC_ZERO).all()
 
 
-def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: BoardServer, deployment: Path) -> None:
+def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: EmulatedBoardServer, deployment: Path) -> None:
     before = len(read_trace(server.segment.words))
     done = run(deployment, "--read-only")
     assert done.returncode == 0
@@ -67,7 +67,7 @@ def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: BoardServer,
     assert len(read_trace(server.segment.words)) == before
 
 
-def test_it_does_not_write_beside_a_servo(server: BoardServer, deployment: Path) -> None:
+def test_it_does_not_write_beside_a_servo(server: EmulatedBoardServer, deployment: Path) -> None:
     arm = server.segment.path.name.removesuffix("-board")
     with create_servo_memory(arm, "puma560", "pd", 6, 1_000_000, SMALLEST_RING):
         done = run(deployment, "--yes")

@@ -22,7 +22,7 @@ for name in {sorted(EXTRAS)}:
 """
 
 CORE = """
-import qrobot.rccl, qrobot.rccl_bridge.server, qrobot.servo.daemon, qrobot.servo.guardian
+import qrobot.rccl, qrobot.rccl_bridge.server, qrobot.servo.process.daemon, qrobot.servo.process.guardian
 import qrobot.log.follow, qrobot.rig.processes
 from qrobot.cli.main import COMMANDS
 for command in COMMANDS:

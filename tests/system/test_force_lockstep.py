@@ -15,11 +15,11 @@ import pytest
 from qrobot import rccl
 from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
-from qrobot.motion.matching import Joints
+from qrobot.motion.joint_matching import JointIndices
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.calibration_table import load_table
+from qrobot.servo.calibration.table import load_table
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -141,9 +141,9 @@ def test_a_program_that_dies_while_it_presses_leaves_the_arm_holding_its_positio
     assert np.abs(rig.rows()["v"][-200:]).max() < 0.02
 
 
-def watched_joints(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, Joints]]:
+def watched_joints(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, JointIndices]]:
     """At each sample from now on its time, and which joints give way."""
-    seen: list[tuple[int, Joints]] = []
+    seen: list[tuple[int, JointIndices]] = []
     generate = TrajectoryTask._generate
 
     def watching(task: TrajectoryTask) -> None:

@@ -16,8 +16,8 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, IdentificationError
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.compact_recording import CompactRecording, load_recording, save_recording
 from qrobot.ident.regressor import inertial_regressor
-from qrobot.ident.shipped import Recording, load_recording, save_recording
 
 PUMA = load_robot("puma560")
 ROOT = Path(__file__).parents[2]
@@ -95,7 +95,7 @@ def test_the_notebook_runs_cell_by_cell_and_says_the_same(printed: str) -> None:
 
 def test_a_recording_comes_back_but_for_rounding(tmp_path: Path) -> None:
     kept = load_recording("unknown_arm")
-    part = Recording(kept.robot, kept.rows[5000:5400].copy(), kept.period_s, {"note": "part"})
+    part = CompactRecording(kept.robot, kept.rows[5000:5400].copy(), kept.period_s, {"note": "part"})
     part.rows["v_ref"] += 0.3e-4
     path = tmp_path / "deep" / "part.npz"
     save_recording(path, part)

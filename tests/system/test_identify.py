@@ -22,10 +22,10 @@ from qrobot.log.record import write_log
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.rig.unknown import UnknownArm
+from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 
 PUMA = load_robot("puma560")
 N = PUMA.n

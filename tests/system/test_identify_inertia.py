@@ -11,13 +11,13 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config.identified import load_model, with_model
 from qrobot.ident.base import base_of_robot
+from qrobot.ident.compact_recording import load_recording
 from qrobot.ident.excitation import FEWEST, make_excitation
 from qrobot.ident.regressor import inertial_regressor, known_parameters
-from qrobot.ident.shipped import load_recording
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.unknown import UnknownArm
+from qrobot.rig.perturbed_arm import UnknownArm
 from qrobot.servo.settings import ServoSettings
 
 SHIPPED = load_recording("unknown_arm")

@@ -25,9 +25,9 @@ from qrobot.log.record import write_log
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.telemetry import Rows
 from qrobot.sim_board.drive import STRIBECK_FRACTION
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

@@ -18,14 +18,14 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.memory import Lane
+from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.read import read_log
-from qrobot.servo.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
+from qrobot.servo.memory.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
-from qrobot.servo.stream import SILENCE_MARGIN
-from qrobot.servo.telemetry import Rows
+from qrobot.servo.stages.setpoint_stream import SILENCE_MARGIN
 from tests.support.patience import PATIENCE_S, STALL_MS, give_time, wait_until
 from tests.support.processes import GUARDIAN_MS, UNHURRIED_MS, Killing, RunningArm
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from qrobot.errors import LinkBusy
+from qrobot.hwif.board_memory import BOARD_PERIOD_NS, IMAGE_COUNT, attach_board_memory, fetch_image
 from qrobot.hwif.bus import make_image
-from qrobot.hwif.memory import BOARD_PERIOD_NS, IMAGE_COUNT, attach_board_memory, fetch_image
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.registers import (
     DAC,
@@ -28,7 +28,7 @@ from qrobot.hwif.registers import (
     N_DACS,
 )
 from qrobot.model.transmission import signed_word
-from qrobot.rig.processes import Plan, ProcessRig, board_ready, bridge_ready
+from qrobot.rig.processes import ProcessPlan, ProcessRig, board_ready, bridge_ready
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import free_port
 
@@ -67,7 +67,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         served = Served(rig, folder, arm, port)
         address = f"modbus=127.0.0.1:{port}@{WATCHDOG_MS}"
         arguments = ["board", served.deployment(arm, ""), "--serve", address]
-        rig.start(Plan("far", arguments, lambda: bridge_ready("127.0.0.1", port)))
+        rig.start(ProcessPlan("far", arguments, lambda: bridge_ready("127.0.0.1", port)))
         yield served
 
 
@@ -110,9 +110,9 @@ def test_a_client_that_is_not_ours_reads_counts_writes_a_converter_and_moves_a_j
 def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served: Served) -> None:
     arm = f"near{uuid.uuid4().hex[:8]}"
     table = f"{{ port = {served.port}, period_ms = {PERIOD_MS}, timeout_ms = 500.0 }}"
-    road = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
-    deployment = served.deployment(arm, road + "[arm.servo]\nboard_timeout_ms = 20.0\n")
-    served.rig.start(Plan("near", ["board", deployment], lambda: board_ready(arm)))
+    transport = f"[arm.board]\nkind = 'modbus'\nmodbus = {table}\n"
+    deployment = served.deployment(arm, transport + "[arm.servo]\nboard_timeout_ms = 20.0\n")
+    served.rig.start(ProcessPlan("near", ["board", deployment], lambda: board_ready(arm)))
     with attach_board_memory(arm) as memory:
         assert memory.words[BOARD_PERIOD_NS] == PERIOD_MS * 1e6
         image = make_image()

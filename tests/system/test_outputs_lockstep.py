@@ -10,7 +10,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.errors import MotionError
-from qrobot.hwif.memory import PANEL_DISCRETE, PANEL_INPUTS, PANEL_OUTPUTS
+from qrobot.hwif.board_memory import PANEL_DISCRETE, PANEL_INPUTS, PANEL_OUTPUTS
 from qrobot.hwif.registers import DISCRETE_LINES
 from qrobot.rccl.c.program import run_executable
 from qrobot.rig.lockstep import LockstepRig, link_factory

@@ -16,12 +16,12 @@ import pytest
 
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import LinkError
-from qrobot.hwif.memory import Lane, attach_board_memory, read_trace
+from qrobot.hwif.board_memory import Lane, attach_board_memory, read_trace
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.read import read_log
 from qrobot.rig.experiment import program_path
 from qrobot.rig.processes import board_ready, bridge_ready, guardian_ready, servo_ready
-from qrobot.servo.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import left_behind, processes_of, qrobot, write_deployment

@@ -19,7 +19,7 @@ with rccl.control("puma560", period_ms=28) as arm:
     arm.waitfor(arm.completed)
 """
 LAW = """
-from qrobot.servo.law import law
+from qrobot.servo.laws.law import law
 
 @law
 def mine(q, v, q_ref, v_ref, a_ref, kp, kv, inertia, gravity, friction, dt, memory, sensors, settings, tau):

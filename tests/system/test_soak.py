@@ -14,7 +14,7 @@ import pytest
 from benchmarks.soak import FRAME_NS, MEMORY_BOUND, CountedLog, RandomMoves, Soak, soak
 from qrobot.config import load_robot
 from qrobot.errors import QRobotError
-from qrobot.servo.telemetry import TelemetryLayout
+from qrobot.servo.memory.telemetry import TelemetryLayout
 
 ROBOT = load_robot("puma560")
 

@@ -10,7 +10,7 @@ import pytest
 from qrobot import rccl
 from qrobot.config import load_robot
 from qrobot.model.arm import Arm
-from qrobot.motion import Kind, Trsf
+from qrobot.motion import TransformKind, Trsf
 from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, t6
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
@@ -28,7 +28,7 @@ def square(name: str) -> None:
     """The program; only the name of the arm differs."""
     robot = load_robot(name)
     tool = gentr_trsl("TOOL", 0, 0, 50)
-    start = Trsf("START", Kind.CONST, Arm(robot).forward(robot.poses["park"]) @ tool.value)
+    start = Trsf("START", TransformKind.CONST, Arm(robot).forward(robot.poses["park"]) @ tool.value)
     with rccl.control(name) as arm:
         arm.setmode("cartesian")
         arm.setvel(100, 90)

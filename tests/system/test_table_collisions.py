@@ -15,8 +15,8 @@ import pytest
 from qrobot.config.scene import Scene
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
-from qrobot.servo.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

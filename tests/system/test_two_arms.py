@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.hwif.memory import Lane
+from qrobot.hwif.board_memory import Lane
 from qrobot.log.read import read_log
 from qrobot.servo.modes import Mode
 from tests.support.patience import wait_until

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from qrobot.config.can import CanRoad
+from qrobot.arrays import Words
+from qrobot.config.can import CanTransport
 from qrobot.errors import LinkLost, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT as COUNT_WORD
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.canbus.frames import MAX_FRAMES, RPDO, SYNC, SYNC_COUNTERS, TPDO, Collector, encode_operations
 from qrobot.hwif.canbus.interface import load_can
@@ -24,9 +26,7 @@ from qrobot.hwif.canbus.objects import (
     IMAGE_LISTS,
     IMAGE_OBJECT,
 )
-from qrobot.hwif.memory import IMAGE_COUNT as COUNT_WORD
 from qrobot.realtime.deadline import Deadline
-from qrobot.realtime.segment import Words
 
 TIMEOUT_S: Final = 0.05
 MS_PER_S: Final = 1000
@@ -107,8 +107,14 @@ class CanBus:
         return self.link.upload(self._node, index, sub)
 
 
-def can_bus(road: CanRoad) -> CanBus:
+def can_bus(transport: CanTransport) -> CanBus:
     """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
     load_can()
-    timeout_s = road.timeout_ms / MS_PER_S
-    return CanBus(road.interface, road.channel, bitrate=road.bitrate, node_id=road.node_id, timeout_s=timeout_s)
+    timeout_s = transport.timeout_ms / MS_PER_S
+    return CanBus(
+        transport.interface,
+        transport.channel,
+        bitrate=transport.bitrate,
+        node_id=transport.node_id,
+        timeout_s=timeout_s,
+    )

@@ -24,8 +24,10 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from qrobot.config.drives import DrivesRoad
+from qrobot.arrays import Words
+from qrobot.config.drives import DrivesTransport
 from qrobot.errors import RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
@@ -41,8 +43,7 @@ from qrobot.hwif.canbus.ds402 import (
 from qrobot.hwif.canbus.frames import RPDO, SYNC, TPDO
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
-from qrobot.hwif.canbus.setpoints import Drive, setpoints_of
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
+from qrobot.hwif.canbus.setpoints import DriveFeedback, setpoints_of
 from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_CALIBRATED,
@@ -56,7 +57,6 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.realtime.deadline import Deadline
-from qrobot.realtime.segment import Words
 
 FROM_DRIVE: Final = struct.Struct("<Hi")  # status word, actual position
 MS_PER_S: Final = 1000
@@ -66,20 +66,22 @@ class DrivesBus:
     """The drives of one arm as a `Bus`.
 
     Args:
-        road: where they are, and what their numbers mean.
+        transport: where they are, and what their numbers mean.
         clock: time of an image, ns, once it has come; by default the middle between asking and answer.
 
     Attributes:
         link: its `timeout_s` may be changed.
     """
 
-    def __init__(self, road: DrivesRoad, clock: Callable[[], int] | None = None) -> None:
-        self.name = f"CAN {road.interface}:{road.channel}, {len(road.nodes)} drives"
-        self._road, self._now_ns, self._virtual_time = road, clock or time.monotonic_ns, clock is not None
-        self.link = CanLink(road.interface, road.channel, road.bitrate, road.nodes, road.timeout_ms / MS_PER_S)
-        self._setpoints = setpoints_of(road)
-        self._drives = [Drive(counts) for counts in road.counts_at_zero]
-        self._discrete = DISCRETE_CALIBRATED if road.absolute else 0
+    def __init__(self, transport: DrivesTransport, clock: Callable[[], int] | None = None) -> None:
+        self.name = f"CAN {transport.interface}:{transport.channel}, {len(transport.nodes)} drives"
+        self._transport, self._now_ns, self._virtual_time = transport, clock or time.monotonic_ns, clock is not None
+        self.link = CanLink(
+            transport.interface, transport.channel, transport.bitrate, transport.nodes, transport.timeout_ms / MS_PER_S
+        )
+        self._setpoints = setpoints_of(transport)
+        self._drives = [DriveFeedback(counts) for counts in transport.counts_at_zero]
+        self._discrete = DISCRETE_CALIBRATED if transport.absolute else 0
         self._tripped = False
         self._was_on = False
         self._count = 0
@@ -91,7 +93,7 @@ class DrivesBus:
             LinkTimeout: one does not answer. RemoteProtocolError: one is no drive, or does not have the mode.
         """
         self.link.open()
-        for node in self._road.nodes:
+        for node in self._transport.nodes:
             if self.link.upload(node, DEVICE_TYPE, 0) & 0xFFFF != PROFILE:
                 raise RemoteProtocolError(f"node {node} is no drive of CiA 402")
             self._choose_mode(node)
@@ -138,18 +140,18 @@ class DrivesBus:
         wanted = bool(self._discrete & DISCRETE_POWER) and not self._tripped
         driven = wanted and self._powered
         self._setpoints.begin(driven)
-        for channel, (node, drive) in enumerate(zip(self._road.nodes, self._drives, strict=True)):
+        for channel, (node, drive) in enumerate(zip(self._transport.nodes, self._drives, strict=True)):
             setpoint = self._setpoints.value(channel, drive, driven)
             self.link.send(RPDO[0] + node, self._setpoints.frame.pack(self._control(drive, wanted), setpoint))
         self.link.send(SYNC, b"")
 
-    def _control(self, drive: Drive, wanted: bool) -> int:
+    def _control(self, drive: DriveFeedback, wanted: bool) -> int:
         if self._setpoints.silent:
             return QUICK_STOP  # goes on until power is taken away: the drives need their time
         return towards_operation(drive.status) if wanted else DISABLE_VOLTAGE
 
     def _collect(self) -> None:
-        waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._road.nodes)}
+        waiting = {TPDO[0] + node: channel for channel, node in enumerate(self._transport.nodes)}
         deadline = Deadline(self.link.timeout_s)
         while waiting:
             message = self.link.receive(deadline, f"node {min(waiting) - TPDO[0]}")
@@ -157,7 +159,9 @@ class DrivesBus:
             if channel is None:
                 continue
             if len(message.data) < FROM_DRIVE.size:
-                raise RemoteProtocolError(f"TPDO 1 of node {self._road.nodes[channel]} is too short: check its mapping")
+                raise RemoteProtocolError(
+                    f"TPDO 1 of node {self._transport.nodes[channel]} is too short: check its mapping"
+                )
             drive = self._drives[channel]
             drive.status, drive.position = FROM_DRIVE.unpack_from(bytes(message.data))
 
@@ -180,13 +184,13 @@ class DrivesBus:
     def _switch_off(self) -> None:
         self._discrete &= SCRATCH_BITS
         self._was_on = self._tripped = False
-        self._setpoints = setpoints_of(self._road)
+        self._setpoints = setpoints_of(self._transport)
         for drive in self._drives:
             drive.status = 0
         self.link.drain()
 
     def _turned(self, channel: int) -> int:
-        return round(self._drives[channel].position / self._road.increments_per_count[channel])
+        return round(self._drives[channel].position / self._transport.increments_per_count[channel])
 
     def _fill(self, image: Words, t_ns: int) -> None:
         self._count += 1
@@ -205,7 +209,7 @@ class DrivesBus:
             image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = word & 0xFFFF
 
 
-def drives_bus(road: DrivesRoad) -> DrivesBus:
+def drives_bus(transport: DrivesTransport) -> DrivesBus:
     """The bus that a deployment file describes. Raises ConfigError when python-can is not installed."""
     load_can()
-    return DrivesBus(road)
+    return DrivesBus(transport)

@@ -16,11 +16,11 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.arrays import Words
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import Operations
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_VALUE, ENC_COUNT, ENC_INDEX, N_ENCODERS, STATUS, WINDOW_BYTES
-from qrobot.realtime.segment import Words
 
 # The predefined connection set (CiA 301, 7.3.5): service at a base, the node's number added.
 NMT: Final = 0x000

@@ -21,13 +21,14 @@ import numpy as np
 from canopen.objectdictionary.eds import import_eds
 
 from qrobot.errors import ConfigError, LinkError, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_WRITE
 from qrobot.hwif.bus import Endpoint, Operations, make_image, safe_operations
 from qrobot.hwif.canbus.frames import MAX_NODE, NMT, RPDO, SDO_ASK, SYNC, TPDO, Mailbox, encode_image
 from qrobot.hwif.canbus.loop import LoopNetwork
 from qrobot.hwif.canbus.objects import COUNTERS_OBJECT, ERROR_REGISTER, IMAGE_OBJECT, eds_text
 from qrobot.hwif.canbus.service import RegisterService
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_POWER, STATUS, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.report import Report
 
 if TYPE_CHECKING:
     import can
@@ -57,8 +58,6 @@ _OUTPUTS: Final = {1: DAC, 2: DAC + 8, 3: DISCRETE}  # first register of RPDO 2,
 _WORDS: Final = {1: struct.Struct("<4H"), 2: struct.Struct("<4H"), 3: struct.Struct("<H")}
 OPERATIONAL: Final = "OPERATIONAL"
 _HEARD: Final = (OPERATIONAL, "PRE-OPERATIONAL")  # states in which SDO is served
-
-Report = Callable[[str], None]
 
 
 class BoardNode:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from qrobot.arrays import Words
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import LinkError
 from qrobot.hwif.bus import BoardFacts, Bus, Operations
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
-from qrobot.realtime.segment import Words
 from qrobot.units import NS_PER_MS
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from canopen.sdo.exceptions import SdoAbortedError
 
 from qrobot.errors import LinkError
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import Endpoint, Operations, make_image
 from qrobot.hwif.canbus.objects import (
     ANALOG_IN,
@@ -18,7 +19,6 @@ from qrobot.hwif.canbus.objects import (
     FACTS_OBJECT,
     REGISTER_OBJECT,
 )
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_MASK,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Final, Protocol
 
-from qrobot.config.drives import DrivesRoad
+from qrobot.config.drives import DrivesTransport
+from qrobot.hwif.board_memory import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DriveState, state_of
-from qrobot.hwif.memory import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC, DAC_MASK, DAC_ZERO
 
 PATIENCE_MS: Final = 20.0  # twice the period of the slowest servo
@@ -18,7 +18,7 @@ _WRAP: Final = 1 << 32  # of references and of positions
 
 
 @dataclass
-class Drive:
+class DriveFeedback:
     """What is known of a drive: status word, position in increments, counts to add to it."""
 
     loaded: int
@@ -31,7 +31,7 @@ class Drive:
         return state_of(self.status)
 
 
-class Setpoints(Protocol):
+class DriveSetpoints(Protocol):
     """How to command the drives of an arm in one mode of operation.
 
     Attributes:
@@ -51,7 +51,7 @@ class Setpoints(Protocol):
     def begin(self, driven: bool) -> None:
         """A cycle begins; `driven`: every drive is in operation, and is to be."""
 
-    def value(self, channel: int, drive: Drive, driven: bool, /) -> int:
+    def value(self, channel: int, drive: DriveFeedback, driven: bool, /) -> int:
         """Setpoint of a drive in this cycle."""
 
     def forget(self) -> None:
@@ -66,26 +66,26 @@ class TorqueSetpoints:
     frame = struct.Struct("<Hh")
     silent = False  # what falls silent here is the servo, and the guardian takes the power away
 
-    def __init__(self, road: DrivesRoad) -> None:
-        self._full = road.torque_permille
-        self._words = [DAC_ZERO] * len(road.nodes)
+    def __init__(self, transport: DrivesTransport) -> None:
+        self._full = transport.torque_permille
+        self._words = [DAC_ZERO] * len(transport.nodes)
 
     def take(self, kind: int, offset: int, value: int) -> None:
-        """See `Setpoints`: converter words."""
+        """See `DriveSetpoints`: converter words."""
         channel = (offset - DAC) // 2
         if kind == OP_WRITE and 0 <= channel < len(self._words):
             self._words[channel] = value & DAC_MASK
 
     def begin(self, driven: bool) -> None:
-        """See `Setpoints`."""
+        """See `DriveSetpoints`."""
 
-    def value(self, channel: int, _drive: Drive, driven: bool, /) -> int:
-        """See `Setpoints`."""
+    def value(self, channel: int, _drive: DriveFeedback, driven: bool, /) -> int:
+        """See `DriveSetpoints`."""
         torque = round((DAC_ZERO - self._words[channel]) * self._full[channel] / DAC_ZERO)
         return min(max(torque, -_TORQUE_LIMIT), _TORQUE_LIMIT) if driven else 0
 
     def forget(self) -> None:
-        """See `Setpoints`. Words stay: the servo has set them, at zero, before it asks for power."""
+        """See `DriveSetpoints`. Words stay: the servo has set them, at zero, before it asks for power."""
 
 
 class PositionSetpoints:
@@ -100,28 +100,28 @@ class PositionSetpoints:
     mode_name = "cyclic synchronous position"
     frame = struct.Struct("<Hi")
 
-    def __init__(self, road: DrivesRoad) -> None:
-        n = len(road.nodes)
+    def __init__(self, transport: DrivesTransport) -> None:
+        n = len(transport.nodes)
         self.silent = False
-        self._increments = road.increments_per_count
-        self._patience = ceil(PATIENCE_MS / road.period_ms)
+        self._increments = transport.increments_per_count
+        self._patience = ceil(PATIENCE_MS / transport.period_ms)
         self._references: list[int | None] = [None] * n
         self._targets = [0] * n
         self._quiet = 0
 
     def take(self, kind: int, offset: int, value: int) -> None:
-        """See `Setpoints`: references."""
+        """See `DriveSetpoints`: references."""
         if kind == OP_REFERENCE and offset < len(self._references):
             self._references[offset], self._quiet = value, -1
 
     def begin(self, driven: bool) -> None:
-        """See `Setpoints`; cycles without a reference are counted once there has been one."""
+        """See `DriveSetpoints`; cycles without a reference are counted once there has been one."""
         if driven and any(reference is not None for reference in self._references):
             self._quiet += 1
         self.silent = self.silent or self._quiet > self._patience
 
-    def value(self, channel: int, drive: Drive, driven: bool, /) -> int:
-        """See `Setpoints`."""
+    def value(self, channel: int, drive: DriveFeedback, driven: bool, /) -> int:
+        """See `DriveSetpoints`."""
         reference = self._references[channel]
         if drive.state is not DriveState.ENABLED:
             self._targets[channel] = drive.position
@@ -130,11 +130,11 @@ class PositionSetpoints:
         return self._targets[channel]
 
     def forget(self) -> None:
-        """See `Setpoints`."""
+        """See `DriveSetpoints`."""
         self.silent, self._quiet = False, 0
         self._references = [None] * len(self._references)
 
-    def _target(self, drive: Drive, increments: float, reference: int) -> int:
+    def _target(self, drive: DriveFeedback, increments: float, reference: int) -> int:
         here = round((drive.position / increments + drive.loaded) * REFERENCE_PER_COUNT)
         ahead = _signed(reference - here)
         return _signed(drive.position + round(ahead / REFERENCE_PER_COUNT * increments))
@@ -144,6 +144,6 @@ def _signed(number: int) -> int:
     return (number + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
-def setpoints_of(road: DrivesRoad) -> Setpoints:
+def setpoints_of(transport: DrivesTransport) -> DriveSetpoints:
     """Those of the mode that a deployment file chooses."""
-    return PositionSetpoints(road) if road.mode == "position" else TorqueSetpoints(road)
+    return PositionSetpoints(transport) if transport.mode == "position" else TorqueSetpoints(transport)

@@ -1,4 +1,4 @@
-"""The road to a board behind Modbus TCP: one request with writes and reads (function 23) for an exchange."""
+"""The transport to a board behind Modbus TCP: one request with writes and reads (function 23) for an exchange."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from qrobot.config.modbus import ModbusRoad
+from qrobot.arrays import Words
+from qrobot.config.modbus import ModbusTransport
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, RemoteProtocolError
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.modbus.map import (
@@ -30,13 +31,12 @@ from qrobot.hwif.modbus.map import (
     encode_operations,
 )
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
-from qrobot.realtime.segment import Words
 
 DEFAULT_PORT: Final = 502
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 0.01
 MS_PER_S: Final = 1000.0
-Request = Callable[..., ModbusPDU]
+RequestPdu = Callable[..., ModbusPDU]
 
 
 class ModbusLine:
@@ -63,7 +63,7 @@ class ModbusLine:
         open_socket: Any = self.client.socket
         open_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, request: Request, **arguments: Any) -> ModbusPDU:
+    def ask(self, request: RequestPdu, **arguments: Any) -> ModbusPDU:
         """Make a request, one of the methods of `client`, and wait for its answer.
 
         Raises:
@@ -85,7 +85,7 @@ class ModbusLine:
             raise self._refusal(answer.exception_code)
         return answer
 
-    def registers(self, request: Request, expected: int, **arguments: Any) -> list[int]:
+    def registers(self, request: RequestPdu, expected: int, **arguments: Any) -> list[int]:
         """`ask` for `expected` registers. Raises RemoteProtocolError when another number comes as well."""
         registers = list(self.ask(request, **arguments).registers)
         if len(registers) != expected:
@@ -107,7 +107,7 @@ class ModbusLine:
 
 
 class ModbusBus:
-    """Near end of the road.
+    """Near end of the transport.
 
     Args:
         line: to the server.
@@ -162,6 +162,6 @@ class ModbusBus:
         return registers
 
 
-def modbus_bus(road: ModbusRoad) -> ModbusBus:
+def modbus_bus(transport: ModbusTransport) -> ModbusBus:
     """The bus that a deployment file describes."""
-    return ModbusBus(ModbusLine(road.host, road.port, road.device_id, road.timeout_ms / MS_PER_S))
+    return ModbusBus(ModbusLine(transport.host, transport.port, transport.device_id, transport.timeout_ms / MS_PER_S))

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import Endpoint, Operations, make_image, safe_operations
-from qrobot.hwif.memory import IMAGE_COUNT, IMAGE_INPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.modbus.map import (
     ANOTHER,
     FIRST_WRITTEN,
@@ -35,9 +35,9 @@ from qrobot.hwif.modbus.map import (
 )
 from qrobot.hwif.registers import ADC_START, DISCRETE, STATUS
 from qrobot.realtime.deadline import sleep_between_looks
+from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
-Report = Callable[[str], None]
 WATCHDOG_MS: Final = 100.0
 FENCE_IMAGES: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
 FENCE_POLL_S: Final = 100e-6

@@ -13,23 +13,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from qrobot.arrays import Words
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_road
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_OUTPUTS, OP_WRITE
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
-from qrobot.hwif.memory import IMAGE_INPUTS, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
 from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
-from qrobot.realtime.segment import Words
+from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
 SIGN: Final = 0x8000  # of a register
-Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Seen:
+class ModuleState:
     """What a module said last: bits in their places of STATUS, voltage by converter channel, and when."""
 
     bits: int
@@ -64,7 +64,7 @@ class RemoteModule:
         self._held = sum(1 << (each.output - 1) for each in choice.outputs if each.on_stop == "hold")
         self._allowed = ALL_OUTPUTS
         self._safe = sum(1 << each.input for each in choice.inputs if each.safe)
-        self._seen = Seen(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
+        self._seen = ModuleState(self._safe, {}, 0)  # replaced whole, so that readers never mix two of them
         self._wanted: Sequence[int] | None = None
         self._written: Sequence[int] | None = None
         self._outputs: int | None = None  # None until somebody has said anything
@@ -96,7 +96,7 @@ class RemoteModule:
         seen = self._seen
         return seen.volts.get(channel) if self._may_be_believed(seen, now_ns) else None
 
-    def _may_be_believed(self, seen: Seen, now_ns: int) -> bool:
+    def _may_be_believed(self, seen: ModuleState, now_ns: int) -> bool:
         return now_ns - seen.t_ns <= self._choice.timeout_ms * NS_PER_MS
 
     def poll(self) -> None:
@@ -106,7 +106,7 @@ class RemoteModule:
                 self._line.connect()
                 self._written = None
                 self._shown.clear()
-            self._seen = Seen(self._read(), self._measure(), self._now_ns())
+            self._seen = ModuleState(self._read(), self._measure(), self._now_ns())
             self._switch()
             self._write()
         except (LinkError, ProtocolError) as error:
@@ -218,7 +218,7 @@ class IoBus:
     def exchange(self, operations: Operations, image: Words) -> None:
         """See `Bus`."""
         self._tell(operations)
-        self._bus.exchange(self._channels.for_board(for_the_road(operations)), image)
+        self._bus.exchange(self._channels.for_board(for_the_transport(operations)), image)
         status, now_ns = IMAGE_INPUTS + STATUS // 2, self._now_ns()
         for module in self._modules:
             image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)

@@ -20,11 +20,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Words
 from qrobot.errors import RemoteProtocolError
+from qrobot.hwif.board_memory import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.memory import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import REGISTERS, WINDOW_BYTES, Access
-from qrobot.realtime.segment import Words
 
 MAP_VERSION: Final = 1
 MAGIC: Final = 0x51524F42  # "QROB"
@@ -70,7 +70,7 @@ NOBODY, YOU, ANOTHER = range(3)
 
 
 @dataclass(frozen=True)
-class Row:
+class MapRow:
     """One row of the documented map: `count` registers from `address`."""
 
     address: int
@@ -81,12 +81,13 @@ class Row:
     meaning: str
 
 
-def _window_rows() -> tuple[Row, ...]:
-    """The board's own registers, from their table; what it leaves unused can be read, so that all can be read at once."""
+def _window_rows() -> tuple[MapRow, ...]:
+    """The board's own registers, from their table; what it leaves unused can be read, so that all can be read at
+    once."""
     used = {offset for register in REGISTERS for offset in register.offsets}
     holes = sorted(set(range(0, WINDOW_BYTES, 2)) - used)
     return tuple(
-        Row(
+        MapRow(
             r.offset // 2,
             r.count,
             r.name,
@@ -95,47 +96,47 @@ def _window_rows() -> tuple[Row, ...]:
             f"{r.meaning}; scale {r.scale}" + (f", {r.unit}" if r.unit != "-" else ""),
         )
         for r in REGISTERS
-    ) + tuple(Row(hole // 2, 1, "UNUSED", "u16", "read", "nothing") for hole in holes)
+    ) + tuple(MapRow(hole // 2, 1, "UNUSED", "u16", "read", "nothing") for hole in holes)
 
 
-BOARD_ROWS: Final[tuple[Row, ...]] = (
+BOARD_ROWS: Final[tuple[MapRow, ...]] = (
     *_window_rows(),
-    Row(IMAGE, 4, "IMAGE_T_NS", "i64", "read", "time of the image: nanoseconds of the board's clock"),
-    Row(IMAGE + 4, 4, "IMAGE_COUNT", "i64", "read", "number of the image; one that stands still is a board that stands still"),
-    Row(IMAGE + 8, 16, "IMAGE_INPUTS", "u16", "read", "the sixteen input words of that image, as registers 0 to 15"),
-    Row(APPLIED, 1, "APPLIED", "u16", "read", "sequence number of the newest mailbox whose operations were applied"),
-    Row(CONTROL, 1, "CONTROL", "u16", "read", "who may write: 0 nobody yet, 1 you, 2 another client"),
-    Row(WATCHDOG, 1, "WATCHDOG_MS", "u16", "read", "silence of the writing client after which torque and power go; 0: never"),
-    Row(TRIPS, 1, "TRIPS", "u16", "read", "times that has happened"),
-    Row(REFUSED, 1, "REFUSED", "u16", "read", "writes refused because another client has the control"),
-    Row(BAD, 1, "BAD", "u16", "read", "frames and requests that meant nothing"),
-    Row(DROPPED, 1, "DROPPED", "u16", "read", "operations that the board behind the server did not take"),
-    Row(AGE, 1, "AGE_MS", "u16", "read", "since the count was seen to rise, at most 65535"),
-    Row(IDENTITY, 2, "MAGIC", "u32", "read", f"{MAGIC:#010x}"),
-    Row(IDENTITY + 2, 1, "MAP_VERSION", "u16", "read", f"{MAP_VERSION}"),
-    Row(IDENTITY + 3, 1, "REVISION", "u16", "read", "of the board, ASCII: 69 is E, 70 is F"),
-    Row(IDENTITY + 4, 1, "JOINTS", "u16", "read", "encoder channels in use"),
-    Row(IDENTITY + 5, 2, "PERIOD_NS", "u32", "read", "how often the board renews its image; 0 when it does not say"),
-    Row(MAILBOX, 1, "SEQUENCE", "u16", "read, write", "operations under the number in APPLIED are not applied again"),
-    Row(MAILBOX + 1, 1, "OPERATIONS", "u16", "read, write", f"how many follow, at most {MAX_OPERATIONS}"),
-    Row(MAILBOX + 2, OP_REGISTERS * MAX_OPERATIONS, "OPERATION", "2 u16", "read, write", "kind (0 read, 1 write) times 256 plus byte offset; then the value"),
+    MapRow(IMAGE, 4, "IMAGE_T_NS", "i64", "read", "time of the image: nanoseconds of the board's clock"),
+    MapRow(IMAGE + 4, 4, "IMAGE_COUNT", "i64", "read", "number of the image; one that stands still is a board that stands still"),
+    MapRow(IMAGE + 8, 16, "IMAGE_INPUTS", "u16", "read", "the sixteen input words of that image, as registers 0 to 15"),
+    MapRow(APPLIED, 1, "APPLIED", "u16", "read", "sequence number of the newest mailbox whose operations were applied"),
+    MapRow(CONTROL, 1, "CONTROL", "u16", "read", "who may write: 0 nobody yet, 1 you, 2 another client"),
+    MapRow(WATCHDOG, 1, "WATCHDOG_MS", "u16", "read", "silence of the writing client after which torque and power go; 0: never"),
+    MapRow(TRIPS, 1, "TRIPS", "u16", "read", "times that has happened"),
+    MapRow(REFUSED, 1, "REFUSED", "u16", "read", "writes refused because another client has the control"),
+    MapRow(BAD, 1, "BAD", "u16", "read", "frames and requests that meant nothing"),
+    MapRow(DROPPED, 1, "DROPPED", "u16", "read", "operations that the board behind the server did not take"),
+    MapRow(AGE, 1, "AGE_MS", "u16", "read", "since the count was seen to rise, at most 65535"),
+    MapRow(IDENTITY, 2, "MAGIC", "u32", "read", f"{MAGIC:#010x}"),
+    MapRow(IDENTITY + 2, 1, "MAP_VERSION", "u16", "read", f"{MAP_VERSION}"),
+    MapRow(IDENTITY + 3, 1, "REVISION", "u16", "read", "of the board, ASCII: 69 is E, 70 is F"),
+    MapRow(IDENTITY + 4, 1, "JOINTS", "u16", "read", "encoder channels in use"),
+    MapRow(IDENTITY + 5, 2, "PERIOD_NS", "u32", "read", "how often the board renews its image; 0 when it does not say"),
+    MapRow(MAILBOX, 1, "SEQUENCE", "u16", "read, write", "operations under the number in APPLIED are not applied again"),
+    MapRow(MAILBOX + 1, 1, "OPERATIONS", "u16", "read, write", f"how many follow, at most {MAX_OPERATIONS}"),
+    MapRow(MAILBOX + 2, OP_REGISTERS * MAX_OPERATIONS, "OPERATION", "2 u16", "read, write", "kind (0 read, 1 write) times 256 plus byte offset; then the value"),
 )  # fmt: skip
-ROBOT_ROWS: Final[tuple[Row, ...]] = (
-    Row(ROBOT, 1, "MODE", "u16", "read", "of the servo, as in the list of modes"),
-    Row(ROBOT + 1, 1, "FAULT", "u16", "read", "fault it stands in, 0 for none"),
-    Row(ROBOT + 2, 1, "EVENT", "u16", "read", "newest event"),
-    Row(ROBOT + 3, 1, "JOINT", "i16", "read", "joint the event is about, counted from 0; -1 (65535) where it is about none"),
-    Row(ROBOT + 4, 1, "FLAGS", "u16", "read", "1 powered, 2 calibrated, 4 emergency stop healthy, 8 guarded, 16 at rest"),
-    Row(ROBOT + 5, 1, "INPUTS", "u16", "read", "discrete inputs"),
-    Row(ROBOT + 6, 1, "HAND", "u16", "read", "as commanded: 0 relaxed, 1 open, 2 closed"),
-    Row(ROBOT + 7, 1, "N", "u16", "read", "joints"),
-    Row(ROBOT + 8, 4, "T_NS", "i64", "read", "time of the newest cycle: nanoseconds of the robot's clock"),
-    Row(ROBOT + 12, 4, "TICK", "i64", "read", "its number"),
-    Row(ROBOT + 16, 1, "OUTPUTS", "u16", "read", "binary outputs in force, output 1 in bit 0"),
-    Row(VECTORS, VECTOR_REGISTERS, "POSITION", "f32", "read", "of each joint, rad or m"),
-    Row(VECTORS + VECTOR_REGISTERS, VECTOR_REGISTERS, "VELOCITY", "f32", "read", "rad/s or m/s"),
-    Row(VECTORS + 2 * VECTOR_REGISTERS, VECTOR_REGISTERS, "TORQUE", "f32", "read", "commanded, N m or N"),
-    Row(VECTORS + 3 * VECTOR_REGISTERS, VECTOR_REGISTERS, "REFERENCE", "f32", "read", "position the servo follows"),
+ROBOT_ROWS: Final[tuple[MapRow, ...]] = (
+    MapRow(ROBOT, 1, "MODE", "u16", "read", "of the servo, as in the list of modes"),
+    MapRow(ROBOT + 1, 1, "FAULT", "u16", "read", "fault it stands in, 0 for none"),
+    MapRow(ROBOT + 2, 1, "EVENT", "u16", "read", "newest event"),
+    MapRow(ROBOT + 3, 1, "JOINT", "i16", "read", "joint the event is about, counted from 0; -1 (65535) where it is about none"),
+    MapRow(ROBOT + 4, 1, "FLAGS", "u16", "read", "1 powered, 2 calibrated, 4 emergency stop healthy, 8 guarded, 16 at rest"),
+    MapRow(ROBOT + 5, 1, "INPUTS", "u16", "read", "discrete inputs"),
+    MapRow(ROBOT + 6, 1, "HAND", "u16", "read", "as commanded: 0 relaxed, 1 open, 2 closed"),
+    MapRow(ROBOT + 7, 1, "N", "u16", "read", "joints"),
+    MapRow(ROBOT + 8, 4, "T_NS", "i64", "read", "time of the newest cycle: nanoseconds of the robot's clock"),
+    MapRow(ROBOT + 12, 4, "TICK", "i64", "read", "its number"),
+    MapRow(ROBOT + 16, 1, "OUTPUTS", "u16", "read", "binary outputs in force, output 1 in bit 0"),
+    MapRow(VECTORS, VECTOR_REGISTERS, "POSITION", "f32", "read", "of each joint, rad or m"),
+    MapRow(VECTORS + VECTOR_REGISTERS, VECTOR_REGISTERS, "VELOCITY", "f32", "read", "rad/s or m/s"),
+    MapRow(VECTORS + 2 * VECTOR_REGISTERS, VECTOR_REGISTERS, "TORQUE", "f32", "read", "commanded, N m or N"),
+    MapRow(VECTORS + 3 * VECTOR_REGISTERS, VECTOR_REGISTERS, "REFERENCE", "f32", "read", "position the servo follows"),
 )  # fmt: skip
 
 

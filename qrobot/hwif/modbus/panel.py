@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from qrobot.hwif.memory import (
+from qrobot.arrays import Words
+from qrobot.hwif.board_memory import (
     BOARD_MODULE_LOSSES,
     PANEL_ANALOG,
     PANEL_INPUTS,
@@ -19,7 +20,6 @@ from qrobot.hwif.memory import (
 )
 from qrobot.hwif.modbus.io import RemoteModule
 from qrobot.hwif.registers import DISCRETE
-from qrobot.realtime.segment import Words
 
 STEP_S: Final = 0.005
 _OFFSET, _VALUE = 2, 3  # of a row of the trace

@@ -31,9 +31,10 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError, RemoteProtocolError
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
-from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice, Report
-from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, Row
+from qrobot.hwif.modbus.device import WATCHDOG_MS, ModbusDevice
+from qrobot.hwif.modbus.map import BOARD_ROWS, ROBOT_ROWS, WORD_BITS, MapRow
 from qrobot.realtime.loopback import is_loopback, maybe_peer_account
+from qrobot.report import Report
 from qrobot.units import NS_PER_S
 
 MBAP_BYTES: Final = (
@@ -111,7 +112,7 @@ class ModbusServer:
             self._tried.set()
             self._loop.close()
 
-    def _serve(self, server: BoardServer) -> None:
+    def _serve(self, server: ModbusBoardServer) -> None:
         self.callers = server.callers
         watch = self._loop.create_task(_watch(server))
         self._tried.set()
@@ -120,7 +121,7 @@ class ModbusServer:
         self._loop.run_until_complete(_close(server, watch))
 
 
-class Address(NamedTuple):
+class ServerAddress(NamedTuple):
     """Where to serve, after how many milliseconds of silence the board is made safe, and whom from elsewhere."""
 
     host: str
@@ -129,17 +130,17 @@ class Address(NamedTuple):
     allowed: tuple[str, ...]
 
 
-def split_address(address: str) -> Address:
+def split_address(address: str) -> ServerAddress:
     """An address out of `HOST:PORT`, `HOST:PORT@MS` or `HOST:PORT@MS+CLIENT,...`. Raises ConfigError."""
     place, _, clients = address.partition("+")
     where, _, patience = place.partition("@")
     host, _, port = where.rpartition(":")
     if not host or not port.isdecimal() or int(port) > LAST_PORT or (patience and not patience.isdecimal()):
         raise ConfigError(f"Modbus address {address!r}: give HOST:PORT or HOST:PORT@MS, for instance 127.0.0.1:1502")
-    return Address(host, int(port), float(patience or WATCHDOG_MS), tuple(filter(None, clients.split(","))))
+    return ServerAddress(host, int(port), float(patience or WATCHDOG_MS), tuple(filter(None, clients.split(","))))
 
 
-def check_address(address: str) -> Address:
+def check_address(address: str) -> ServerAddress:
     """The same, where a server may be. Raises ConfigError also for clients that are none, or when all could come."""
     found = split_address(address)
     _networks(found.host, found.allowed)
@@ -170,12 +171,12 @@ def modbus_server(address: str, endpoint: Endpoint, report: Report) -> ModbusSer
     return ModbusServer(ModbusDevice(endpoint, watchdog_ms, report=report), host, port, allowed)
 
 
-async def _listen(device: ModbusDevice, address: tuple[str, int], allowed: Allowed) -> BoardServer | None:
-    server = BoardServer(device, address, allowed)
+async def _listen(device: ModbusDevice, address: tuple[str, int], allowed: Allowed) -> ModbusBoardServer | None:
+    server = ModbusBoardServer(device, address, allowed)
     return server if await server.listen() else None
 
 
-async def _watch(server: BoardServer) -> None:
+async def _watch(server: ModbusBoardServer) -> None:
     while True:
         server.device.watch()
         server.dismiss_silent(server.device.now_ns() - SILENCE_NS)
@@ -188,7 +189,7 @@ async def _close(server: ModbusTcpServer, watch: asyncio.Task[None]) -> None:
     await asyncio.sleep(0)  # the connections see that they are closed
 
 
-class BoardServer(ModbusTcpServer):
+class ModbusBoardServer(ModbusTcpServer):
     """Listens; each connection is a `Caller`.
 
     Attributes:
@@ -241,7 +242,7 @@ class Caller(ServerRequestHandler):
         has_asked: it has made a request.
     """
 
-    def __init__(self, owner: BoardServer, device: ModbusDevice) -> None:
+    def __init__(self, owner: ModbusBoardServer, device: ModbusDevice) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._owner = owner
         self._device = device
@@ -390,7 +391,7 @@ def _sim_device(device: ModbusDevice) -> SimDevice:
     )
 
 
-def _sim_data(row: Row, readonly: bool) -> SimData:
+def _sim_data(row: MapRow, readonly: bool) -> SimData:
     return SimData(row.address, values=[0] * row.count, datatype=DataType.REGISTERS, readonly=readonly)
 
 

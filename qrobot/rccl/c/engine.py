@@ -2,7 +2,7 @@
 
 Two channels, so that a call of the program that waits does not keep its functions from being called: the foreground
 asks on the first; on the second we have functions called at the samples, within which the program may ask again.
-While the program's thread for them is awake it is called without a message (`qrobot.rccl.c.cell`).
+While the program's thread for them is awake it is called without a message (`qrobot.rccl.c.callback_slot`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
-from qrobot.rccl.c.cell import CELL_WORDS, DONE, UNSEEN, Cell
-from qrobot.rccl.c.desk import Desk, Talk
-from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, Message, Op, decode, encode_call
-from qrobot.rccl.c.shared import SharedMemory
+from qrobot.rccl.c.callback_slot import CELL_WORDS, DONE, UNSEEN, Cell
+from qrobot.rccl.c.dispatcher import Dispatcher, ProgramLink
+from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, CallMessage, Op, decode, encode_call
+from qrobot.rccl.c.shared import ProgramMemory
 
 ROBOT: Final = "QROBOT_ROBOT"  # environment: rules over whoever starts the program
 DEFAULT_ROBOT: Final = "puma560"
@@ -50,7 +50,7 @@ class Foreground:
         self._look = select.poll()
         self._look.register(channel, select.POLLRDHUP)
 
-    def greet(self) -> tuple[Message, SharedMemory]:
+    def greet(self) -> tuple[CallMessage, ProgramMemory]:
         """Wait for the greeting and the memory that comes with it. Raises ProgramGone, ConfigError."""
         data, files, _, _ = socket.recv_fds(self._channel, SIZE, 1)
         if len(data) != SIZE or len(files) != 1:
@@ -58,13 +58,13 @@ class Foreground:
         hello = decode(data)
         if hello.op != Op.HELLO or hello.n != VERSION:
             raise ConfigError("this program was compiled by another version of qrobot: compile it anew")
-        return hello, SharedMemory(files[0])
+        return hello, ProgramMemory(files[0])
 
-    def send(self, message: Message) -> None:
+    def send(self, message: CallMessage) -> None:
         """Raises ProgramGone when nobody is there."""
         _send(self._channel, message.encode())
 
-    def receive(self) -> Message:
+    def receive(self) -> CallMessage:
         """Raises ProgramGone at the end."""
         return decode(_receive(self._channel))
 
@@ -75,7 +75,7 @@ class Foreground:
 
     def ask(self, question: str) -> str:
         """Put a question to the person at the program's terminal. Raises EOFError when nobody answers."""
-        self.send(Message(Op.ASK, text=question))
+        self.send(CallMessage(Op.ASK, text=question))
         answer = self.receive()
         if not answer.n:
             raise EOFError
@@ -84,7 +84,7 @@ class Foreground:
     def say(self, text: str) -> None:
         """Print lines at the program's terminal."""
         for line in text.splitlines():
-            self.send(Message(Op.SAY, text=line))
+            self.send(CallMessage(Op.SAY, text=line))
 
     def close(self) -> None:
         """The program goes on, or ends, without us."""
@@ -102,7 +102,7 @@ class Background:
         channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(CALLBACK_S))  # settimeout would poll first
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
-        self.desk: Desk | None = None
+        self.desk: Dispatcher | None = None
         self.cell = Cell(np.zeros(CELL_WORDS, np.int64))
 
     def call(self, op: Op, place: int) -> None:
@@ -140,7 +140,7 @@ class Background:
                 return _receive(self._channel, socket.MSG_DONTWAIT)
         return b""
 
-    def _answer(self, message: Message) -> Message:
+    def _answer(self, message: CallMessage) -> CallMessage:
         if self.desk is None:
             raise ProgramGone
         return _answer(self.desk, message, background=True)
@@ -171,13 +171,13 @@ def _converse(front: Foreground, back: Background, robot: str) -> None:
     try:
         hello, memory = front.greet()
     except ConfigError as error:
-        front.send(Message(Op.ERROR, text=str(error)))
+        front.send(CallMessage(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
-    talk = Talk(back.call, back.signal, front.ask, front.say, front.listen)
+    talk = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
     back.cell = Cell(memory.words(hello.refs[GLOBALS], CELL_WORDS))
-    back.desk = desk = Desk(memory, list(hello.refs[:GLOBALS]), talk, robot)
-    front.send(Message(Op.REPLY))
+    back.desk = desk = Dispatcher(memory, list(hello.refs[:GLOBALS]), talk, robot)
+    front.send(CallMessage(Op.REPLY))
     try:
         while True:
             front.send(_answer(desk, front.receive()))
@@ -187,11 +187,11 @@ def _converse(front: Foreground, back: Background, robot: str) -> None:
         desk.let_go()
 
 
-def _answer(desk: Desk, message: Message, background: bool = False) -> Message:
+def _answer(desk: Dispatcher, message: CallMessage, background: bool = False) -> CallMessage:
     try:
         return desk.answer(message, background)
     except QRobotError as error:
-        return Message(Op.ERROR, text=str(error))
+        return CallMessage(Op.ERROR, text=str(error))
 
 
 def _send(channel: socket.socket, data: bytes) -> None:

@@ -66,7 +66,7 @@ class Op(IntEnum):
 
 
 @dataclass(frozen=True)
-class Message:
+class CallMessage:
     """One message; each `op` knows which fields it uses.
 
     Attributes:
@@ -95,7 +95,7 @@ def encode_call(op: Op, number: int, place: int) -> bytes:
     return _BRIEF.pack(op, number, place)
 
 
-def decode(data: bytes) -> Message:
+def decode(data: bytes) -> CallMessage:
     """The message of `SIZE` bytes."""
     op, n, *rest, text = _LAYOUT.unpack(data)
-    return Message(op, n, rest[:REFS], rest[REFS:], text.partition(b"\0")[0].decode(errors="replace"))
+    return CallMessage(op, n, rest[:REFS], rest[REFS:], text.partition(b"\0")[0].decode(errors="replace"))

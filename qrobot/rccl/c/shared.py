@@ -14,15 +14,15 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from qrobot.motion import Kind
-from qrobot.motion.limits import Floats
+from qrobot.arrays import Floats
+from qrobot.motion import TransformKind
 from qrobot.rccl.event import Event
 from qrobot.rccl.position import Position, Target
 from qrobot.rccl.transforms import Function, Transform
 from qrobot.units import M_PER_MM, MM_PER_M
 from qrobot.wire.vocabulary import MAX_JOINTS
 
-Ints: TypeAlias = npt.NDArray[np.int32]
+Ints32: TypeAlias = npt.NDArray[np.int32]
 Reals: TypeAlias = npt.NDArray[np.float32]
 
 _FIELDS: Final = 12  # n, o, a, p
@@ -41,7 +41,7 @@ CHG: Final = np.dtype(
 """`struct rccl_chg` of rccl.h."""
 
 
-class SharedMemory:
+class ProgramMemory:
     """The pages that a program and its engine share.
 
     Args:
@@ -52,7 +52,7 @@ class SharedMemory:
         self._map = mmap.mmap(file, os.fstat(file).st_size)
         os.close(file)
 
-    def ints(self, place: int, count: int = 1) -> Ints:
+    def ints(self, place: int, count: int = 1) -> Ints32:
         """Integers at `place`. Shape (count,)."""
         return np.frombuffer(self._map, np.int32, count, place)
 
@@ -79,7 +79,7 @@ class SharedTransform(Transform):
         function: of a functional one.
     """
 
-    def __init__(self, name: str, kind: Kind, fields: Reals, function: Function | None = None) -> None:
+    def __init__(self, name: str, kind: TransformKind, fields: Reals, function: Function | None = None) -> None:
         self._fields = fields
         self._known = b""
         self._exact = np.eye(4)
@@ -142,7 +142,7 @@ class SharedEvent(Event):
         signal: adds one to it.
     """
 
-    def __init__(self, name: str, count: Ints, signal: Callable[[], None]) -> None:
+    def __init__(self, name: str, count: Ints32, signal: Callable[[], None]) -> None:
         self._count = count
         self._signal = signal
         self.name = name
@@ -171,7 +171,7 @@ class SharedPosition(Position):
         end: signalled at the end of every motion to it.
     """
 
-    def __init__(self, name: str, target: Target, code: Ints, scal: Reals, end: SharedEvent) -> None:
+    def __init__(self, name: str, target: Target, code: Ints32, scal: Reals, end: SharedEvent) -> None:
         self._code, self._scal = code, scal
         super().__init__(name, target)
         self._end: Event = end

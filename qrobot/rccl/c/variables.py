@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from qrobot.model.arm import Arm
-from qrobot.motion import Kind
-from qrobot.rccl.c.shared import CHG, HOW, SharedMemory, SharedTransform
+from qrobot.motion import TransformKind
+from qrobot.rccl.c.shared import CHG, HOW, ProgramMemory, SharedTransform
 from qrobot.rccl.channel import Channel
 
 MILLI: Final = 1e3
@@ -39,11 +39,11 @@ class Variables:
         adc_channel: which component of the wrist sensor `how.adcr` shows.
     """
 
-    def __init__(self, memory: SharedMemory, places: Sequence[int], t6: int) -> None:
+    def __init__(self, memory: ProgramMemory, places: Sequence[int], t6: int) -> None:
         *flags, how, chg = places
         self._nextmove, self._completed, self._nbrequest, self._terminate = map(memory.ints, flags)
         self._how, self._chg = memory.record(how, HOW)[0], memory.record(chg, CHG)[0]
-        self.t6 = SharedTransform("T6", Kind.UNKNOWN, memory.reals(t6, 12))
+        self.t6 = SharedTransform("T6", TransformKind.UNKNOWN, memory.reals(t6, 12))
         self.adc_channel = 0
         self._shown_ns = -1
         self._arm: Arm | None = None

@@ -9,12 +9,12 @@ from typing import Final
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.servo.law import Law
 from qrobot.servo.laws.adaptive import adaptive
 from qrobot.servo.laws.computed_torque import computed_torque
 from qrobot.servo.laws.feedback import pd, qrobot, qrobot_acceleration
 from qrobot.servo.laws.file import is_file_law, load_law
 from qrobot.servo.laws.force import force
+from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.unimation import unimation
 
 LAWS: Final[dict[str, Callable[[Robot], Law]]] = {

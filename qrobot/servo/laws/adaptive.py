@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.servo.casadi_law import casadi_law
-from qrobot.servo.law import KP, KV, M0, MEMORY_WORDS, Setting
+from qrobot.servo.laws.casadi_law import casadi_law
+from qrobot.servo.laws.law import KP, KV, M0, MEMORY_WORDS, Setting
 
 HORIZON, USE, RESET = range(3)  # settings
 SUMS, LOAD, SPREAD, APPLIED = 0, 14, 18, 22  # memory: 14 sums, 4 of the load, 4 deviations, n torques

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from qrobot.servo.casadi_law import casadi_law
-from qrobot.servo.law import KP, KV, M0
+from qrobot.servo.laws.casadi_law import casadi_law
+from qrobot.servo.laws.law import KP, KV, M0
 
 
 @casadi_law

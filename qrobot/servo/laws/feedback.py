@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from qrobot.servo.law import KP, KV, M0, law
+from qrobot.servo.laws.law import KP, KV, M0, law
 
 
 @law

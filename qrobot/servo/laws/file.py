@@ -12,9 +12,9 @@ from types import ModuleType
 
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.realtime.stamp import forget_stamps
-from qrobot.servo.casadi_law import CasadiLaw
-from qrobot.servo.law import Law
+from qrobot.realtime.source_digest import forget_stamps
+from qrobot.servo.laws.casadi_law import CasadiLaw
+from qrobot.servo.laws.law import Law
 
 
 def is_file_law(name: str) -> bool:

@@ -6,8 +6,8 @@ import math
 from typing import Any, Final
 
 from qrobot.hwif.registers import N_ADCS
-from qrobot.servo.casadi_law import casadi_law
-from qrobot.servo.law import KP, KV, SIGNALS_AT, Setting
+from qrobot.servo.laws.casadi_law import casadi_law
+from qrobot.servo.laws.law import KP, KV, SIGNALS_AT, Setting
 
 FORCE, NEWTON_PER_VOLT, CHANNEL, AXIS_X, AXIS_Y, AXIS_Z, REACH, CREEP, TRAVEL, GAIN, RATE, TRIM, TARE = range(
     13

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.servo.law import KP, KV, Setting, law
+from qrobot.servo.laws.law import KP, KV, Setting, law
 
 PERIOD, INTEGRAL_TIME, BAND, SHARE = range(4)  # settings
 WAIT, INTEGRAL = 0, 1  # memory: time until the boards run again; an integral for each joint, then a torque

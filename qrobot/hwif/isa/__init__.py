@@ -1,0 +1,2 @@
+"""The transport to a TRC004 board behind a TRC006 card on the ISA bus: port reads and writes from inside compiled
+code."""

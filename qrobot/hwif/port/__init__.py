@@ -1,1 +1,0 @@
-"""The road to a TRC004 board behind a TRC006 card on the ISA bus: port reads and writes from inside compiled code."""

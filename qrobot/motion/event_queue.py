@@ -1,0 +1,54 @@
+"""What happened since the sample before, collected until the next one goes out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from qrobot.motion.event import EventKind, MotionEvent, Termination
+from qrobot.motion.request import MoveRequest
+
+
+class EventQueue:
+    """Events of one generator, oldest first."""
+
+    def __init__(self) -> None:
+        self._events: list[MotionEvent] = []
+        self._told_idle = True
+
+    @property
+    def pending(self) -> bool:
+        """Something has happened, or was asked for, that the next samples tell."""
+        return bool(self._events) or not self._told_idle
+
+    def expect(self) -> None:
+        """Something was asked for: tell when all is done."""
+        self._told_idle = False
+
+    def begun(self, request: MoveRequest) -> None:
+        """The transition into its segment begins."""
+        self._events.append(MotionEvent(EventKind.BEGUN, request))
+
+    def interrupted(self, request: MoveRequest, code: int) -> None:
+        """It is cut short: it will end with `code` when the arm has come to rest."""
+        self._events.append(MotionEvent(EventKind.INTERRUPTED, request, code))
+
+    def ended(self, request: MoveRequest, code: int) -> None:
+        """It ended with `code`."""
+        self._events.append(MotionEvent(EventKind.ENDED, request, code))
+
+    def lost(self, request: MoveRequest | None, code: int) -> None:
+        """The goal of a request that had arrived cannot be followed any further."""
+        self._events.append(MotionEvent(EventKind.LOST, request, code))
+
+    def dropped(self, requests: Iterable[MoveRequest]) -> None:
+        """They ended without having begun."""
+        for request in requests:
+            self.ended(request, Termination.STOPPED)
+
+    def take(self, busy: bool) -> tuple[MotionEvent, ...]:
+        """All there is, once; with the end of all motions if that came."""
+        if not busy and not self._told_idle:
+            self._told_idle = True
+            self._events.append(MotionEvent(EventKind.IDLE))
+        events, self._events = tuple(self._events), []
+        return events

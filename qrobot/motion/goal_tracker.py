@@ -1,0 +1,62 @@
+"""What a queued motion aims at, followed from sample to sample so that its velocity is known when its turn comes."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from qrobot.arrays import Floats
+from qrobot.model.transform import inverse
+from qrobot.motion.equation import Goal
+from qrobot.motion.setpoint_history import DEPTH
+
+
+@dataclass(frozen=True, eq=False)
+class GoalSample:
+    """A goal at one sample: T6 = left DRIVE right. Shapes (4, 4)."""
+
+    left: Floats
+    right: Floats
+
+    @property
+    def pose(self) -> Floats:
+        """T6 at the goal."""
+        return self.left @ self.right
+
+    def drive_to(self, t6: Floats) -> Floats:
+        """The DRIVE that stands at `t6`."""
+        return inverse(self.left) @ t6 @ inverse(self.right)
+
+
+class GoalTracker:
+    """Follows a goal.
+
+    Args:
+        goal: of a motion.
+    """
+
+    def __init__(self, goal: Goal) -> None:
+        self.goal = goal
+        self._seen: deque[tuple[int, GoalSample]] = deque(maxlen=DEPTH)
+
+    @property
+    def settled(self) -> bool:
+        """Its velocity is known: it stands still, or was seen often enough."""
+        return self.goal.fixed or len(self._seen) == DEPTH
+
+    @property
+    def newest(self) -> GoalSample:
+        """As it was sampled last."""
+        return self._seen[-1][1]
+
+    def sample(self, tick: int) -> None:
+        """Evaluate the goal for sample `tick`; a second call for the same sample does nothing."""
+        if self._seen and (self.goal.fixed or self._seen[-1][0] >= tick):
+            return
+        self._seen.append((tick, GoalSample(self.goal.left.at(tick), self.goal.carried(tick))))
+
+    def frames(self, tick: int) -> GoalSample | None:
+        """As it was at sample `tick`; None when nobody looked."""
+        if self.goal.fixed:
+            return self.newest
+        return next((frames for seen, frames in self._seen if seen == tick), None)

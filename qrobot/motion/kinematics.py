@@ -1,0 +1,89 @@
+"""The arm's kinematics as the generator needs it: every sample, and with a reason when there is no solution."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.model.arm import SINGULAR, Arm
+from qrobot.model.branch import Branch
+from qrobot.model.closed_form import CLOSED_FORMS
+from qrobot.model.puma import InverseStatus
+
+NEAR_SINGULAR: Final = (
+    0.08  # smallest singular value of the Jacobian (m, rad); about 0.3 in the middle of the workspace
+)
+
+
+class Reach(Protocol):
+    """Kinematics of one arm. Joint positions have shape (n,), poses of T6 shape (4, 4)."""
+
+    def forward(self, q: Floats) -> Floats:
+        """T6 of joint positions."""
+
+    def branch(self, q: Floats) -> Branch:
+        """The configuration in which the arm stands."""
+
+    def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
+        """Joint positions of a configuration, by whole turns nearest to `near`.
+
+        Args:
+            T: pose of T6.
+            branch: the configuration.
+            near: where the arm is.
+            singular: take a solution at a singular pose too; one where it ends, not where it passes.
+
+        Raises:
+            Unreachable, JointLimit, Singular: there is none, and why.
+        """
+
+    def near_singular(self, q: Floats) -> bool:
+        """Some motion of T6 would need joints far faster than others."""
+
+
+class ClosedFormReach:
+    """An arm whose inverse has a closed form."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm, self._form = arm, arm.closed_form
+        self._q = np.empty(arm.robot.n)
+
+    def forward(self, q: Floats) -> Floats:
+        """See `Reach.forward`."""
+        return self._arm.forward(q)
+
+    def branch(self, q: Floats) -> Branch:
+        """See `Reach.branch`."""
+        return Branch(self._form.branch(np.array(q), self._arm.params))
+
+    def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
+        """See `Reach.inverse`."""
+        pose, around = np.array(T), np.array(near)  # the one type for which the kernel is compiled
+        status = self._form.inverse(pose, self._arm.params, int(branch), around, self._q)
+        if status != InverseStatus.OK and not (singular and status in SINGULAR and self._inside()):
+            raise self._error(InverseStatus(status), T, branch)
+        return self._q.copy()
+
+    def near_singular(self, q: Floats) -> bool:
+        """See `Reach.near_singular`."""
+        return float(np.linalg.svd(self._arm.jacobian(q), compute_uv=False)[-1]) < NEAR_SINGULAR
+
+    def _inside(self) -> bool:
+        params = self._arm.params
+        return bool(((params.q_min <= self._q) & (self._q <= params.q_max)).all())
+
+    def _error(self, status: InverseStatus, T: Floats, branch: Branch) -> MotionError:
+        where = f"configuration {branch.letters!r}, T6 at {np.round(1e3 * T[:3, 3], 1).tolist()} mm"
+        if status == InverseStatus.UNREACHABLE:
+            return Unreachable(f"{where}: out of the arm's reach")
+        if status == InverseStatus.JOINT_LIMIT:
+            return JointLimit(f"{where}: {self._arm.limits_passed(self._q)}")
+        return Singular(f"{where}: {SINGULAR[status]}")
+
+
+def reach_of(arm: Arm) -> Reach | None:
+    """The closed form for `arm`, None when there is none."""
+    return ClosedFormReach(arm) if arm.robot.geometry.family in CLOSED_FORMS else None

@@ -1,0 +1,62 @@
+"""A stop on the path: path time slows down and stands still, so the arm never leaves the path it was on.
+
+Over D samples the rate r of path time falls from 1 to 0 as r = 1 - beta'(h), h = t/D, so path time advances by
+
+    s(t) = t - D beta(h)        s(D) = D/2        dr/dt = -beta''(h)/D
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.motion.blend import PEAK, Blend, beta
+from qrobot.motion.path import Path
+from qrobot.motion.timing import Scheduler
+
+_LOOKS: Final = np.linspace(0.0, 1.0, 33)
+_LONGER: Final = 1.15
+_LONGEST_S: Final = 10.0
+
+
+@dataclass(frozen=True)
+class Brake:
+    """A stop that begins at path time `clock` and takes `length` samples.
+
+    Attributes:
+        clock: path time at which it begins.
+        length: D, samples.
+        blend: shape of the rate.
+    """
+
+    clock: float
+    length: float
+    blend: Blend
+
+    def at(self, elapsed: float) -> tuple[float, float, float]:
+        """(path time, r, dr/dt per sample), `elapsed` samples after the stop began."""
+        b, b1, b2 = beta(int(self.blend), elapsed / self.length)
+        return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
+
+
+def fitting_brake(path: Path, clock: float, seconds: float, scheduler: Scheduler) -> Brake:
+    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
+
+    On a straight line it decelerates with a_stop; where the path itself accelerates it takes longer.
+    """
+    limits, blend, period_s = scheduler.limits, scheduler.blend, scheduler.period_s
+    speed = np.abs(path.state(clock)[1])
+    if path.segment is not None and not path.ending:
+        speed = np.maximum(speed, np.abs(path.segment.velocity))
+    shortest = PEAK[blend] * float((speed / limits.a_stop).max())
+    length = max(1.0, seconds / period_s, shortest / period_s)
+    while not _fits(brake := Brake(clock, length, blend), path, scheduler) and length * period_s < _LONGEST_S:
+        length *= _LONGER
+    return brake
+
+
+def _fits(brake: Brake, path: Path, scheduler: Scheduler) -> bool:
+    moments = (brake.at(look * brake.length) for look in _LOOKS)
+    return all(scheduler.limits.allow(state) for state in path.states_ahead(moments))

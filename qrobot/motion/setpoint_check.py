@@ -1,0 +1,63 @@
+"""The last look at a setpoint of which nobody could know beforehand that it keeps the limits: the goal may move."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from qrobot.arrays import Floats
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.event import Termination
+from qrobot.motion.joint_stop import LIFT, SHORTEST_HALT_S, haltable, stopping_s
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.setpoint_history import History, parabola, rows_of, spacing
+from qrobot.realtime.jit import lean_kernel
+
+NONE: Final = int(Termination.NONE)
+JOINT_LIMIT: Final = int(Termination.JOINT_LIMIT)
+TOO_FAST: Final = int(Termination.TOO_FAST)
+
+_REASONS: Final[dict[type[MotionError], Termination]] = {
+    JointLimit: Termination.JOINT_LIMIT,
+    Unreachable: Termination.UNREACHABLE,
+    Singular: Termination.SINGULAR,
+}
+
+
+def reason(error: MotionError) -> Termination:
+    """The code for what the kinematics raised."""
+    return _REASONS.get(type(error), Termination.UNREACHABLE)
+
+
+def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> Termination:
+    """What is wrong with the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
+
+    Right is one from which the arm can be halted (halt.py) without passing a limit of position, speed or acceleration.
+    A joint that could go on a whole turn away only is at its limit, too.
+    """
+    rows, near_s, far_s = rows_of(points, period_s)
+    return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))
+
+
+@lean_kernel
+def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: float) -> int:
+    """`judge_next` of what `rows_of` gives, with `MotionLimits.table` and the PEAK of the transitions."""
+    between = spacing(near_s, far_s)
+    halt_s, jumps, too_fast = SHORTEST_HALT_S, False, False
+    for j in range(rows.shape[1]):
+        v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
+        jumps = jumps | (abs(rows[0, j] - rows[1, j]) > math.pi)
+        too_fast = too_fast | (not haltable(v, a, limits[2, j], limits[3, j]))
+        halt_s = max(halt_s, stopping_s(v, a, limits[3, j], limits[4, j], peak))
+    if jumps:
+        return JOINT_LIMIT
+    if too_fast:
+        return TOO_FAST
+    for j in range(rows.shape[1]):
+        v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
+        way, lift = 0.5 * halt_s * v, LIFT * SHORTEST_HALT_S * SHORTEST_HALT_S * a
+        low, high = rows[0, j] + min(way, 0.0) + min(lift, 0.0), rows[0, j] + max(way, 0.0) + max(lift, 0.0)
+        if not (limits[0, j] <= low and high <= limits[1, j]):
+            return JOINT_LIMIT
+    return NONE

@@ -1,0 +1,207 @@
+"""How many samples a segment and its transitions take.
+
+A segment of T samples between two corners begins with a transition whose second half (Ta) lies in it and ends with one
+whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A transition
+over a change of velocity dv needs 2 Ta >= PEAK |dv| / a_max.
+
+Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S, at least what the joints need, and T is
+the shortest that has room for it. A joint gathers full speed in no less than OPEN_RAMP_S: what an arm follows whose
+load nobody told of. It stays DEFAULT_TRANSITION_S in Cartesian mode and in a motion that a force may end, near things
+where haste is felt as force; on a way to a goal that moves, whose speed comes on top and is not known when the length
+is; and in a motion to where the arm is already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from math import inf
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.coordinates import JOINTS, DriveCoordinates
+from qrobot.motion.geometric_path import GeometricPath
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.queued_motion import NOTHING, Following
+from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
+
+DEFAULT_TRANSITION_S: Final = 0.2  # the transition time of the crank example, Hayward & Paul 1986
+OPEN_SHARE: Final = 1.0 / 7.0  # [A] of T; the ways of the QRobot paper's experiment keep the 0.2 s
+OPEN_RAMP_S: Final = 0.2  # [A] half a transition from rest to full speed, at least
+NO_WAY: Final = 1e-3  # [A] rad or m: so near the goal an arm at rest is where it was asked to be
+
+
+MANY: Final = 1 << 30  # samples; more than any transition takes
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Times of one segment, in samples.
+
+    Attributes:
+        transition: Ta of the transition into the segment.
+        length: T, from the corner it leaves to the corner it reaches.
+        braking: least Ta of a transition out of it to rest.
+        resting: Ta of that transition when nothing follows.
+    """
+
+    transition: int
+    length: int
+    braking: int
+    resting: int
+
+
+@dataclass(frozen=True, eq=False)
+class Scheduler:
+    """Turns requests into schedules for one arm and sample period.
+
+    Attributes:
+        limits: of the arm.
+        period_s: sample period.
+        blend: polynomial of the transitions.
+    """
+
+    limits: MotionLimits
+    period_s: float
+    blend: Blend
+
+    def check(self, request: MoveRequest, course: GeometricPath) -> None:
+        """Judge a request that begins and ends at rest.
+
+        Raises:
+            JointLimit: the target is outside the joints' range.
+            MotionError: the time, the speed or the transition asks for more than the arm can do.
+        """
+        what = f"move to {request.name}"
+        ta = self.preferred(request)
+        length = max(self._asked(request, course), 2 * ta)
+        v = np.abs(course.rates).max(axis=0) / (length * self.period_s)
+        a = np.abs(course.bends).max(axis=0) / (length * self.period_s) ** 2
+        remedy = f"give it {self._ms(self._least(course))} or more"
+        self.limits.check_velocity(v, what, remedy)
+        self.limits.check_acceleration(a, what, remedy)
+        if request.transition_s is not None:
+            entering = PEAK[self.blend] * v / (2 * ta * self.period_s)
+            needed = self._ms(self.needed(v))
+            self.limits.check_acceleration(entering, what, f"give the transition {needed} or more")
+
+    def plan(
+        self,
+        request: MoveRequest,
+        course: GeometricPath,
+        v0: Floats,
+        least: int = 1,
+        most: int = MANY,
+        following: Following = NOTHING,
+        rest: int = 1,
+    ) -> Schedule:
+        """A schedule that keeps the limits, stretching times where needed.
+
+        Args:
+            request: what was asked.
+            course: the way from corner to corner.
+            v0: joint velocity before the transition. Shape (n,).
+            least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
+            following: what the request behind it asks for, when there is one.
+            rest: least Ta of the transition to rest, samples.
+        """
+        asked = max(self._asked(request, course), self._least(course))
+        if request.transition_s is None:
+            share = self._open_share(request, course)
+            return _shortest(asked, partial(self._open, course, v0, least, most, following, rest, share))
+        resting, turning = max(self.preferred(request), rest), following.transition
+        transition = max(min(resting, most), least)
+        while True:  # all transitions only grow, and what they need is bounded by the speed asked for
+            length = max(asked, transition + max(resting, turning))
+            seconds = length * self.period_s
+            entering, braking = self.needed(course.leaving(seconds) - v0), self.needed(course.arriving(seconds))
+            turn = self._turning(course.arriving(seconds), following)
+            if entering <= transition and braking <= resting and turn <= turning:
+                return Schedule(transition, length, braking, resting)
+            transition, resting, turning = max(transition, entering), max(resting, braking), max(turning, turn)
+
+    def _open(
+        self, course: GeometricPath, v0: Floats, least: int, most: int, following: Following, rest: int, share: float,
+        length: int,
+    ) -> Schedule | None:  # fmt: skip
+        """The times of a request of `length` samples that leaves Ta open, None when they are too short."""
+        seconds = length * self.period_s
+        arriving, dv = course.arriving(seconds), course.leaving(seconds) - v0
+        wished = max(self._default(share * seconds), self._ramp(dv))
+        braking, turning = self.needed(arriving), max(following.transition, self._turning(arriving, following))
+        transition = max(min(wished, most), least, self.needed(dv))
+        resting = max(self._default(share * seconds), self._ramp(arriving), braking, rest)
+        enough = self._least(course, transition) <= length
+        fits = transition + max(resting, turning) <= length
+        return Schedule(transition, length, braking, resting) if enough and fits else None
+
+    def _open_share(self, request: MoveRequest, course: GeometricPath) -> float:
+        """Ta over T where it is left open; without end where it is to be DEFAULT_TRANSITION_S."""
+        nowhere = float(np.abs(course.way.joints).max()) <= NO_WAY
+        near_things = request.limits is not None or isinstance(course.chart, DriveCoordinates)
+        return inf if nowhere or near_things or not course.chart.fixed else OPEN_SHARE
+
+    def _default(self, seconds: float) -> int:
+        """An open Ta of `seconds`, in samples: DEFAULT_TRANSITION_S at most."""
+        return whole_samples(min(seconds, DEFAULT_TRANSITION_S), self.period_s)
+
+    def _ramp(self, dv: Floats) -> int:
+        """An open Ta, in samples, that a change of velocity `dv` is to have at least. Shape (n,)."""
+        share = float((np.abs(dv) / self.limits.v_max).max())
+        return min(enough_samples(OPEN_RAMP_S * share, self.period_s), self._default(DEFAULT_TRANSITION_S))
+
+    def _turning(self, arriving: Floats, following: Following) -> int:
+        """Least Ta, in samples, of the transition into what follows."""
+        return 0 if following.leaving is None else self.needed(following.leaving - arriving)
+
+    def alone(self, request: MoveRequest, course: GeometricPath) -> Following:
+        """What a request asks of the one before it, from the times it would have from rest to rest."""
+        schedule = self.plan(request, course, np.zeros(self.limits.n))
+        ta = schedule.transition if request.transition_s is None else self.preferred(request)
+        return Following(ta, course.leaving(schedule.length * self.period_s))
+
+    def preferred(self, request: MoveRequest) -> int:
+        """Ta as asked for, in samples; where it is open the longest it may be."""
+        seconds = DEFAULT_TRANSITION_S if request.transition_s is None else request.transition_s
+        return whole_samples(seconds, self.period_s)
+
+    def needed(self, dv: Floats) -> int:
+        """Least Ta, in samples, over a change of velocity `dv`. Shape (n,)."""
+        seconds = float((np.abs(dv) / self.limits.a_planned).max()) * PEAK[self.blend] / 2.0
+        return enough_samples(seconds, self.period_s)
+
+    def _asked(self, request: MoveRequest, course: GeometricPath) -> int:
+        return request.pace.samples(course.way, self.limits, self.period_s)
+
+    def _least(self, course: GeometricPath, transition: int = MANY) -> int:
+        """Samples in which no joint passes its speed, nor, where the way bends, its acceleration.
+
+        Where each setpoint is judged its speed is that of the parabola through three of them, which at the end of a
+        transition of 2 Ta samples is too high by 2 / (2 Ta)^2 of the change.
+        """
+        lag = 0.0 if course.chart is JOINTS else 0.5 / transition**2
+        speed = float((np.abs(course.rates) / self.limits.v_max).max()) * (1.0 + lag)
+        bend = float((np.abs(course.bends) / self.limits.a_planned).max())
+        return enough_samples(max(speed, bend**0.5), self.period_s)
+
+    def _ms(self, samples: int) -> str:
+        return f"{1000.0 * samples * self.period_s:.0f} ms"
+
+
+def _shortest(asked: int, of_length: Callable[[int], Schedule | None]) -> Schedule:
+    """The first of the schedules `of_length` T, from `asked` on, that there is."""
+    short, length = asked - 1, asked
+    while (found := of_length(length)) is None:
+        short, length = length, 2 * length
+    while length - short > 1:
+        middle = (short + length) // 2
+        schedule = of_length(middle)
+        if schedule is None:
+            short = middle
+        else:
+            found, length = schedule, middle
+    return found

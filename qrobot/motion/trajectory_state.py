@@ -1,0 +1,146 @@
+"""How far an arm is: its path, the time on it, and the setpoints it was given last.
+
+Path time is counted in samples. It passes as the clock does, except in a stop on the path, where it slows down and
+stands still (brake.py).
+"""
+
+from __future__ import annotations
+
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
+from qrobot.motion.coordinates import JOINTS
+from qrobot.motion.joint_stop import halting_s
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.path import Path, Segment
+from qrobot.motion.path_piece import BlendSettings
+from qrobot.motion.path_stop import Brake, fitting_brake
+from qrobot.motion.planner import SegmentEntry
+from qrobot.motion.setpoint_history import History, SetpointHistory, true_joints
+from qrobot.motion.timing import Scheduler
+
+
+class TrajectoryState:
+    """The motion of one arm as it stands at the newest sample.
+
+    Args:
+        q: setpoint to begin at, at rest. Shape (n,).
+        tick: number of that sample.
+        shape: of the legs.
+
+    Attributes:
+        path: where the arm is to be, as a function of path time.
+        tick: newest sample.
+        clock: path time.
+    """
+
+    def __init__(self, q: Floats, tick: int, shape: BlendSettings) -> None:
+        self.path = Path(q, shape)
+        self.tick = tick
+        self.clock = 0.0
+        self._shape = shape
+        self._told_clock = 0.0  # path time of the newest setpoint given out
+        self._brake: Brake | None = None
+        self._brake_tick = 0
+        self._halting = False
+        self._trail = SetpointHistory(tick, q)
+        self._truth = SetpointHistory(
+            tick, q
+        )  # as the trail, but of joints that follow no setpoints where they really are
+        self._standing: Floats | None = None
+
+    # ------------------------------------------------------------------------------------------------ what there is
+
+    @property
+    def newest(self) -> Floats:
+        """The newest setpoint given out. Shape (n,)."""
+        return self._trail.newest
+
+    @property
+    def on_joint_path(self) -> bool:
+        """The joints move on straight lines of their own, or rest."""
+        return self.path.chart is JOINTS
+
+    @property
+    def stopped(self) -> bool:
+        """A stop that was begun is over."""
+        if self._brake is not None:
+            return self.tick - self._brake_tick >= self._brake.length
+        return self._halting and self.clock >= self.path.leg.end
+
+    def state(self) -> Floats:
+        """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
+
+        Exact on joint paths; else of the parabola through the newest three setpoints.
+        """
+        if not self.on_joint_path:
+            return self._trail.state(self._shape.period_s)
+        if self._brake is None:
+            return self.path.state(self.clock)
+        return self.path.state(*self._brake.at(self.tick - self._brake_tick))
+
+    def setpoint(self) -> Floats:
+        """Joint positions of this sample. Shape (n,). Raises Unreachable, JointLimit or Singular."""
+        return self.path.joints(self.clock)
+
+    def goal_joints(self) -> Floats:
+        """Joint positions (n,) at the end of the present segment, or where the arm rests. Raises as `setpoint`."""
+        return self.path.goal_joints(self.newest)
+
+    def points(self) -> History:
+        """Where the arm was at the newest samples, this one included."""
+        return self._truth.with_now(self.tick, true_joints(self.setpoint(), self._standing))
+
+    def setpoints_with(self, q: Floats) -> History:
+        """The newest setpoints, as if `q` (n,) were that of this sample."""
+        return self._trail.with_now(self.tick, q)
+
+    # ------------------------------------------------------------------------------------------ once per sample
+
+    def advance(self, tick: int, standing: Floats | None) -> None:
+        """Time has come to sample `tick`; `standing` as in `Generator.update`. Raises MotionError: not later."""
+        if tick <= self.tick:
+            raise MotionError(f"sample {tick} asked for after sample {self.tick}")
+        if self._brake is None:
+            self.clock += tick - self.tick
+        else:
+            self.clock = self._brake.at(tick - self._brake_tick)[0]
+        self.tick = tick
+        self._standing = standing
+
+    def give_out(self, q: Floats) -> None:
+        """The setpoint (n,) of this sample is `q`."""
+        self._trail.append(self.tick, q)
+        self._truth.append(self.tick, true_joints(q, self._standing))
+        self._told_clock = self.clock
+
+    # ------------------------------------------------------------------------------------------- other legs
+
+    def enter(self, departure: SegmentEntry, begin: float) -> None:
+        """Turn into another segment, beginning at path time `begin`."""
+        self._trail = self._truth.copy()
+        self.path.enter(departure.segment, begin, departure.state)
+
+    def hold(self, x: Floats) -> None:
+        """Stand at `x` (m,), in the coordinates of the path."""
+        self.path.hold(x, self.clock)
+        self._brake, self._halting = None, False
+
+    def approach_rest(self, segment: Segment) -> None:
+        """Turn into the transition to rest; late, when a request that was to follow is gone."""
+        self.path.end_segment(segment, max(segment.rest_begin, self._told_clock))
+
+    def brake(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
+        """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
+        if not self.path.ending and self.clock > segment.rest_begin:
+            self.approach_rest(segment)
+        self._brake = fitting_brake(self.path, self.clock, seconds, scheduler)
+        self._brake_tick = self.tick
+
+    def halt(self, seconds: float, limits: MotionLimits) -> None:
+        """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
+        state = self.path.state(self._told_clock) if self.on_joint_path else self._truth.state(self._shape.period_s)
+        shortest_s, fading_s = halting_s(state, limits, self._shape.blend)
+        length_s = max(seconds, shortest_s)
+        self._trail = self._truth.copy()
+        self._brake, self._halting = None, True
+        self.path.halt(state, self._told_clock, length_s / self._shape.period_s, fading_s / length_s)

@@ -1,0 +1,91 @@
+"""Compile, or load from the cache, what a generator calls, before a robot waits for its setpoints."""
+
+from __future__ import annotations
+
+import contextlib
+from functools import cache
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import MotionError
+from qrobot.model.arm import Arm
+from qrobot.model.transform import rot_z, transform
+from qrobot.motion.blend import Blend
+from qrobot.motion.controlled_frame import contact
+from qrobot.motion.drive_transform import OrientationInterpolation
+from qrobot.motion.equation import Equation
+from qrobot.motion.external_torque import ArmSample, ExternalTorque
+from qrobot.motion.generator import Generator
+from qrobot.motion.kinematics import Reach
+from qrobot.motion.limits import MotionLimits
+from qrobot.motion.request import Duration, MotionMode, MotionSpeed, MoveRequest, SpeedShare, ToolSpeed
+from qrobot.motion.trsf import T6, TransformKind, Trsf
+
+_PERIOD_S = 0.05
+_TICKS = 40
+_MODES = MotionMode.CARTESIAN, MotionMode.JOINT, MotionMode.CARTESIAN
+
+
+@cache
+def warm_up(n: int, blend: Blend) -> None:
+    """Make a generator for `n` joints do everything once in joint space: move, turn, be interrupted and stop."""
+    one = np.ones(n)
+    limits = MotionLimits(-one, one, one, 10.0 * one, 10.0 * one, np.zeros(n, dtype=np.bool_), ("joint",) * n)
+    generator = Generator(limits, _PERIOD_S, 0.0 * one, blend=blend)
+    for target in (0.1, 0.0, 0.1, 0.0):
+        generator.push(MoveRequest("warm-up", target * one, Duration(0.6)))
+    for tick in range(1, _TICKS):
+        if tick == _TICKS // 4:
+            generator.interrupt(1)
+        if tick == _TICKS // 2:
+            generator.stop(0.1)
+        generator.update(tick)
+
+
+def warm_up_force(robot: Robot) -> None:
+    """Make what feels forces look at a robot once."""
+    q, still = np.array(robot.poses["park"] if "park" in robot.poses else np.zeros(robot.n)), np.zeros(robot.n)
+    external = ExternalTorque(robot, _PERIOD_S)
+    external.look(ArmSample(q, still, still, q), 1)
+    external.estimate()
+    external.gravity(q)
+    contact(Arm(robot), q, np.eye(4))
+
+
+def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blend) -> None:
+    """Make a generator do everything once in Cartesian space around joint positions `q` (n,), which the arm can have.
+
+    To a goal that drifts, back in joint mode, in two angles, with an offset, interrupted and stopped.
+    """
+    pose = reach.forward(q)
+    reach.inverse(pose, reach.branch(q), q, singular=True)
+
+    def drift(belt: Trsf) -> None:
+        belt.value[0, 3] += 1e-5
+
+    belt, place, tool = (
+        Trsf("belt", TransformKind.FUNCTION, function=drift),
+        Trsf("place", TransformKind.HOLD, pose),
+        Trsf("tool"),
+    )
+    goal = Equation("warm-up", [T6, tool], [belt, place], tool)
+    generator = Generator(limits, _PERIOD_S, q, blend=blend, reach=reach)
+    paces: tuple[MotionSpeed, ...] = (ToolSpeed(0.2, 1.0), Duration(1.0), SpeedShare(0.3))
+    for mode, pace, turn in zip(
+        _MODES,
+        paces,
+        (OrientationInterpolation.ONE_AXIS, OrientationInterpolation.ONE_AXIS, OrientationInterpolation.TWO_ANGLES),
+        strict=True,
+    ):
+        target = goal.goal(offset=transform(rot_z(0.1), [0.0, 0.0, -0.01]))
+        with contextlib.suppress(MotionError):  # an arm that cannot do it there has been asked at least
+            generator.push(MoveRequest("warm-up", target, pace, mode=mode, turn=turn))
+    for tick in range(1, 2 * _TICKS):
+        if tick == _TICKS:
+            generator.interrupt(1)
+        if tick == _TICKS + _TICKS // 2:
+            generator.stop(0.1)
+        generator.update(tick)
+    reach.near_singular(q)

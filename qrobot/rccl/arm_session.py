@@ -1,0 +1,152 @@
+"""A program's hold of one arm, from the first setpoint to the goodbye, and where what went wrong is told."""
+
+from __future__ import annotations
+
+import atexit
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, suppress
+from typing import ClassVar
+from weakref import WeakSet
+
+from qrobot.errors import LinkError, MotionError, QRobotError
+from qrobot.rccl.task import Phase, TrajectoryTask
+from qrobot.rccl.task_runners import driver_for
+from qrobot.rccl.trace import Trace
+from qrobot.rci import Link
+
+
+class Hold:
+    """Runs a trajectory task for a program.
+
+    What ends it before its time is raised in the program: where it waits, at its next call, or at the latest at
+    `release`. When a program ends without `release`, its motions are done first if it ended well; errors are printed.
+
+    Args:
+        name: of the arm, for people.
+        link: open.
+        task: of the arm.
+    """
+
+    _holds: ClassVar[WeakSet[Hold]] = WeakSet()
+
+    def __init__(self, name: str, link: Link, task: TrajectoryTask) -> None:
+        self._name = name
+        self._link = link
+        self._task = task
+        self._driver = driver_for(link, task)
+        self._released = False
+        self._error_told = False
+
+    def start(self) -> None:
+        """Run until the servo follows our setpoints."""
+        self._begin()
+        atexit.register(self._at_exit)
+        self._holds.add(self)
+
+    def change_period(self, period_us: int, trace: Trace | None) -> None:
+        """Bring the arm to rest, let go of it, and take it again with another sample period, of which `trace` is told.
+
+        It goes on holding its position meanwhile. Raises what `control` raises; the hold has then ended.
+        """
+        self._come_to_rest()
+        self._leave(power_off=False)
+        self._driver.end()
+        try:
+            welcome = self._link.reopen(period_us)
+        except BaseException as error:
+            self._driver.error = error
+            raise
+        self._task.begin(welcome.period_us * 1e-6, trace)
+        self._driver = driver_for(self._link, self._task)
+        self._begin()
+
+    def finish(self, look: Callable[[], object]) -> None:
+        """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""
+        if self._released or self._driver.error is not None:
+            return
+        failures = self._task.orders.failures
+        failures.clear()
+        self.wait(lambda: (look(), not self._task.eventful)[1])
+        if failures:
+            raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {failures[0]}")
+
+    def release(self, power_off: bool) -> None:
+        """Bring the arm to rest, let go of it and close the link; a second call does nothing.
+
+        Raises what ended the hold before, if the program has not heard of it yet.
+        """
+        if self._released:
+            return
+        self._released = True
+        self._holds.discard(self)
+        atexit.unregister(self._at_exit)
+        try:
+            if self._driver.error is None:
+                self._come_to_rest()
+                self._leave(power_off)
+        finally:
+            self._driver.end()
+        self._tell_error()
+
+    def wait(self, predicate: Callable[[], bool]) -> None:
+        """Return when `predicate`, called at every sample, is true. Raises what ended the hold."""
+        try:
+            self._driver.wait(predicate)
+        finally:
+            self._error_told = self._error_told or self._driver.error is not None
+
+    def task(self) -> AbstractContextManager[object]:
+        """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
+        if self._driver.error is not None:
+            self._error_told = True
+            raise self._driver.error
+        if self._released:
+            raise LinkError(f"{self._name} was released; call control() first")
+        return self._driver.lock()
+
+    def _begin(self) -> None:
+        self._driver.start()
+        self.wait(lambda: self._task.phase is Phase.TRACKING)
+
+    def _come_to_rest(self) -> None:
+        with self._driver.lock():
+            self._task.stop()  # at rest it may still follow a frame that moves
+        self.wait(lambda: not self._task.eventful)
+
+    def _leave(self, power_off: bool) -> None:
+        with self._driver.lock():
+            self._task.leave(power_off)
+        self.wait(lambda: self._task.phase is Phase.LEFT)
+
+    def _tell_error(self) -> None:
+        if self._driver.error is not None and not self._error_told:
+            self._error_told = True
+            raise self._driver.error
+
+    def end(self, well: bool) -> None:
+        """The program has ended: do its motions if it did so well, and release. Raises what those raise."""
+        try:
+            if well:
+                self.finish(lambda: None)
+        finally:
+            self.release(power_off=False)
+
+    @classmethod
+    def end_all(cls, well: bool) -> None:
+        """`end` those of all arms; raises errors of a program that ended well."""
+        for hold in list(cls._holds):
+            with nullcontext() if well else suppress(QRobotError):
+                hold.end(well)
+
+    def _at_exit(self) -> None:
+        """The interpreter ends: well, unless something has been raised that nobody has handled."""
+        try:
+            self.end(well=not hasattr(sys, "last_value"))
+        except QRobotError as error:
+            print(f"{self._name}: {error}", file=sys.stderr)
+
+
+def ended_well(error: BaseException | None) -> bool:
+    """True when a program ends, or a part of it, with no error: with an exit status of 0 as well."""
+    return error is None or (isinstance(error, SystemExit) and not error.code)

@@ -1,0 +1,233 @@
+"""Named shared memory: a file of 64-bit words in the runtime folder, with one living owner.
+
+The owner holds an exclusive `flock`, which the kernel drops however the process dies, so a second owner is refused and
+a crashed one is not mistaken for a living one. A new owner reuses the file of a crashed one: peers keep their mapping
+and see the generation count rise. A forked child shares its parent's lock: an owner starts others by `spawn` or exec.
+(`multiprocessing.shared_memory` before Python 3.13 unlinks a segment when any attached process exits, hence our own.)
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import struct
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Words
+from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
+
+WORD_BYTES: Final = 8
+_LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
+_LOCK_PAUSE_S: Final = 0.005
+
+_CLAIM: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
+
+# The first words of every segment.
+MAGIC, LAYOUT, OWNER_PID, GENERATION = range(4)
+HEADER_WORDS: Final = 8
+MAGIC_VALUE: Final = 0x51524F424F54  # "QROBOT"
+
+
+def segment_path(name: str) -> Path:
+    """File behind segment `name`. Raises ConfigError for a name that is no plain file name."""
+    return runtime_path() / checked_name(name)
+
+
+def checked_name(name: str) -> str:
+    """`name`, when it can name a file in the runtime folder. Raises ConfigError."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith("."):
+        raise ConfigError(f"{name!r} cannot name shared memory: use letters, digits, '-', '_' and '.'")
+    return name
+
+
+class SharedMemory:
+    """A mapped file of int64 words; `words` is the array, `owner` tells whether we hold the lock."""
+
+    def __init__(self, path: Path, fd: int, n_words: int, owner: bool) -> None:
+        self.path = path
+        self.owner = owner
+        self._fd: int | None = fd
+        populate = mmap.MAP_POPULATE if owner else 0  # the owner's loop shall not wait for pages
+        self._map = mmap.mmap(fd, n_words * WORD_BYTES, flags=mmap.MAP_SHARED | populate)
+        self.words: Words = np.frombuffer(self._map, dtype=np.int64)
+
+    @classmethod
+    def create(cls, name: str, layout: int, n_words: int) -> SharedMemory:
+        """Own segment `name`, made or taken over from a dead owner, zeroed but for the header.
+
+        Args:
+            name: instance name, see `segment_path`.
+            layout: version of what the words mean; `attach` refuses another one.
+            n_words: size in 64-bit words, header included.
+
+        Raises:
+            LinkBusy: a living process owns it.
+            LinkError: there is no room for it in shared memory, or the folder or the file is not ours alone.
+        """
+        path = segment_path(name)
+        fd = _open_locked(path, n_words)
+        segment = cls(path, fd, n_words, owner=True)
+        words = segment.words
+        generation = int(words[GENERATION]) if words[MAGIC] == MAGIC_VALUE else 0
+        if words[MAGIC] == MAGIC_VALUE:  # a new file is zero already
+            words[HEADER_WORDS:] = 0
+        words[LAYOUT], words[OWNER_PID], words[GENERATION] = layout, os.getpid(), generation + 1
+        words[MAGIC] = MAGIC_VALUE
+        return segment
+
+    @classmethod
+    def attach(cls, name: str, layout: int, start: str = "the process that serves it") -> SharedMemory:
+        """Map an existing segment; `start` tells what to start when there is none.
+
+        Raises LinkError when it is missing, has another layout or is another account's.
+        """
+        path = segment_path(name)
+        try:
+            with look_into_folder() as folder:
+                fd = folder.open_file(path.name, os.O_RDWR)
+        except FileNotFoundError:
+            raise LinkError(f"no shared memory {path.name!r}: start {start} (looked in {path.parent})") from None
+        n_words = os.fstat(fd).st_size // WORD_BYTES
+        if n_words < HEADER_WORDS:
+            os.close(fd)
+            raise LinkError(f"shared memory {path.name!r} is empty: its owner is just starting or has failed")
+        segment = cls(path, fd, n_words, owner=False)
+        if segment.words[MAGIC] != MAGIC_VALUE or segment.words[LAYOUT] != layout:
+            found = int(segment.words[LAYOUT])
+            segment.close()
+            raise LinkError(f"shared memory {path.name!r} has layout {found}, this version expects {layout}")
+        return segment
+
+    def claim(self) -> None:
+        """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.
+
+        The kernel drops the claim however the process dies; it is this segment's, not the process's, and stands
+        beside the owner's lock: a record lock on the first byte, which programs in C take too.
+        """
+        if self._fd is None:
+            raise LinkError(f"shared memory {self.path.name!r} is closed")
+        try:
+            _lock_first_byte(self._fd, fcntl.F_WRLCK)
+        except OSError:
+            raise LinkBusy(f"{self.path.name!r} is commanded by another process already") from None
+
+    @property
+    def is_current(self) -> bool:
+        """False when the file was unlinked or replaced since we mapped it."""
+        if self._fd is None:
+            return False
+        try:
+            return os.stat(self.path).st_ino == os.fstat(self._fd).st_ino
+        except FileNotFoundError:
+            return False
+
+    @property
+    def owner_alive(self) -> bool:
+        """True while some process (this one included) holds the owner's lock."""
+        if self.owner:
+            return self._fd is not None
+        try:
+            fd = os.open(self.path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return False
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(fd)
+        return False
+
+    def close(self, unlink: bool = False) -> None:
+        """Let go; with `unlink` the owner also removes the file (an orderly end)."""
+        if self._fd is None:
+            return
+        if unlink and self.owner and self.is_current:
+            self.path.unlink(missing_ok=True)
+            tidy_folder(self.path.parent)
+        if self.owner:
+            fcntl.flock(self._fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
+        _lock_first_byte(self._fd, fcntl.F_UNLCK)  # the mapping has a descriptor of its own, which would keep it
+        os.close(self._fd)  # the mapping lives as long as somebody holds `words`
+        self._fd = None
+
+    def __enter__(self) -> SharedMemory:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close(unlink=self.owner)
+
+
+def discard_dead(name: str) -> None:
+    """Remove segment `name` when its owner was killed; what a living process owns, or is no segment, stays."""
+    path = segment_path(name)
+    try:
+        with look_into_folder() as folder:
+            fd = folder.open_file(path.name, os.O_RDWR)
+    except (FileNotFoundError, LinkError):
+        return
+    if _lock(fd) and _same_file(fd, path):
+        path.unlink(missing_ok=True)
+        tidy_folder(path.parent)
+    os.close(fd)
+
+
+def _lock_first_byte(fd: int, kind: int) -> None:
+    """Take or drop the record lock of whoever commands; it is this open file's. Raises OSError when another has it."""
+    fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _CLAIM.pack(kind, os.SEEK_SET, 0, 1, 0))
+
+
+def _open_locked(path: Path, n_words: int) -> int:
+    while True:
+        fd = open_served(path.name, os.O_RDWR)
+        if not _lock(fd):
+            os.close(fd)
+            raise LinkBusy(f"{path.name!r} belongs to a running process: stop it first, or use another arm name")
+        if not _same_file(fd, path):  # unlinked by its owner between our open and our lock
+            os.close(fd)
+            continue
+        size = os.fstat(fd).st_size
+        if size not in (0, n_words * WORD_BYTES):  # another version's: peers of that version keep the old file
+            path.unlink()
+            os.close(fd)
+            continue
+        _reserve(fd, path, n_words)
+        return fd
+
+
+def _lock(fd: int) -> bool:
+    for attempt in range(_LOCK_TRIES):
+        if attempt:
+            time.sleep(_LOCK_PAUSE_S)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            continue
+        return True
+    return False
+
+
+def _reserve(fd: int, path: Path, n_words: int) -> None:
+    """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store."""
+    try:
+        os.posix_fallocate(fd, 0, n_words * WORD_BYTES)
+    except OSError as error:
+        os.ftruncate(fd, 0)
+        os.close(fd)
+        raise LinkError(f"no room in {path.parent} for {path.name!r} ({n_words * WORD_BYTES} bytes): {error}") from None
+
+
+def _same_file(fd: int, path: Path) -> bool:
+    try:
+        return os.stat(path).st_ino == os.fstat(fd).st_ino
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,59 @@
+"""The lock-step rig with a transport between servo and board: the same virtual time, every register word over a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from qrobot.config import Robot
+from qrobot.errors import LinkError
+from qrobot.hwif.bus import Bus, Endpoint
+from qrobot.hwif.gateway import Gateway
+from qrobot.rig.lockstep import START_NS, LockstepRig, run_blocks
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
+
+
+class TransportRig(LockstepRig):
+    """A servo, a gateway, a bus and an emulated board that steps when the bus brings it operations.
+
+    One exchange a servo cycle: what a cycle writes acts from its own instant on and the next one sees the image of its
+    own, exactly as without a transport, when the transport carries the board's time stamps.
+
+    Args:
+        robot, settings, emulator: as of `LockstepRig`.
+        open_bus: builds the transport to an endpoint; the near end is returned. The caller tears it down.
+
+    Attributes:
+        gateway: to be cut and looked at.
+        end: the far end, with the emulator's own board memory.
+
+    Raises:
+        ConfigError: the servo's period is no multiple of the plant's.
+        LinkError: the gateway finds no board over that transport.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        settings: ServoSettings,
+        open_bus: Callable[[Endpoint], Bus],
+        emulator: Emulator | None = None,
+        keep_telemetry: bool = True,
+    ) -> None:
+        super().__init__(robot, settings, emulator, keep_telemetry)
+        self.end = SteppingEndpoint(self.emulator, 0, START_NS)  # no time passes until the servo's first cycle
+        self.lines: list[str] = []
+        self.gateway = Gateway(open_bus(self.end), self.board, self.period_ns, self.lines.append)
+        if not self.gateway.step(self.now_ns):
+            raise LinkError("; ".join(self.lines))
+        self.end.steps = self.substeps
+
+    def ticks(self, n: int) -> None:
+        """Advance by `n` servo cycles, each with one exchange; a transport that is cut costs no virtual time of the
+        arm."""
+        for _ in range(n):
+            run_blocks(*self._blocks, self.now_ns, 1, 0)
+            self.gateway.step(self.now_ns)
+            self.now_ns += self.period_ns
+            self.keep()

@@ -1,0 +1,1 @@
+"""Calibration: from counters that mean nothing to exact joint positions."""

@@ -1,0 +1,124 @@
+"""What potentiometers and calibration remember from cycle to cycle."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+MOST_INDEXES: Final = 14  # the vendor's number (TRC004 vendor driver v4.3, INDEX_NUM)
+DEFAULT_INDEXES: Final = 5
+FEWEST_INDEXES: Final = 3  # a single one is not enough: 75 units decide, waviness and noise make 40 [A]
+
+
+class Stage(IntEnum):
+    """Where a calibration stands."""
+
+    IDLE = 0
+    BACKING = 1  # makes room to move on in the positive direction
+    SWEEPING = 2  # creeps forward from index pulse to index pulse
+    SLOWING = 3  # has what it needs, comes to rest
+    SETTLING = 4  # all joints are done: waits until no counter moves
+    LOADING = 5  # counters were loaded, the image does not show it yet
+    MARKING = 6  # the calibrated bit was set, STATUS does not show it yet
+
+
+# indexes into `CalibrationState.i`
+(
+    STAGE,
+    JOINT_NOW,
+    FOUND,  # index pulses of this joint that count
+    WANTED,
+    LAST_INDEX,  # count of the newest index pulse, or of the place where the search began
+    FIRST,  # 1 until the first index pulse, which only tells where the turns begin
+    ATTEMPTS,  # of this joint
+    REARM,  # 1: arm the index latch in this cycle
+    LATCH_VALID_AT,  # count of the first image whose index flag counts
+    SAMPLES,  # pot readings since the newest index pulse
+    STILL,  # cycles in a row without a count
+    WAITED,  # cycles in the present stage
+    LOAD,  # 1: post the new counts in this cycle
+    MOVED,  # 1: a counter changed between the last look at the old ones and the first at the new ones
+    N_CALIBRATION_INTEGERS,
+) = range(15)
+
+# indexes into `CalibrationState.f`
+(
+    RESIDUE,  # sum of pot - slope * counts of those readings
+    TARGET,  # where backing ends
+    SPEED,
+    N_CALIBRATION_FLOATS,
+) = range(4)
+
+
+class CalibrationState(NamedTuple):
+    """One calibration. Vectors have shape (n,)."""
+
+    i: Any  # int64[N_CALIBRATION_INTEGERS]
+    f: Any  # float64[N_CALIBRATION_FLOATS]
+    index: Any  # int64[MOST_INDEXES] counts of the present joint's index pulses
+    pot: Any  # float64[MOST_INDEXES] its potentiometer there
+    shift: Any  # int64[n] what to add to the counts
+    misfit: Any  # float64[n] mean distance from the table's rows, pot units
+    margin: Any  # float64[n] how much further the second best place in the table is, pot units
+    votes: Any  # int64[n] index pulses that agree
+    words: Any  # int64[n] counters as loaded
+    before: Any  # int64[n] counters before that
+
+
+def make_calibration_state(n: int) -> CalibrationState:
+    """No calibration under way."""
+    return CalibrationState(
+        np.zeros(N_CALIBRATION_INTEGERS, np.int64), np.zeros(N_CALIBRATION_FLOATS), np.zeros(MOST_INDEXES, np.int64),
+        np.zeros(MOST_INDEXES), np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64),
+    )  # fmt: skip
+
+
+# values of `PotState.i[VERDICT]`
+UNJUDGED, PLAUSIBLE, IMPLAUSIBLE, SILENT = range(4)
+
+# values of `PotState.proof`
+REFUTED, UNPROVEN, PROVEN = -1, 0, 1
+
+# indexes into `PotState.i`
+(
+    VERDICT,
+    SUSPECT,  # joint that IMPLAUSIBLE speaks of
+    TIMEOUTS_BEFORE,  # conversions given up until the reading began
+    N_POT_INTEGERS,
+) = range(4)
+
+
+class PotState(NamedTuple):
+    """The potentiometers since the board was met."""
+
+    i: Any  # int64[N_POT_INTEGERS]
+    total: Any  # float64[n] pot - slope * counts, summed over the readings
+    readings: Any  # int64[n]
+    average: Any  # float64[n] mean of pot - slope * counts while the joints are driven, see `servo.checks.dead_encoder`
+    newest: Any  # float64[n] of the newest reading
+    followed: Any  # int64[n] readings
+    trusted: Any  # int64[n] 0: it made a step that no motor makes
+    gone: Any  # int64[n] readings in a row a good way off `average`
+    strayed: Any  # int64[n] readings in a row some way off `average`, to one side; negative below it
+    counts: Any  # int64[n] of the joint at the newest reading
+    low: Any  # float64[n] least of the readings before power, where there is no table
+    high: Any  # float64[n] greatest
+    proof: Any  # int64[n] see `servo.checks.potentiometer_monitor`
+    anchor: Any  # float64[n] reading that its motion is measured from
+    anchor_counts: Any  # int64[n] of the joint then
+
+
+def make_pot_state(n: int) -> PotState:
+    """No reading yet."""
+
+    def integers() -> Any:
+        return np.zeros(n, np.int64)
+
+    return PotState(
+        np.zeros(N_POT_INTEGERS, np.int64), np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
+        followed=integers(), trusted=integers(), gone=integers(), strayed=integers(), counts=integers(),
+        low=np.zeros(n), high=np.zeros(n), proof=integers(), anchor=np.zeros(n), anchor_counts=integers(),
+    )  # fmt: skip

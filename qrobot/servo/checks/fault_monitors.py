@@ -1,0 +1,382 @@
+"""Watches over timing, motors, brakes, modules: each cycle gathers what `guard_timing` and `guard_motion` judge."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.hwif.registers import STATUS_POWER
+from qrobot.model.transmission import torque_to_motor
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.checks.dead_encoder import (
+    WRONG_INERTIA,
+    is_missing,
+    lasting,
+    predict_travel,
+    sliding_torque,
+    torque_bounds,
+)
+from qrobot.servo.checks.momentum_observer import STALE, observe_push
+from qrobot.servo.checks.monitor_state import (
+    HEAVY_ROW,
+    LATE_ROW,
+    LOSSES_TOLD,
+    MISSES_SEEN,
+    POINTS,
+    SAMPLE_S,
+    SLOW_ROW,
+    SWEPT,
+    UNPOWERED_S,
+    WARNINGS,
+    WORK,
+)
+from qrobot.servo.checks.motor_fault_diagnosis import (
+    check_parked,
+    check_push,
+    check_saturation,
+    counts_along,
+    power_given,
+    recent_work,
+    stopped_dead,
+)
+from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
+from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
+from qrobot.servo.event import note_event
+from qrobot.servo.memory.stop_record import note_incident
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.collision_stop import thrown_speed
+from qrobot.servo.stages.mode_machine import report_fault
+from qrobot.servo.stages.torque_output import motor_rates
+from qrobot.servo.state import (
+    BUSY_NS,
+    DT,
+    EVENT,
+    IMAGE_OK,
+    LAW_FAILED,
+    MODE,
+    MODULE_LOSSES,
+    NEXT_SEQ,
+    STARTED,
+    STATUS,
+    TICK,
+    UNCHANGED,
+    UNSEEN,
+    ServoState,
+)
+
+HOLDING: Final = int(Mode.HOLDING)
+TRACKING: Final = int(Mode.TRACKING)
+STOPPING: Final = int(Mode.STOPPING)
+ENC_STUCK: Final = int(FaultCode.ENC_STUCK)
+BRAKE_STUCK: Final = int(FaultCode.BRAKE_STUCK)
+COLLISION: Final = int(FaultCode.COLLISION)
+IO_LOST: Final = int(FaultCode.IO_LOST)
+RUNAWAY: Final = int(FaultCode.RUNAWAY)
+
+MOVED_COUNTS: Final = 20  # further than a closed brake lets a joint twitch
+MISSING_COUNTS: Final = 4.0  # so many the model is sure of, and none came [A]
+DRIVEN_COUNTS: Final = 5.0  # the reference has gone on by so many since the last: the motor is driven [A]
+GONE_READINGS: Final = 2  # of a potentiometer in a row that show a motor gone
+STRAYED_READINGS: Final = 4  # that show it on its way, where the model is sure of missing counts [A]
+STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
+COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
+SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
+SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
+NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
+
+
+@lean_kernel
+def warn(state: ServoState, code: int, joint: int = NO_JOINT) -> None:
+    """Tell of something that stops nothing, unless there is worse to tell; counted."""
+    state.watch.i[WARNINGS] += 1
+    if state.i[EVENT] == 0:
+        note_event(state, code, joint)
+
+
+@lean_kernel
+def watch_timing(params: ServoParameters, state: ServoState, dt_ns: int, late: bool) -> None:
+    """Count this cycle's lateness and the last one's length; raise what goes too far while the motors carry torque."""
+    watch, limits = state.watch, params.watch
+    if not gives_torque(state.i[MODE]):  # neither starting up nor waiting has deadlines
+        watch.i[LATE_ROW], watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0, 0
+        watch.i[SLOW_ROW], watch.i[HEAVY_ROW] = 0, 0
+        return
+    skipped = skipped_points(dt_ns, params.period_ns)
+    missed = skipped + (1 if late else 0)
+    watch.i[LATE_ROW] = watch.i[LATE_ROW] + 1 if missed > 0 else 0
+    watch.i[POINTS] += 1 + skipped
+    watch.i[MISSES_SEEN] += missed
+    code = check_overrun(watch.i[LATE_ROW], limits.misses_in_a_row, watch.i[MISSES_SEEN], limits.misses_allowed)
+    report_fault(state, code, NO_JOINT, watch.i[MISSES_SEEN], limits.misses_allowed)
+    if watch.i[POINTS] >= limits.window_points:
+        watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0
+    _watch_length(params, state)
+
+
+@lean_kernel
+def _watch_length(params: ServoParameters, state: ServoState) -> None:
+    """A cycle that takes longer than its period goes on with the built-in law, and stops the arm."""
+    watch, busy_ns = state.watch, state.i[BUSY_NS]
+    watch.i[SLOW_ROW] = grown_row(watch.i[SLOW_ROW], busy_ns, params.period_ns)
+    watch.i[HEAVY_ROW] = grown_row(watch.i[HEAVY_ROW], busy_ns, params.period_ns // 2)
+    code = check_slowness(watch.i[SLOW_ROW])
+    if code != 0:
+        state.i[LAW_FAILED] = 1
+        report_fault(state, code, NO_JOINT, busy_ns * 1e-9, params.period_ns * 1e-9)
+        return
+    code = check_slowness(watch.i[HEAVY_ROW])
+    if code != 0:
+        warn(state, code)
+        watch.i[HEAVY_ROW] = 0
+
+
+@lean_kernel
+def watch_modules(state: ServoState) -> None:
+    """A remote module that is lost while the arm is held or moves is told of: what hangs on its inputs may matter."""
+    watch, losses = state.watch, state.i[MODULE_LOSSES]
+    if losses > watch.i[LOSSES_TOLD] and state.i[MODE] in (HOLDING, TRACKING, STOPPING):
+        warn(state, IO_LOST)
+    watch.i[LOSSES_TOLD] = losses
+
+
+@lean_kernel
+def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
+    """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
+    watch = state.watch
+    watch.f[SAMPLE_S] = dt
+    for j in range(state.q.size):
+        step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
+        watch.step[j] = step
+        if step != 0:
+            watch.travel[j] = watch.travel[j] + step if watch.travel[j] * step > 0 else step
+            watch.counts[j], watch.v_moving[j], watch.still_s[j] = state.counts[j], state.v[j], 0.0
+        else:
+            watch.still_s[j] += dt
+
+
+@lean_kernel
+def unseen_s(params: ServoParameters, state: ServoState) -> float:
+    """For how long nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
+    images = state.i[UNCHANGED]
+    silent = images * params.period_ns * 1e-9 if images > 0 else state.watch.f[SAMPLE_S]
+    return float(max(silent, state.f[DT]))
+
+
+@lean_kernel
+def watch_motors(params: ServoParameters, state: ServoState) -> None:
+    """Follow the torque nobody commanded, and raise what it shows while the pose is known and the motors are driven."""
+    mode = state.i[MODE]
+    if mode not in (HOLDING, TRACKING, STOPPING):
+        for j in range(state.q.size):
+            _forget_motor(params, state, j)
+            forget_encoder(state, j)
+            state.watch.counts_on[j], state.watch.along[j] = state.counts[j], 0
+            state.watch.v_ref_before[j] = 0.0
+        state.watch.f[WORK] = 0.0
+        return
+    stale = unseen_s(params, state) * params.watch.pace > STALE
+    motor_demand(params, state)
+    inertial_torques(params, state)
+    observe_motors(params, state, stale)
+    if stale:
+        return
+    for j in range(state.q.size):
+        _watch_motor(params, state, j)
+        _watch_encoder(params, state, j)
+
+
+@lean_kernel
+def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> None:
+    """The torque on every joint that nobody commanded, and what all of them together have done to the arm of late."""
+    watch, power = state.watch, 0.0
+    for j in range(state.q.size):
+        if stale:
+            _forget_motor(params, state, j)
+        else:
+            _observe_motor(params, state, j)
+        power += power_given(watch.push[j], state.v[j], params.watch.unexplained[j])
+    watch.f[WORK] = recent_work(watch.f[WORK], power, state.f[DT])
+
+
+@lean_kernel
+def motor_demand(params: ServoParameters, state: ServoState) -> None:
+    """What moves the motors: torque beyond the load into `tau_motor`, speed of the reference into `scratch`."""
+    for j in range(state.q.size):
+        state.scratch[j] = state.tau[j] - state.watch.load[j]
+    torque_to_motor(state.scratch, params.transmission, state.tau_motor)
+    motor_rates(state.v_ref, params.transmission, state.scratch)
+
+
+@lean_kernel
+def inertial_torques(params: ServoParameters, state: ServoState) -> None:
+    """How far the references have gone, how hard they bend, and what the joints may put on each other by it."""
+    watch, roots, dt, total, jolts = state.watch, params.watch.root_inertia, state.f[DT], 0.0, 0.0
+    for j in range(state.q.size):
+        jolt = unplanned_bend(params, state, j)
+        watch.jolt[j] = lasting(watch.jolt[j], jolt, dt)
+        watch.bend[j] = lasting(watch.bend[j], max(abs(state.a_ref[j]), jolt), dt)
+        total, jolts = total + roots[j] * watch.bend[j], jolts + roots[j] * watch.jolt[j]
+        watch.f[SWEPT] += dt * abs(state.v_ref[j])
+        watch.v_ref_before[j] = state.v_ref[j]
+    for j in range(state.q.size):
+        root, own = roots[j], roots[j] * watch.jolt[j]
+        watch.inertial[j] = COUPLING_SHARE * root * (total - root * watch.bend[j])
+        watch.allowed[j] = root * ((WRONG_INERTIA - 1.0) * own + COUPLING_SHARE * (jolts - own))
+
+
+@lean_kernel
+def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
+    """Acceleration that no program plans: of a stop, and what a jump of the reference's velocity asks for.
+
+    The threshold of unexplained torque lies above what a wrong model and an unknown load make of the transitions of
+    programs. A stop brakes harder, and where the velocity jumps at setpoints the torque follows with Kv.
+    """
+    limits, planned = params.watch, state.a_ref[j]
+    jolt = abs(planned) if state.i[MODE] == STOPPING else 0.0
+    if limits.jumps == 0:
+        return jolt
+    jump = abs(state.v_ref[j] - state.watch.v_ref_before[j] - state.f[DT] * planned)
+    return float(max(jolt, min(limits.jolt_per_jump[j] * jump, limits.jolt_max[j])))
+
+
+@lean_kernel
+def forget_encoder(state: ServoState, j: int) -> None:
+    """Nothing is known of how the joint slides."""
+    watch = state.watch
+    watch.travel[j], watch.slid[j], watch.q_ref_then[j] = 0, 0.0, state.q_ref[j]
+    watch.going[j], watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0, 0.0, 0.0
+
+
+@lean_kernel
+def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
+    """Raise an encoder whose joint must have moved since it last counted."""
+    watch, limits, unit = state.watch, params.watch, params.watch.unit_per_count[j]
+    torque, way = state.tau_motor[j], state.scratch[j] * watch.travel[j]
+    if watch.still_s[j] == 0.0:
+        watch.slid[j] = sliding_torque(torque, watch.travel[j], params.inertia[j], watch.bend[j])
+        watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.f[SWEPT]
+        watch.going[j] = 1 if way > 0.0 else 0
+        watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0
+        return
+    if not way > 0.0:
+        watch.going[j] = 0
+    if state.i[UNSEEN] != 0:
+        return
+    shifted = limits.unknown_load[j] * (watch.f[SWEPT] - watch.swept_then[j])
+    least, greatest = torque_bounds(
+        watch.slid[j], watch.travel[j], watch.going[j] != 0,
+        limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
+        watch.inertial[j] + WRONG_INERTIA * params.inertia[j] * watch.jolt[j], SCALE_SHARE * abs(watch.load[j]),
+    )  # fmt: skip
+    watch.missing_v[j], watch.missing[j] = predict_travel(
+        torque, least, greatest, params.inertia[j], state.f[DT], watch.missing_v[j], watch.missing[j]
+    )
+    watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
+    watching = pot_is_watching(state, j)
+    counts = STANDS_TURNS * params.transmission.counts_per_rev[j] if watching else MISSING_COUNTS
+    strayed = abs(state.pots.strayed[j]) >= STRAYED_READINGS and is_missing(watch.missing[j], MISSING_COUNTS, unit)
+    gone = strayed or (watch.driven[j] != 0 and state.pots.gone[j] >= GONE_READINGS)
+    if gone or is_missing(watch.missing[j], counts, unit):
+        code = held_by(params, state, j) if watching and not gone and state.pots.gone[j] == 0 else ENC_STUCK
+        report_fault(state, code, j, abs(torque), greatest if torque > 0.0 else -least)
+
+
+@lean_kernel
+def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
+    """Code of a joint that is driven and stands, as encoder and potentiometer agree; 0 for one that something holds.
+
+    How hard a joint may push against what holds it is a matter of the unexplained torque: a peg on the rim of its hole,
+    or a tool that is pressed on a surface, is no fault.
+    """
+    moved = abs(state.counts[j] - state.watch.counts_on[j]) > MOVED_COUNTS
+    return 0 if moved or params.watch.braked[j] == 0 else BRAKE_STUCK
+
+
+@lean_kernel
+def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    """What the joint has is what it is expected to have."""
+    watch = state.watch
+    watch.expected[j], watch.push[j] = params.inertia[j] * state.v[j], 0.0
+    watch.over_s[j], watch.clipped_s[j] = 0.0, 0.0
+
+
+@lean_kernel
+def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    """Whether the motor goes along its torque, and what else drives the joint."""
+    watch = state.watch
+    if state.i[UNSEEN] == 0:
+        watch.along[j] = counts_along(watch.along[j], watch.step[j], state.tau_motor[j], params.watch.proof[j])
+    watch.expected[j], watch.push[j] = observe_push(
+        params.inertia[j] * state.v[j], state.tau[j] - watch.load[j] - state.friction[j],
+        state.f[DT], params.watch.pace, watch.expected[j], watch.push[j],
+    )  # fmt: skip
+
+
+@lean_kernel
+def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
+    watch, limits, dt = state.watch, params.watch, state.f[DT]
+    if abs(watch.push[j]) <= limits.unexplained[j] + watch.allowed[j]:
+        watch.over_s[j] = 0.0
+    else:
+        watch.over_s[j] += dt
+        _name_push(params, state, j)
+    still_s, v_moving, unit = watch.still_s[j], watch.v_moving[j], limits.unit_per_count[j]
+    if stopped_dead(still_s, v_moving, unit, params.inertia[j], limits.impossible[j], watch.over_s[j]):
+        report_fault(state, ENC_STUCK, j, params.inertia[j] * abs(v_moving) / still_s, limits.impossible[j])
+    watch.clipped_s[j] = watch.clipped_s[j] + dt if abs(state.tau[j]) >= params.tau_max[j] else 0.0
+    report_fault(
+        state, check_saturation(watch.clipped_s[j], limits.saturation_s), j, watch.clipped_s[j], limits.saturation_s
+    )
+
+
+@lean_kernel
+def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
+    watch, limits = state.watch, params.watch
+    push, still_s = watch.push[j], watch.still_s[j]
+    margin = limits.runaway_speed[j] + thrown_speed(state, j)
+    most = limits.unexplained[j] + watch.allowed[j]
+    code = check_push(
+        push, most, watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
+        state.v[j], state.v_ref[j], margin,
+        still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
+        watch.f[WORK] < 0.0, watch.along[j] >= limits.proof[j],
+    )  # fmt: skip
+    if code == ENC_STUCK and pot_is_watching(state, j):
+        return  # a matter of the potentiometer, see `_watch_encoder`
+    if code == RUNAWAY:
+        report_fault(state, code, j, abs(state.v[j]), abs(state.v_ref[j]) + margin)
+    else:
+        report_fault(state, code, j, abs(push), most)
+
+
+@lean_kernel
+def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+    """Without power an arm stays where its brakes caught it; one that does not is told of, once.
+
+    The brakes close once the board shows that power is off, and have caught the arm when it has been seen without for
+    `SETTLE_S`: what a servo sleeps through is not seen, and an arm that sags meanwhile has not slipped.
+    """
+    watch = state.watch
+    power_shown = state.i[IMAGE_OK] != 0 and state.i[STATUS] & STATUS_POWER != 0
+    if wants_power(state.i[MODE]) or state.i[STARTED] == 0 or power_shown:
+        watch.f[UNPOWERED_S] = 0.0
+        return
+    if watch.f[UNPOWERED_S] <= SETTLE_S:
+        if state.i[IMAGE_OK] != 0:
+            watch.f[UNPOWERED_S] += min(state.f[DT], params.period_ns * 1e-9)
+        for j in range(state.q.size):
+            watch.q_parked[j] = state.q[j]
+        return
+    code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
+    if code == 0:
+        return
+    note_event(state, code, joint)
+    moved = abs(state.q[joint] - watch.q_parked[joint])
+    mode = state.i[MODE]
+    note_incident(
+        watch.incident, now_ns, state.i[TICK], code, joint, moved, params.watch.brake_slip[joint],
+        mode, mode, state.i[NEXT_SEQ] - 1,
+    )  # fmt: skip
+    watch.f[UNPOWERED_S] = NEVER_S

@@ -1,0 +1,95 @@
+"""When the guardian is to act: from before the first write that drives anything until the board shows that none does.
+
+The board holds its last words, so neither what the servo means to write nor what it has posted says what the motors
+get. The mark in the servo's heartbeat is therefore set before anything is posted that drives motors, brakes or outputs,
+and taken back only when the board
+
+* has taken a list with zero torque and without power, and everything posted before it,
+* has shown two new images since, for the one in the making may lack them, and
+* shows in the newest that arm power is off.
+
+Until then a servo without power says so again in every cycle. One that has just started is armed as well: nobody knows
+what a predecessor has left at the board. On every way to a board an image follows the operations taken before it, or
+the board is lost and made safe when it is found again.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.hwif.board_memory import Lane, posted_so_far, taken_so_far
+from qrobot.hwif.registers import STATUS_POWER
+from qrobot.realtime.atomics import store_release
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.mailbox import BEAT_ARMED, BEAT_T_NS, GUARD_TAKEOVER
+from qrobot.servo.state import (
+    ARMED,
+    BEGAN_NS,
+    DRIVEN,
+    IMAGE_OK,
+    IMAGE_SEEN,
+    SAFE_HEAD,
+    SAFE_IMAGE,
+    STARTED,
+    STATUS,
+    ServoState,
+)
+
+SERVO_LANE: Final = int(Lane.SERVO)
+IMAGES_TO_SHOW: Final = 2  # the image being made while operations are taken may lack them; the one after it has them
+NONE: Final = -1
+
+
+@lean_kernel
+def keep_armed(state: ServoState, mail: Any, driven: bool) -> None:
+    """Before the writes of a cycle are posted: have the guardian watch if they drive something, or if any may have."""
+    state.i[DRIVEN] = 1 if driven else 0
+    if driven and state.i[ARMED] == 0:
+        store_release(mail, BEAT_T_NS, state.i[BEGAN_NS])  # first: no silence of an unarmed servo counts
+        state.i[ARMED] = 1
+    store_release(mail, BEAT_ARMED, state.i[ARMED])
+
+
+@lean_kernel
+def say_again(state: ServoState) -> bool:
+    """Nothing is to be driven, but the board has not shown it yet: a write that was lost must not be the only one."""
+    return bool(state.i[DRIVEN] == 0 and state.i[ARMED] != 0)
+
+
+@lean_kernel
+def stands_down(state: ServoState, mail: Any) -> bool:
+    """The servo may end: its board carries nothing, it has never written to it, or the guardian has taken it."""
+    return bool(state.i[ARMED] == 0 or state.i[STARTED] == 0 or mail[GUARD_TAKEOVER] != 0)
+
+
+@lean_kernel
+def disarm_when_safe(state: ServoState, mail: Any, board: Any, posted: bool) -> None:
+    """After a cycle: let the guardian stand down once the board has shown that it carries neither torque nor power.
+
+    Args:
+        posted: the lane has taken this cycle's list.
+    """
+    if state.i[ARMED] == 0 or state.i[STARTED] == 0:
+        return
+    head = posted_so_far(board, SERVO_LANE)
+    if (
+        state.i[DRIVEN] != 0 or mail[GUARD_TAKEOVER] != 0 or head < state.i[SAFE_HEAD]
+    ):  # the last: another board's memory
+        state.i[SAFE_HEAD], state.i[SAFE_IMAGE] = NONE, NONE
+    elif state.i[SAFE_HEAD] == NONE:
+        state.i[SAFE_HEAD] = head if posted else NONE
+    elif state.i[SAFE_IMAGE] == NONE:
+        if taken_so_far(board, SERVO_LANE) >= state.i[SAFE_HEAD]:
+            state.i[SAFE_IMAGE] = state.i[IMAGE_SEEN]
+    elif state.i[IMAGE_SEEN] < state.i[SAFE_IMAGE]:
+        state.i[SAFE_HEAD], state.i[SAFE_IMAGE] = NONE, NONE  # a board that began to count anew
+    elif _shown_off(state):
+        state.i[ARMED] = 0
+        store_release(mail, BEAT_ARMED, 0)
+
+
+@lean_kernel
+def _shown_off(state: ServoState) -> bool:
+    """The newest image was made after the safe list was taken, and shows no power."""
+    new = state.i[IMAGE_SEEN] - state.i[SAFE_IMAGE] >= IMAGES_TO_SHOW
+    return bool(new and state.i[IMAGE_OK] != 0 and state.i[STATUS] & STATUS_POWER == 0)

@@ -1,0 +1,42 @@
+"""Hold to run: a stream that moves the arm only while somebody holds a key, as ISO 10218-1 wants it of manual jogging.
+
+Whoever commands says so of a stream, and then, again and again, that the key is held. When that stays away - the key is
+released, the link lost, the program or its key hangs - an arm that moves is stopped on its path, and held.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.mailbox import COMMAND_HELD_NS, COMMAND_HELD_STREAM
+from qrobot.servo.modes import Mode
+from qrobot.servo.stages.mode_machine import report_fault
+from qrobot.servo.state import MODE, STREAM, ServoState
+
+HOLD_TO_RUN: Final = int(FaultCode.HOLD_TO_RUN)
+TRACKING: Final = int(Mode.TRACKING)
+PATIENCE_NS: Final = (
+    70_000_000  # [A] two frames of 28 ms and a quarter; the stop begins within 100 ms, as faults.md says
+)
+
+
+@lean_kernel
+def key_is_held(asked: int, stream: int, held_ns: int, now_ns: int) -> bool:
+    """True while `stream` may move: no key is asked for, or it was said to be held not long ago, and not in future."""
+    return asked != stream + 1 or 0 <= now_ns - held_ns <= PATIENCE_NS
+
+
+@lean_kernel
+def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
+    """Stop an arm that moves without its key."""
+    if state.i[MODE] != TRACKING:
+        return
+    held_ns = mail[COMMAND_HELD_NS]
+    if key_is_held(mail[COMMAND_HELD_STREAM], state.i[STREAM], held_ns, now_ns):
+        return
+    for j in range(state.v_ref.size):
+        if state.v_ref[j] != 0.0 or state.torque_setpoint[j] != 0.0:
+            report_fault(state, HOLD_TO_RUN, NO_JOINT, (now_ns - held_ns) * 1e-9, PATIENCE_NS * 1e-9)
+            return

@@ -1,0 +1,190 @@
+"""The safety gate: trusts neither the law, nor the sensors, nor whoever writes setpoints.
+
+Every check answers with a fault code (0: all well), where it looks at joints with the first of them that fails too
+(`NO_JOINT`: all well), and is written `not (x <= limit)`, so that NaN fails. No check
+allocates, raises or prints. What follows from a code stands in `STOP_CATEGORY`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
+from qrobot.servo.modes import StopCategory
+
+NONE: Final = int(FaultCode.NONE)
+VEL_LIMIT: Final = int(FaultCode.VEL_LIMIT)
+RUNAWAY: Final = int(FaultCode.RUNAWAY)
+FOLLOWING: Final = int(FaultCode.FOLLOWING)
+JOINT_LIMIT: Final = int(FaultCode.JOINT_LIMIT)
+LAW_NAN: Final = int(FaultCode.LAW_NAN)
+BOARD_GONE: Final = int(FaultCode.BOARD_GONE)
+SP_INVALID: Final = int(FaultCode.SP_INVALID)
+SP_LIMIT: Final = int(FaultCode.SP_LIMIT)
+SP_STEP: Final = int(FaultCode.SP_STEP)
+START_POSE: Final = int(FaultCode.START_POSE)
+
+# Past this share of the velocity limit a controlled stop is not trusted any more.
+VELOCITY_CATEGORY_0: Final = 1.5
+
+# Reaction to each code (IEC 60204-1). Feedback and DAC trusted: stop on the path. Otherwise: cut the power.
+_CATEGORY: Final[dict[FaultCode, StopCategory]] = {
+    FaultCode.VEL_LIMIT: StopCategory.CATEGORY_1,
+    FaultCode.JOINT_LIMIT: StopCategory.CATEGORY_1,
+    FaultCode.ENC_LOSS: StopCategory.CATEGORY_1,
+    FaultCode.GUARD_LOST: StopCategory.CATEGORY_1,
+    FaultCode.LAW_NAN: StopCategory.CATEGORY_1,
+    FaultCode.LAW_SLOW: StopCategory.CATEGORY_1,
+    FaultCode.LAW_BOUNDS: StopCategory.CATEGORY_1,
+    FaultCode.OVERRUN: StopCategory.CATEGORY_1,
+    **{code: StopCategory.CATEGORY_2 for code in FaultCode if code.name.startswith("CAL_")},
+    FaultCode.STREAM_LOST: StopCategory.CATEGORY_2,
+    FaultCode.SP_INVALID: StopCategory.CATEGORY_2,
+    FaultCode.SP_LIMIT: StopCategory.CATEGORY_2,
+    FaultCode.SP_STEP: StopCategory.CATEGORY_2,
+    FaultCode.START_POSE: StopCategory.CATEGORY_2,
+    FaultCode.POWER_NO_ACK: StopCategory.CATEGORY_2,
+    FaultCode.RESET_DENIED: StopCategory.CATEGORY_2,
+    FaultCode.SATURATED: StopCategory.CATEGORY_2,
+    FaultCode.IO_LOST: StopCategory.CATEGORY_2,
+    FaultCode.COLLISION: StopCategory.CATEGORY_2,
+    FaultCode.CFG_GAIN: StopCategory.CATEGORY_2,
+    FaultCode.RATE: StopCategory.CATEGORY_2,
+    FaultCode.RT_BUDGET: StopCategory.CATEGORY_2,
+    FaultCode.PAGEFAULT: StopCategory.CATEGORY_2,
+    FaultCode.HOLD_TO_RUN: StopCategory.CATEGORY_2,
+    FaultCode.T1_LIMIT: StopCategory.CATEGORY_2,
+}
+
+
+def stop_category(code: FaultCode) -> StopCategory:
+    """Stop category that follows from a code; whatever the table does not soften is category 0."""
+    return _CATEGORY.get(code, StopCategory.CATEGORY_0)
+
+
+_CATEGORY_BY_NUMBER: Final = np.zeros(256, dtype=np.int64)
+for _code in FaultCode:
+    _CATEGORY_BY_NUMBER[_code] = stop_category(_code)
+
+
+@lean_kernel
+def category_of(code: int) -> int:
+    """Stop category of a code number; category 0 for a number out of range."""
+    if 0 <= code < _CATEGORY_BY_NUMBER.size:
+        return int(_CATEGORY_BY_NUMBER[code])
+    return 0
+
+
+@lean_kernel
+def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
+    """(code, joint): measured speed within `factor` times the limit; RUNAWAY beyond 1.5 times. Shapes (n,).
+
+    A joint that runs away is told of before one that is only too fast, whichever comes first in the arm.
+    """
+    code, joint = NONE, NO_JOINT
+    for j in range(v.size):
+        if not abs(v[j]) <= VELOCITY_CATEGORY_0 * v_max[j]:
+            return RUNAWAY, j
+        if code == NONE and not abs(v[j]) <= factor * v_max[j]:
+            code, joint = VEL_LIMIT, j
+    return code, joint
+
+
+@lean_kernel
+def check_following(q_ref: Any, q: Any, allowed: Any) -> tuple[int, int]:
+    """(code, joint): the arm is where it was told to be, within `allowed` rad. Shapes (n,)."""
+    for j in range(q.size):
+        if not abs(q_ref[j] - q[j]) <= allowed[j]:
+            return FOLLOWING, j
+    return NONE, NO_JOINT
+
+
+@lean_kernel
+def check_range(q: Any, q_min: Any, q_max: Any, margin: Any) -> tuple[int, int]:
+    """(code, joint): measured position inside its range widened by `margin`. Shapes (n,), rad or m."""
+    for j in range(q.size):
+        if not (q_min[j] - margin[j] <= q[j] <= q_max[j] + margin[j]):
+            return JOINT_LIMIT, j
+    return NONE, NO_JOINT
+
+
+@lean_kernel
+def check_image(unchanged: int, most: int, count: int, status: int) -> int:
+    """The image is published, renewed at least every `most` cycles, and not the all-ones of an unplugged board.
+
+    Cycles are counted, not time: a machine that stalls as a whole ages the image without the board being at fault.
+    """
+    if not count > 0:
+        return BOARD_GONE
+    if not unchanged <= most:
+        return BOARD_GONE
+    if status == 0xFFFF:
+        return BOARD_GONE
+    return NONE
+
+
+@lean_kernel
+def limit_torque(tau: Any, tau_max: Any) -> tuple[int, int, int]:
+    """Clip `tau` in place to +-`tau_max`: (code, joint, number of joints clipped). Shapes (n,).
+
+    What is no finite number becomes zero torque: an infinity is a division by zero, not a wish for full torque.
+    """
+    code, joint, clipped = NONE, NO_JOINT, 0
+    for j in range(tau.size):
+        if not abs(tau[j]) <= tau_max[j]:
+            clipped += 1
+            if not abs(tau[j]) < np.inf:
+                tau[j] = 0.0
+                code, joint = LAW_NAN, j
+            elif tau[j] > 0.0:
+                tau[j] = tau_max[j]
+            else:
+                tau[j] = -tau_max[j]
+    return code, joint, clipped
+
+
+@lean_kernel
+def check_first_setpoint(setpoint: Any, modes: Any, q_ref: Any, tolerance: float) -> tuple[int, int]:
+    """(code, joint): a stream begins where the reference stands, within `tolerance` rad. Shapes (n,)."""
+    for j in range(setpoint.size):
+        if modes[j] == POSITION_SETPOINT and not abs(setpoint[j] - q_ref[j]) <= tolerance:
+            return START_POSE, j
+    return NONE, NO_JOINT
+
+
+@lean_kernel
+def check_setpoint(
+    setpoint: Any,
+    modes: Any,
+    knots: Any,
+    q_min: Any,
+    q_max: Any,
+    v_max: Any,
+    a_max: Any,
+    tau_max: Any,
+    period_s: float,
+    slack: float,
+) -> tuple[int, int]:
+    """(code, joint): the next setpoint is finite, in range, and asks for no more than the joint has.
+
+    Differences against the two newest knots give the velocity and acceleration asked for; sampling a smooth motion
+    overshoots them slightly, which `v_max` and `a_max` have to allow for; beside an extrapolated knot the bend is seen
+    up to three times too large, which `slack` allows for. Shapes (n,), knots (4, n).
+    """
+    for j in range(setpoint.size):
+        if modes[j] == POSITION_SETPOINT:
+            step = setpoint[j] - knots[3, j]
+            bend = step - (knots[3, j] - knots[2, j])
+            if not abs(setpoint[j]) < np.inf:
+                return SP_INVALID, j
+            if not (q_min[j] <= setpoint[j] <= q_max[j]):
+                return SP_LIMIT, j
+            if not (abs(step) <= v_max[j] * period_s and abs(bend) <= slack * a_max[j] * period_s * period_s):
+                return SP_STEP, j
+        elif modes[j] == TORQUE_SETPOINT and not abs(setpoint[j]) <= tau_max[j]:
+            return SP_LIMIT, j
+    return NONE, NO_JOINT

@@ -1,0 +1,89 @@
+"""Lost counts, found at the next index pulse: while a calibrated arm is in use its index latches stay armed.
+
+Every index pulse of a joint lies at one place of the motor turn, `index_phase` of the robot file. A latched count that
+is off by more than `LOST_COUNTS` means that the counter has lost or gained some: ENC_LOSS, and the counters are not
+calibrated any more. Only with a calibration table, whose phases have been checked against the robot file.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
+from qrobot.hwif.registers import DISCRETE, ENC_INDEX, INDEX_BIT_0
+from qrobot.model.transmission import signed_word
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
+
+ENC_LOSS: Final = int(FaultCode.ENC_LOSS)
+LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two early or late
+
+# indexes into `IndexWatch.i`
+(
+    ARMED,  # bits of the latches that are armed, as in DISCRETE
+    REARM,  # bits of those to arm in this cycle
+    VALID_AT,  # count of the first image whose flags count
+    N_WATCH_INTEGERS,
+) = range(4)
+
+
+class IndexWatch(NamedTuple):
+    """What the watch remembers."""
+
+    i: Any  # int64[N_WATCH_INTEGERS]
+
+
+def make_index_watch() -> IndexWatch:
+    """Nothing armed."""
+    return IndexWatch(np.zeros(N_WATCH_INTEGERS, np.int64))
+
+
+@lean_kernel
+def off_phase(count: int, phase: int, turn: int) -> int:
+    """By how many counts an index pulse at `count` is off its place, from -turn/2 to turn/2."""
+    return (count - phase + turn // 2) % turn - turn // 2
+
+
+@lean_kernel
+def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tuple[int, int]:
+    """(code, joint): index pulses seen in the newest image lie where they have to. Has the latches armed as is due.
+
+    Args:
+        transmission: `TransmissionParams`. phase: index pulse modulo counts_per_rev, int64[n]. state: `ServoState`.
+        status: STATUS of its image.
+    """
+    watch, n = state.index_watch, state.raw.size
+    every = ((1 << n) - 1) * INDEX_BIT_0
+    seen = watch.i[ARMED] & ~status & every
+    watch.i[REARM] = every & ~watch.i[ARMED]
+    if seen == 0 or state.image[IMAGE_COUNT] < watch.i[VALID_AT]:
+        return 0, NO_JOINT
+    watch.i[REARM] |= seen
+    for j in range(n):
+        if seen & INDEX_BIT_0 << j:
+            latched = state.image[IMAGE_INPUTS + ENC_INDEX // 2 + j]
+            count = state.counts[j] + signed_word(latched - state.raw[j]) - transmission.count_offset[j]
+            if abs(off_phase(count, phase[j], transmission.counts_per_rev[j])) > LOST_COUNTS:
+                return ENC_LOSS, j
+    return 0, NO_JOINT
+
+
+@lean_kernel
+def stop_watching(state: Any) -> None:
+    """Let the latches be; whoever arms them next presets them first."""
+    state.index_watch.i[ARMED], state.index_watch.i[REARM] = 0, 0
+
+
+@lean_kernel
+def post_index_watch(state: Any, n: int, word: int) -> int:
+    """Arm the latches that are due (mask 0, then 1) in DISCRETE `word`; returns the number of operations."""
+    watch = state.index_watch
+    if watch.i[REARM] != 0:
+        n = put_write(state.ops, n, DISCRETE, word & ~watch.i[REARM])
+        n = put_write(state.ops, n, DISCRETE, word)
+        watch.i[ARMED] |= watch.i[REARM]
+        watch.i[REARM], watch.i[VALID_AT] = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
+    return n

@@ -1,0 +1,163 @@
+"""What the watches over motors, brakes and timing remember from cycle to cycle, and the numbers they judge by."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.servo.memory.stop_record import INCIDENT_WORDS
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.stages.interpolation_polynomials import find_form
+from qrobot.units import NS_PER_S
+
+PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
+FASTEST_SHARE: Final = 0.5  # of a deviation the observer may take back in one cycle; slow servos have a slower one
+# Friction as commanded torque, over the Coulomb friction of the robot file, where that is a third too low, sticks by a
+# factor of 1.3 and the motor gives a fifth too little [A]: at break-away, and beyond that of the sliding joint.
+HELD_SHARE: Final = 1.3 * 1.3 / 0.8
+RISE_SHARE: Final = 0.3 * 1.3 / 0.8
+RESTLESS_COUNTS: Final = 2.0  # between two counts the position loop goes on by so many, however coarse they are [A]
+IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
+PROOF_TURNS: Final = 0.25  # of the motor, net, the way of its torque: the sign is right [A]; backlash is a hundredth
+
+# indexes into `WatchState.i`
+(
+    LATE_ROW,  # cycles in a row that were late or followed skipped ones
+    POINTS,  # points of the time grid in the present window
+    MISSES_SEEN,  # of these, late or skipped
+    SLOW_ROW,  # cycles in a row that took longer than their period
+    HEAVY_ROW,  # cycles in a row that took longer than half of it
+    WARNINGS,  # warnings since the servo started
+    LOSSES_TOLD,  # of remote modules, up to the last cycle
+    YIELDS,  # 1: the stop going on ends where the arm is, not where its reference is
+    N_INTEGERS,
+) = range(9)
+
+# indexes into `WatchState.f`
+(
+    UNPOWERED_S,  # time since power was last wanted
+    SAMPLE_S,  # between the newest two samples of the encoders
+    SWEPT,  # way of all references together, rad (m)
+    WORK,  # of the torques nobody commanded, of late, J
+    N_FLOATS,
+) = range(5)
+
+
+class WatchParams(NamedTuple):
+    """Thresholds. Vectors have shape (n,) and SI units."""
+
+    unexplained: Any  # torque, N m (N), that no wrong parameter of the model explains
+    impossible: Any  # torque, N m (N), that nothing stops a joint with
+    runaway_speed: Any  # rad/s (m/s) beyond the reference's
+    pace: float  # of the momentum observer, 1/s
+    braked: Any  # 1 where the joint has a brake, int64
+    brake_slip: Any  # rad (m)
+    unit_per_count: Any  # rad (m) a count stands for, positive
+    count_way: Any  # 1 or -1: which way the joint goes when counts rise, int64
+    proof: Any  # counts along its torque after which a motor's sign is right
+    holds_up: Any  # upward torque of a motor, N m (N), that friction and unknown load may take up without motion
+    holds_down: Any  # the same, downward
+    rise_up: Any  # from a motor's sliding torque to break-away, N m (N)
+    rise_down: Any
+    unknown_load: Any  # N m (N)
+    root_inertia: Any  # sqrt of M0
+    jumps: int  # 1: the velocity of the reference jumps at setpoints
+    jolt_per_jump: Any  # Kv / M0, 1/s: acceleration a jump asks for
+    jolt_max: Any  # tau_max / M0, rad/s2 (m/s2)
+    saturation_s: float
+    misses_in_a_row: int  # 0: never too many
+    misses_allowed: int  # in one window
+    window_points: int
+
+
+class WatchState(NamedTuple):
+    """Mutable arrays. Vectors have shape (n,) and SI units."""
+
+    i: Any
+    f: Any
+    load: Any  # gravity at the measured pose on every joint, N m (N)
+    expected: Any  # momentum the torques account for, N m s (N s)
+    push: Any  # torque nobody commanded, N m (N)
+    over_s: Any  # for how long it has been above its threshold
+    counts: Any  # encoder counts at the last sample, int64
+    counts_on: Any  # encoder counts when power came on, int64
+    still_s: Any  # for how long they have not changed
+    step: Any  # counts of the newest sample, positive with the joint, int64
+    along: Any  # counts along the torque since power came on, see `guard_motion.counts_along`, int64
+    travel: Any  # counts since the motor last turned round, positive with the joint, int64
+    going: Any  # 1: its reference has gone on that way since the last count, int64
+    slid: Any  # motor torque beyond the load that slid it when the encoder last counted, at most, N m (N)
+    missing_v: Any  # speed and way of the joint since then, as far as they are sure, see `servo.checks.dead_encoder`
+    missing: Any
+    q_ref_then: Any  # reference at the last count
+    swept_then: Any  # way of all references when it last counted
+    bend: Any  # size of the reference's acceleration, of late
+    jolt: Any  # of `bend`, what no program plans: a stop's, and jumps of the reference's velocity
+    v_ref_before: Any  # of the cycle before
+    inertial: Any  # what other joints' acceleration may put on it, of late, N m (N)
+    allowed: Any  # push that a wrong model may make of such accelerations, N m (N)
+    driven: Any  # 1: reference or torque has changed since, int64
+    v_moving: Any  # velocity when they last changed
+    gave_way: Any  # velocity of its reference when it gave way in this stop, see `servo.stages.collision_stop`
+    clipped_s: Any  # for how long the torque has been at its limit
+    q_parked: Any  # where the arm came to rest without power
+    incident: Any  # int64[INCIDENT_WORDS], see `servo.memory.stop_record`
+
+
+def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
+    """Thresholds for `robot` at the servo's rate.
+
+    Drives that close their own loop tell no torque: what could only be judged by one is then never found too large.
+    """
+    torque = np.inf if settings.position_drives else 1.0
+    guard, period_s = robot.guard, settings.period_ns / NS_PER_S
+    friction, load = robot.friction[robot.control.friction_preset], guard.unknown_load_or_default
+    unit_per_count = np.abs(robot.transmission.rad_per_count)
+    step = RESTLESS_COUNTS * robot.control.kp * unit_per_count
+    points = max(1, round(settings.overrun.window_s / period_s))
+    return WatchParams(
+        unexplained=torque * guard.unexplained_torque_or_default,
+        impossible=torque * IMPOSSIBLE_TORQUE * guard.tau_max,
+        runaway_speed=robot.limits.v_max * guard.runaway_share,
+        pace=min(PACE_PER_S, FASTEST_SHARE / period_s),
+        braked=np.array(robot.transmission.brake, dtype=np.int64),
+        brake_slip=guard.brake_slip * np.ones(robot.n),
+        unit_per_count=unit_per_count,
+        count_way=np.sign(robot.transmission.rad_per_count).astype(np.int64),
+        proof=PROOF_TURNS * robot.transmission.counts_per_rev,
+        holds_up=torque * (HELD_SHARE * friction.coulomb_pos + load + step),
+        holds_down=torque * (HELD_SHARE * friction.coulomb_neg + load + step),
+        rise_up=torque * (RISE_SHARE * friction.coulomb_pos + step),
+        rise_down=torque * (RISE_SHARE * friction.coulomb_neg + step),
+        unknown_load=load * np.ones(robot.n),
+        root_inertia=np.sqrt(robot.control.inertia),
+        jumps=int(find_form(settings.interpolation).continuity == 0),
+        jolt_per_jump=robot.control.kv / robot.control.inertia,
+        jolt_max=guard.tau_max / robot.control.inertia,
+        saturation_s=guard.saturation_s,
+        misses_in_a_row=settings.overrun.misses_in_a_row,
+        misses_allowed=int(settings.overrun.late_share * points),
+        window_points=points,
+    )
+
+
+def make_watch_state(n: int) -> WatchState:
+    """Nothing seen yet."""
+
+    def vector() -> Any:
+        return np.zeros(n)
+
+    def integers(size: int) -> Any:
+        return np.zeros(size, dtype=np.int64)
+
+    return WatchState(
+        i=integers(N_INTEGERS), f=np.zeros(N_FLOATS), load=vector(), expected=vector(), push=vector(),
+        over_s=vector(), step=integers(n), along=integers(n),
+        counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
+        travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
+        swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),
+        allowed=vector(), driven=integers(n),
+        gave_way=vector(), clipped_s=vector(), q_parked=vector(), incident=integers(INCIDENT_WORDS),
+    )  # fmt: skip

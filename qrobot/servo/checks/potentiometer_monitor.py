@@ -1,0 +1,200 @@
+"""Potentiometers against encoders while the motors carry torque: a motor that turns shows in one, or the other is dead.
+
+pot - slope * counts does not change when a joint moves. While the counts of a joint that is driven stand, and its
+potentiometer goes on, its encoder is dead (`servo.checks.dead_encoder`).
+
+With a calibration table the potentiometers have been checked before power. Without one there is only the slope of the
+robot file, which a deployment may have left as it was, so that one has to earn trust:
+
+| a potentiometer is |                                                                  | is taken for               |
+|--------------------|------------------------------------------------------------------|----------------------------|
+| UNPROVEN           | quiet before power, and has not been moved yet                   | a motor gone, if it goes   |
+| PROVEN             | and has gone with its encoder for two turns of the motor         | the same, and one that     |
+|                    |                                                                  | stands, if it stands       |
+| REFUTED            | noisy before power, or has not gone with its encoder             | nothing, until power goes  |
+
+An UNPROVEN one that is dead, absent or wired elsewhere thus never excuses an encoder, nor accuses one by its noise.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from qrobot.faultcodes import NO_JOINT
+from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_VOLT_PER_COUNT
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.calibration.potentiometers import MOST_SILENCES, has_table, pot_residue
+from qrobot.servo.calibration.state import (
+    IMPLAUSIBLE,
+    JOINT_NOW,
+    PLAUSIBLE,
+    PROVEN,
+    REFUTED,
+    SILENT,
+    STAGE,
+    SUSPECT,
+    TIMEOUTS_BEFORE,
+    UNJUDGED,
+    UNPROVEN,
+    VERDICT,
+    Stage,
+)
+from qrobot.servo.checks.dead_encoder import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
+from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.converter import REVISION_E, TIMEOUTS
+from qrobot.servo.state import MODE, REVISION, TICK, ServoState
+
+TURN_TICKS: Final = 32  # so many cycles a turn of the converter,
+POT_TICKS: Final = 8  # and of these for potentiometers, beside sensors [A]
+COMMON_TICKS: Final = 12  # and of these for all of them, beside joints that show no count though driven [A]
+SUSPECT_S: Final = 0.02  # so long driven without a count: read more often [A]
+HEARD: Final = 12  # readings of each potentiometer before power, where there is no table
+QUIET_TURNS: Final = 0.3  # of the motor, within which they lie [A]; noise of the emulated ones makes 0.17
+STEP_E: Final = ADC_E_VOLT_PER_COUNT / ADC_F_VOLT_PER_COUNT  # of 8 bits, ADC units: 0.4 turns
+STRAYED_SHARE: Final = 0.6  # of what shows a motor gone: an answer where the model is sure of missing counts [A]
+CALIBRATING: Final = int(Mode.CALIBRATING)
+SWEEPING: Final = int(Stage.SWEEPING)
+
+
+@lean_kernel
+def wanted_channels(params: ServoParameters, state: ServoState) -> int:
+    """ADC channels to sample now: the sensors', and potentiometers as long as they are needed. A bit each."""
+    if not has_table(params):
+        return int(params.sensor_mask | _unchecked_channels(params, state))
+    if state.cal.i[STAGE] == SWEEPING:  # nothing else, so that every turn has many readings
+        return int(1 << params.pot_channel[state.cal.i[JOINT_NOW]])
+    verdict = state.pots.i[VERDICT]
+    if verdict == IMPLAUSIBLE or (verdict == PLAUSIBLE and not compared_now(params, state)):
+        return int(params.sensor_mask)
+    return int(params.sensor_mask | pot_channels(params, state))
+
+
+@lean_kernel
+def _unchecked_channels(params: ServoParameters, state: ServoState) -> int:
+    """Channels of the potentiometers, without a table: until they were heard, and under torque; those of no sensor."""
+    verdict = state.pots.i[VERDICT]
+    if params.pots == 0 or verdict == SILENT or (verdict == PLAUSIBLE and not compared_now(params, state)):
+        return 0
+    return int(pot_channels(params, state) & ~params.sensor_mask)
+
+
+@lean_kernel
+def pot_channels(params: ServoParameters, state: ServoState) -> int:
+    """Channels of all potentiometers, or most of the time of those of joints that show no count though driven."""
+    every, suspects = 0, 0
+    for j in range(params.pot_channel.size):
+        bit = 1 << params.pot_channel[j]
+        every |= bit
+        if state.watch.driven[j] != 0 and state.watch.still_s[j] >= SUSPECT_S:
+            suspects |= bit
+    common = suspects == 0 or not watched(state) or state.i[TICK] % TURN_TICKS < COMMON_TICKS
+    return every if common else suspects
+
+
+@lean_kernel
+def compared_now(params: ServoParameters, state: ServoState) -> bool:
+    """The turn of the potentiometers, beside encoders under torque: always, or a quarter of the time beside sensors."""
+    if not gives_torque(state.i[MODE]):
+        return False
+    return params.sensor_mask == 0 or state.i[TICK] % TURN_TICKS < POT_TICKS
+
+
+@lean_kernel
+def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
+    """Without a table: take a new conversion of `channel` (-1: none) before power, and judge their noise.
+
+    A converter that stays silent is not asked again. Power waits for none of it.
+    """
+    pots = state.pots
+    if has_table(params) or params.pots == 0 or pots.i[VERDICT] != UNJUDGED or gives_torque(state.i[MODE]):
+        return
+    enough = True
+    for j in range(params.pot_channel.size):
+        if params.pot_channel[j] == channel:
+            _hear_pot(params, state, j)
+        enough = enough and (pots.readings[j] >= HEARD or _is_a_sensor(params, j))
+    if enough:
+        pots.i[VERDICT] = PLAUSIBLE
+    elif state.adc.i[TIMEOUTS] - pots.i[TIMEOUTS_BEFORE] >= MOST_SILENCES:
+        pots.i[VERDICT], pots.i[SUSPECT] = SILENT, NO_JOINT
+
+
+@lean_kernel
+def _is_a_sensor(params: ServoParameters, j: int) -> bool:
+    return bool(params.sensor_mask & (1 << params.pot_channel[j]) != 0)
+
+
+@lean_kernel
+def _hear_pot(params: ServoParameters, state: ServoState, j: int) -> None:
+    pots, residue = state.pots, pot_residue(params, state, j)
+    pots.low[j] = residue if pots.readings[j] == 0 else min(pots.low[j], residue)
+    pots.high[j] = residue if pots.readings[j] == 0 else max(pots.high[j], residue)
+    pots.readings[j] += 1
+
+
+@lean_kernel
+def follow_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
+    """Compare a new conversion of `channel` (-1: none) with its encoder while the motors carry torque."""
+    if channel < 0 or state.pots.i[VERDICT] != PLAUSIBLE:
+        return
+    for j in range(params.pot_channel.size):
+        if params.pot_channel[j] != channel:
+            continue
+        if watched(state) and (has_table(params) or not _is_a_sensor(params, j)):
+            _follow_pot(params, state, j)
+        else:
+            state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
+
+
+@lean_kernel
+def watched(state: ServoState) -> bool:
+    """The counts are those of the pose, and stay so: they are not being calibrated."""
+    return gives_torque(state.i[MODE]) and state.i[MODE] != CALIBRATING
+
+
+@lean_kernel
+def _follow_pot(params: ServoParameters, state: ServoState, j: int) -> None:
+    pots, residue = state.pots, pot_residue(params, state, j)
+    turn = abs(params.transmission.pot_per_count[j]) * params.transmission.counts_per_rev[j]
+    if pots.followed[j] == 0:
+        _begin_proof(params, state, j, residue, turn)
+    else:
+        _go_on_with_proof(params, state, j, residue, turn)
+    free = state.counts[j] != pots.counts[j] or state.watch.driven[j] == 0
+    pots.average[j], trusted = follow_pot(residue, pots.newest[j], pots.average[j], pots.followed[j], free, turn)
+    pots.trusted[j] = 1 if trusted and (pots.followed[j] == 0 or pots.trusted[j] != 0) else 0
+    far = gone_units(turn, pots.high[j] - pots.low[j], STEP_E if state.i[REVISION] == REVISION_E else 0.0)
+    credible = pots.trusted[j] != 0 and pots.proof[j] != REFUTED and pots.followed[j] >= FIRST_READINGS
+    off = residue - pots.average[j] if credible and not free else 0.0
+    pots.gone[j] = pots.gone[j] + 1 if not abs(off) <= far else 0
+    pots.strayed[j] = in_a_row(pots.strayed[j], off, STRAYED_SHARE * far)
+    pots.newest[j], pots.counts[j] = residue, state.counts[j]
+    pots.followed[j] += 1
+
+
+@lean_kernel
+def _begin_proof(params: ServoParameters, state: ServoState, j: int, residue: float, turn: float) -> None:
+    """Power has come on: what its readings before say of a potentiometer, or a table."""
+    pots = state.pots
+    quiet = abs(pots.high[j] - pots.low[j]) <= QUIET_TURNS * turn
+    pots.proof[j] = PROVEN if has_table(params) else UNPROVEN if quiet else REFUTED
+    pots.anchor[j], pots.anchor_counts[j] = residue, state.counts[j]
+
+
+@lean_kernel
+def _go_on_with_proof(params: ServoParameters, state: ServoState, j: int, residue: float, turn: float) -> None:
+    """Try a potentiometer that no table vouches for, on each stretch of two turns; refuted once, it stays so."""
+    pots, counts = state.pots, state.counts[j] - state.pots.anchor_counts[j]
+    followed = has_followed(residue - pots.anchor[j], counts, params.transmission.counts_per_rev[j], turn)
+    if followed == 0 or has_table(params) or pots.proof[j] == REFUTED:
+        return
+    pots.proof[j] = PROVEN if followed > 0 else REFUTED
+    pots.anchor[j], pots.anchor_counts[j] = residue, state.counts[j]
+
+
+@lean_kernel
+def pot_is_watching(state: ServoState, j: int) -> bool:
+    """A potentiometer that can be trusted would show a motor that turns while its encoder does not count."""
+    pots = state.pots
+    return bool(pots.followed[j] >= FIRST_READINGS and pots.trusted[j] != 0 and pots.proof[j] == PROVEN)

@@ -1,0 +1,164 @@
+"""Another law or other gains while the arm holds, without the arm noticing.
+
+Two laws rarely ask for the same torque: one carries the arm's weight, the next leaves that to its feedback. So at the
+swap the difference is kept as a *bias* on what the new law says: the torque goes on as it was, to the last bit, and so
+does the arm. The bias stays for as long as the arm holds and fades away once it moves (`FADE_S`), where the new law's
+own error has to show. It is gone at the next power-up, and when the law fails.
+
+The words here belong to the servo's process alone: an address that somebody else can write is an address anybody can
+jump to. A swap is asked for by the daemon's main thread and done by the loop, between two cycles.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.pointer import function_at
+from qrobot.servo.laws.law import LAW_SIGNATURE, MEMORY_WORDS, N_GAINS, N_SETTINGS, Law
+from qrobot.servo.stages.velocity import at_rest
+
+FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
+
+# indexes into `SwapState.i`
+(
+    LAW_AT,  # address of the law in force
+    ASKED,  # raised to ask for a swap
+    DONE,  # the request last dealt with
+    RESULT,  # what became of it
+    NEXT_LAW_AT,  # address of the law asked for
+    DONE_TICK,  # the cycle that dealt with it
+    DONE_T_NS,  # planned time of that cycle
+    LAST_LAW_AT,  # address of the law before the one in force, 0 for none
+    N_SWAP_INTEGERS,
+) = range(9)
+
+SWAPPED, NOT_NOW, NO_TORQUE, OUT_OF_BOUNDS = range(4)  # values of RESULT
+
+law_at = function_at(LAW_SIGNATURE)
+
+
+class SwapState(NamedTuple):
+    """The law in force and the one asked for. Vectors have shape (n,) and SI units."""
+
+    i: Any  # int64[N_SWAP_INTEGERS]
+    gains: Any  # in force, (3, n)
+    next_gains: Any  # (3, n)
+    settings: Any  # of the law in force, (32,)
+    last_settings: Any  # of the law before it, (32,)
+    next_settings: Any  # (32,)
+    bias: Any  # N m (N), added to what the law says
+    trial: Any  # what the law asked for says
+    trial_memory: Any  # (64,)
+
+
+def make_swap_state(law: Law, gains: Any) -> SwapState:
+    """A law in force from the start; `gains` has shape (3, n)."""
+    n = gains.shape[1]
+    integers = np.zeros(N_SWAP_INTEGERS, dtype=np.int64)
+    integers[LAW_AT] = law.address
+    return SwapState(
+        i=integers,
+        gains=np.array(gains),
+        next_gains=np.zeros((N_GAINS, n)),
+        settings=np.array(law.values),
+        last_settings=np.zeros(N_SETTINGS),
+        next_settings=np.zeros(N_SETTINGS),
+        bias=np.zeros(n),
+        trial=np.zeros(n),
+        trial_memory=np.zeros(MEMORY_WORDS),
+    )
+
+
+def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
+    """Ask the loop for another law, which has to live on. Call again only when that is done (`maybe_swap_result`)."""
+    swap.i[NEXT_LAW_AT] = law.address
+    swap.next_gains[:] = gains
+    swap.next_settings[:] = law.values
+    _ask(swap.i)
+
+
+def maybe_swap_result(swap: SwapState) -> int | None:
+    """SWAPPED, NOT_NOW, NO_TORQUE or OUT_OF_BOUNDS; None while the request waits for the next cycle."""
+    return None if swap_asked(swap.i) else int(swap.i[RESULT])
+
+
+@lean_kernel
+def _ask(integers: Any) -> None:
+    store_release(integers, ASKED, integers[ASKED] + 1)
+
+
+@lean_kernel
+def swap_asked(integers: Any) -> bool:
+    """A request waits; `integers` is `SwapState.i`."""
+    return bool(integers[ASKED] != load_acquire(integers, DONE))
+
+
+@lean_kernel
+def forget_bias(swap: Any) -> None:
+    """What the law says is all there is."""
+    for j in range(swap.bias.size):
+        swap.bias[j] = 0.0
+
+
+@lean_kernel
+def fade_bias(swap: Any, dt: float) -> None:
+    """Let the bias decay for `dt` seconds."""
+    share = math.exp(-dt / FADE_S)
+    for j in range(swap.bias.size):
+        swap.bias[j] = at_rest(swap.bias[j] * share)
+
+
+@lean_kernel
+def install(swap: Any) -> int:
+    """Put the law asked for in force, as it is; the one before stays at hand."""
+    if swap.i[LAW_AT] != swap.i[NEXT_LAW_AT]:
+        swap.i[LAST_LAW_AT] = swap.i[LAW_AT]
+        for k in range(swap.settings.size):
+            swap.last_settings[k] = swap.settings[k]
+    swap.i[LAW_AT] = swap.i[NEXT_LAW_AT]
+    for k in range(swap.gains.shape[0]):
+        for j in range(swap.gains.shape[1]):
+            swap.gains[k, j] = swap.next_gains[k, j]
+    for k in range(swap.settings.size):
+        swap.settings[k] = swap.next_settings[k]
+    return SWAPPED
+
+
+@lean_kernel
+def fall_back(swap: Any) -> None:
+    """Put the law before the one in force back, if there was one, for the one in force has failed. Gains stay."""
+    if swap.i[LAST_LAW_AT] == 0:
+        return
+    swap.i[LAW_AT], swap.i[LAST_LAW_AT] = swap.i[LAST_LAW_AT], 0
+    for k in range(swap.settings.size):
+        swap.settings[k] = swap.last_settings[k]
+
+
+@lean_kernel
+def install_after_trial(swap: Any, tau: Any, memory: Any) -> int:
+    """Put the law tried in force; what it says less than `tau` becomes the bias. A law without torque is refused.
+
+    Args:
+        tau: torque of the law before, bias included; stays as it is. Shape (n,).
+        memory: becomes that of the new law. Shape (64,).
+    """
+    for j in range(tau.size):
+        if not abs(swap.trial[j]) < np.inf:
+            return NO_TORQUE
+    for j in range(tau.size):
+        swap.bias[j] = tau[j] - swap.trial[j]
+    for k in range(memory.size):
+        memory[k] = swap.trial_memory[k]
+    return install(swap)
+
+
+@lean_kernel
+def answer_swap(swap: Any, result: int, tick: int, now_ns: int) -> None:
+    """Say what became of the request, in cycle number `tick` planned for `now_ns`."""
+    swap.i[RESULT], swap.i[DONE_TICK], swap.i[DONE_T_NS] = result, tick, now_ns
+    store_release(swap.i, DONE, swap.i[ASKED])

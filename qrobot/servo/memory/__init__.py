@@ -1,0 +1,1 @@
+"""Shared memory of the servo: mailbox, setpoint queue, telemetry, records, and who commands."""

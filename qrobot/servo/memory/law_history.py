@@ -1,0 +1,102 @@
+"""The journal: which law with which gains has been in force since when, in servo memory, for whoever keeps a log.
+
+A telemetry row has no room for names. So the servo's main thread adds an entry at its start and after every swap, to a
+small ring of the same kind as the rows' (`servo.memory.telemetry`), with the tick of the first cycle the loop ran under
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.arrays import Words
+from qrobot.printable import printable
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.telemetry import append_row, copy_rows, head_row, oldest_row, ring_words
+
+ENTRIES: Final = 64  # a power of two; the oldest gives way
+LAW_BYTES: Final = 64
+SETTINGS_BYTES: Final = 512
+SIGNALS_BYTES: Final = 256
+
+
+@dataclass(frozen=True)
+class LawInForce:
+    """A law and its gains, from a cycle on until the next entry.
+
+    Attributes:
+        t_ns, tick: planned time and number of the first cycle; both 0 for what a servo started with.
+        law: its name. settings: those of the law itself, such as "frequency=8 damping=1"; see `settings_text`.
+        kp, kv, inertia: gains, SI units. Shape (n,).
+        signals: names of its numbers in the rows, in their order, such as "pressed advance".
+    """
+
+    t_ns: int
+    tick: int
+    law: str
+    settings: str
+    kp: tuple[float, ...]
+    kv: tuple[float, ...]
+    inertia: tuple[float, ...]
+    signals: str = ""
+
+    @property
+    def told(self) -> str:
+        """Law and settings, for people."""
+        return f"{self.law} ({self.settings})" if self.settings else self.law
+
+
+def settings_text(settings: Mapping[str, float]) -> str:
+    """Settings of a law in one line that an entry has room for."""
+    text = " ".join(f"{name}={value:g}" for name, value in settings.items())
+    return text.encode()[:SETTINGS_BYTES].decode(errors="ignore")
+
+
+def journal_words(n: int) -> int:
+    """Size of the journal of a servo of `n` joints, in words."""
+    return ring_words(entry_words(n), ENTRIES)
+
+
+def write_entry(words: Words, base: int, entry: LawInForce) -> None:
+    """Servo's main thread: add an entry to the journal at `base`."""
+    record = np.zeros(1, dtype=_dtype(len(entry.kp)))
+    record["t_ns"], record["tick"] = entry.t_ns, entry.tick
+    record["law"], record["settings"] = entry.law.encode(), entry.settings.encode()
+    record["signals"] = entry.signals.encode()
+    record["kp"], record["kv"], record["inertia"] = entry.kp, entry.kv, entry.inertia
+    row = record.view(np.int64)
+    append_row(words, base, ENTRIES, row.size, row)
+
+
+class JournalReader:
+    """Follows the journal at `base` of the servo memory of `n` joints; each reader keeps its own place."""
+
+    def __init__(self, words: Words, base: int, n: int) -> None:
+        self._words, self._base, self._dtype = words, base, _dtype(n)
+        self._rows = np.zeros((ENTRIES, entry_words(n)), dtype=np.int64)
+        self._next = int(oldest_row(int(head_row(words, base)), ENTRIES))
+
+    def read(self) -> Iterator[LawInForce]:
+        """Entries since the last call, oldest first."""
+        copied, lost = copy_rows(self._words, self._base, ENTRIES, self._rows.shape[1], self._next, self._rows)
+        self._next += copied + lost
+        for record in self._rows[:copied].copy().view(self._dtype)[:, 0]:
+            t_ns, tick, *texts, kp, kv, inertia = record.tolist()
+            law, settings, signals = (printable(text.decode(errors="replace")) for text in texts)
+            yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia), signals)
+
+
+def _dtype(n: int) -> np.dtype[Any]:
+    gains = [(name, "<f8", (n,)) for name in ("kp", "kv", "inertia")]
+    texts = [("law", f"S{LAW_BYTES}"), ("settings", f"S{SETTINGS_BYTES}"), ("signals", f"S{SIGNALS_BYTES}")]
+    return np.dtype([("t_ns", "<i8"), ("tick", "<i8"), *texts, *gains])
+
+
+@lean_kernel
+def entry_words(n: int) -> int:
+    """Words of one entry of a servo of `n` joints: time and tick, three texts, three gains a joint."""
+    return 2 + (LAW_BYTES + SETTINGS_BYTES + SIGNALS_BYTES) // 8 + 3 * n

@@ -1,0 +1,41 @@
+"""What the control interface tells of the board: how old its image is, and what went wrong on the way to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from qrobot.arrays import Words
+from qrobot.errors import LinkError
+from qrobot.hwif.board_memory import (
+    BOARD_DROPPED,
+    BOARD_ILLEGAL_OPS,
+    BOARD_LOSSES,
+    BOARD_MODULE_LOSSES,
+    BOARD_SLIPPED_NS,
+    IMAGE_T_NS,
+)
+from qrobot.hwif.bus import MemoryEndpoint, make_image
+from qrobot.servo.operator.messages import BoardStatus
+from qrobot.units import NS_PER_MS
+
+
+def board_status(memory: Words, clock: Callable[[], int]) -> BoardStatus:
+    """Read a board memory whose time is that of `clock`, ns."""
+    return BoardStatus(
+        age_ms=_maybe_age_ms(memory, clock),
+        losses=int(memory[BOARD_LOSSES]),
+        dropped=int(memory[BOARD_DROPPED]),
+        illegal=int(memory[BOARD_ILLEGAL_OPS]),
+        module_losses=int(memory[BOARD_MODULE_LOSSES]),
+        slipped_ms=int(memory[BOARD_SLIPPED_NS]) / NS_PER_MS,
+    )
+
+
+def _maybe_age_ms(memory: Words, clock: Callable[[], int]) -> float | None:
+    image = make_image()
+    try:
+        MemoryEndpoint(memory).read_image(image)
+    except LinkError:
+        return None
+    now_ns = clock()  # after the image: a machine that stalls in between makes it older, not younger than nothing
+    return (now_ns - int(image[IMAGE_T_NS])) / NS_PER_MS if image[IMAGE_T_NS] else None

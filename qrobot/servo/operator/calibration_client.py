@@ -1,0 +1,142 @@
+"""Have a running servo calibrate its arm, and follow it: the commander's side of `servo.calibration.procedure`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from qrobot.errors import ConfigError, LinkTimeout, ServoFault
+from qrobot.faultcodes import FaultCode, explain
+from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
+from qrobot.servo.memory.mailbox import FLAG_CALIBRATED, CalibrationProgress, ServoMailbox, ServoSnapshot
+from qrobot.servo.modes import Mode, mode_name
+
+POLL_S: Final = 0.05
+POWER_PATIENCE_S: Final = 6.0  # the servo's own is 3 s
+FORGET_S: Final = 0.2  # until the board shows that the calibrated bit is gone
+POWERED: Final = (Mode.UNCALIBRATED, Mode.HOLDING)
+CALIBRATION_PATIENCE_S: Final = 600.0  # six joints take half a minute; fourteen pulses twice that
+
+Wait = Callable[[float], None]
+FollowCalibration = Callable[[CalibrationProgress], None]
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """What a calibration found, joint by joint.
+
+    Attributes:
+        was_calibrated: the counters were right already; nothing moved, and the lists are empty.
+        indexes: index pulses used of each joint.
+        misfit: mean distance from the table's rows, ADC units of 20 V / 65536; a row is about 150 of them.
+        margin: by how much the second best place in the table is worse.
+        votes: index pulses that agree with the place found.
+    """
+
+    was_calibrated: bool
+    indexes: int
+    misfit: list[float]
+    margin: list[float]
+    votes: list[int]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**self.__dict__}
+
+
+ALREADY: Final = CalibrationReport(True, 0, [], [], [])
+
+
+def run_calibration(
+    mailbox: ServoMailbox, wait: Wait, indexes: int = 0, progress: FollowCalibration = lambda _: None
+) -> CalibrationReport:
+    """Power the arm if it has none, calibrate it, and leave power as it was.
+
+    Args:
+        mailbox: of the servo, which nobody else commands meanwhile.
+        wait: lets so many seconds pass; virtual ones in lock-step.
+        indexes: pulses a joint, 3 to 14; 0 for the servo's default.
+        progress: called as the calibration goes on.
+
+    Raises:
+        ConfigError: that number of indexes is not possible.
+        ServoFault: the servo refused; its code, and what to do.
+        LinkTimeout: the servo does not answer.
+    """
+    if indexes and not FEWEST_INDEXES <= indexes <= MOST_INDEXES:
+        raise ConfigError(f"{indexes} index pulses: {FEWEST_INDEXES} to {MOST_INDEXES} are possible")
+    before = mailbox.snapshot()
+    if before.flags & FLAG_CALIBRATED and before.event != FaultCode.CAL_MISMATCH:
+        return ALREADY
+    had_power = before.mode == Mode.UNCALIBRATED
+    try:
+        if not had_power and _power_on(mailbox, wait, before) == Mode.HOLDING:
+            return ALREADY
+        found = _calibrate(mailbox, wait, indexes, progress)
+    except BaseException:
+        mailbox.request_stop()
+        raise
+    finally:
+        if not had_power:
+            mailbox.request_power(False)
+    return CalibrationReport(
+        False, found.wanted, found.misfit.tolist(), found.margin.tolist(), [int(votes) for votes in found.votes]
+    )
+
+
+def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
+    """Out of OFF; returns the mode: UNCALIBRATED, or HOLDING when the counters are right after all.
+
+    Counters that the potentiometers contradict are given up first.
+    """
+    if before.mode != Mode.OFF:
+        raise ServoFault(before.fault, _refusal(before, f"the servo is in mode {mode_name(before.mode)}, not OFF"))
+    if before.flags & FLAG_CALIBRATED:
+        mailbox.request_calibration()
+    mailbox.request_power(False)
+    wait(FORGET_S)
+    began = mailbox.snapshot()
+    mailbox.request_power(True)
+    state = _until(
+        mailbox,
+        wait,
+        lambda state: state.mode in POWERED or (state.event != 0 and state.tick > began.tick + 1),
+        POWER_PATIENCE_S,
+    )
+    if state.mode not in POWERED:
+        raise ServoFault(state.event, _refusal(state, "no arm power"))
+    return state.mode
+
+
+def _calibrate(mailbox: ServoMailbox, wait: Wait, indexes: int, progress: FollowCalibration) -> CalibrationProgress:
+    mailbox.request_calibration(indexes)
+    wait(POLL_S)
+
+    def ended(state: ServoSnapshot) -> bool:
+        progress(mailbox.calibration())
+        return state.mode != Mode.CALIBRATING
+
+    state = _until(mailbox, wait, ended, CALIBRATION_PATIENCE_S)
+    if state.mode != Mode.HOLDING:
+        raise ServoFault(state.event, _refusal(state, "not calibrated"))
+    return mailbox.calibration()
+
+
+def _until(
+    mailbox: ServoMailbox, wait: Wait, reached: Callable[[ServoSnapshot], bool], patience_s: float
+) -> ServoSnapshot:
+    tick = mailbox.snapshot().tick
+    for _ in range(round(patience_s / POLL_S)):
+        state = mailbox.snapshot()
+        if reached(state):
+            return state
+        wait(POLL_S)
+    if mailbox.snapshot().tick == tick:
+        raise LinkTimeout("the servo does not run any more: see `qrobot doctor`, then start it again")
+    raise LinkTimeout(f"the servo stays in mode {mode_name(mailbox.snapshot().mode)}: is its arm free to move?")
+
+
+def _refusal(state: ServoSnapshot, what: str) -> str:
+    told = explain(state.event, state.joint) if state.event else explain(state.fault)
+    return f"{what}: {told}"

@@ -1,0 +1,197 @@
+"""The control interface from a program: `with ServoClient("puma560") as servo: servo.power_on()`."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Final
+
+from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
+from qrobot.realtime.runtime_folder import runtime_path
+from qrobot.servo.operator.messages import (
+    MAX_LINE_BYTES,
+    Calibrate,
+    ChangeGains,
+    ChangeLaw,
+    Clear,
+    OperatorRequest,
+    PowerOff,
+    PowerOn,
+    ServoStatus,
+    StatusRequest,
+    StopRequest,
+    decode_reply,
+    encode,
+    make_request,
+)
+from qrobot.servo.operator.sockets import connect_to_servo
+
+TIMEOUT_S: Final = 30.0
+COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a busy machine
+POWER_PATIENCE_S: Final = 6.0
+STOP_PATIENCE_S: Final = 6.0
+POLL_S: Final = 0.02
+POWERED_MODES: Final = ("HOLDING", "UNCALIBRATED", "CALIBRATING", "TRACKING")
+
+
+class ServoClient:
+    """A connection to the servo of one arm, on this machine.
+
+    The first command that moves or changes something takes the authority over the arm, and the connection keeps it
+    until it is closed; to look, to stop and to take power away needs none. Arm power stays as it is when the
+    connection ends.
+
+    Args:
+        arm: instance name of the deployment.
+        timeout_s: patience with one reply.
+
+    Raises:
+        LinkError: no servo of that arm runs here. Every method: LinkTimeout, LinkLost when it does not answer;
+            QRobotError with the servo's own words when it refuses; ConfigError when no such request can be made.
+    """
+
+    def __init__(self, arm: str, timeout_s: float = TIMEOUT_S) -> None:
+        self.arm = arm
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(timeout_s)
+        self._unread = b""
+        try:
+            connect_to_servo(arm, self._socket)
+        except OSError:
+            self._socket.close()
+            raise LinkError(
+                f"no servo of {arm} runs here: start it with `qrobot up` or `qrobot servo` (looked in {runtime_path()})"
+            ) from None
+        except QRobotError:
+            self._socket.close()
+            raise
+
+    def status(self) -> ServoStatus:
+        """How the servo is."""
+        return self._ask(StatusRequest())
+
+    def power_on(self, patience_s: float = POWER_PATIENCE_S) -> ServoStatus:
+        """Ask for arm power and wait until the arm is held. Raises QRobotError with what prevents it."""
+        self._ask(PowerOn())
+        status = self._wait(lambda s: s.mode in POWERED_MODES or _refused(s), patience_s)
+        if status.mode not in POWERED_MODES:
+            raise QRobotError(f"no arm power: {status.text or f'the servo stays in {status.mode}'}")
+        return status
+
+    def power_off(self) -> ServoStatus:
+        """Stop the arm, take power away, and wait for it. Raises LinkTimeout when it keeps power."""
+        self._ask(PowerOff())
+        return self._insist(("OFF", "FAULT"))
+
+    def stop(self) -> ServoStatus:
+        """Stop the arm on its path, and wait until it holds. Raises LinkTimeout when it goes on."""
+        self._ask(StopRequest())
+        return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
+
+    def clear(self) -> ServoStatus:
+        """Leave FAULT for OFF. Raises QRobotError while its cause persists."""
+        if self._ask(Clear()).mode == "FAULT":
+            time.sleep(10 * POLL_S)  # the servo itself tries for a tenth of a second
+        status = self.status()
+        if status.mode == "FAULT":
+            raise QRobotError(f"the fault stays: {status.text}")
+        return status
+
+    def calibrate(self, indexes: int = 0) -> ServoStatus:
+        """Begin a calibration; `status` tells its mode, `qrobot calibrate` follows it to the end.
+
+        Raises QRobotError with what prevents it.
+        """
+        status = self._ask(make_request(Calibrate, indexes=indexes))
+        if status.mode == "UNCALIBRATED":
+            raise QRobotError(f"no calibration: {status.text or 'it has ended already'}")
+        return status
+
+    def change_law(self, name: str, settings: Mapping[str, float] | None = None) -> ServoStatus:
+        """Swap the control law, holding or without power; its `settings` that are left out have their default.
+
+        Of a law in a file, give the whole path: the servo may run in another folder.
+        """
+        patience_s = self._socket.gettimeout()
+        self._socket.settimeout(COMPILE_PATIENCE_S)
+        try:
+            return self._ask(make_request(ChangeLaw, name=name, settings=dict(settings or {})))
+        finally:
+            self._socket.settimeout(patience_s)
+
+    def change_gains(
+        self,
+        kp: Sequence[float] | None = None,
+        kv: Sequence[float] | None = None,
+        inertia: Sequence[float] | None = None,
+        force: bool = False,
+    ) -> ServoStatus:
+        """Change gains, holding or without power; what is left out stays. Shapes (n,), see `ChangeGains`."""
+        rows = {"kp": _maybe(kp), "kv": _maybe(kv), "inertia": _maybe(inertia)}
+        return self._ask(make_request(ChangeGains, **rows, force=force))
+
+    def watch(self, seconds: float = float("inf")) -> Iterator[ServoStatus]:
+        """The status now, and again whenever mode, fault, event, law or commander change."""
+        until, last = time.monotonic() + seconds, None
+        while time.monotonic() < until:
+            status = self.status()
+            seen = (status.mode, status.fault, status.event, status.law, status.commander)
+            if seen != last:
+                last = seen
+                yield status
+            time.sleep(POLL_S)
+
+    def close(self) -> None:
+        """End the connection, and with it the authority it may have."""
+        self._socket.close()
+
+    def __enter__(self) -> ServoClient:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _ask(self, request: OperatorRequest) -> ServoStatus:
+        try:
+            self._socket.sendall(encode(request))
+            reply = decode_reply(self._line())
+        except TimeoutError:
+            raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
+        except OSError:
+            raise LinkLost(f"the servo of {self.arm} has gone") from None
+        if not reply.ok or reply.status is None:
+            raise QRobotError(reply.error)
+        return reply.status
+
+    def _line(self) -> bytes:
+        while b"\n" not in self._unread:
+            data = self._socket.recv(MAX_LINE_BYTES)
+            if not data:
+                raise LinkLost(f"the servo of {self.arm} has hung up")
+            self._unread += data
+        line, self._unread = self._unread.split(b"\n", 1)
+        return line
+
+    def _wait(self, condition: Callable[[ServoStatus], bool], patience_s: float) -> ServoStatus:
+        until = time.monotonic() + patience_s
+        while not condition(status := self.status()) and time.monotonic() < until:
+            time.sleep(POLL_S)
+        return status
+
+    def _insist(self, modes: tuple[str, ...]) -> ServoStatus:
+        status = self._wait(lambda s: s.mode in modes, STOP_PATIENCE_S)
+        if status.mode not in modes:
+            raise LinkTimeout(f"{self.arm} is still {status.mode} after {STOP_PATIENCE_S:g} s: use the emergency stop")
+        return status
+
+
+def _maybe(row: Sequence[float] | None) -> tuple[float, ...] | None:
+    return None if row is None else tuple(row)
+
+
+def _refused(status: ServoStatus) -> bool:
+    return status.mode == "FAULT" or (status.mode == "OFF" and status.event != 0)

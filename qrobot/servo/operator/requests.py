@@ -1,0 +1,385 @@
+"""What the control interface does to a servo: requests in, replies out; the loop is never kept waiting.
+
+A stop and a power-off are done in the thread that reads them (`Controls.begin`), which waits for no lock, no loop and
+no file. Whatever may wait - for the loop, for a law to be tried - is left to other threads, one command at a time; a
+second one is refused meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qrobot.config import Robot
+from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
+from qrobot.faultcodes import NO_JOINT, FaultCode, explain
+from qrobot.hwif.arm_clock import arm_time_ns
+from qrobot.realtime.shared_memory import SharedMemory
+from qrobot.servo.laws import law_label
+from qrobot.servo.laws.law import KP, KV, M0, Law
+from qrobot.servo.laws.law_swap import (
+    DONE_T_NS,
+    DONE_TICK,
+    LAW_AT,
+    NO_TORQUE,
+    NOT_NOW,
+    OUT_OF_BOUNDS,
+    SwapState,
+    ask_for_law,
+    maybe_swap_result,
+)
+from qrobot.servo.laws.stability import check_gains
+from qrobot.servo.laws.trial_process import tried_law
+from qrobot.servo.memory.commander_lock import Authority
+from qrobot.servo.memory.law_history import LawInForce, settings_text, write_entry
+from qrobot.servo.memory.mailbox import (
+    FLAG_CALIBRATED,
+    FLAG_ESTOP_OK,
+    FLAG_GUARDED,
+    FLAG_POWERED,
+    GUARD_TAKEOVER,
+    ServoMailbox,
+    describe_law,
+    journal_base,
+)
+from qrobot.servo.memory.stop_record import Incident
+from qrobot.servo.modes import Mode, mode_name
+from qrobot.servo.operator.board_status import board_status
+from qrobot.servo.operator.messages import (
+    Calibrate,
+    ChangeGains,
+    ChangeLaw,
+    Clear,
+    OperatorRequest,
+    PowerOff,
+    PowerOn,
+    Reply,
+    ServoStatus,
+    StatusRequest,
+    StopRequest,
+    decode_request,
+    encode,
+)
+from qrobot.servo.operator.sockets import OperatorConnection
+from qrobot.servo.settings import ServoSettings
+
+MOST_GAIN: Final = 4.0  # times the robot file's, without force
+LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
+LOOP_PATIENCE_S: Final = 0.5
+GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
+HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
+INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
+_POLL_S: Final = 0.002
+_EDGE_TICKS: Final = 2  # then the servo has looked
+
+Matrix = NDArray[np.float64]
+T = TypeVar("T")
+
+
+class Controlled(Protocol):
+    """What of a servo process the control interface touches."""
+
+    arm: str
+    robot: Robot
+    settings: ServoSettings
+    law: Law
+    law_name: str
+    board: SharedMemory
+
+    @property
+    def mailbox(self) -> ServoMailbox:
+        """The servo memory, from the commander's side."""
+
+    @property
+    def swap(self) -> SwapState:
+        """Where a swap is asked for."""
+
+    @property
+    def incident(self) -> Incident | None:
+        """Why the servo last left a mode, see `servo.memory.stop_record`."""
+
+    @property
+    def page_faults(self) -> int:
+        """Of the loop's thread since it began."""
+
+    def say(self, message: str) -> None:
+        """Tell people."""
+
+
+class Controls:
+    """Answers one servo's visitors. The authority over the arm goes to the first that needs it, until they leave."""
+
+    def __init__(self, servo: Controlled) -> None:
+        self._servo = servo
+        self._authority = Authority(servo.arm)
+        self._commander: OperatorConnection | None = None
+        self._commanding = threading.Lock()  # never waited for
+        self._kept_laws = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
+        self._note_law()
+        self.status()  # compiles, or loads, what a request must not wait for
+
+    def answer(self, visitor: OperatorConnection, line: bytes) -> bytes:
+        """The reply to a request line; whatever is wrong with it becomes a reply too."""
+        reply = self.begin(visitor, line)
+        return reply if isinstance(reply, bytes) else reply()
+
+    def begin(self, visitor: OperatorConnection, line: bytes) -> bytes | Callable[[], bytes]:
+        """Do what must not wait. The reply, or what is left to do for it, which may wait and belongs to another thread.
+
+        To be called from one thread only.
+        """
+        return self._replying(lambda: self._begin(visitor, line))
+
+    def _begin(self, visitor: OperatorConnection, line: bytes) -> bytes | Callable[[], bytes]:
+        mailbox = self._servo.mailbox
+        match request := decode_request(line):
+            case StatusRequest():
+                return partial(self._replying, self._told)
+            case StopRequest():
+                mailbox.request_stop()
+                return partial(self._replying, self._told_by_loop)
+            case PowerOff():
+                mailbox.request_power_off()
+                return partial(self._replying, self._told_by_loop)
+        self._authorise(visitor)
+        if not self._commanding.acquire(blocking=False):
+            raise LinkBusy("another command is still being done; only stop, power off and status need not wait for it")
+        return partial(self._replying, lambda: self._command(request, visitor.gone))
+
+    def _command(self, request: OperatorRequest, given_up: threading.Event) -> bytes:
+        try:
+            self._obey(request, given_up)
+        finally:
+            self._commanding.release()
+        return self._told()
+
+    def _replying(self, act: Callable[[], T]) -> T | bytes:
+        """What `act` returns, or the reply that tells why it could not."""
+        try:
+            return act()
+        except QRobotError as error:
+            return encode(Reply(ok=False, error=str(error)))
+        except Exception as error:  # our mistake: it must not take the servo away from under an arm
+            self._servo.say(traceback.format_exc())
+            return encode(Reply(ok=False, error=f"a mistake of this program, told by the servo: {error!r}"))
+
+    def _told(self) -> bytes:
+        return encode(Reply(ok=True, status=self.status()))
+
+    def _told_by_loop(self) -> bytes:
+        """How the servo is once its loop has seen what was requested, or the guardian has taken its place."""
+        if not self._guardian_acts:
+            self._wait_for_loop()
+        return self._told()
+
+    @property
+    def _guardian_acts(self) -> bool:
+        """The guardian has taken torque and power away, and the servo writes nothing any more."""
+        return bool(self._servo.mailbox.words[GUARD_TAKEOVER])
+
+    def farewell(self, visitor: OperatorConnection) -> None:
+        """Somebody has gone, and their authority with them."""
+        if self._commander is visitor:
+            self._commander = None
+            self._authority.release()
+
+    def status(self) -> ServoStatus:
+        """How the servo is now. Raises LinkError when it died."""
+        servo, snapshot = self._servo, self._servo.mailbox.snapshot()
+        gains = servo.swap.gains
+        mode, fault = (Mode.FAULT, GUARD_TRIP) if self._guardian_acts else (snapshot.mode, snapshot.fault)
+        code = fault or snapshot.event
+        joint = snapshot.joint if code == snapshot.event else NO_JOINT
+        return ServoStatus(
+            arm=servo.arm,
+            robot=servo.robot.name,
+            rate_hz=servo.mailbox.info.rate_hz,
+            law=servo.law_name,
+            law_settings=servo.law.chosen,
+            mode=mode_name(mode),
+            fault=fault,
+            event=snapshot.event,
+            event_joint=snapshot.joint,
+            text=self._text(code, joint),
+            powered=bool(snapshot.flags & FLAG_POWERED) and not self._guardian_acts,
+            calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
+            estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
+            guarded=bool(snapshot.flags & FLAG_GUARDED),
+            commander=self._authority.maybe_holder() or "",
+            tick=snapshot.tick,
+            late_cycles=snapshot.late_cycles,
+            page_faults=servo.page_faults,
+            missed_frames=snapshot.missed_frames,
+            hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
+            inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
+            outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
+            q=_floats(snapshot.q),
+            v=_floats(snapshot.v),
+            tau=_floats(snapshot.tau),
+            kp=_floats(gains[KP]),
+            kv=_floats(gains[KV]),
+            inertia=_floats(gains[M0]),
+            board=board_status(servo.board.words, lambda: arm_time_ns(servo.board.words, servo.settings.board_slips)),
+        )
+
+    def _text(self, code: int, joint: int) -> str:
+        """What a code means, with what was measured when it is why the servo last left a mode."""
+        incident = self._servo.incident
+        if incident is not None and incident.code == code:
+            return incident.why(self._servo.robot.prismatic)
+        return explain(code, joint) if code else ""
+
+    def _authorise(self, visitor: OperatorConnection) -> None:
+        if self._commander not in (None, visitor):
+            raise LinkBusy(f"{self._servo.arm} is commanded by {self._authority.maybe_holder()}")
+        self._authority.take(visitor.label)
+        self._commander = visitor
+
+    def _obey(self, request: OperatorRequest, given_up: threading.Event | None = None) -> None:
+        match request:
+            case PowerOn():
+                self._power_on()
+            case Clear():
+                self._servo.mailbox.request_clear()
+                self._wait_for_loop()
+            case Calibrate():
+                self._calibrate(request)
+            case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
+                raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
+            case ChangeLaw():
+                self._change_law(request, given_up or threading.Event())
+            case ChangeGains():
+                self._swap(self._servo.law, self._servo.law_name, self._gains(request))
+
+    def _power_on(self) -> None:
+        mailbox = self._servo.mailbox
+        snapshot = mailbox.snapshot()
+        if snapshot.mode == Mode.FAULT:
+            raise QRobotError(f"clear the fault first: {explain(snapshot.fault)}")
+        if snapshot.mode == Mode.OFF:  # a request is an edge: the servo has to see the level go down and up
+            mailbox.request_power(False)
+            self._wait_for_loop()
+            mailbox.request_power(True)
+            self._wait_for_loop()
+
+    def _calibrate(self, request: Calibrate) -> None:
+        mailbox = self._servo.mailbox
+        snapshot = mailbox.snapshot()
+        contradicted = snapshot.mode == Mode.OFF and snapshot.event == FaultCode.CAL_MISMATCH
+        if snapshot.mode != Mode.UNCALIBRATED and not contradicted:
+            mode = mode_name(snapshot.mode)
+            raise QRobotError(f"not in mode {mode}: an arm calibrates under power, while it is UNCALIBRATED")
+        mailbox.request_calibration(request.indexes)
+        self._wait_for_loop()
+
+    def _wait_for_loop(self) -> None:
+        """Until the loop has seen what was requested, so that the reply tells what it did."""
+        mailbox = self._servo.mailbox
+        tick = mailbox.snapshot().tick
+        _poll(lambda: mailbox.snapshot().tick >= tick + _EDGE_TICKS or self._guardian_acts)
+
+    def _change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
+        """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
+        servo = self._servo
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
+            raise _not_now(mode)
+        law = tried_law(request.name, servo.robot, request.settings, servo.mailbox.info.period_ns, given_up)
+        if given_up.is_set():
+            raise LinkLost("whoever asked for the law has gone: it has not been taken")
+        self._swap(law, request.name, np.array(servo.swap.gains))
+
+    def _gains(self, request: ChangeGains) -> Matrix:
+        control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)
+        rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
+        for row, name, wanted, usual in (*rows, (M0, "inertia", request.inertia, control.inertia)):
+            if wanted is not None:
+                least, most = (0.0, math.inf) if request.force else (LEAST_GAIN[row], MOST_GAIN)
+                gains[row] = _checked(name, wanted, usual, least, most)
+        return gains
+
+    def _swap(self, law: Law, name: str, gains: Matrix) -> None:
+        servo = self._servo
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
+            raise _not_now(mode)
+        check_gains(servo.robot, servo.settings, name, gains)
+        self._kept_laws.append((law, name))
+        ask_for_law(servo.swap, law, gains)
+        result = _wait_for_swap(servo.swap)
+        if result == NOT_NOW:
+            raise _not_now(servo.mailbox.snapshot().mode)
+        if result == NO_TORQUE:
+            raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
+        if result == OUT_OF_BOUNDS:
+            raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
+        servo.law, servo.law_name = law, name
+        describe_law(servo.mailbox.words, law_label(name))
+        self._note_law()
+        servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def note_fallback(self) -> None:
+        """Tell people and readers once the servo has gone back to the law before, because the one in force failed."""
+        servo, address = self._servo, int(self._servo.swap.i[LAW_AT])
+        if address == servo.law.address or self._commanding.locked():
+            return
+        servo.law, servo.law_name = next(kept for kept in self._kept_laws if kept[0].address == address)
+        describe_law(servo.mailbox.words, law_label(servo.law_name))
+        self._note_law()
+        servo.say(f"law {servo.law_name} is in force again: the one after it has failed")
+
+    def _note_law(self) -> None:
+        """Tell whoever keeps a log what is in force since the last swap, or from the start."""
+        servo, swap = self._servo, self._servo.swap
+        kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
+        t_ns, tick, label = int(swap.i[DONE_T_NS]), int(swap.i[DONE_TICK]), law_label(servo.law_name)
+        entry = LawInForce(
+            t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia, " ".join(servo.law.signals)
+        )
+        write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
+
+
+def _not_now(mode: int) -> QRobotError:
+    return QRobotError(f"not in mode {mode_name(mode)}: laws and gains change while the arm holds, or without power")
+
+
+def _wait_for_swap(swap: SwapState) -> int | None:
+    _poll(lambda: maybe_swap_result(swap) is not None)
+    return maybe_swap_result(swap)
+
+
+def _poll(condition: Callable[[], bool]) -> None:
+    """Wait for the loop. Raises LinkTimeout when it does not run."""
+    until = time.monotonic() + LOOP_PATIENCE_S
+    while not condition():
+        if time.monotonic() > until:
+            raise LinkTimeout("the servo's loop does not run: if the arm is not at rest, use the emergency stop")
+        time.sleep(_POLL_S)
+
+
+def _checked(name: str, wanted: tuple[float, ...], usual: Any, least: float, most: float) -> Matrix:
+    if len(wanted) != usual.size:
+        raise ConfigError(f"{name}: {len(wanted)} numbers for {usual.size} joints")
+    for j, (value, file) in enumerate(zip(wanted, usual.tolist(), strict=True)):
+        if not least * file <= value <= most * file:
+            beyond = f"more than {most:g}" if value > most * file else f"less than {least:g}"
+            raise ConfigError(
+                f"{name} of joint {j + 1}: {value:g} is {beyond} times the robot file's {file:g}; if meant, force it"
+            )
+    return np.array(wanted)
+
+
+def _floats(vector: Any) -> tuple[float, ...]:
+    return tuple(np.asarray(vector).tolist())
+
+
+def _listed(vector: Any) -> str:
+    return " ".join(f"{value:g}" for value in np.asarray(vector).tolist())

@@ -1,0 +1,1 @@
+"""The processes of a servo: daemon, real-time loop, guardian."""

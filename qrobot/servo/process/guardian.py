@@ -1,0 +1,275 @@
+"""The guardian: a second, smaller process that takes the board away from a servo whose heartbeat stops.
+
+The real board has no watchdog and its DACs hold the last torque, so a dead servo would leave the motors driven. The
+guardian maps servo and board memory on its own. When an armed servo's heartbeat is older than the bound it marks the
+takeover (the servo, should it wake, writes nothing more), drops arm power and writes zero torque, 0x800 and not 0, to
+all DACs, again and again, until a servo has cleared the fault. The servo in turn stops the arm when the guardian's
+heartbeat is gone.
+
+What it cannot do: a kernel panic or a power cut of the PC needs hardware (a charge pump and a relay).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.arrays import Words
+from qrobot.errors import LinkError
+from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns
+from qrobot.hwif.board_memory import (
+    OP_FIELDS,
+    Lane,
+    attach_board_memory,
+    local_board_memory,
+    pending_operations,
+    post_operations,
+    put_outputs,
+    put_write,
+)
+from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
+from qrobot.hwif.isa.permission import require_ports
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
+from qrobot.servo.memory.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    BEAT_KEPT,
+    BEAT_LINES,
+    BEAT_T_NS,
+    BEAT_TRIPS_SEEN,
+    GUARD_T_NS,
+    GUARD_TAKEOVER,
+    GUARD_TRIPS,
+    attach_servo_memory,
+    local_servo_memory,
+)
+from qrobot.servo.memory.telemetry import SMALLEST_RING
+from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
+from qrobot.units import NS_PER_S
+
+GUARDIAN_LANE: Final = int(Lane.GUARDIAN)
+N_SAFE_OPS: Final = 2 + N_DACS
+LOOKS_PER_TIMEOUT: Final = 5  # a look every fifth of the bound: reaction within 1.2 times the bound
+SLICE_NS: Final = NS_PER_S // 5
+LEAVE_NS: Final = NS_PER_S // 2  # [A] beyond the bound, for a board to take what makes it safe
+
+LAYOUT: Final = 1  # of the segment that keeps a second guardian away; it holds nothing
+
+# the guardian's own memory; outlives servo restarts
+TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, WAS_ARMED, N_OWN = range(7)  # WAS_ARMED: said by a servo that beat
+
+
+@lean_kernel
+def make_safe(own: Any, board: Any, ops: Any) -> bool:
+    """Arm power off, then zero torque on every DAC; False when the board takes no more operations.
+
+    Of DISCRETE the rest stays as the servo meant it to: the hand keeps what it holds, outputs that hold stay on, the
+    counters stay calibrated.
+    """
+    n = put_write(ops, 0, DISCRETE, own[LAST_DISCRETE] & ~DISCRETE_POWER)
+    for channel in range(N_DACS):
+        n = put_write(ops, n, DAC + 2 * channel, DAC_ZERO)
+    if own[LINES] != 0:
+        n = put_outputs(ops, n, own[KEPT])
+    return post_operations(board, GUARDIAN_LANE, ops, n)
+
+
+@lean_kernel
+def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
+    """One look at the servo: trip, keep the board safe, or hand it back.
+
+    Args:
+        own: int64[N_OWN], the guardian's memory.
+        card: of a board on this machine's own bus; nobody but the servo and the guardian reach it, each by itself.
+        ops: scratch, int64[N_SAFE_OPS, 3].
+    """
+    armed = load_acquire(mail, BEAT_ARMED) != 0  # before the heartbeat: a servo beats before it arms
+    beat_ns = load_acquire(mail, BEAT_T_NS)
+    fresh = -timeout_ns <= now_ns - beat_ns <= timeout_ns  # none comes from the future
+    if fresh:
+        own[WAS_ARMED] = 1 if armed else 0
+    armed = armed or (beat_ns == 0 and own[WAS_ARMED] != 0)  # the memory of a new servo; the old one was armed
+    if own[TRIPPED] == 0 and not fresh and armed:
+        own[TRIPPED] = 1
+        own[TRIPS] += 1
+    elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
+        own[TRIPPED] = 0
+    if mail[BEAT_DISCRETE] != 0:  # a servo that has just started has none yet
+        own[LAST_DISCRETE], own[LINES], own[KEPT] = mail[BEAT_DISCRETE], mail[BEAT_LINES], mail[BEAT_KEPT]
+    store_release(mail, GUARD_TRIPS, own[TRIPS])
+    store_release(mail, GUARD_TAKEOVER, own[TRIPPED])
+    store_release(mail, GUARD_T_NS, now_ns)
+    if own[TRIPPED] != 0:
+        make_safe(own, board, ops)
+    if card[CARD_KIND] != NO_CARD:
+        pour_lane(card, board, GUARDIAN_LANE, now_ns)
+
+
+@lean_kernel
+def watch(
+    own: Any, mail: Any, board: Any, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int, slips: int
+) -> None:
+    """Look again and again until `until_ns`, or until `stop[0]` is set.
+
+    With `slips` the board is an emulated one that lets time stand still when everybody was kept from running: a
+    guardian that overslept then gives the others one bound to wake up in as well. On a real board it acts at once.
+    """
+    period_ns = timeout_ns // LOOKS_PER_TIMEOUT
+    deadline = monotonic_ns()
+    patient_until, overslept = deadline, 0
+    while load_acquire(stop, 0) == 0 and deadline < until_ns:
+        late = monotonic_ns() - deadline
+        if slips != 0 and late > STALL_NS:
+            patient_until, overslept = deadline + late + timeout_ns, late
+        allowed = timeout_ns if deadline >= patient_until else 2 * timeout_ns + overslept
+        look(own, mail, board, card, ops, arm_time_ns(board, slips), allowed)
+        deadline = max(deadline + period_ns, monotonic_ns())
+        sleep_until_ns(deadline)
+
+
+class Guardian:
+    """Watches one arm; follows restarts of its servo and its board.
+
+    A guardian that was killed while it held the board has an heir: the mark of the takeover stays in the servo's
+    memory, and the next guardian goes on holding the board.
+
+    Raises:
+        LinkBusy: a guardian watches this arm already; two of them would share one lane of the board.
+        LinkError: there is no servo or no board to watch.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        timeout_ms: float = DEFAULT_TIMEOUT_MS,
+        report: Callable[[str], None] = lambda _line: None,
+        card: Words | None = None,
+        slips: bool = False,
+    ) -> None:
+        self.arm = arm
+        self._slips = int(slips)
+        self._card = make_card(NO_CARD) if card is None else card
+        self._report = report
+        self.timeout_ns = int(timeout_ms * 1e6)
+        self.stop = np.zeros(1, dtype=np.int64)
+        self._own = np.zeros(N_OWN, dtype=np.int64)
+        self._ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+        self._servo = attach_servo_memory(arm)
+        self._board = attach_board_memory(arm)
+        self._place = SharedMemory.create(f"{arm}-guardian", LAYOUT, HEADER_WORDS)
+        self._own[[TRIPPED, TRIPS]] = self._servo.words[[GUARD_TAKEOVER, GUARD_TRIPS]]
+
+    @property
+    def trips(self) -> int:
+        """How often the guardian had to take the board."""
+        return int(self._own[TRIPS])
+
+    @property
+    def tripped(self) -> bool:
+        """True while the guardian holds the board."""
+        return bool(self._own[TRIPPED])
+
+    def run(self, linger_s: float) -> None:
+        """Watch until stopped, or until there has been no servo process for `linger_s` seconds.
+
+        Stopped beside a servo that is silent, it ends once the board has taken zero torque and no power.
+
+        Raises ConfigError when the card's ports are refused to this thread.
+        """
+        if self._card[CARD_KIND] == REAL_CARD:
+            require_ports(int(self._card[CARD_BASE]))
+        alone_since: int | None = None
+        while not self.stop[0]:
+            before = self.tripped
+            self._watch_for(SLICE_NS, self.stop)
+            self._tell(before)
+            self._servo = _follow(self._servo, attach_servo_memory, self.arm)
+            self._board = _follow(self._board, attach_board_memory, self.arm)
+            if self._servo.owner_alive:
+                alone_since = None
+                continue
+            now_ns = monotonic_now()
+            alone_since = now_ns if alone_since is None else alone_since
+            if now_ns - alone_since > linger_s * NS_PER_S:
+                return
+        self._leave_safe()
+
+    def _leave_safe(self) -> None:
+        """Asked to end: not before the board is safe, or the servo has shown that it can see to that itself."""
+        until_ns, beat_ns = monotonic_now() + self.timeout_ns + LEAVE_NS, int(self._servo.words[BEAT_T_NS])
+        while not self._dispensable(beat_ns) and monotonic_now() < until_ns:
+            self._watch_for(self.timeout_ns // LOOKS_PER_TIMEOUT, np.zeros(1, dtype=np.int64))
+
+    def _dispensable(self, beat_ns: int) -> bool:
+        """True when nothing is driven any more, or the servo has beaten after `beat_ns`."""
+        mail = self._servo.words
+        if self.tripped:
+            return pending_operations(self._board.words, GUARDIAN_LANE) == 0
+        drives = bool(mail[BEAT_ARMED]) or (not mail[BEAT_T_NS] and bool(self._own[WAS_ARMED]))
+        return not drives or bool(mail[BEAT_T_NS] != beat_ns)
+
+    def _watch_for(self, duration_ns: int, stop: Words) -> None:
+        memories = self._servo.words, self._board.words, self._card
+        until_ns = monotonic_now() + duration_ns
+        watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
+
+    def _tell(self, before: bool) -> None:
+        if self.tripped and not before:
+            self._report(f"the servo of {self.arm} is silent: torque zero, arm power off")
+        elif before and not self.tripped:
+            self._report(f"the servo of {self.arm} has the board again")
+
+    def close(self) -> None:
+        """Unmap both memories and leave the guardian's place to another one."""
+        self._servo.close()
+        self._board.close()
+        self._place.close(unlink=True)
+
+
+def _follow(segment: SharedMemory, attach: Any, arm: str) -> SharedMemory:
+    """The segment itself, or its successor when the file behind it was replaced."""
+    if segment.is_current:
+        return segment
+    try:
+        successor: SharedMemory = attach(arm)
+    except LinkError:
+        return segment  # nobody there yet: keep the old mapping and look again
+    segment.close()
+    return successor
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache, what `run` calls."""
+    mail = local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING)
+    ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+    own = np.ones(N_OWN, dtype=np.int64)
+    watch(
+        own,
+        mail,
+        local_board_memory(),
+        make_card(NO_CARD),
+        ops,
+        np.zeros(1, dtype=np.int64),
+        NS_PER_S,
+        monotonic_now() + 1,
+        0,
+    )
+    pending_operations(local_board_memory(), GUARDIAN_LANE)
+
+
+def prepare() -> list[SetupStep]:
+    """Make this process hard to delay: a priority above the servo's, memory that stays, fine timers."""
+    return [set_fifo(HIGHEST_PRIORITY), lock_memory(), tighten_timers()]
+
+
+@lean_kernel
+def monotonic_now() -> int:
+    """CLOCK_MONOTONIC in nanoseconds, for the Python side."""
+    return monotonic_ns()

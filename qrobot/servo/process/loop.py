@@ -1,0 +1,153 @@
+"""The real-time loop: sleep short of the deadline, spin to it, run one cycle, never catch up in a burst.
+
+Deadlines lie on a fixed grid of CLOCK_MONOTONIC, half a period off its multiples: the kernel's own tick fires on
+multiples of its period and would otherwise cost some 20 us every few cycles. A loop that missed deadlines skips them
+and tells the cycle the true time. Beside an emulated board it is the arm's (`hwif.arm_clock`). Everything between
+two deadlines is compiled; no Python runs, nothing is allocated.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.hwif.arm_clock import await_board, slipped_ns
+from qrobot.hwif.board_memory import (
+    BOARD_MODULE_LOSSES,
+    BOARD_REVISION,
+    BOARD_TAKEN_NS,
+    IMAGE_T_NS,
+    Lane,
+    fetch_image,
+    post_operations,
+)
+from qrobot.hwif.isa.card import CARD_KIND, NO_CARD, serve_card, show_card
+from qrobot.realtime.atomics import load_acquire
+from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.checks.guardian_arming import disarm_when_safe, stands_down
+from qrobot.servo.cycle import cycle
+from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, COMMAND_SHUTDOWN, append_telemetry
+from qrobot.servo.modes import wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    BUSY_NS,
+    DISCRETE_SENT,
+    IMAGE_AGE_NS,
+    IMAGE_OK,
+    LATE,
+    MODE,
+    MODULE_LOSSES,
+    REVISION,
+    ServoState,
+)
+
+SERVO_LANE: Final = int(Lane.SERVO)
+
+# The spin margin follows the 99.9 % quantile of the wake-up error: a thousand small steps down weigh one step up.
+MARGIN_UP_NS: Final = 2_000
+MARGIN_DOWN_NS: Final = 2
+MARGIN_MAX_NS: Final = 150_000
+SPIN_PERCENT: Final = (
+    60  # [A] of the period at most: with the cycle itself it stays below what `servo.process.rate_test` allows
+)
+
+END_PATIENCE_NS: Final = (
+    300_000_000  # [A] with a board that does not show that power is off; the guardian is left armed
+)
+
+ENDED: Final = 0
+BOARD_AWAY: Final = 1
+
+
+@lean_kernel
+def first_deadline(now_ns: int, period_ns: int) -> int:
+    """The next point of the grid that leaves at least one period to get ready."""
+    return (now_ns // period_ns + 2) * period_ns + period_ns // 2
+
+
+@lean_kernel
+def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> int:
+    """The next point of the grid that is not past: whole periods are skipped, none is made up for."""
+    skipped = max(0, (now_ns - deadline_ns) // period_ns)
+    return deadline_ns + (1 + skipped) * period_ns
+
+
+@lean_kernel
+def longest_margin(period_ns: int) -> int:
+    """The most that is spun before each deadline: a thread that hardly sleeps is throttled by the kernel."""
+    return min(MARGIN_MAX_NS, period_ns * SPIN_PERCENT // 100)
+
+
+@lean_kernel
+def wait_until(deadline_ns: int, margin_ns: int, most_ns: int = MARGIN_MAX_NS) -> int:
+    """Sleep to `margin_ns` before the deadline and spin the rest (margin 0: sleep only).
+
+    Returns the next margin, `most_ns` at most.
+    """
+    sleep_until_ns(deadline_ns - margin_ns)
+    if margin_ns == 0:
+        return 0
+    if monotonic_ns() > deadline_ns:
+        return min(margin_ns + MARGIN_UP_NS, most_ns)
+    while monotonic_ns() < deadline_ns:
+        pause()
+    return max(margin_ns - MARGIN_DOWN_NS, MARGIN_UP_NS)
+
+
+@lean_kernel
+def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
+    """Image in, cycle, operations out, telemetry: the same for every clock."""
+    state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
+    taken_ns = board[BOARD_TAKEN_NS] if board[BOARD_TAKEN_NS] != 0 else state.image[IMAGE_T_NS]
+    state.i[IMAGE_AGE_NS] = now_ns + late_ns - taken_ns
+    state.i[REVISION], state.i[MODULE_LOSSES] = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
+    n_ops = cycle(params, state, mail, now_ns, late_ns)
+    posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
+    if not posted:
+        state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
+    disarm_when_safe(state, mail, board, posted)
+    append_telemetry(mail, state.q.size, state.row)
+
+
+@lean_kernel
+def run(
+    params: ServoParameters, state: ServoState, mail: Any, board: Any, card: Any, margin_ns: int, away_ns: int
+) -> int:
+    """Run until shutdown is requested and the arm is without power, as its board shows.
+
+    Args:
+        card: see `hwif.isa.card`; one on this machine's own bus is read before and written after each cycle.
+        margin_ns: initial spin margin; 0 never spins. away_ns: without an image for this long, and without power,
+            return BOARD_AWAY so that the board can be mapped anew.
+    """
+    slipped = slipped_ns(board, params.board_slips)
+    deadline = first_deadline(monotonic_ns() - slipped, params.period_ns)
+    seen_ns, asked_ns = deadline, deadline
+    most_ns = longest_margin(params.period_ns)
+    margin_ns = min(margin_ns, most_ns)
+    while True:
+        margin_ns = wait_until(deadline + slipped, margin_ns, most_ns)
+        slipped = await_board(board, params.board_slips, deadline)
+        mail[BEAT_SLIPPED_NS] = slipped
+        started = monotonic_ns() - slipped
+        if started < deadline:
+            continue  # time has slipped: the deadline is still to come
+        if card[CARD_KIND] != NO_CARD:
+            show_card(card, board, started)
+        one_cycle(params, state, mail, board, deadline, started - deadline)
+        if card[CARD_KIND] != NO_CARD:
+            serve_card(card, board, started)
+        finished = monotonic_ns() - slipped
+        state.i[BUSY_NS] = finished - started
+        powered = wants_power(state.i[MODE])
+        if load_acquire(mail, COMMAND_SHUTDOWN) == 0 or powered:
+            asked_ns = deadline
+        elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS:
+            return ENDED
+        if state.i[IMAGE_OK] != 0:
+            seen_ns = deadline
+        elif not powered and deadline - seen_ns > away_ns:
+            return BOARD_AWAY
+        following = next_deadline(deadline, finished, params.period_ns)
+        state.i[LATE] += (following - deadline) // params.period_ns - 1
+        deadline = following

@@ -1,0 +1,78 @@
+"""Binary outputs: what the program asks for, less what a stop has switched off.
+
+A line that goes off at a stop is locked as long as its program goes on asking for it: nothing comes on again because
+somebody has cleared a fault. A line that holds follows its program, and stays as it was left when that has gone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.config.outputs import N_OUTPUTS
+from qrobot.hwif.board_memory import put_outputs
+from qrobot.hwif.registers import DISCRETE_LINES, STATUS_ESTOP_OK
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.memory.mailbox import (
+    BEAT_KEPT,
+    BEAT_LINES,
+    COMMAND_OUTPUTS,
+    COMMAND_OUTPUTS_NS,
+    COMMAND_SHUTDOWN,
+    COMMAND_STOPS,
+)
+from qrobot.servo.modes import Mode
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.state import (
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    IMAGE_OK,
+    MODE,
+    OUTPUT_STOPS_SEEN,
+    OUTPUTS,
+    OUTPUTS_LOCKED,
+    OUTPUTS_SENT,
+    POWER_LOCKED,
+    STATUS,
+    ServoState,
+)
+
+STOPPING: Final = int(Mode.STOPPING)
+FAULTED: Final = int(Mode.FAULT)
+
+
+@lean_kernel
+def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
+    """The arm is being stopped, or was; its board or the emergency stop is open; or nobody commands it."""
+    asked = mail[COMMAND_STOPS] != state.i[OUTPUT_STOPS_SEEN] or state.i[POWER_LOCKED] != 0
+    state.i[OUTPUT_STOPS_SEEN] = mail[COMMAND_STOPS]
+    open_chain = state.i[IMAGE_OK] == 0 or state.i[STATUS] & STATUS_ESTOP_OK == 0
+    silent = now_ns - mail[COMMAND_OUTPUTS_NS] > params.outputs.patience_ns or mail[COMMAND_SHUTDOWN] != 0
+    return bool(asked or open_chain or silent or state.i[MODE] == STOPPING or state.i[MODE] == FAULTED)
+
+
+@lean_kernel
+def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
+    """The outputs of this cycle, and the board's own lines among them in the shadow of DISCRETE."""
+    lines = params.outputs
+    if lines.lines == 0:
+        return
+    asked = mail[COMMAND_OUTPUTS] & lines.lines
+    if stop_stands(params, state, mail, now_ns):
+        state.i[OUTPUTS_LOCKED] |= lines.off
+    state.i[OUTPUTS_LOCKED] &= asked
+    state.i[OUTPUTS] = asked & ~state.i[OUTPUTS_LOCKED]
+    word = state.i[DISCRETE_WORD] & ~DISCRETE_LINES
+    for k in range(N_OUTPUTS):
+        if state.i[OUTPUTS] >> k & 1 != 0:
+            word |= lines.discrete[k]
+    state.i[DISCRETE_WORD] = word
+    mail[BEAT_LINES], mail[BEAT_KEPT] = lines.lines, state.i[OUTPUTS] & ~lines.off
+
+
+@lean_kernel
+def post_outputs(params: ServoParameters, state: ServoState, n: int) -> int:
+    """Tell the modules beside the board what is new, all of it to a board that is new; returns the list's length."""
+    if params.outputs.lines == 0 or (state.i[OUTPUTS] == state.i[OUTPUTS_SENT] and state.i[DISCRETE_SENT] >= 0):
+        return n
+    state.i[OUTPUTS_SENT] = state.i[OUTPUTS]
+    return put_outputs(state.ops, n, state.i[OUTPUTS])

@@ -1,0 +1,60 @@
+"""A stop after a collision does not press on: joints that are held back stop where they are.
+
+A controlled stop goes on along its path, for a tenth of a second and some centimetres of a fast tool; into what the arm
+has met. So once a torque nobody commanded works against the reference of a joint, its reference stands where the joint
+is: its velocity is damped, it is held with the stiffness of the law, and nothing drives it on. The other joints stop on
+their path, as in every stop, and in their turn give way if they are held back.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.checks.monitor_state import YIELDS
+from qrobot.servo.modes import Mode
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.interpolator import line_through
+from qrobot.servo.state import MODE, PHASE, RATE, RATE_AT_STOP, ServoState
+
+STOPPING: Final = int(Mode.STOPPING)
+FELT_SHARE: Final = 0.5  # of the unexplained torque: smaller pushes may be the model's [A]
+
+
+@lean_kernel
+def give_way(params: ServoParameters, state: ServoState) -> None:
+    """After a collision: let the reference of each joint that is held back stand where the joint is."""
+    if state.watch.i[YIELDS] == 0:
+        return
+    for j in range(state.q.size):
+        felt = FELT_SHARE * params.watch.unexplained[j]
+        if is_held_back(state.watch.push[j], state.v_ref[j], felt):
+            state.watch.gave_way[j] = state.v_ref[j]
+            line_through(state.knots, params.first_knot, j, state.f[PHASE], state.q[j], 0.0)
+            state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
+
+
+@lean_kernel
+def is_held_back(push: float, v_ref: float, felt: float) -> bool:
+    """A push beyond `felt` acts against the reference."""
+    return abs(push) > felt and push * v_ref < 0.0
+
+
+@lean_kernel
+def thrown_speed(state: ServoState, j: int) -> float:
+    """Speed at which a joint that has given way may be thrown back, rad/s (m/s): that of its path, had it gone on.
+
+    What throws it back faster has more than the arm brought along; what drives it on is no obstacle at all.
+    """
+    gave_way = state.watch.gave_way[j]
+    if state.i[MODE] != STOPPING or state.watch.i[YIELDS] == 0 or state.v[j] * gave_way >= 0.0:
+        return 0.0
+    return float(abs(gave_way) * state.f[RATE] / state.f[RATE_AT_STOP])
+
+
+@lean_kernel
+def forget_yielding(state: ServoState) -> None:
+    """The next stop is an ordinary one."""
+    state.watch.i[YIELDS] = 0
+    for j in range(state.q.size):
+        state.watch.gave_way[j] = 0.0

@@ -1,0 +1,136 @@
+"""The servo's side of the board's one converter: a channel at a time, round robin, without ever waiting.
+
+A cycle posts the vendor's sequence (TRC004 vendor driver v4.3) as register operations and looks for the result in the
+images of later cycles:
+
+    revision F    done mask 0, 1;  ADC_MUX = (channel << 7) | 0x50;  STATUS bit 14 falls;  ADC_VALUE & 0xFFF0
+    revision E    done mask 0;  ADC_MUX = channel;  read ADC_START;  done mask 1;  STATUS bit 14 falls;  low byte
+
+Mask 0 presets the done flag, so the flag of the last conversion is never taken for that of this one, once the image
+shows what the operations did. The first image of which that is certain is the second one after they were posted: its
+sampling began when they were there. One conversion takes two images, or one cycle of a servo slower than that.
+
+The vendor's driver polls without end. Here a conversion that is not done in `patience` cycles is given up and counted,
+and its channel reads NaN until one succeeds: a law that needs it stops the arm (LAW_NAN), the others go on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_read, put_write
+from qrobot.hwif.registers import (
+    ADC_E_VOLT_PER_COUNT,
+    ADC_F_CHANNEL_SHIFT,
+    ADC_F_COMMAND,
+    ADC_F_MASK,
+    ADC_F_VOLT_PER_COUNT,
+    ADC_MUX,
+    ADC_START,
+    ADC_VALUE,
+    DISCRETE,
+    DISCRETE_ADC,
+    N_ADCS,
+    STATUS,
+    STATUS_ADC_BUSY,
+)
+from qrobot.model.transmission import signed_word
+from qrobot.realtime.jit import lean_kernel
+
+REVISION_E: Final = ord("E")  # as BOARD_REVISION has it; whatever else stands there is read as revision F
+IMAGES_TO_ANSWER: Final = 2
+
+# indexes into `AdcState.i`
+(
+    CHANNEL,  # being converted, or the one before
+    BUSY,  # 1 while a conversion is under way
+    ANSWER_AT,  # count of the first image that can answer
+    WAITED,  # cycles this conversion has taken
+    TIMEOUTS,  # conversions given up
+    N_ADC_INTEGERS,
+) = range(6)
+
+
+class AdcState(NamedTuple):
+    """What the sampling remembers from cycle to cycle."""
+
+    i: Any  # int64[N_ADC_INTEGERS]
+    done: Any  # int64[8] conversions of each channel so far
+
+
+def make_adc_state() -> AdcState:
+    """Nothing sampled yet; the first conversion is that of the lowest channel wanted."""
+    integers = np.zeros(N_ADC_INTEGERS, dtype=np.int64)
+    integers[CHANNEL] = N_ADCS - 1
+    return AdcState(integers, np.zeros(N_ADCS, dtype=np.int64))
+
+
+@lean_kernel
+def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: int) -> int:
+    """Take the conversion under way out of the newest image, or give it up after `patience` cycles.
+
+    Args:
+        adc: `AdcState`. sensors: volts of the channels, float64[8] (out). image: int64[IMAGE_WORDS].
+        revision: the board's, as BOARD_REVISION has it.
+
+    Returns:
+        The channel that has a new value, or -1.
+    """
+    if adc.i[BUSY] == 0:
+        return -1
+    adc.i[WAITED] += 1
+    channel = adc.i[CHANNEL]
+    answered = image[IMAGE_COUNT] >= adc.i[ANSWER_AT]
+    if answered and image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY == 0:
+        sensors[channel] = code_volts(image[IMAGE_INPUTS + ADC_VALUE // 2], revision)
+        adc.done[channel] += 1
+        adc.i[BUSY] = 0
+        return int(channel)
+    if adc.i[WAITED] > patience:
+        sensors[channel] = math.nan
+        adc.i[TIMEOUTS] += 1
+        adc.i[BUSY] = 0
+    return -1
+
+
+@lean_kernel
+def code_volts(code: int, revision: int) -> float:
+    """Volts of an ADC_VALUE word: 12 bits of +-10 V left-justified (revision F), 8 bits of 0-5 V (revision E)."""
+    if revision == REVISION_E:
+        return float((code & 0xFF) * ADC_E_VOLT_PER_COUNT)
+    return float(signed_word(code & ADC_F_MASK) * ADC_F_VOLT_PER_COUNT)
+
+
+@lean_kernel
+def start_sample(adc: Any, ops: Any, n: int, word: int, wanted: int, count: int, revision: int) -> int:
+    """Post the conversion of the next channel wanted, unless one is under way; returns the new number of operations.
+
+    Args:
+        adc: `AdcState`. ops: list of operations with `n` in it. word: DISCRETE as it is to stand, done mask set.
+        wanted: bit per channel, not 0. count: count of the newest image.
+    """
+    if adc.i[BUSY] != 0:
+        return n
+    channel = next_channel(adc.i[CHANNEL], wanted)
+    adc.i[CHANNEL], adc.i[BUSY], adc.i[WAITED] = channel, 1, 0
+    adc.i[ANSWER_AT] = count + IMAGES_TO_ANSWER
+    n = put_write(ops, n, DISCRETE, word & ~DISCRETE_ADC)
+    if revision == REVISION_E:
+        n = put_write(ops, n, ADC_MUX, channel)
+        n = put_read(ops, n, ADC_START)
+        return put_write(ops, n, DISCRETE, word)
+    n = put_write(ops, n, DISCRETE, word)
+    return put_write(ops, n, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND)
+
+
+@lean_kernel
+def next_channel(channel: int, wanted: int) -> int:
+    """The channel after `channel`, round robin, whose bit is set in `wanted`."""
+    for step in range(1, N_ADCS + 1):
+        candidate = (channel + step) % N_ADCS
+        if wanted >> candidate & 1:
+            return candidate
+    return channel

@@ -1,0 +1,53 @@
+"""Where the joints are taken to be while no image says: on along their reference, at the velocity last seen.
+
+    lag = q_ref - q        lag' = v_ref - v            as they were when the joints were last seen
+    lag += lag' dt         q = q_ref - lag        v = v_ref - lag'        in every cycle without a sample
+
+So q goes on with v, and v changes as the reference's does: the feedback of a law stays what it was. Positions that
+stood still while the reference goes on would wind it up, for nothing that the arm does. A good image ends it, or
+BOARD_GONE, or ENC_JUMP. Counts stay what was counted, and the estimators of velocity go by them alone.
+"""
+
+from __future__ import annotations
+
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.modes import gives_torque
+from qrobot.servo.state import DT, MODE, UNSEEN, ServoState
+
+
+@lean_kernel
+def lose_sight(state: ServoState) -> None:
+    """A cycle without a sample: from now on the joints are carried on."""
+    if state.i[UNSEEN] == 0:
+        for j in range(state.v.size):
+            state.v_seen[j] = state.v[j]
+    state.i[UNSEEN] = 1
+
+
+@lean_kernel
+def see_again(state: ServoState) -> None:
+    """Go by what was seen again; the caller takes the positions from the counts."""
+    if state.i[UNSEEN] != 0:
+        for j in range(state.v.size):
+            state.v[j] = state.v_seen[j]
+    state.i[UNSEEN] = 0
+
+
+@lean_kernel
+def note_lag(state: ServoState) -> None:
+    """Remember how far the joints lag behind their reference, and how fast that grows."""
+    for j in range(state.q.size):
+        state.lag[j], state.lag_rate[j] = state.q_ref[j] - state.q[j], state.v_ref[j] - state.v[j]
+
+
+@lean_kernel
+def hold_through_dropout(state: ServoState) -> None:
+    """Once the reference of this cycle is known: note the lag of joints that are seen, carry on those that are not."""
+    if not gives_torque(state.i[MODE]):
+        return
+    if state.i[UNSEEN] == 0:
+        note_lag(state)
+        return
+    for j in range(state.q.size):
+        state.lag[j] += state.lag_rate[j] * state.f[DT]
+        state.q[j], state.v[j] = state.q_ref[j] - state.lag[j], state.v_ref[j] - state.lag_rate[j]

@@ -1,0 +1,228 @@
+"""From the board's image to positions and velocities that can be trusted, or to the code that says why not."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
+from qrobot.hwif.registers import (
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_INDEX,
+    ENC_COUNT,
+    STATUS_CALIBRATED,
+)
+from qrobot.hwif.registers import STATUS as STATUS_REGISTER
+from qrobot.model.transmission import (
+    counts_to_joint,
+    signed_word,
+    unwrap_counts,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.calibration.potentiometers import forget_pots, gather_pot, has_table, watch_pots
+from qrobot.servo.calibration.procedure import see_load
+from qrobot.servo.calibration.state import STAGE, Stage
+from qrobot.servo.checks.fault_monitors import follow_counts
+from qrobot.servo.checks.limit_checks import (
+    RUNAWAY,
+    VELOCITY_CATEGORY_0,
+    check_following,
+    check_image,
+    check_range,
+    check_velocity,
+)
+from qrobot.servo.checks.lost_counts import ARMED, check_indexes, stop_watching
+from qrobot.servo.checks.monitor_state import UNPOWERED_S
+from qrobot.servo.checks.potentiometer_monitor import follow_pots, hear_pots
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.converter import collect_sample
+from qrobot.servo.stages.dropout_hold import lose_sight, see_again
+from qrobot.servo.stages.mode_machine import narrow_range, report_fault
+from qrobot.servo.stages.velocity import Estimator, difference, observe, start_observer
+from qrobot.servo.stages.wrench import measure_wrench
+from qrobot.servo.state import (
+    ADOPT,
+    ADOPT_BOARD,
+    ADOPT_JUMPED,
+    ADOPT_NOTHING,
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    GLITCHES,
+    IMAGE_AGE_NS,
+    IMAGE_OK,
+    IMAGE_SEEN,
+    MODE,
+    READ_NS,
+    REVISION,
+    SAMPLE_DT,
+    STARTED,
+    STATUS,
+    UNCHANGED,
+    ServoState,
+)
+
+OBSERVER: Final = int(Estimator.OBSERVER)
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+CALIBRATING: Final = int(Mode.CALIBRATING)
+LOADING: Final = int(Stage.LOADING)
+NONE: Final = int(FaultCode.NONE)
+ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
+GLITCHES_TO_FAULT: Final = 3
+
+
+@lean_kernel
+def read(params: ServoParameters, state: ServoState) -> None:
+    """Judge the image; unwrap the encoder words, holding back what no joint can have moved.
+
+    An image that is new by its count but as old as a board may be silent is none of the present: it counts as missing.
+    """
+    whole = state.i[IMAGE_OK] != 0
+    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN] and state.i[IMAGE_AGE_NS] <= params.image_age_ns
+    state.i[UNCHANGED] = 0 if fresh else state.i[UNCHANGED] + 1
+    if whole:
+        state.i[IMAGE_SEEN] = state.image[IMAGE_COUNT]
+        state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+    code = check_image(state.i[UNCHANGED], params.unchanged_images, state.i[IMAGE_SEEN], state.i[STATUS])
+    state.i[IMAGE_OK] = 1 if code == 0 else 0
+    if state.i[IMAGE_OK] == 0 and not wants_power(state.i[MODE]):
+        state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
+    if fresh and state.i[IMAGE_OK] != 0:
+        read_encoders(params, state)
+    channel = collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
+    measure_wrench(params.wrench, state.sensors, state.adc.done, state.i[IMAGE_OK] != 0, state.wrench)
+    if state.i[STARTED] != 0:
+        watch_pots(params, state, channel)
+        hear_pots(params, state, channel)
+        gather_pot(params, state, channel)
+        follow_pots(params, state, channel)
+
+
+@lean_kernel
+def read_encoders(params: ServoParameters, state: ServoState) -> None:
+    """Counts from the encoder words of a good image."""
+    first = IMAGE_INPUTS + ENC_COUNT // 2
+    words = state.image[first : first + state.raw.size]
+    if state.i[ADOPT] != ADOPT_NOTHING:
+        adopt(params, state, words)
+    if state.cal.i[STAGE] == LOADING and see_load(params, state, words):
+        return
+    since_ns = state.image[IMAGE_T_NS] - state.i[READ_NS]
+    periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
+    state.i[READ_NS] = state.image[IMAGE_T_NS]
+    state.f[SAMPLE_DT] += since_ns * 1e-9
+    for j in range(state.raw.size):
+        state.jump[j] = params.jump_counts[j] * periods
+    joint = unwrap_counts(words, state.raw, state.counts, state.jump)
+    if joint == NO_JOINT:
+        state.i[GLITCHES] = 0
+        return
+    state.i[GLITCHES] += 1
+    if state.i[GLITCHES] >= GLITCHES_TO_FAULT:
+        report_fault(state, ENC_JUMP, joint)
+
+
+@lean_kernel
+def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
+    """First image of a board: take counters and scratch bits as it kept them, and move nothing.
+
+    Counters that jumped are taken too, but are not calibrated any more.
+    """
+    for j in range(words.size):
+        state.raw[j] = words[j]
+        state.counts[j] = signed_word(words[j])
+    counts_to_joint(state.counts, params.transmission, state.q_before)
+    start_observer(state.q_before, state.observed, state.v, state.unmodelled)
+    kept = state.i[STATUS] & params.scratch_bits
+    if state.i[ADOPT] == ADOPT_JUMPED:
+        kept &= ~STATUS_CALIBRATED
+    state.i[DISCRETE_WORD] = kept | DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_SENT] = -1
+    state.i[GLITCHES] = 0
+    state.i[READ_NS] = state.image[IMAGE_T_NS] - params.period_ns
+    state.i[ADOPT] = ADOPT_NOTHING
+    state.watch.f[UNPOWERED_S] = 0.0  # where the arm is parked has to be seen anew
+    state.i[STARTED] = 1
+    forget_pots(state)
+
+
+@lean_kernel
+def estimate(params: ServoParameters, state: ServoState) -> None:
+    """Joint positions from counts, and velocities by the estimator chosen.
+
+    The time between two samples is the board's: a board or a servo that stalled and caught up shows no false speed.
+    Without a new sample, or with a joint held back, that time goes on counting, and joints under torque are carried on.
+    """
+    if state.i[STARTED] == 0:
+        return
+    sampled = state.i[GLITCHES] == 0 and state.f[SAMPLE_DT] > 0.0
+    if not sampled and gives_torque(state.i[MODE]):
+        lose_sight(state)
+        return
+    see_again(state)
+    counts_to_joint(state.counts, params.transmission, state.q)
+    if not sampled:
+        return
+    dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
+    if params.estimator == OBSERVER:
+        model_push(params, state)
+        observe(
+            state.q, state.q_before, state.scratch, dt, params.observer_rad_s,
+            state.observed, state.v, state.unmodelled,
+        )  # fmt: skip
+    else:
+        difference(state.q, state.q_before, dt, params.filter_rad_s, state.v)
+    for j in range(state.q.size):
+        state.q_before[j] = state.q[j]
+    follow_counts(params, state, dt)
+
+
+@lean_kernel
+def model_push(params: ServoParameters, state: ServoState) -> None:
+    """Acceleration, into `scratch`, that the last cycle's torque gives each joint beyond its load by the model.
+
+    Off the diagonal of the mass matrix nothing is modelled, and nothing of drives that close their own loop: the
+    observer finds it.
+    """
+    driven = gives_torque(state.i[MODE]) and params.position_drives == 0
+    for j in range(state.q.size):
+        excess = state.tau[j] - state.gravity[j] - state.friction[j]
+        state.scratch[j] = excess / params.inertia[j] if driven else 0.0
+
+
+@lean_kernel
+def watch_arm(params: ServoParameters, state: ServoState) -> None:
+    """Raise what the measured motion calls for while the motors carry torque."""
+    mode = state.i[MODE]
+    if state.index_watch.i[ARMED] != 0 and (not gives_torque(mode) or mode in (UNCALIBRATED, CALIBRATING)):
+        stop_watching(state)
+        state.i[DISCRETE_WORD] &= ~DISCRETE_INDEX
+    if not gives_torque(mode):
+        return
+    code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
+    factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
+    if code != NONE:
+        report_fault(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
+    code, joint = check_following(state.q_ref, state.q, params.following_error)
+    if code != NONE:
+        report_fault(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
+    if state.i[MODE] not in (UNCALIBRATED, CALIBRATING):
+        narrow_range(params, state)
+        code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
+        if code != NONE:
+            end = state.range_min[joint] if state.q[joint] < state.range_min[joint] else state.range_max[joint]
+            report_fault(state, code, joint, state.q[joint], end)
+        watch_indexes(params, state)
+
+
+@lean_kernel
+def watch_indexes(params: ServoParameters, state: ServoState) -> None:
+    """Look for lost counts; counters that have some are not calibrated any more."""
+    if not has_table(params) or state.i[IMAGE_OK] == 0:
+        return
+    state.i[DISCRETE_WORD] |= DISCRETE_INDEX
+    code, joint = check_indexes(params.transmission, params.index_phase, state, state.i[STATUS])
+    report_fault(state, code, joint)
+    if code != 0:
+        state.i[DISCRETE_WORD] &= ~DISCRETE_CALIBRATED

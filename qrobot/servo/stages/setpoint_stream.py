@@ -1,0 +1,255 @@
+"""Taking setpoints: when a stream starts, what each frame has to satisfy, what a missing one becomes, when it is lost.
+
+A stream starts playing half a frame after its first frame arrived, so that later frames may arrive a little early or
+late. From then on one frame is taken per frame period. A frame that is not there, or is refused, is replaced by going
+on at constant velocity; a second missing frame in a row, silence for two periods and a margin, or a refused frame ends
+the stream in a stop on the path. After any stop the servo follows only a new stream.
+
+After one lost frame the next one is due exactly two periods after the last one that came. The margin lets it be late:
+by a quarter of a period, and by one cycle of the servo at least.
+
+The sender's clock need not be ours: how long the taken frame had waited tells the phase, and the playing rate follows
+it by at most `MAX_RATE_SHIFT`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.realtime.flat_record import bits_float
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
+from qrobot.servo.checks.tip_speed import check_tip_step
+from qrobot.servo.memory.setpoint_queue import (
+    FRAME_JOINTS,
+    FRAME_PERIOD_NS,
+    FRAME_SEQ,
+    FRAME_STREAM,
+    FRAME_T_NS,
+    POSITION_SETPOINT,
+    QUEUE_CAPACITY,
+    TORQUE_SETPOINT,
+    drop_all_frames,
+    drop_frame,
+    peek_frame,
+)
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.interpolator import line_through, rest_at, shift_extrapolated, shift_in
+from qrobot.servo.state import (
+    BRIDGED,
+    DEAD_STREAM,
+    DT,
+    FRAME_NS,
+    LAST_ARRIVAL_NS,
+    MISSED,
+    MISSES,
+    NEXT_SEQ,
+    PHASE,
+    PLAY_AT_NS,
+    RATE,
+    RATE_SLOPE,
+    STREAM,
+    ServoState,
+)
+
+PLAYOUT_FRAMES: Final = 0.5
+LOST_AFTER_FRAMES: Final = 2
+SILENCE_MARGIN: Final = 0.25  # of a period: how late the frame after a lost one may be [A]
+# How much larger a bend of the setpoints shows when one of the knots before it was extrapolated: none, the newest, the
+# one before the newest. With second differences d1, d2 <= a T^2 around the missing knot they are d2 + 2 d1 and d3 - d1.
+BEND_SLACK: Final = np.array([1.0, 3.0, 2.0])
+MAX_RATE_SHIFT: Final = 0.02
+PHASE_GAIN: Final = 0.05
+_PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever the sum of k rounded fractions
+
+STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
+SP_INVALID: Final = int(FaultCode.SP_INVALID)
+SHORTEST_FRAME_NS: Final = 1_000_000
+LONGEST_FRAME_NS: Final = 100_000_000
+
+
+@lean_kernel
+def look_at_frame(state: ServoState, mail: Any) -> bool:
+    """Copy the oldest waiting frame of a living stream into the state, discarding what a stop has outdated.
+
+    Numbers of streams grow, so whatever began before the newest stream that was ended is outdated with it.
+    """
+    n = state.q.size
+    for _ in range(QUEUE_CAPACITY):  # no more can wait, whatever is added meanwhile
+        if not peek_frame(mail, state.frame, state.frame.size):
+            return False
+        if state.frame[FRAME_STREAM] > state.i[DEAD_STREAM]:
+            for j in range(n):
+                state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
+                state.setpoint[j] = bits_float(state.frame[FRAME_JOINTS + n + j])
+            return True
+        drop_frame(mail)
+    return False
+
+
+@lean_kernel
+def asks_for_nothing(state: ServoState) -> bool:
+    """The frame holds every joint: whoever sent it only keeps in touch."""
+    asked = 0
+    for j in range(state.q.size):
+        asked += state.setpoint_modes[j]
+    return bool(asked == 0)
+
+
+@lean_kernel
+def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[bool, int, int]:
+    """(play now, code, joint): while holding, watch for a stream that begins where the reference stands."""
+    if not look_at_frame(state, mail):
+        return False, 0, NO_JOINT
+    if asks_for_nothing(state):
+        drop_frame(mail)
+        return False, 0, NO_JOINT
+    frame_ns = state.frame[FRAME_PERIOD_NS]
+    code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
+    if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
+        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+        return False, code if code != 0 else SP_INVALID, joint
+    state.i[FRAME_NS] = frame_ns
+    state.i[PLAY_AT_NS] = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
+    return now_ns >= state.i[PLAY_AT_NS], 0, NO_JOINT
+
+
+@lean_kernel
+def forget_waiting(state: ServoState, mail: Any) -> None:
+    """A stop while no stream is followed: whatever stream was about to begin does not."""
+    for _ in range(QUEUE_CAPACITY):
+        if not look_at_frame(state, mail):
+            return
+        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+        drop_frame(mail)
+
+
+@lean_kernel
+def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> None:
+    """Begin to play the stream whose first frame `stream_ready` has shown, at its time and not at the tick after it."""
+    state.i[STREAM] = state.frame[FRAME_STREAM]
+    state.i[NEXT_SEQ] = state.frame[FRAME_SEQ]
+    state.i[LAST_ARRIVAL_NS] = now_ns
+    state.i[MISSES] = state.i[BRIDGED] = 0
+    rest_at(state.knots, state.q_ref)
+    overdue_s = min(now_ns - state.i[PLAY_AT_NS], params.period_ns) * 1e-9
+    state.f[RATE] = 1e9 / state.i[FRAME_NS]
+    state.f[PHASE] = 1.0 + (overdue_s - state.f[DT]) * state.f[RATE]
+    state.f[RATE_SLOPE] = 0.0
+
+
+@lean_kernel
+def end_stream(state: ServoState, mail: Any) -> None:
+    """Follow no frame of the present stream any more."""
+    state.i[DEAD_STREAM] = max(state.i[DEAD_STREAM], state.i[STREAM])
+    state.i[MISSES] = 0
+    drop_all_frames(mail)
+
+
+@lean_kernel
+def _follow_phase(state: ServoState, now_ns: int) -> None:
+    """Let the playing rate follow the sender's clock: a frame should have waited half a period when its turn comes."""
+    frame_ns = state.i[FRAME_NS]
+    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - state.f[PHASE]
+    shift = min(max(PHASE_GAIN * (waited - PLAYOUT_FRAMES), -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
+    state.f[RATE] = (1.0 + shift) * 1e9 / frame_ns
+
+
+@lean_kernel
+def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
+    """(code, joint): make the next frame, or what replaces it, the newest knot."""
+    while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.i[STREAM]:
+        if state.frame[FRAME_SEQ] < state.i[NEXT_SEQ]:  # came after its substitute, or twice
+            drop_frame(mail)
+            continue
+        if state.frame[FRAME_SEQ] > state.i[NEXT_SEQ]:  # the frame before it is lost
+            break
+        code, joint = _judge_frame(params, state)
+        if code == 0:
+            _accept_frame(state, now_ns)
+        else:
+            shift_extrapolated(state.knots)
+        state.i[NEXT_SEQ] += 1
+        drop_frame(mail)
+        return code, joint
+    state.i[NEXT_SEQ] += 1
+    state.i[MISSES] += 1
+    state.i[MISSED] += 1
+    state.i[BRIDGED] = 1
+    shift_extrapolated(state.knots)
+    return (STREAM_LOST if state.i[MISSES] >= LOST_AFTER_FRAMES else 0), NO_JOINT
+
+
+@lean_kernel
+def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
+    """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
+    if state.frame[FRAME_PERIOD_NS] != state.i[FRAME_NS]:
+        return SP_INVALID, NO_JOINT
+    for j in range(state.q.size):
+        if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
+            # back to a position: from where the joint is, at the speed it has
+            line_through(
+                state.knots, params.first_knot, j, state.f[PHASE] + 1.0, state.q[j], state.v[j] / state.f[RATE]
+            )
+        if state.setpoint_modes[j] == 0:
+            state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
+    code, joint = check_setpoint(
+        state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
+        params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.i[FRAME_NS] * 1e-9,
+        BEND_SLACK[state.i[BRIDGED]],
+    )  # fmt: skip
+    if code == 0:
+        code = check_tip_step(
+            state.setpoint, state.setpoint_modes, state.knots, state.i[FRAME_NS] * 1e-9,
+            params.dynamics.chain, params.tip, params.tool_speed, state.scratch,
+        )  # fmt: skip
+    return code, joint
+
+
+@lean_kernel
+def _accept_frame(state: ServoState, now_ns: int) -> None:
+    for j in range(state.q.size):
+        state.joint_modes[j] = state.setpoint_modes[j]
+        if state.setpoint_modes[j] == TORQUE_SETPOINT:
+            state.torque_setpoint[j] = state.setpoint[j]
+            state.setpoint[j] = state.q[j]
+        else:
+            state.torque_setpoint[j] = 0.0
+    shift_in(state.knots, state.setpoint)
+    _follow_phase(state, now_ns)
+    state.i[LAST_ARRIVAL_NS] = min(state.frame[FRAME_T_NS], now_ns)  # no frame has come from the future
+    state.i[MISSES] = 0
+    state.i[BRIDGED] = 2 if state.i[BRIDGED] == 1 else 0
+
+
+@lean_kernel
+def longest_silence(frame_ns: int, cycle_ns: int) -> int:
+    """Nanoseconds after a frame at which its stream is lost: one frame may be missing, and the next one be late."""
+    return LOST_AFTER_FRAMES * frame_ns + max(int(SILENCE_MARGIN * frame_ns), cycle_ns)
+
+
+@lean_kernel
+def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
+    """True when nothing has arrived for longer than one lost frame explains."""
+    newest = state.i[LAST_ARRIVAL_NS]
+    if peek_frame(mail, state.frame, state.frame.size):
+        newest = max(newest, state.frame[FRAME_T_NS])
+    return bool(now_ns - newest > longest_silence(state.i[FRAME_NS], params.period_ns))
+
+
+@lean_kernel
+def advance_phase(state: ServoState) -> None:
+    """Move along the path by one tick."""
+    state.f[PHASE] += state.f[RATE] * state.f[DT]
+
+
+@lean_kernel
+def frame_is_over(state: ServoState) -> bool:
+    """True when a frame boundary was passed; the phase then counts from there. Several may pass in one long tick."""
+    if state.f[PHASE] >= 1.0 - _PHASE_ROUNDING:
+        state.f[PHASE] -= 1.0
+        return True
+    return False

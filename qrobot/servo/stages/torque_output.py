@@ -1,0 +1,310 @@
+"""From the reference to register writes: model, law, guard, and the order in which torque and power go out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import REFERENCE_PER_COUNT, put_reference, put_write
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_ADC,
+    DISCRETE_HAND_CLOSE,
+    DISCRETE_HAND_OPEN,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    N_DACS,
+)
+from qrobot.model.dynamics import friction_torque, gravity_torque
+from qrobot.model.stiction_compensation import lead
+from qrobot.model.transmission import (
+    TransmissionParams,
+    joint_to_motor,
+    motor_to_torque,
+    torque_to_dac,
+    torque_to_motor,
+)
+from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.calibration.potentiometers import has_table
+from qrobot.servo.calibration.procedure import post_latches
+from qrobot.servo.checks.guardian_arming import keep_armed, say_again
+from qrobot.servo.checks.limit_checks import (
+    limit_torque,
+)
+from qrobot.servo.checks.lost_counts import post_index_watch
+from qrobot.servo.checks.potentiometer_monitor import wanted_channels
+from qrobot.servo.laws.guarded_copies import broken_words, copy_vector
+from qrobot.servo.laws.law import KP, KV
+from qrobot.servo.laws.law_swap import (
+    LAW_AT,
+    NEXT_LAW_AT,
+    NOT_NOW,
+    OUT_OF_BOUNDS,
+    SWAPPED,
+    answer_swap,
+    fade_bias,
+    forget_bias,
+    install,
+    install_after_trial,
+    law_at,
+    swap_asked,
+)
+from qrobot.servo.memory.mailbox import BEAT_DISCRETE, COMMAND_HAND, GUARD_TAKEOVER
+from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
+from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.stages.binary_outputs import post_outputs
+from qrobot.servo.stages.converter import start_sample
+from qrobot.servo.stages.mode_machine import hold_position, report_fault
+from qrobot.servo.state import (
+    CLIPPED,
+    DISCRETE_SENT,
+    DISCRETE_WORD,
+    DT,
+    IMAGE_SEEN,
+    LAST_NOW_NS,
+    LAW_FAILED,
+    MODE,
+    OUTPUTS,
+    REVISION,
+    STARTED,
+    TICK,
+    ServoState,
+)
+
+OFF: Final = int(Mode.OFF)
+UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
+HOLDING: Final = int(Mode.HOLDING)
+TRACKING: Final = int(Mode.TRACKING)
+LAW_NAN: Final = int(FaultCode.LAW_NAN)
+LAW_BOUNDS: Final = int(FaultCode.LAW_BOUNDS)
+
+
+@lean_kernel
+def drive(params: ServoParameters, state: ServoState) -> None:
+    """Torque of the law, guarded, in modes that give any."""
+    state.i[CLIPPED] = 0
+    if gives_torque(state.i[MODE]):
+        model_terms(params, state)
+        law_torque(params, state)
+    if swap_asked(state.swap.i):
+        answer_swap(state.swap, swap_law(state), state.i[TICK], state.i[LAST_NOW_NS])
+    if not gives_torque(state.i[MODE]):
+        return
+    add_torque_setpoints(state)
+    code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    if code == LAW_NAN:
+        state.i[LAW_FAILED] = 1
+        report_fault(state, code, joint)
+        built_in_law(params, state)
+        code, joint, clipped = limit_torque(state.tau, params.tau_max)
+    state.i[CLIPPED] = clipped
+
+
+@lean_kernel
+def law_torque(params: ServoParameters, state: ServoState) -> None:
+    """What the law in force says, with the bias of the last swap; nothing where the drives close the loop."""
+    if params.position_drives != 0:
+        state.tau[:] = 0.0
+        return
+    if state.i[LAW_FAILED] != 0 or lost(params, state):
+        built_in_law(params, state)
+        return
+    swap = state.swap
+    if not call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
+        state.i[LAW_FAILED] = 1
+        report_fault(state, LAW_BOUNDS)
+        built_in_law(params, state)
+        return
+    if state.i[MODE] == TRACKING:
+        fade_bias(state.swap, state.f[DT])
+    for j in range(state.tau.size):
+        state.tau[j] += state.swap.bias[j]
+
+
+@lean_kernel
+def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: Any, memory: Any, tau: Any) -> bool:
+    """Run the law at `address` on copies of what the servo knows in this cycle; False when it wrote beside them.
+
+    `tau` is filled, with NaN where the law leaves it out, and `memory` goes on. Shapes (n,) and (64,).
+    """
+    copies = state.copies
+    copy_vector(copies.q_ref, q_ref)
+    copy_vector(copies.v_ref, state.v_ref)
+    copy_vector(copies.a_ref, state.a_ref)
+    copy_vector(copies.q, state.q)
+    copy_vector(copies.v, state.v)
+    copy_vector(copies.gravity, state.gravity)
+    copy_vector(copies.friction, state.friction)
+    copy_vector(copies.sensors, state.sensors)
+    for k in range(gains.shape[0]):
+        for j in range(gains.shape[1]):
+            copies.gains[k, j] = gains[k, j]
+    copy_vector(copies.settings, settings)
+    copy_vector(copies.memory, memory)
+    copies.dt[0] = state.f[DT]
+    copies.tau[:] = np.nan
+    law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
+        copies.q_ref[:], copies.v_ref[:], copies.a_ref[:], copies.q[:], copies.v[:], copies.gravity[:],
+        copies.friction[:], copies.sensors[:], copies.gains[:], copies.settings[:], copies.memory[:],
+        copies.dt[:], copies.tau[:],
+    )  # fmt: skip
+    copy_vector(memory, copies.memory)
+    copy_vector(tau, copies.tau)
+    return bool(broken_words(copies) == 0)
+
+
+@lean_kernel
+def swap_law(state: ServoState) -> int:
+    """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump.
+
+    The arm is then held where it is: what is left of an error must not become a motion under a law that integrates it.
+    """
+    mode, swap = state.i[MODE], state.swap
+    if mode == OFF:
+        return install(swap)
+    if mode != HOLDING or state.i[LAW_FAILED] != 0:
+        return NOT_NOW
+    swap.trial_memory[:] = 0.0
+    next_law = swap.i[NEXT_LAW_AT]
+    if not call_law(state, next_law, state.q, swap.next_gains, swap.next_settings, swap.trial_memory, swap.trial):
+        return OUT_OF_BOUNDS
+    result = install_after_trial(swap, state.tau, state.memory)
+    if result == SWAPPED:
+        hold_position(state)
+    return result
+
+
+@lean_kernel
+def lost(params: ServoParameters, state: ServoState) -> bool:
+    """Not even potentiometers tell where the joints are: no model can help, nor a law that trusts in one."""
+    return state.i[MODE] == UNCALIBRATED and not has_table(params)
+
+
+@lean_kernel
+def model_terms(params: ServoParameters, state: ServoState) -> None:
+    """Gravity at the measured pose on the compensated joints, friction at the reference velocity or of a push."""
+    if lost(params, state):
+        for j in range(state.q.size):
+            state.gravity[j], state.friction[j] = 0.0, 0.0
+        return
+    gravity_torque(state.q, params.dynamics, state.work, state.gravity)
+    for j in range(state.q.size):
+        state.watch.load[j] = state.gravity[j]
+        state.gravity[j] *= params.gravity_share[j]
+    motor_rates(state.v_ref, params.transmission, state.scratch)
+    motor_push(params, state, state.tau_motor)
+    lead(state.scratch, state.tau_motor, params.friction)
+    friction_torque(state.scratch, params.friction, state.tau_motor)
+    motor_to_torque(state.tau_motor, params.transmission, state.friction)
+
+
+@lean_kernel
+def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
+    """Motor speeds C v in joint units: friction acts where the motors are, not where the joints are. Shapes (n,)."""
+    for i in range(v.size):
+        speed = 0.0
+        for j in range(v.size):
+            speed += transmission.motor_per_joint[i, j] * v[j]
+        r_dot[i] = speed
+
+
+@lean_kernel
+def motor_push(params: ServoParameters, state: ServoState, push: Any) -> None:
+    """Motor torques of the torque setpoints beyond what carries the arm; none of joints that follow positions.
+
+    `push` is filled, and `friction` used on the way. Shapes (n,).
+    """
+    for j in range(push.size):
+        uncarried = state.watch.load[j] - state.gravity[j]
+        state.friction[j] = state.torque_setpoint[j] - uncarried if state.joint_modes[j] == TORQUE_SETPOINT else 0.0
+    torque_to_motor(state.friction, params.transmission, push)
+
+
+@lean_kernel
+def built_in_law(params: ServoParameters, state: ServoState) -> None:
+    """What replaces a law that failed: PD with gravity compensation and the robot file's gains, without a bias."""
+    forget_bias(state.swap)
+    for j in range(state.tau.size):
+        feedback = params.gains[KP, j] * (state.q_ref[j] - state.q[j]) + params.gains[KV, j] * (
+            state.v_ref[j] - state.v[j]
+        )
+        state.tau[j] = feedback + state.gravity[j]
+
+
+@lean_kernel
+def add_torque_setpoints(state: ServoState) -> None:
+    """Joints in torque mode: the setpoint comes on top of what carries the arm."""
+    for j in range(state.tau.size):
+        state.tau[j] += state.torque_setpoint[j]
+
+
+@lean_kernel
+def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
+    """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
+    if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
+        state.tau[:] = 0.0
+    torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
+    channels = wanted_channels(params, state)
+    compose_discrete(state, mail[COMMAND_HAND], channels != 0)
+    if state.i[STARTED] == 0:
+        return 0
+    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD] & ~params.outputs.off_discrete
+    left_on = state.i[OUTPUTS] & params.outputs.off  # somebody has to switch them off should we die
+    keep_armed(state, mail, wants_power(state.i[MODE]) or left_on != 0)  # before anything is posted
+    if mail[GUARD_TAKEOVER] != 0:
+        state.i[DISCRETE_SENT] = -1
+        return 0
+    n = 0
+    changed = state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] or say_again(state)
+    if changed and not wants_power(state.i[MODE]):
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
+    for channel in range(N_DACS):
+        code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
+        n = put_write(state.ops, n, DAC + 2 * channel, code)
+    if params.position_drives != 0 and gives_torque(state.i[MODE]):
+        n = post_reference(params, state, n)
+    if changed and wants_power(state.i[MODE]):
+        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+    n = post_outputs(params, state, n)
+    n = post_latches(state, n)
+    n = post_index_watch(state, n, state.i[DISCRETE_WORD])
+    if channels != 0:
+        n = start_sample(
+            state.adc, state.ops, n, state.i[DISCRETE_WORD], channels, state.i[IMAGE_SEEN], state.i[REVISION]
+        )
+    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+    return n
+
+
+@lean_kernel
+def post_reference(params: ServoParameters, state: ServoState, n: int) -> int:
+    """Tell the drives where the motors are to be; returns the number of operations."""
+    transmission = params.transmission
+    joint_to_motor(state.q_ref, transmission, state.scratch)
+    for j in range(state.q_ref.size):
+        counts = state.scratch[j] / transmission.rad_per_count[j] + transmission.count_offset[j]
+        n = put_reference(state.ops, n, j, math.floor(counts * REFERENCE_PER_COUNT + 0.5))
+    return n
+
+
+@lean_kernel
+def compose_discrete(state: ServoState, hand: int, sampling: bool) -> None:
+    """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
+    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED | DISCRETE_ADC)
+    if sampling:
+        word |= DISCRETE_ADC
+    if wants_power(state.i[MODE]):
+        word |= DISCRETE_POWER
+    if hand == 1:
+        word |= DISCRETE_HAND_CLOSE
+    elif hand == 2:
+        word |= DISCRETE_HAND_OPEN
+    else:
+        word |= DISCRETE_HAND_RELAXED
+    state.i[DISCRETE_WORD] = word

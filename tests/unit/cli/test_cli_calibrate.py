@@ -1,0 +1,73 @@
+"""`qrobot calibrate` as a command: what it writes, what it says, and its exit status."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.calibrate import _Bars, _results
+from qrobot.cli.console import out, run_app
+from qrobot.cli.main import make_app
+from qrobot.config import load_robot
+from qrobot.servo.calibration.table import load_table
+from qrobot.servo.operator.calibration_client import CalibrationReport
+
+ROBOT = load_robot("puma560")
+REPORT = CalibrationReport(False, 5, [4.2, 5, 6, 7, 8, 9], [140.0] * 6, [5, 5, 5, 4, 5, 5])
+
+
+def test_a_table_made_is_one_that_can_be_loaded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "new" / "arm.txt"
+    assert run_app(make_app(), ["calibrate", "--make-table", str(path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    table = load_table(path, ROBOT)
+    assert said == {"file": str(path), "rows": [pots.size for pots in table.pots]}
+
+
+def test_a_table_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert run_app(make_app(), ["calibrate", "--make-table", str(blocked / "arm.txt")]) == 2
+    assert "cannot write" in capsys.readouterr().err
+
+
+def test_without_a_servo_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "nobody.toml"
+    path.write_text('[[arm]]\nname = "nobody_runs_this"\nrobot = "puma560"\nbridge = { port = 5999 }\n')
+    assert run_app(make_app(), ["calibrate", str(path)]) == 1
+    assert "nobody_runs_this" in capsys.readouterr().err
+
+
+def test_a_damaged_table_keeps_the_servo_from_starting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.txt").write_text("# crc32 00000000\njoint 1\n1 2\n")
+    path = tmp_path / "bad.toml"
+    board = f'board = {{ calibration_table = "{tmp_path / "bad.txt"}" }}'
+    path.write_text(f'[[arm]]\nname = "bad_table"\nrobot = "puma560"\n{board}\nbridge = {{ port = 5999 }}\n')
+    assert run_app(make_app(), ["servo", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert "bad.txt: damaged" in said
+    assert "--make-table" in said
+
+
+def test_the_result_has_a_row_per_joint_with_votes_and_distances() -> None:
+    with out.capture() as captured:
+        out.print(_results(ROBOT, REPORT))
+    lines = captured.get().splitlines()
+    assert [line.split()[:3] for line in lines if line.startswith("wrist_roll")] == [["wrist_roll", "5", "4"]]
+    assert sum(any(name in line for name in ROBOT.joint_names) for line in lines) == ROBOT.n
+    assert "144 units" in captured.get()
+
+
+def test_bars_fill_joint_after_joint() -> None:
+    from qrobot.servo.memory.mailbox import CalibrationProgress
+
+    bars = _Bars(ROBOT)
+    bars.show(CalibrationProgress(2, 2, 3, 5, REPORT.misfit, REPORT.margin, REPORT.votes))  # type: ignore[arg-type]
+    assert [task.completed for task in bars._progress.tasks] == [5, 5, 3, 0, 0, 0]
+    assert {task.total for task in bars._progress.tasks} == {5}
+
+
+def test_a_report_is_plain_json() -> None:
+    assert json.loads(json.dumps(REPORT.to_dict()))["votes"] == [5, 5, 5, 4, 5, 5]

@@ -1,0 +1,140 @@
+"""What the demo does when the machine it runs on stalls."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from qrobot.cli.console import run_app
+from qrobot.cli.demo import _draw, _tried_twice
+from qrobot.cli.main import make_app
+from qrobot.config import load_robot
+from qrobot.errors import QRobotError, Stalled
+from qrobot.faultcodes import FaultCode
+from qrobot.log.header import header_for
+from qrobot.log.read import Log
+from qrobot.log.summary import tracking_summary
+from qrobot.rig.experiment import STALLS, ExperimentRun, Result, stalled_before_fault
+from qrobot.servo.memory.mailbox import FLAG_UNSEEN
+from qrobot.servo.memory.telemetry import TelemetryLayout
+from qrobot.servo.modes import Mode
+
+
+class Attempts:
+    """Fails with these errors, one after the other, and then succeeds."""
+
+    def __init__(self, *errors: Exception) -> None:
+        self.errors, self.made = list(errors), 0
+
+    def __call__(self) -> Result:
+        self.made += 1
+        if self.errors:
+            raise self.errors.pop(0)
+        log = log_of_a_fault()
+        return Result(ExperimentRun(1000, "realtime"), log, tracking_summary(log), 1.0, "")
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+def test_a_run_that_a_stall_stopped_is_made_once_more_and_people_are_told_why(told: list[str]) -> None:
+    attempts = Attempts(Stalled("BOARD_GONE"))
+    assert _tried_twice(attempts, told.append).made_again == "BOARD_GONE"
+    assert attempts.made == 2
+    assert "BOARD_GONE" in told[0]
+    assert _tried_twice(Attempts(), told.append).made_again == ""
+
+
+def test_a_machine_that_stalls_again_is_an_error(told: list[str]) -> None:
+    with pytest.raises(Stalled):
+        _tried_twice(Attempts(Stalled("first"), Stalled("second")), told.append)
+
+
+def test_what_the_arm_did_is_not_tried_again(told: list[str]) -> None:
+    attempts = Attempts(QRobotError("COLLISION"))
+    with pytest.raises(QRobotError, match="COLLISION"):
+        _tried_twice(attempts, told.append)
+    assert (attempts.made, told) == (1, [])
+    assert STALLS.isdisjoint({"COLLISION", "FOLLOWING", "ENC_STUCK", "JOINT_LIMIT"})
+
+
+PERIOD_NS, FAULT_ROW = 1_000_000, 150
+STALLS_OF = pytest.mark.parametrize(  # so many cycles, up to that row
+    ("cycles", "row", "stalled"), [(6, 130, True), (3, 130, False), (6, 80, False), (6, 160, False)]
+)
+
+
+def log_of_a_fault() -> Log:
+    """A punctual run of 200 cycles that ends in RUNAWAY."""
+    rows = TelemetryLayout(6).empty(200)
+    rows["tick"] = np.arange(200)
+    rows["t_ns"] = PERIOD_NS * rows["tick"]
+    rows["mode"] = Mode.TRACKING
+    rows["mode"][FAULT_ROW:], rows["fault"][FAULT_ROW:] = Mode.FAULT, FaultCode.RUNAWAY
+    return Log(Path("a.mcap"), header_for(load_robot("puma560"), PERIOD_NS, "qrobot"), rows)
+
+
+def test_a_fault_on_a_punctual_machine_is_the_arms() -> None:
+    assert not stalled_before_fault(log_of_a_fault())
+
+
+@STALLS_OF
+def test_a_fault_soon_after_images_stayed_away_for_long_is_the_machines(cycles: int, row: int, stalled: bool) -> None:
+    log = log_of_a_fault()
+    log.rows["flags"][row - cycles : row] |= FLAG_UNSEEN
+    assert stalled_before_fault(log) is stalled
+
+
+@STALLS_OF
+def test_so_is_one_soon_after_the_servo_itself_stood_still(cycles: int, row: int, stalled: bool) -> None:
+    log = log_of_a_fault()
+    log.rows["t_ns"][row:] += cycles * PERIOD_NS
+    assert stalled_before_fault(log) is stalled
+
+
+def test_a_run_without_a_fault_blames_nobody() -> None:
+    log = log_of_a_fault()
+    log.rows["fault"] = 0
+    log.rows["t_ns"][100:] += 20 * PERIOD_NS
+    assert not stalled_before_fault(log)
+
+
+def result_with(law: str, error: float, made_again: str = "") -> Result:
+    rows = log_of_a_fault().rows
+    rows["q_ref"], rows["fault"] = rows["q"] + error, 0
+    log = Log(Path(f"{law}.mcap"), header_for(load_robot("puma560"), PERIOD_NS, law), rows)
+    return Result(ExperimentRun(1000, "realtime", law=law), log, tracking_summary(log), 1.0, "", made_again=made_again)
+
+
+def test_the_errors_of_the_first_run_are_drawn_and_those_of_pd_below(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: dict[str, Figure] = {}
+    monkeypatch.setattr("qrobot.log.plot.save_figure", lambda figure, path: figures.update({path.stem: figure}))
+    _draw([result_with("qrobot", 0.003), result_with("qrobot", 0.1), result_with("pd", -0.018)], tmp_path)
+    first, pd = figures["errors"].axes
+    assert (first.get_title(loc="left"), pd.get_title(loc="left")) == (
+        "Position tracking error, law qrobot",
+        "Position tracking error, law pd",
+    )
+    assert [line.get_ydata()[0] for line in (first.lines[0], pd.lines[0])] == pytest.approx([0.003, -0.018])
+    assert first.get_ylim() == pd.get_ylim()
+    _draw([result_with("pd", -0.018), result_with("pd", 0.1)], tmp_path)
+    assert len(figures["errors"].axes) == 1
+
+
+def test_a_run_that_was_made_again_stays_in_what_the_demo_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = [result_with("qrobot", 0.001, "BOARD_GONE: the board was away")]
+    monkeypatch.setattr("qrobot.cli.demo._run_all", lambda *_: results)
+    run_app(make_app(), ["demo", "--out-dir", str(tmp_path), "--json", str(tmp_path / "x.json")])
+    assert "made again: 1000 Hz on the wall clock" in (told := capsys.readouterr().out)
+    assert "at first: BOARD_GONE: the board was away" in told
+    assert json.loads((tmp_path / "x.json").read_text())["runs"][0]["made_again"] == "BOARD_GONE: the board was away"

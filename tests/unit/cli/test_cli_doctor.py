@@ -1,0 +1,127 @@
+"""`qrobot doctor`: each lack is found, weighed and told with its remedy."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import socket
+from collections import namedtuple
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli import checks
+from qrobot.cli.checks import Finding, Weight
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.realtime.setup import SetupStep
+
+Usage = namedtuple("Usage", "total used free")
+
+
+def test_json_lists_every_finding_and_each_that_is_not_ok_has_a_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+    status = run_app(make_app(), ["doctor", "--json"])
+    report = json.loads(capsys.readouterr().out)
+    assert status == (0 if report["usable"] else 1)
+    assert {finding["group"] for finding in report["findings"]} == {
+        "software", "shared memory", "network", "real time", "machine",
+    }  # fmt: skip
+    for finding in report["findings"]:
+        assert finding["ok"] or finding["remedy"]
+
+
+def test_the_table_shows_the_same_findings(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    lack = Finding("machine", SetupStep("kernel", False, "no preemption", "install another"), Weight.TIMING)
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [lack])
+    assert run_app(make_app(), ["doctor"]) == 0
+    text = capsys.readouterr().out
+    for words in ("machine", "kernel", "no preemption", "→ install another", "1 findings marked !"):
+        assert words in text
+
+
+@pytest.mark.parametrize(("weight", "status"), [(Weight.NEEDED, 1), (Weight.TIMING, 0), (Weight.OPTIONAL, 0)])
+def test_only_what_prevents_running_gives_status_1(
+    weight: Weight, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lack = Finding("x", SetupStep("thing", False, "gone", "get one"), weight)
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [lack])
+    assert run_app(make_app(), ["doctor", "--json"]) == status
+
+
+def test_the_ports_of_the_deployment_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, tuple[str, int]] = {}
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda ports, _bases: asked.update(ports) or [])
+    run_app(make_app(), ["doctor", "two_arms", "--json"])
+    assert len(asked) == 2
+    assert all(host == "127.0.0.1" and port > 1024 for host, port in asked.values())
+
+
+def test_an_unknown_deployment_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["doctor", "emulater"]) == 1
+    assert "emulator" in capsys.readouterr().err
+
+
+def test_a_port_is_free_or_taken(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        taken = checks.look_at_port("left", "127.0.0.1", port, tmp_path)
+        assert not taken.ok
+        assert str(port) in taken.detail
+    assert checks.look_at_port("left", "127.0.0.1", port, tmp_path).ok
+
+
+def test_a_port_taken_by_a_running_arm_is_as_it_should_be(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, (tmp_path / "left-servo").open("w") as owner:
+        fcntl.flock(owner, fcntl.LOCK_EX)
+        assert checks.look_at_port("left", "127.0.0.1", server.getsockname()[1], tmp_path).ok
+
+
+@pytest.mark.parametrize(("free", "ok"), [(10 << 20, False), (checks.SEGMENT_BYTES, True)])
+def test_shared_memory_needs_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, ok: bool) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: Usage(1 << 30, 0, free))
+    step = checks.look_at_room(tmp_path)
+    assert step.ok == ok
+    assert ok or "size=256M" in step.remedy
+
+
+def test_missing_shared_memory_prevents_running(tmp_path: Path) -> None:
+    step = checks.look_at_room(tmp_path / "absent")
+    assert (step.ok, "mount a tmpfs" in step.remedy) == (False, True)
+
+
+def test_a_runtime_folder_that_others_may_write_in_prevents_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path.chmod(0o777)
+    monkeypatch.setenv("QROBOT_RUNTIME_DIR", str(tmp_path))
+    findings = list(checks.shared_memory(tmp_path))
+    assert findings[0].prevents_running
+    assert "mode 0777" in findings[0].step.detail
+
+
+def test_a_segment_is_in_use_or_left_behind(tmp_path: Path) -> None:
+    (tmp_path / "a-servo").touch()
+    (tmp_path / "other").touch()
+    with (tmp_path / "b-servo").open("w") as owner:
+        fcntl.flock(owner, fcntl.LOCK_EX)
+        found = {step.name: step.ok for step in checks.look_at_segments(tmp_path)}
+    assert found == {"a-servo": False, "b-servo": True}
+
+
+def test_a_missing_library_is_named_with_its_remedy() -> None:
+    step = checks.look_at_library("surely-not-installed", "pip install it")
+    assert (step.ok, step.remedy) == (False, "pip install it")
+
+
+def test_the_compile_cache_is_where_numba_will_put_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "to" / "be" / "made"))
+    assert checks.look_at_compile_cache().detail == str(tmp_path / "to" / "be" / "made")
+    monkeypatch.setattr(os, "access", lambda _path, _mode: False)
+    assert "NUMBA_CACHE_DIR" in checks.look_at_compile_cache().remedy
+
+
+def test_trying_real_time_leaves_this_thread_as_it_was() -> None:
+    before = os.sched_getscheduler(0)
+    assert {step.name for step in checks.realtime_rights()} == {"scheduler", "idle states", "memory"}
+    assert os.sched_getscheduler(0) == before

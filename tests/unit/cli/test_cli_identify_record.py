@@ -1,0 +1,88 @@
+"""`qrobot identify record` on a running arm: what it says when the moves do not come to their end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.cli.identify_fit import IdentificationTask
+from qrobot.cli.identify_options import FitOptions
+from qrobot.cli.identify_record import read_rows, says_where_it_broke_off
+from qrobot.config import load_robot
+from qrobot.errors import ConfigError, IdentificationError, LogError, ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.ident.plan import Swing
+from qrobot.log.header import LogHeader, header_for
+from qrobot.log.record import write_log
+from qrobot.servo.memory.telemetry import TelemetryLayout
+
+PUMA = load_robot("puma560")
+HEADER = header_for(PUMA, 1_000_000, "qrobot")
+
+POSE = Swing("pose 9", np.zeros(6), np.ones(6), 1.5, 0.25)
+
+
+def break_off(error: BaseException, told: list[int]) -> None:
+    """A recording that ends in an error during the ninth move."""
+    with says_where_it_broke_off(lambda number, _move: told.append(number)) as tell:
+        tell(7, POSE)
+        tell(8, POSE)
+        raise error
+
+
+@pytest.mark.parametrize("error", [ServoFault(FaultCode.FOLLOWING, "joint 4"), KeyboardInterrupt()])
+def test_how_to_go_on_is_said(error: BaseException, capsys: pytest.CaptureFixture[str]) -> None:
+    told: list[int] = []
+    with pytest.raises(type(error)):
+        break_off(error, told)
+    assert told == [7, 8]
+    said = " ".join(capsys.readouterr().err.split())
+    assert "it broke off in pose 9" in said
+    assert "--first 9 " in said
+
+
+def test_nothing_is_said_of_moves_that_were_made(capsys: pytest.CaptureFixture[str]) -> None:
+    with says_where_it_broke_off(lambda _number, _move: None) as tell:
+        tell(0, POSE)
+    assert capsys.readouterr().err == ""
+
+
+def test_nothing_is_said_where_no_move_had_begun(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ServoFault), says_where_it_broke_off(lambda _number, _move: None):
+        raise ServoFault(FaultCode.FOLLOWING, "before the first")
+    assert capsys.readouterr().err == ""
+
+
+SHORTER = replace(HEADER, robot_digest="0123456789abcdef")
+
+
+@pytest.mark.parametrize(
+    ("other", "complaint"),
+    [
+        (replace(HEADER, robot="stanford"), "is of robot 'stanford', not 'puma560'"),
+        (replace(HEADER, joint_names=HEADER.joint_names[::-1]), "is of joints flange, wrist_bend"),
+        (SHORTER, "whose robot file has another geometry or transmission"),
+        (replace(HEADER, period_ns=2_000_000), "is of rate 500 Hz, not 1000"),
+    ],
+)
+def test_logs_that_do_not_belong_together_are_told_apart(other: LogHeader, complaint: str, tmp_path: Path) -> None:
+    """Of one fit, and as its fast runs or its runs with a load."""
+    rows = TelemetryLayout(PUMA.n).empty(3)
+    first = write_log(tmp_path / "slow.mcap", rows, HEADER)[0]
+    second = write_log(tmp_path / "fast.mcap", rows, other)[0]
+    for logs, like in (([first, second], None), ([second], HEADER)):
+        with pytest.raises(LogError, match=complaint):
+            read_rows(logs, like)
+
+
+def test_a_log_of_before_there_were_digests_is_read_and_one_of_another_geometry_is_not_fitted(tmp_path: Path) -> None:
+    rows = TelemetryLayout(PUMA.n).empty(3)
+    old = write_log(tmp_path / "old.mcap", rows, replace(HEADER, robot_digest=""))[0]
+    other = write_log(tmp_path / "other.mcap", rows, SHORTER)[0]
+    with pytest.raises(IdentificationError, match="nothing recorded moves steadily"):
+        IdentificationTask((old,), FitOptions()).identified()
+    with pytest.raises(ConfigError, match="are not those that the logs were recorded with"):
+        IdentificationTask((other,), FitOptions()).identified()

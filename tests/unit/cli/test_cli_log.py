@@ -1,0 +1,220 @@
+"""`qrobot log`: what it prints and writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from log_samples import make_header, make_rows
+
+from qrobot.cli.console import run_app
+from qrobot.cli.log import FigureName
+from qrobot.cli.main import make_app
+from qrobot.config import load_robot
+from qrobot.log.header import Attachment, header_for
+from qrobot.log.plot import FIGURES
+from qrobot.log.read import read_log
+from qrobot.log.record import write_log
+from qrobot.log.writer import LogWriter
+from qrobot.realtime.setup import SetupStep
+from qrobot.realtime.shared_memory import segment_path
+from qrobot.servo.memory.mailbox import INFO_READY, create_servo_memory, servo_info
+from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
+
+
+@pytest.fixture
+def log_file(tmp_path: Path) -> Path:
+    rows = make_rows(400)
+    rows["q"] = rows["q_ref"] - 2e-3
+    rows["fault"][300:] = 66
+    setup = (SetupStep("scheduler", False, "SCHED_OTHER 0", "run as root"),)
+    header = replace(make_header(), law="pd", setup=setup)
+    write_log(tmp_path / "run.mcap", rows, header, [Attachment("robot.toml", b"")])
+    return tmp_path / "run.mcap"
+
+
+def test_info_as_json_has_the_numbers_of_the_log(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["log", "info", str(log_file), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["rate_hz"] == 4000.0
+    assert facts["cycles"] == facts["tracking_cycles"] == 400
+    assert facts["max_abs_error"] == pytest.approx([2e-3] * 6)
+    assert facts["duration_s"] == pytest.approx(399 / 4000)
+    assert facts["complete"] is True
+    assert facts["faults"][0].startswith("FOLLOWING:")
+    assert facts["setup"][0]["name"] == "scheduler"
+    assert facts["attachments"] == ["robot.toml"]
+
+
+ROWS = 300
+
+
+def damaged(path: Path) -> Path:
+    """The same log with eight bytes of its first chunk wrong."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x04\x00\x00\x00zstd") + 200
+    data[at : at + 8] = bytes(byte ^ 0xFF for byte in data[at : at + 8])
+    path.write_bytes(data)
+    return path
+
+
+@pytest.fixture
+def damaged_file(tmp_path: Path) -> Path:
+    writer = LogWriter(tmp_path / "damaged.mcap", make_header())
+    for k in range(4):
+        writer.append(make_rows(ROWS, first=k * ROWS))
+        writer.flush()
+    writer.close()
+    return damaged(tmp_path / "damaged.mcap")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["info", "{log}"],
+        ["info", "{log}", "--json"],
+        ["events", "{log}"],
+        ["plot", "{log}", "--only", "errors"],
+        ["export", "{log}", "{folder}/x.csv"],
+        ["compare", "{log}", "{log}"],
+    ],
+    ids=lambda words: " ".join(words[:1] + words[2:]),
+)
+def test_every_command_reads_what_is_whole_of_a_damaged_log_and_tells_what_is_lost(
+    words: list[str], damaged_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {"log": damaged_file, "folder": tmp_path}
+    assert run_app(make_app(), ["log", *(word.format(**places) for word in words)]) == 0
+    assert f"is damaged: {ROWS} cycles from" in capsys.readouterr().err
+
+
+def test_info_of_a_damaged_log_says_that_it_is_not_complete(
+    damaged_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_app(make_app(), ["log", "info", str(damaged_file), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["complete"], facts["cycles"]) == (False, 3 * ROWS)
+    assert [lost["cycles"] for lost in facts["lost_to_damage"]] == [ROWS]
+
+
+def test_a_log_of_which_nothing_is_left_is_a_failure(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["log", "info", str(damaged(log_file))]) == 1
+    assert "is damaged, and no cycle can be read" in capsys.readouterr().err
+
+
+def test_info_tells_of_several_logs_and_of_a_rotated_one_once(
+    log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parts = write_log(tmp_path / "long.mcap", make_rows(30_000), make_header(), max_bytes=500_000)
+    assert len(parts) > 2
+    assert run_app(make_app(), ["log", "info", str(log_file), *map(str, parts)]) == 0
+    told = capsys.readouterr().out
+    assert told.count("rate hz") == 2
+    assert run_app(make_app(), ["log", "info", str(log_file), *map(str, parts), "--json"]) == 0
+    assert [facts["cycles"] for facts in json.loads(capsys.readouterr().out)] == [400, 30_000]
+    assert run_app(make_app(), ["log", "info"]) == 1
+
+
+def test_info_for_people_says_the_same_in_a_table(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["log", "info", str(log_file)]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for words in ("robot sample", "cycles 400", "complete yes", "FOLLOWING", "scheduler: SCHED_OTHER 0 (refused)"):
+        assert words in text
+
+
+def test_plot_writes_the_figures_asked_for_beside_the_log(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app(), ["log", "plot", str(log_file), "--only", "errors"]) == 0
+    figure = log_file.with_name("run-errors.png")
+    assert figure.is_file()
+    assert figure.name in capsys.readouterr().out.replace("\n", "")
+    assert not log_file.with_name("run-torques.png").exists()
+
+
+def test_the_command_offers_every_figure_there_is() -> None:
+    assert set(get_args(FigureName)) == set(FIGURES)
+
+
+def test_export_chooses_the_format_by_suffix(log_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = log_file.with_suffix(".csv")
+    assert run_app(make_app(), ["log", "export", str(log_file), str(target)]) == 0
+    assert len(target.read_text().splitlines()) == 401
+    assert run_app(make_app(), ["log", "export", str(log_file), "run.xls"]) == 1
+    assert "suffix must be .csv or .parquet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["info"], ["plot"], ["export"]])
+def test_a_missing_log_is_one_line_and_status_1(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    target = ["x.csv"] if command == ["export"] else []
+    assert run_app(make_app(), ["log", *command, "absent.mcap", *target]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "absent.mcap" in error
+
+
+def test_a_robots_header_knows_its_joints() -> None:
+    robot = load_robot("stanford")
+    header = header_for(robot, 500_000, "pd", plant="nominal")
+    assert header.joint_names == robot.joint_names
+    assert header.prismatic == tuple(robot.prismatic.tolist())
+    assert True in header.prismatic
+    assert header.version
+
+
+DEPLOYMENT = """
+[[arm]]
+name = "{arm}"
+robot = "puma560"
+[arm.bridge]
+port = 5999
+"""
+
+
+@pytest.mark.realtime
+def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) -> None:
+    arm = f"rec{os.getpid()}"
+    (tmp_path / "lab.toml").write_text(DEPLOYMENT.format(arm=arm))
+    rows, row_words = make_rows(3000), TelemetryLayout(6).row_words
+    with create_servo_memory(arm, "puma560", "pd", 6, 250_000, 4096) as memory:
+        memory.words[INFO_READY] = 1
+        base = servo_info(memory.words).telemetry_base
+        for row in rows.view(np.int64).reshape(3000, row_words):
+            append_row(memory.words, base, 4096, row_words, row)
+        command = [sys.executable, "-m", "qrobot", "log", "record", str(tmp_path / "lab.toml")]
+        recorder = subprocess.Popen(
+            [*command, "--output", str(tmp_path / "logs" / "run.mcap"), "--plant", "mismatched"],
+            stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            assert wait_for(tmp_path / "logs" / "run.mcap", 1000)
+        finally:
+            recorder.send_signal(signal.SIGTERM)
+            said = recorder.communicate(timeout=30)[1]
+    assert recorder.returncode == 0, said
+    assert f"recording the servo of {arm}" in said
+    log = read_log(tmp_path / "logs" / "run.mcap")
+    np.testing.assert_array_equal(log.rows, rows)
+    assert not log.torn
+    assert (log.header.robot, log.header.plant, log.header.law) == ("puma560", "mismatched", "pd")
+    assert set(log.attachments) == {"puma560.toml", "lab.toml"}
+    assert {"scheduler", "memory", "kernel"} <= {step.name for step in log.header.setup}
+    assert abs(log.header.wall_offset_ns - (time.time_ns() - time.monotonic_ns())) < 10**9
+    assert not segment_path(f"{arm}-servo").exists()
+
+
+def wait_for(path: Path, size: int, patience_s: float = 60.0) -> bool:
+    """True when `path` reaches `size` bytes in time."""
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline:
+        if path.exists() and path.stat().st_size >= size:
+            return True
+        time.sleep(0.05)
+    return False

@@ -1,0 +1,54 @@
+"""Tables lose nothing: not in a pipe, and not on a terminal of 80 columns, or of 20."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+from qrobot.cli.console import out, plain_table, print_table
+
+ROOT = Path(__file__).parents[3]
+NUMBERS = [f"{number * 1.2345e5:.3f}" for number in range(1, 13)]
+PROSE = "what a terminal that is too narrow wraps between words, and a pipe not at all " * 3
+PATH = "/a/rather/long/path/without/any/blank/in/it/[of]/a/log/called/puma560-20261122T191500Z.mcap"
+
+
+def a_table() -> Table:
+    table = plain_table("a title", "joint", *(f"column {number}" for number in range(12)), "text", words=["text"])
+    table.add_row("shoulder_rotation", *NUMBERS, f"{PATH} {PROSE}")
+    return table
+
+
+def test_a_pipe_takes_a_row_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(a_table())
+    title, _, row = capsys.readouterr().out.splitlines()
+    assert title == "a title"
+    assert row.split() == ["shoulder_rotation", *NUMBERS, PATH, *PROSE.split()]
+
+
+@pytest.mark.parametrize("columns", [20, 80, 200])
+def test_a_narrow_terminal_cuts_no_word_and_no_number(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(out, "_force_terminal", True)
+    monkeypatch.setattr(out, "_environ", {**os.environ, "TERM": "dumb"})
+    monkeypatch.setattr(out, "_width", columns)
+    print_table(a_table())
+    words = set(re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).split())
+    assert {"shoulder_rotation", *NUMBERS, PATH, *PROSE.split()} <= words
+
+
+def test_no_command_prints_a_table_in_another_way() -> None:
+    for path in set((ROOT / "qrobot" / "cli").glob("*.py")) - {ROOT / "qrobot" / "cli" / "console.py"}:
+        assert not re.search(r"\b(out|err)\.print\((table|_table|_joints|errors)", path.read_text()), path
+
+
+def test_a_name_with_brackets_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    out.print("figure out/[red]x[/red].png")
+    assert capsys.readouterr().out == "figure out/[red]x[/red].png\n"
+    assert out.file is sys.stdout

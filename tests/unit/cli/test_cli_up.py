@@ -1,0 +1,77 @@
+"""`qrobot up`: what it does besides starting processes, with processes that only pretend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli import up as command
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.rig.deployed import ArmProcesses
+from qrobot.servo.operator.calibration_client import ALREADY, CalibrationReport
+from tests.support.processes import write_deployment
+
+FOUND = CalibrationReport(False, 5, [4.0], [140.0], [5])
+TABLE = 'calibration_table = "puma560"'
+
+
+class Pretence:
+    """Notes what is done to the arms, in order."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, report: CalibrationReport | ServoFault) -> None:
+        self.done: list[str] = []
+        self._report = report
+        patch.setattr(ArmProcesses, "start_all", lambda _: self.done.append("start"))
+        patch.setattr("qrobot.cli.calibrate.calibrate_arm", lambda _: self.calibrate())
+        patch.setattr(command, "_watch", lambda _: self.done.append("watch"))
+
+    def calibrate(self) -> CalibrationReport:
+        self.done.append("calibrate")
+        if isinstance(self._report, ServoFault):
+            raise self._report
+        return self._report
+
+
+def up(folder: Path, *words: str, board: str = TABLE) -> int:
+    path = write_deployment(folder, board=board)
+    return run_app(make_app("up"), ["up", str(path), "--out-dir", str(folder / "out"), *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "key", "steps"),
+    [
+        ((), "", ["start", "watch"]),
+        (("--calibrate",), "", ["start", "calibrate", "watch"]),
+        ((), ", calibrate_at_start = true", ["start", "calibrate", "watch"]),
+    ],
+)
+def test_an_arm_is_calibrated_once_its_processes_run_and_only_when_asked_for(
+    words, key, steps, tmp_path, monkeypatch, capsys
+) -> None:
+    pretence = Pretence(monkeypatch, FOUND)
+    assert up(tmp_path, *words, board=TABLE + key) == 0
+    assert pretence.done == steps
+    said = capsys.readouterr().err
+    assert ("keep clear, it moves" in said) == ("calibrate" in steps)
+
+
+def test_an_arm_whose_board_has_kept_its_counters_is_said_to(tmp_path, monkeypatch, capsys) -> None:
+    Pretence(monkeypatch, ALREADY)
+    assert up(tmp_path, "--calibrate") == 0
+    assert "is calibrated: its board has kept the counters" in capsys.readouterr().err
+
+
+def test_a_calibration_that_is_refused_ends_everything_with_its_reason(tmp_path, monkeypatch, capsys) -> None:
+    pretence = Pretence(monkeypatch, ServoFault(FaultCode.CAL_VOTE, "not calibrated: joint 2: CAL_VOTE"))
+    assert up(tmp_path, "--calibrate") == 1
+    assert pretence.done == ["start", "calibrate"]
+    assert "CAL_VOTE" in capsys.readouterr().err
+
+
+def test_to_be_calibrated_at_start_an_arm_needs_a_table(tmp_path, capsys) -> None:
+    assert up(tmp_path, board="calibrate_at_start = true") == 1
+    assert "calibrate_at_start needs a calibration_table" in capsys.readouterr().err

@@ -1,0 +1,59 @@
+"""A remedy that names a command names one that exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from cyclopts import App
+
+from qrobot.cli.main import make_app
+from qrobot.faultcodes import EXPLANATION, FaultCode
+
+ROOT = Path(__file__).parents[3]
+NAMED = re.compile(r"`{1,2}qrobot ([^`]+)`")
+TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "qrobot").rglob("*.py"))]
+APP = make_app()
+
+
+def commands_in(path: Path) -> list[str]:
+    """What follows `qrobot` between backticks, each once; a value that is filled in is an X."""
+    return sorted({" ".join(re.sub(r"\{[^}]*\}", "X", found).split()) for found in NAMED.findall(path.read_text())})
+
+
+NAMED_IN = [(path, command) for path in TEXTS for command in commands_in(path)]
+
+
+def resolve(app: App, words: list[str]) -> App:
+    """The subcommand that `words` lead to; raises KeyError at a word that is none where there are only subcommands."""
+    while words and words[0] in list(app) and not words[0].startswith("-"):
+        app, words = app[words[0]], words[1:]
+    if words and app.default_command is None and not words[0].startswith("-"):
+        raise KeyError(words[0])
+    return app
+
+
+def options_of(app: App) -> set[str]:
+    """Names of a command's options."""
+    own = app.assemble_argument_collection() if app is not APP and app.default_command is not None else ()
+    return {"--help", "--version"} | {name for argument in own for name in argument.names}
+
+
+@pytest.mark.parametrize(("path", "command"), NAMED_IN, ids=lambda value: getattr(value, "name", value))
+def test_every_command_that_a_text_names_exists(path: Path, command: str) -> None:
+    words = shlex.split(command)
+    known = options_of(resolve(APP, words))
+    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known, path
+
+
+@pytest.mark.parametrize("code", FaultCode)
+def test_a_fault_is_cleared_by_the_word_that_clears_it(code: FaultCode) -> None:
+    assert not re.search(r"\breset\b", " ".join(EXPLANATION[code]))
+
+
+def test_the_check_sees_a_command_that_does_not_exist() -> None:
+    for words in (["reset"], ["ctl", "reset"], ["log", "recover"]):
+        with pytest.raises(KeyError):
+            resolve(APP, words)

@@ -1,0 +1,101 @@
+"""The clock of an arm: it slips with an emulated board that was kept from running, and with no other."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.config.deployment import TRANSPORTS, BoardChoice
+from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, await_board, slipped_ns
+from qrobot.hwif.board_memory import BOARD_NOW_NS, BOARD_SLIPPED_NS, local_board_memory, post_operations
+from qrobot.servo.parameters import servo_parameters
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.server import LIVED_NS, slip_line, unlived_ns
+from tests.support.bus import rows_of
+
+MS = 1_000_000
+
+
+def test_only_an_emulated_boards_word_moves_the_clock() -> None:
+    """On a real board the word is not read, whatever it holds: a late servo is told of every nanosecond."""
+    memory = local_board_memory()
+    memory[BOARD_SLIPPED_NS] = 500 * MS
+    assert slipped_ns(memory, 1) == 500 * MS
+    assert slipped_ns(memory, 0) == 0
+    memory[BOARD_SLIPPED_NS] = -1
+    assert slipped_ns(memory, 1) == 0
+
+
+@pytest.mark.realtime
+def test_the_arms_time_is_the_monotonic_clock_less_what_slipped() -> None:
+    memory = local_board_memory()
+    memory[BOARD_SLIPPED_NS] = 500 * MS
+    before = time.monotonic_ns()
+    now = arm_time_ns(memory, 1)
+    assert before <= now + 500 * MS <= time.monotonic_ns()
+
+
+@pytest.mark.realtime
+def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_how_long() -> None:
+    memory = local_board_memory()
+    stalled_ns = 300 * MS
+    due_ns = time.monotonic_ns() - stalled_ns
+    memory[BOARD_NOW_NS] = due_ns
+
+    def wake_up() -> None:
+        memory[BOARD_SLIPPED_NS] = stalled_ns
+        memory[BOARD_NOW_NS] = time.monotonic_ns()  # the board runs on from here, ahead of the arm's time at worst
+
+    board = threading.Timer(0.02, wake_up)
+    board.start()
+    assert await_board(memory, 1, due_ns) == stalled_ns
+    board.join()
+
+
+@pytest.mark.realtime
+def test_nobody_waits_for_a_real_board_nor_for_one_that_runs_nor_for_ever() -> None:
+    memory = local_board_memory()
+    due_ns = time.monotonic_ns() - 300 * MS
+    memory[BOARD_NOW_NS] = due_ns
+    assert await_board(memory, 0, due_ns) == 0
+    memory[BOARD_NOW_NS] = time.monotonic_ns() + 10_000 * MS
+    assert await_board(memory, 1, due_ns) == 0
+    memory[BOARD_NOW_NS] = due_ns
+    assert await_board(memory, 1, due_ns) == 0
+
+
+def test_of_a_stall_counts_what_somebody_wrote_in() -> None:
+    """Nobody wrote: all but a cycle slips. The servo wrote to the end: nothing does. It stopped half-way: the rest."""
+    memory, due = local_board_memory(), 1_000 * MS
+    assert unlived_ns(memory, due, due + STALL_NS) == 0
+    assert unlived_ns(memory, due, due + 50 * MS) == 50 * MS - LIVED_NS
+    post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, due + 20 * MS)
+    assert unlived_ns(memory, due, due + 50 * MS) == 30 * MS - LIVED_NS
+    post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, due + 50 * MS)
+    assert unlived_ns(memory, due, due + 50 * MS) == 0
+
+
+def test_a_damaged_time_of_a_post_neither_stops_time_nor_turns_it_back() -> None:
+    memory, due = local_board_memory(), 1_000 * MS
+    post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, 1 << 62)
+    assert unlived_ns(memory, due, due + 50 * MS) == 0
+    post_operations(memory, 0, rows_of([(1, 0x30, 0x800)]), 1, -(1 << 62))
+    assert 0 < unlived_ns(memory, due, due + 50 * MS) < 50 * MS
+
+
+def test_people_are_told_how_long_time_stood_still() -> None:
+    assert slip_line(23 * MS, 1200 * MS).endswith("stood still for 23 ms, 1200 ms in all")
+
+
+@pytest.mark.parametrize("kind", TRANSPORTS)
+def test_no_real_board_lets_time_stand_still(kind: str) -> None:
+    assert not BoardChoice.model_construct(kind=kind, time_slip=True).slips
+    assert servo_parameters(load_robot("puma560"), ServoSettings()).board_slips == 0
+
+
+def test_an_emulated_board_does_unless_the_file_says_no() -> None:
+    assert BoardChoice().slips
+    assert not BoardChoice(time_slip=False).slips

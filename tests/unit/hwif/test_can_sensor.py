@@ -1,0 +1,143 @@
+"""A sensor on CAN: its frames are values of converter channels, until they are too old."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+
+import can
+import pytest
+from pydantic import ValidationError
+
+from qrobot.config.can_sensor import CanSensor, CanSignal
+from qrobot.errors import LinkError
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.canbus.sensor import SensorBus, decode_signal
+from qrobot.hwif.registers import (
+    ADC_F_CHANNEL_SHIFT,
+    ADC_F_COMMAND,
+    ADC_F_VOLT_PER_COUNT,
+    ADC_MUX,
+    ADC_VALUE,
+    DISCRETE,
+    DISCRETE_ADC,
+    STATUS,
+    STATUS_ADC_BUSY,
+)
+from tests.support.bench import Bench
+from tests.support.bus import BenchEndpoint, DirectBus, Row, rows_of
+from tests.support.patience import PATIENCE_MS
+from tests.support.virtual_clock import VirtualClock
+
+FORCE, TORQUE, BOARD_CHANNEL = 6, 7, 2
+RESOLUTION = 16 * ADC_F_VOLT_PER_COUNT
+
+
+def signal(channel: int = FORCE, **keys: object) -> CanSignal:
+    return CanSignal.model_validate({"channel": channel, "id": 0x123, "volt_per_count": 0.001, **keys})
+
+
+class Desk:
+    def __init__(self, timeout_ms: float = PATIENCE_MS, **options: object) -> None:
+        name = uuid.uuid4().hex
+        signals = (signal(), signal(TORQUE, first=2, big_endian=True, volt_per_count=-0.01, zero_v=1.0))
+        self.end = BenchEndpoint(Bench(**options))  # type: ignore[arg-type]
+        self.sensor = can.Bus(interface="virtual", channel=name)
+        config = CanSensor(interface="virtual", channel=name, signals=signals)
+        patient = config.model_copy(update={"timeout_ms": timeout_ms})  # longer than a file may ask for
+        self.clock = VirtualClock()
+        self.bus = SensorBus(DirectBus(self.end), patient, self.clock)
+        self.image = make_image()
+
+    def close(self) -> None:
+        self.bus.close()
+        self.sensor.shutdown()
+
+    def send(self, data: bytes, can_id: int = 0x123) -> None:
+        self.sensor.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+
+    def exchange(self, *rows: Row) -> int:
+        self.bus.exchange(rows_of(rows), self.image)
+        return int(self.image[IMAGE_INPUTS + STATUS // 2])
+
+    def convert(self, channel: int) -> float | None:
+        """The servo's sequence; volts, or None while the conversion is not done."""
+        mux = (OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND)
+        self.exchange((OP_WRITE, DISCRETE, 0), (OP_WRITE, DISCRETE, DISCRETE_ADC), mux)
+        if self.exchange() & STATUS_ADC_BUSY:
+            return None
+        word = int(self.image[IMAGE_INPUTS + ADC_VALUE // 2])
+        assert 0 <= word <= 0xFFF0
+        return ((word ^ 0x8000) - 0x8000) * ADC_F_VOLT_PER_COUNT
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    desk = Desk()
+    desk.bus.connect()
+    yield desk
+    desk.close()
+
+
+def test_values_of_a_frame_are_read_as_volts_of_their_channels(desk: Desk) -> None:
+    desk.send((-2500).to_bytes(2, "little", signed=True) + (300).to_bytes(2, "big"))
+    assert desk.convert(FORCE) == pytest.approx(-2.5, abs=RESOLUTION)
+    assert desk.convert(TORQUE) == pytest.approx(-4.0, abs=RESOLUTION)
+
+
+def test_the_newest_of_several_frames_counts(desk: Desk) -> None:
+    for count in (1000, 2000, 3000):
+        desk.send(count.to_bytes(2, "little") + bytes(2))
+    desk.send(bytes(4), can_id=0x124)
+    assert desk.convert(FORCE) == pytest.approx(3.0, abs=RESOLUTION)
+
+
+def test_the_boards_own_channels_are_converted_by_the_board(desk: Desk) -> None:
+    desk.send(bytes(4))
+    desk.convert(FORCE)
+    assert all(offset != ADC_MUX for _, offset, _ in desk.end.applied)
+    assert desk.convert(BOARD_CHANNEL) is not None
+    assert (OP_WRITE, ADC_MUX, BOARD_CHANNEL << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND) in desk.end.applied
+
+
+def test_a_sensor_that_is_silent_or_was_never_heard_has_no_value() -> None:
+    desk = Desk(timeout_ms=20.0)
+    desk.bus.connect()
+    assert desk.convert(FORCE) is None
+    desk.send(bytes(4))
+    desk.exchange()
+    desk.clock.pass_ms(20.1)
+    assert desk.convert(FORCE) is None
+    desk.close()
+
+
+def test_a_frame_that_is_too_short_is_counted_and_is_no_value(desk: Desk) -> None:
+    desk.send(bytes(3))  # enough for the first signal
+    assert desk.convert(FORCE) == 0.0
+    assert desk.convert(TORQUE) is None
+    assert desk.bus.malformed == 1
+
+
+def test_a_board_of_revision_e_is_refused() -> None:
+    desk = Desk(revision_f=False)
+    with pytest.raises(LinkError, match="revision F"):
+        desk.bus.connect()
+    desk.close()
+
+
+@pytest.mark.parametrize(("count", "volts"), [(32767, 10.0), (-32768, -10.0), (0, 0.0)])
+def test_values_are_clipped_at_ten_volts(count: int, volts: float) -> None:
+    word = decode_signal(signal(), count.to_bytes(2, "little", signed=True))
+    assert ((word ^ 0x8000) - 0x8000) * ADC_F_VOLT_PER_COUNT == pytest.approx(volts, abs=RESOLUTION)
+
+
+@pytest.mark.parametrize(("first", "size"), [(7, 2), (5, 4)])
+def test_a_signal_beyond_the_end_of_a_frame_is_refused(first: int, size: int) -> None:
+    with pytest.raises(ValidationError, match="a frame has bytes 0 to 7"):
+        signal(first=first, size=size)
+
+
+def test_two_signals_cannot_share_a_channel() -> None:
+    with pytest.raises(ValidationError, match="the same channel"):
+        CanSensor(signals=(signal(), signal()))

@@ -1,0 +1,255 @@
+"""The gateway: board memory at one end, any bus at the other, and a board that is safe when it is found."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from qrobot.arrays import Words
+from qrobot.hwif.board_memory import (
+    BOARD_ILLEGAL_OPS,
+    BOARD_JOINTS,
+    BOARD_MODULE_LOSSES,
+    BOARD_PERIOD_NS,
+    BOARD_REVISION,
+    BOARD_TAKEN_NS,
+    IMAGE_COUNT,
+    IMAGE_INPUTS,
+    IMAGE_T_NS,
+    OP_OUTPUTS,
+    OP_REFERENCE,
+    OP_WRITE,
+    Lane,
+    fetch_image,
+    local_board_memory,
+    pending_operations,
+)
+from qrobot.hwif.bus import BoardFacts, make_image
+from qrobot.hwif.gateway import RETRY_NS, Gateway
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_LINES,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    ENC_LOAD,
+    N_DACS,
+)
+from tests.support.bench import PERIOD_NS, Bench, post
+from tests.support.bus import BenchEndpoint, DirectBus
+
+HELD_LINE = 0x10
+SAFE = [(OP_WRITE, DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
+
+
+class Desk:
+    """Board memory, gateway, bus and a board on the bench."""
+
+    def __init__(self) -> None:
+        self.memory = local_board_memory()
+        self.end = BenchEndpoint(Bench())
+        self.bus = DirectBus(self.end)
+        self.lines: list[str] = []
+        self.gateway = Gateway(self.bus, self.memory, PERIOD_NS, self.lines.append, held_lines=HELD_LINE)
+        self.now_ns = 0
+
+    def step(self, times: int = 1) -> bool:
+        for _ in range(times):
+            self.now_ns += PERIOD_NS
+            stepped = self.gateway.step(self.now_ns)
+        return stepped
+
+    def post(self, *operations: tuple[int, int, int], lane: Lane = Lane.SERVO) -> None:
+        post(self.memory, *operations, lane=lane)
+
+    def image(self) -> Words:
+        image = make_image()
+        assert fetch_image(self.memory, image)
+        return image
+
+    def count(self, joint: int) -> int:
+        return int(self.image()[IMAGE_INPUTS + ENC_COUNT // 2 + joint])
+
+
+@pytest.fixture
+def desk() -> Desk:
+    desk = Desk()
+    assert desk.step()
+    desk.end.lists.clear()
+    return desk
+
+
+def test_a_board_that_is_found_is_made_safe_before_anything_else_and_says_what_it_is() -> None:
+    desk = Desk()
+    desk.end.bench.write((DISCRETE, DISCRETE_POWER | DISCRETE_CALIBRATED), (DAC, 0))
+    desk.post((OP_WRITE, DAC, 7))  # by somebody who could not know
+    desk.step()
+    assert desk.end.lists == [[], [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_CALIBRATED | DISCRETE_HAND_RELAXED)]]
+    assert (desk.memory[BOARD_JOINTS], chr(desk.memory[BOARD_REVISION])) == (6, "F")
+    assert desk.memory[BOARD_PERIOD_NS] == PERIOD_NS
+    assert desk.gateway.dropped == 1
+    assert desk.lines == ["board found at the bench: revision F, 6 joints"]
+
+
+def test_the_age_of_an_image_is_told_by_our_clock_and_the_boards_own_is_left_alone(desk: Desk) -> None:
+    desk.step()
+    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    board_ns = desk.image()[IMAGE_T_NS]
+    desk.step()
+    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    assert desk.image()[IMAGE_T_NS] > board_ns
+
+
+def test_losses_of_modules_beside_the_board_stand_in_its_memory_with_the_next_image() -> None:
+    memory, losses = local_board_memory(), [0]
+    gateway = Gateway(DirectBus(BenchEndpoint(Bench())), memory, PERIOD_NS, module_losses=lambda: losses[0])
+    assert gateway.step(1)
+    losses[0] = 2
+    assert gateway.step(2)
+    assert memory[BOARD_MODULE_LOSSES] == 2
+
+
+def test_operations_reach_the_board_lane_by_lane_in_the_order_they_were_posted(desk: Desk) -> None:
+    desk.post((OP_WRITE, DAC, 5), lane=Lane.GUARDIAN)
+    desk.post((OP_WRITE, ENC_LOAD + 2, 77), (OP_WRITE, DAC, 3))
+    desk.post((OP_WRITE, DAC, 4), lane=Lane.TOOL)
+    desk.step()
+    assert desk.end.lists == [
+        [(OP_WRITE, ENC_LOAD + 2, 77), (OP_WRITE, DAC, 3), (OP_WRITE, DAC, 4), (OP_WRITE, DAC, 5)]
+    ]
+    assert desk.count(1) == 77
+    assert desk.gateway.dropped == 0
+
+
+def test_while_the_bus_is_away_the_image_stands_still_and_what_is_posted_is_dropped_and_counted(desk: Desk) -> None:
+    before = desk.image()
+    desk.bus.cut = True
+    desk.post((OP_WRITE, DAC, 1), (OP_WRITE, DAC, 2))
+    assert not desk.step()
+    desk.post((OP_WRITE, DAC, 3))
+    assert not desk.step(3)
+    assert list(desk.image()) == list(before)
+    assert not desk.end.lists
+    assert pending_operations(desk.memory, int(Lane.SERVO)) == 0
+    assert (desk.gateway.dropped, desk.gateway.losses, desk.bus.closed) == (3, 1, 2)
+
+
+def test_a_board_found_again_is_made_safe_and_gets_nothing_of_what_was_posted_meanwhile(desk: Desk) -> None:
+    before = desk.image()[IMAGE_COUNT]
+    desk.bus.cut = True
+    desk.step()
+    desk.post((OP_WRITE, DAC, 0))
+    desk.step(2)
+    desk.bus.cut = False
+    desk.step(RETRY_NS // PERIOD_NS + 1)
+    written = [operation for operations in desk.end.lists for operation in operations]
+    assert written == [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]
+    assert desk.image()[IMAGE_COUNT] > before
+    assert desk.lines[1:] == [
+        "board at the bench lost: the wire is cut",
+        "no board at the bench: the wire is cut",
+        "board found at the bench: revision F, 6 joints",
+    ]
+
+
+def test_the_board_is_left_safe(desk: Desk) -> None:
+    desk.gateway.release()
+    assert desk.end.lists == [[*SAFE, (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)]]
+    assert desk.bus.closed == 1
+
+
+class ReferencesBus(DirectBus):
+    """A bus to drives that close their own loop."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), references=True)
+
+
+@pytest.mark.parametrize("references", [False, True])
+def test_references_reach_only_a_board_that_takes_them(references: bool) -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    gateway = Gateway((ReferencesBus if references else DirectBus)(end), memory, PERIOD_NS)
+    assert gateway.step(PERIOD_NS)
+    before = memory[BOARD_ILLEGAL_OPS]
+    post(memory, (OP_REFERENCE, 1, -3), (OP_WRITE, DAC, 0x12345))
+    assert gateway.step(2 * PERIOD_NS)
+    reference = [(OP_REFERENCE, 1, 0xFFFFFFFD)] if references else []
+    assert end.lists[-1] == [*reference, (OP_WRITE, DAC, 0x2345)]
+    assert memory[BOARD_ILLEGAL_OPS] - before == (not references)
+
+
+class ModulesBus(DirectBus):
+    """To a board with modules beside it."""
+
+    def connect(self) -> BoardFacts:
+        return dataclasses.replace(super().connect(), outputs=True)
+
+
+@pytest.mark.parametrize("modules", [False, True])
+def test_outputs_reach_only_modules_and_are_no_mistake_without_any(modules: bool) -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    gateway = Gateway((ModulesBus if modules else DirectBus)(end), memory, PERIOD_NS)
+    assert gateway.step(PERIOD_NS)
+    post(memory, (OP_OUTPUTS, 0, 5), (OP_WRITE, DAC, 1))
+    assert gateway.step(2 * PERIOD_NS)
+    assert end.lists[-1] == [*([(OP_OUTPUTS, 0, 5)] if modules else []), (OP_WRITE, DAC, 1)]
+    assert memory[BOARD_ILLEGAL_OPS] == 0
+
+
+def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_hold_and_no_other() -> None:
+    desk = Desk()
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_LINES))
+    desk.step()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | DISCRETE_LINES)
+    desk.bus.cut = True
+    desk.step()
+    desk.bus.cut = False
+    desk.now_ns += RETRY_NS
+    desk.step()  # before the servo has seen any of it
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+    desk.gateway.release()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE)
+
+
+def test_what_held_and_was_switched_off_while_the_board_was_away_stays_off() -> None:
+    desk = Desk()
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED | HELD_LINE))
+    desk.step()
+    desk.bus.cut = True
+    desk.step()
+    desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED))
+    desk.step()
+    desk.bus.cut = False
+    desk.now_ns += RETRY_NS
+    desk.step()
+    assert desk.end.applied[-1] == (OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED)
+
+
+def test_modules_hear_what_was_said_while_their_board_was_away_and_nothing_older() -> None:
+    memory, end = local_board_memory(), BenchEndpoint(Bench())
+    bus = ModulesBus(end)
+    gateway = Gateway(bus, memory, PERIOD_NS)
+    heard = []
+    for now_ns, cut, said in (
+        (0, False, 7),
+        (1, False, 5),
+        (2, True, None),
+        (3, False, None),
+        (4, True, 4),
+        (5, True, 0),
+    ):
+        if said is not None:
+            post(memory, (OP_OUTPUTS, 0, said))
+        bus.cut = cut
+        gateway.step(now_ns * RETRY_NS)
+        heard += [value for kind, _, value in end.lists[-1] if kind == OP_OUTPUTS] if not cut else []
+    assert heard == [7, 5]  # found with what was said before; found again at 3 without a word
+    bus.cut = False
+    assert gateway.step(6 * RETRY_NS)
+    assert end.lists[-1][-1] == (OP_OUTPUTS, 0, 0)

@@ -1,0 +1,340 @@
+"""Modbus modules beside a board: inputs in STATUS, a gripper that follows the hand, and safe values in silence."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_deployment
+from qrobot.config.modbus_io import ModbusIo
+from qrobot.errors import ConfigError, LinkError
+from qrobot.hwif.board_memory import (
+    BOARD_MODULE_LOSSES,
+    IMAGE_INPUTS,
+    OP_OUTPUTS,
+    OP_WRITE,
+    PANEL_ANALOG,
+    PANEL_INPUTS,
+    PANEL_OUTPUTS,
+    local_board_memory,
+    trace_write,
+)
+from qrobot.hwif.bus import make_image
+from qrobot.hwif.converter import adc_word
+from qrobot.hwif.modbus.device import ModbusDevice
+from qrobot.hwif.modbus.io import NS_PER_MS, IoBus, RemoteModule
+from qrobot.hwif.modbus.panel import PanelModules
+from qrobot.hwif.modbus.server import ModbusServer
+from qrobot.hwif.registers import (
+    ADC_F_CHANNEL_SHIFT,
+    ADC_MUX,
+    ADC_VALUE,
+    DAC,
+    DISCRETE,
+    DISCRETE_HAND_CLOSE,
+    DISCRETE_HAND_OPEN,
+    ENC_COUNT,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_POWER,
+)
+from qrobot.hwif.transports import modules_beside, open_transport
+from tests.support.bus import DirectBus
+from tests.support.deployment import LEFT
+from tests.support.paper_board import PaperBoard
+from tests.support.patience import PATIENCE_MS, wait_until
+from tests.support.virtual_clock import VirtualClock
+
+GRIPPER = DAC // 2
+OPEN, CLOSE = DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN  # active low: the solenoid whose bit is off is on
+RELAX = OPEN | CLOSE
+VALVE, PUMP = 3, GRIPPER + 3  # a coil that is a bit of DISCRETE, a register
+VALVE_1, PUMP_3 = 0b001, 0b100
+AGE_NS = round(PATIENCE_MS + 1) * NS_PER_MS  # too old
+TWICE = '[[arm.board.io]]\nhost = "127.0.0.1"\ninputs = [{ address = 0, input = 1 }, { address = 9, input = 1 }]\n'
+IO = TWICE.replace("address = 9, input = 1", "address = 9, input = 2")
+
+
+@dataclass
+class Table:
+    """A module whose inputs are the STATUS bits of a board of paper, and whose gripper is its converters."""
+
+    board: PaperBoard
+    module: RemoteModule
+    lines: list[str]
+    clock: VirtualClock
+
+    def words(self) -> list[int]:
+        return [value for _, offset, value in self.board.applied if DAC <= offset < 2 * PUMP]
+
+
+@pytest.fixture
+def table() -> Iterator[Table]:
+    board, lines, clock = PaperBoard(), list[str](), VirtualClock()
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=clock)) as server:
+        choice = ModbusIo.model_validate(
+            {
+                "host": "127.0.0.1", "port": server.address[1], "period_ms": 1.0,
+                "inputs": [{"address": 15, "input": 2}, {"address": 0, "input": 4, "safe": True}],
+                "analog": [{"address": ENC_COUNT // 2, "channel": 6, "volt_per_count": 0.001, "zero_v": 0.5}],
+                "gripper": {"address": GRIPPER, "open": [1, 2], "close": [3, 4]},
+                "outputs": [
+                    {"address": VALVE, "output": 1, "on": 0, "off": 1},
+                    {"address": PUMP, "output": 3, "kind": "register", "on": 700, "on_stop": "hold"},
+                ],
+            }
+        )  # fmt: skip
+        patient = choice.model_copy(update={"timeout_ms": PATIENCE_MS})  # longer than a file may ask for
+        table = Table(board, RemoteModule(patient, lines.append, clock), lines, clock)
+        yield table
+        table.module.close()
+
+
+def test_inputs_of_a_module_stand_where_the_file_says(table: Table) -> None:
+    assert table.module.mask == 0b10100
+    table.board.status = 1 << 15
+    table.module.poll()
+    assert table.module.bits(table.clock()) == 0b00100
+    table.board.status = 1
+    table.module.poll()
+    assert table.module.bits(table.clock()) == 0b10000
+
+
+def test_what_is_old_or_was_never_seen_reads_as_safe(table: Table) -> None:
+    assert table.module.bits(table.clock()) == 0b10000
+    table.board.status = 1 << 15
+    table.module.poll()
+    assert table.module.bits(table.clock() + AGE_NS) == 0b10000
+
+
+def test_an_analogue_input_is_a_signed_register_in_volts_and_has_no_value_when_it_is_old(table: Table) -> None:
+    assert table.module.maybe_volt(6, table.clock()) is None
+    table.board.inputs[ENC_COUNT // 2] = 0x10000 - 1500
+    table.module.poll()
+    now_ns = table.clock()
+    assert table.module.maybe_volt(6, now_ns) == pytest.approx(-2.0)
+    assert table.module.maybe_volt(6, now_ns + AGE_NS) is None
+    assert table.module.maybe_volt(5, now_ns) is None
+
+
+def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) -> None:
+    main = PaperBoard()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
+    table.board.inputs[ENC_COUNT // 2] = 3000
+    table.module.poll()
+    ours, boards = ((OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT) for channel in (6, 5))
+    bus.exchange(np.array([ours], np.int64), image)
+    assert main.applied == []
+    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == adc_word(2.5)
+    assert not image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+    bus.exchange(np.array([boards], np.int64), image)
+    assert main.applied == [boards]
+    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == 0
+
+
+def test_a_remote_channel_without_a_value_is_never_converted(table: Table) -> None:
+    bus, image = IoBus(DirectBus(PaperBoard()), [table.module], table.clock), make_image()
+    bus.exchange(np.array([(OP_WRITE, ADC_MUX, 6 << ADC_F_CHANNEL_SHIFT)], np.int64), image)
+    assert image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+
+
+def test_a_board_of_revision_e_takes_no_remote_channels(table: Table) -> None:
+    with pytest.raises(LinkError, match="board of revision F"):
+        IoBus(DirectBus(PaperBoard("E")), [table.module]).connect()
+
+
+@pytest.mark.parametrize(("volt", "word"), [(0.0, 0), (10.0, 0x7FF0), (-10.0, 0x8000), (99.0, 0x7FF0), (5.0, 0x4000)])
+def test_volts_become_twelve_bits_within_ten_volts(volt: float, word: int) -> None:
+    assert adc_word(volt) == word
+
+
+def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follows_the_hand(table: Table) -> None:
+    memory = local_board_memory()
+    memory[PANEL_INPUTS] = 0b00010  # somebody else's
+    panel = PanelModules(memory, [table.module])
+    table.board.status, table.board.inputs[ENC_COUNT // 2] = 1 << 15, 3000
+    for t_ns, (offset, value) in enumerate([(DISCRETE, OPEN), (DISCRETE, CLOSE), (DAC, 7)]):
+        trace_write(memory, t_ns, 0, offset, value)
+    table.module.poll()
+    panel.step(table.clock())
+    assert memory[PANEL_INPUTS] == 0b00110
+    assert memory[PANEL_ANALOG + 6] == 2_500_000
+    table.module.poll()
+    assert table.words() == [3, 4]
+    table.board.gone = True
+    table.module.poll()
+    panel.step(table.clock() + AGE_NS)
+    assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
+    assert memory[PANEL_ANALOG + 6] == 0
+    assert memory[BOARD_MODULE_LOSSES] == 1
+
+
+def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until_it_ends(tmp_path: Path) -> None:
+    board, lines, memory = PaperBoard(), list[str](), local_board_memory()
+    board.status = 1
+    with ModbusServer(ModbusDevice(board, watchdog_ms=0, now_ns=VirtualClock())) as server:
+        path = tmp_path / "here.toml"
+        module = f'[[arm.board.io]]\nhost = "127.0.0.1"\nport = {server.address[1]}\n'
+        path.write_text(LEFT + module + "timeout_ms = 10_000\ninputs = [{ address = 0, input = 3 }]\n")
+        [arm] = load_deployment(path).arm
+        with modules_beside(arm.board, memory, lines.append):
+            wait_until(lambda: memory[PANEL_INPUTS] == 0b01000, "the panel shows the input")
+    assert [line.split()[-1] for line in lines] == ["found"]
+
+
+def test_without_modules_nothing_is_beside_a_board(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(LEFT)
+    [arm] = load_deployment(path).arm
+    before = set(threading.enumerate())
+    with modules_beside(arm.board, local_board_memory(), print):
+        assert set(threading.enumerate()) <= before
+
+
+def test_a_gripper_gets_each_command_once_and_again_after_it_was_away(table: Table) -> None:
+    table.module.poll()
+    assert not table.words()  # nobody has said anything yet
+    for discrete, words in ((CLOSE, [3, 4]), (OPEN, [3, 4, 1, 2]), (RELAX, [3, 4, 1, 2]), (0, [3, 4, 1, 2])):
+        table.module.command(discrete)
+        table.module.poll()
+        table.module.poll()
+        assert table.words() == words
+    table.board.gone = True
+    table.module.poll()
+    table.module.poll()
+    table.board.gone = False
+    table.module.poll()
+    assert table.words() == [3, 4, 1, 2, 1, 2]
+    assert table.module.losses == 1
+    assert [line.split(":", 1)[0].split()[0] for line in table.lines] == ["module"] * 3
+
+
+def valve_and_pump(table: Table) -> list[int | None]:
+    """What was last written to either, None for nothing yet."""
+    last = {offset: value for _, offset, value in table.board.applied}
+    valve = last.get(DISCRETE)
+    return [None if valve is None else valve >> VALVE & 1, last.get(2 * PUMP)]
+
+
+def test_outputs_of_a_module_get_their_numbers_when_they_change_and_again_after_it_was_away(table: Table) -> None:
+    table.module.poll()
+    assert valve_and_pump(table) == [None, None]  # nobody has said anything yet
+    for outputs, seen in ((0, [1, 0]), (VALVE_1, [0, 0]), (VALVE_1 | PUMP_3, [0, 700]), (PUMP_3 | 0xFF00, [1, 700])):
+        table.module.switch(outputs)
+        table.module.poll()
+        assert valve_and_pump(table) == seen
+        count = len(table.board.applied)
+        table.module.poll()
+        assert len(table.board.applied) == count
+    table.board.applied.clear()
+    table.board.gone = True
+    table.module.poll()
+    table.board.gone = False
+    table.module.poll()
+    assert valve_and_pump(table) == [1, 700]
+
+
+def test_a_module_that_is_let_go_keeps_what_holds_and_switches_the_rest_off(table: Table) -> None:
+    table.module.switch(VALVE_1 | PUMP_3)
+    table.module.poll()
+    stop = threading.Event()
+    stop.set()
+    table.module.run(stop)
+    assert valve_and_pump(table) == [1, 700]
+
+
+class OnePoll(threading.Event):
+    """Set at the first wait: for one poll, and the one that ends it."""
+
+    def wait(self, _timeout: float | None = None) -> bool:
+        self.set()
+        return True
+
+
+def test_what_a_module_has_switched_off_comes_on_again_only_when_somebody_says_so_anew(table: Table) -> None:
+    switched: list[list[int]] = []
+    for said in (VALVE_1 | PUMP_3, None, VALVE_1):  # None: the board is found again, and nobody has spoken since
+        table.board.applied.clear()
+        if said is not None:
+            table.module.switch(said)
+        table.module.run(OnePoll())
+        switched.append([value >> VALVE & 1 for _, offset, value in table.board.applied if offset == DISCRETE])
+    assert switched == [[0, 1], [1], [0, 1]]  # a valve that is on is 0
+
+
+def test_a_module_that_was_never_there_is_told_of_once(table: Table) -> None:
+    table.board.gone = True
+    table.module.poll()
+    table.module.poll()
+    assert len(table.lines) == 1
+    assert table.lines[0].startswith("no module at Modbus 127.0.0.1")
+    table.board.gone = False
+    table.module.poll()
+    assert table.lines[1].endswith("found")
+    assert table.module.losses == 0
+
+
+def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table) -> None:
+    main = PaperBoard()
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
+    bus.exchange(np.array([(OP_OUTPUTS, 0, PUMP_3), (OP_WRITE, DAC, 9)], np.int64), image)
+    table.module.poll()
+    assert main.applied == [(OP_WRITE, DAC, 9)]
+    assert valve_and_pump(table) == [1, 700]
+
+
+def test_beside_an_emulated_board_modules_follow_the_lamps_of_the_panel(table: Table) -> None:
+    memory = local_board_memory()
+    memory[PANEL_OUTPUTS] = VALVE_1
+    PanelModules(memory, [table.module]).step(table.clock())
+    table.module.poll()
+    assert valve_and_pump(table) == [0, 0]
+
+
+def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table: Table) -> None:
+    main = PaperBoard()
+    main.status = STATUS_POWER | 0b00110
+    table.board.status = 1
+    bus, image = IoBus(DirectBus(main), [table.module], table.clock), make_image()
+    assert bus.connect().joints == 6
+
+    def closed() -> bool:
+        bus.exchange(np.array([(OP_WRITE, DISCRETE, CLOSE)], np.int64), image)
+        return bool(table.lines) and table.words() == [3, 4]
+
+    wait_until(closed, "the gripper closes")
+    assert image[IMAGE_INPUTS + STATUS // 2] == STATUS_POWER | 0b10010
+    assert main.applied[-1] == (OP_WRITE, DISCRETE, CLOSE)
+    bus.close()
+    bus.close()
+
+
+@pytest.mark.parametrize(
+    ("board", "says"),
+    [
+        ('kind = "port"\nport = {}\n' + IO, r"an emulated board or one behind a gateway, and kind = 'port' has none"),
+        (TWICE.replace("inputs", "analog").replace("input =", "volt_per_count = 1, channel ="), "the same channel 1"),
+        ('kind = "modbus"\nmodbus = {}\n' + TWICE, "two remote inputs stand for the same input 1"),
+        ('kind = "modbus"\nmodbus = {}\n[[arm.board.io]]\nhost = "x"\n', "does nothing"),
+    ],
+)
+def test_modules_that_make_no_sense_are_refused(tmp_path: Path, board: str, says: str) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(LEFT + board)
+    with pytest.raises(ConfigError, match=says):
+        load_deployment(path)
+
+
+def test_a_module_in_a_deployment_file_stands_before_the_transport_to_its_board(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(
+        LEFT + 'kind = "modbus"\nmodbus = {}\n' + IO.replace("address = 9, input = 1", "address = 9, input = 2")
+    )
+    [arm] = load_deployment(path).arm
+    bus = open_transport(arm.board).bus
+    assert isinstance(bus, IoBus)

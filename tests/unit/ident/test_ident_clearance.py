@@ -1,0 +1,76 @@
+"""An arm keeps away from the floor, from its column and from itself."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.ident.clearance import Clearance
+from qrobot.ident.link_lines import HAND_M, Skeleton
+from qrobot.model.arm import Arm
+from qrobot.model.transform import transform
+
+PUMA = load_robot("puma560")
+FOLDED = (0, -90, 240, 0, 0, 0)  # the forearm beside the upper arm, as far as the elbow goes
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_lines_lead_from_the_floor_to_the_end_of_the_hand(name: str) -> None:
+    robot = load_robot(name)
+    q = np.random.default_rng(1).uniform(robot.limits.q_min, robot.limits.q_max, (20, robot.n))
+    lines = Skeleton(robot).lines(q)
+    assert len(lines) == robot.n + 2
+    np.testing.assert_allclose(lines[0][:, 0], np.tile([0.0, 0.0, -robot.geometry.base_height_m], (20, 1)))
+    for before, after in pairwise(lines):
+        np.testing.assert_allclose(before[:, -1], after[:, 0], atol=1e-12)
+    ends = [(Arm(robot).flange(each) @ transform(translation=[0.0, 0.0, HAND_M]))[:3, 3] for each in q]
+    np.testing.assert_allclose(lines[-1][:, -1], ends, atol=1e-12)
+
+
+def test_points_along_a_body_are_close_together() -> None:
+    for line in Skeleton(PUMA).lines(np.zeros((1, PUMA.n))):
+        assert (np.linalg.norm(np.diff(line[0], axis=0), axis=1) <= 0.081).all()
+
+
+@pytest.mark.parametrize(
+    ("degrees", "clear"),
+    [
+        ((0, -90, 90, 0, 0, 0), True),
+        ((0, 0, 90, 0, 0, 0), True),  # stretched level, at shoulder height
+        ((0, 43, 90, 0, 0, 0), False),  # stretched, pointing at the floor
+        ((0, 43, 235, 0, 0, 0), False),  # folded in below the shoulder
+    ],
+)
+def test_floor_and_column_are_kept_away_from(degrees: tuple[float, ...], clear: bool) -> None:
+    assert Clearance(PUMA).of_pose(np.radians(degrees)) is clear
+
+
+@pytest.mark.parametrize(("bend", "clear"), [(100.0, False), (-100.0, True), (0.0, True)])
+def test_a_hand_bent_into_its_own_upper_arm_is_refused_and_one_bent_away_is_not(bend: float, clear: bool) -> None:
+    q = np.radians(FOLDED)
+    q[4] = np.radians(bend)
+    assert Clearance(PUMA).of_pose(q) is clear
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_named_poses_of_a_robot_are_clear_of_itself(name: str) -> None:
+    robot = load_robot(name)
+    assert all(Clearance(robot).of_pose(robot.poses[pose]) for pose in ("ready", "park", "end"))
+
+
+def test_a_way_is_looked_at_all_along() -> None:
+    begin, end = np.radians([0, -60, 90, 0, 0, 0]), np.radians([0, -120, 90, 0, 0, 0])
+    assert Clearance(PUMA).of_way(begin, end)
+    through_floor = np.radians([0, 43, 90, 0, 0, 0])
+    assert not Clearance(PUMA).of_way(through_floor + (begin - through_floor), 2 * through_floor - begin)
+
+
+def test_a_path_is_refused_for_what_is_between_its_poses() -> None:
+    """The wrist turns half round with the hand bent: on the way the hand comes through the upper arm."""
+    away, into = np.radians([0, -90, 240, -90, 100, 0]), np.radians([0, -90, 240, 90, 100, 0])
+    assert Clearance(PUMA).of_path(np.array([away, away]))
+    assert Clearance(PUMA).of_path(np.array([into, into]))
+    assert not Clearance(PUMA).of_path(np.array([away, into]))

@@ -1,0 +1,100 @@
+"""The plan of an identification: informative, within all limits, clear of floor and arm, and always the same."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import IdentificationError
+from qrobot.ident.base import BaseParameters, base_of_robot
+from qrobot.ident.clearance import Clearance
+from qrobot.ident.excitation import RUN_S, RUNS
+from qrobot.ident.plan import PASS_S, ExcitationPlan, choose_informative, make_plan
+from qrobot.ident.regressor import Regressor, gravity_regressor
+
+NAMES = ("puma560", "stanford")
+ROBOTS = pytest.mark.parametrize("name", NAMES)
+PUMA = load_robot("puma560")
+
+
+@cache
+def base(name: str) -> tuple[Robot, Regressor, BaseParameters]:
+    robot = load_robot(name)
+    regressor = gravity_regressor(robot)
+    return robot, regressor, base_of_robot(robot, regressor)
+
+
+@cache
+def plan(name: str, seed: int = 0) -> ExcitationPlan:
+    return make_plan(*base(name), poses=12, seed=seed)
+
+
+@ROBOTS
+def test_a_plan_stays_within_range_speed_and_acceleration(name: str) -> None:
+    limits = load_robot(name).limits
+    for swing in plan(name).swings:
+        assert ((limits.q_min < swing.low) & (swing.high < limits.q_max)).all()
+        speed = 2.0 * swing.half / swing.seconds
+        assert (speed <= 0.75 * limits.v_max).all()
+        assert (1.5 * speed / swing.turn_s <= limits.a_max).all()  # Paul's transition turns it round in 2 turn_s
+        assert swing.seconds - 2.0 * swing.turn_s == pytest.approx(PASS_S)
+
+
+@ROBOTS
+def test_every_swing_and_every_way_between_is_clear(name: str) -> None:
+    robot = load_robot(name)
+    clearance, at = Clearance(robot), robot.poses["ready"]
+    for swing in plan(name).swings:
+        stops = [at, robot.poses["ready"], swing.low] if swing.by_ready else [at, swing.low]
+        assert all(clearance.of_way(begin, end) for begin, end in zip(stops, [*stops[1:], swing.high], strict=True))
+        at = swing.low
+
+
+@ROBOTS
+def test_each_joint_is_swept_alone_at_three_speeds(name: str) -> None:
+    sweeps = [swing.half for swing in plan(name).swings if not swing.name.startswith("pose")]
+    moved = [np.flatnonzero(half).tolist() for half in sweeps]
+    assert moved == [[joint] for joint in range(load_robot(name).n) for _ in range(3)]
+
+
+def test_the_same_seed_gives_the_same_plan_and_another_seed_another() -> None:
+    again = make_plan(*base("puma560"), poses=12)
+    assert again.to_dict() == plan("puma560").to_dict()
+    assert plan("puma560", seed=1).to_dict() != again.to_dict()
+
+
+def test_chosen_poses_tell_more_than_random_ones() -> None:
+    columns = np.random.default_rng(2).normal(size=(60, 3, 8)) * np.random.default_rng(3).uniform(0.1, 2.0, (60, 1, 1))
+
+    def information(which: list[int]) -> float:
+        stacked = columns[which].reshape(-1, 8)
+        return float(np.linalg.slogdet(stacked.T @ stacked)[1])
+
+    random = np.random.default_rng(4)
+    others = [information(random.choice(60, 10, replace=False).tolist()) for _ in range(200)]
+    assert information(choose_informative(columns, 10)) > max(others)
+
+
+def test_what_alone_tells_a_parameter_is_chosen() -> None:
+    columns = np.zeros((20, 1, 2))
+    columns[:, 0, 0] = 1.0
+    columns[13, 0] = [0.0, 0.1]
+    assert 13 in choose_informative(columns, 3)
+
+
+def test_the_plan_of_a_puma_is_well_conditioned_and_takes_minutes() -> None:
+    assert plan("puma560").condition < 5.0
+    assert 60.0 < plan("puma560").seconds < 240.0
+
+
+def test_all_that_identification_records_takes_less_than_ten_minutes() -> None:
+    """Swings and sweeps, slow ones among them, and the runs for inertia with ways between them as long as they are."""
+    assert make_plan(*base("puma560"), slow=True).seconds + 2.0 * RUNS * RUN_S < 600.0
+
+
+def test_too_few_poses_are_refused() -> None:
+    with pytest.raises(IdentificationError, match="1 of 250 clear poses cannot tell 10 parameters"):
+        make_plan(*base("puma560"), poses=1)

@@ -1,0 +1,112 @@
+"""The pages: links lead somewhere, decision records have their form, generated parts are fresh."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.config import load_robot
+from qrobot.rci import VirtualLink
+from tests.support.fake_robot import FakeRobot
+
+ROOT = Path(__file__).parents[3]
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)],
+)
+RECORDS = sorted((ROOT / "docs/decisions").glob("0*.md"))
+LINK = re.compile(r"\]\(([^)\s#]+)?(?:#([^)]*))?\)")
+REFRESH = runpy.run_path(str(ROOT / "docs/refresh.py"))
+
+
+def page_name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings, as Markdown renderers make them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_links_of_a_page_lead_to_a_file_and_a_heading(page: Path) -> None:
+    broken = []
+    for target, anchor in LINK.findall(without_code(page.read_text())):
+        if re.match(r"https?:", target):
+            continue
+        file = page.parent / target if target else page
+        if not file.exists() or (anchor and anchor not in anchors(file.read_text())):
+            broken.append(f"{target}#{anchor}")
+    assert broken == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_source_files_named_on_a_page_exist(page: Path) -> None:
+    named = re.findall(r"\b((?:qrobot|tests|docs|config|examples)/[\w./-]*\w\.(?:py|toml|md))", page.read_text())
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=page_name)
+def test_a_decision_record_gives_question_choice_and_costs_on_one_page(record: Path) -> None:
+    text = record.read_text()
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["Question", "Choice", "Costs"]
+    assert re.match(rf"# {int(record.name[:4])}\. \S.*\n\nDate: \d{{4}}-\d\d-\d\d\n", text)
+    assert text.count("\n") <= 60
+
+
+def test_each_decision_record_has_a_number_of_its_own() -> None:
+    numbers = [int(record.name[:4]) for record in RECORDS]
+    assert numbers == sorted(set(numbers))
+
+
+@pytest.mark.parametrize("name", sorted(REFRESH["PAGES"]))
+def test_generated_parts_of_a_reference_page_are_fresh(name: str) -> None:
+    page = (ROOT / "docs" / name).read_text()
+    assert REFRESH["PAGES"][name](page) == page
+
+
+@pytest.mark.parametrize(
+    ("part", "wanted"),
+    [
+        ("modes", "    HOLDING --> TRACKING: "),
+        ("faults", "| 22 | GUARD_TRIP | 0 | yes |"),
+        ("faults", "| 67 | TORQUE_LIMIT | 0 | not yet |"),
+        ("laws", "| `qrobot` (default) | "),
+        ("telemetry", "| `q` | float64[n] | measured position, rad or m |"),
+        ("command-line", "### qrobot log export"),
+        ("deployment-keys", "| `rate_hz` | whole number from 100 to 10000 | `1000` |"),
+        ("robot-keys", "| `brake` | n of true or false | needed |"),
+        ("robot-keys", "| `vendor_rad_per_count` | n numbers other than zero | - |"),
+    ],
+)
+def test_a_stale_part_is_made_anew_from_the_code(part: str, wanted: str) -> None:
+    page = REFRESH["rewrite"](f"before\n<!-- generated: {part} -->\nold\n<!-- end -->\nafter\n")
+    assert "old" not in page.splitlines()
+    assert wanted in page
+    assert page.startswith("before\n")
+    assert page.endswith("<!-- end -->\nafter\n")
+
+
+def test_every_part_is_on_a_page() -> None:
+    text = "".join((ROOT / "docs" / name).read_text() for name in REFRESH["PAGES"])
+    assert [part for part in REFRESH["PARTS"] if f"<!-- generated: {part} -->" not in text] == []
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/how-to/write-a-program.md"])
+def test_a_program_printed_on_a_page_runs_as_it_is(name: str) -> None:
+    program = re.search(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
+    assert program is not None
+    robot = FakeRobot(tuple(load_robot("puma560").poses["park"]))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        exec(compile(program[1], name, "exec"), {})
+    assert robot.goodbyes
+    assert np.ptp(robot.path, axis=0).max() > 0.5  # it did move

@@ -1,0 +1,29 @@
+"""The page of faults claims no reaction that nothing raises, and no test that does not exist."""
+
+from __future__ import annotations
+
+import ast
+import runpy
+from pathlib import Path
+
+import pytest
+
+from qrobot.faultcodes import FaultCode
+
+ROOT = Path(__file__).parents[3]
+REFRESH = runpy.run_path(str(ROOT / "docs/refresh.py"))
+FACTS = REFRESH["fault_facts"].FACTS
+RAISED = REFRESH["tables"].raised_codes()
+
+
+@pytest.mark.parametrize("code", FACTS, ids=lambda code: code.name)
+def test_a_fault_on_the_page_is_raised_and_its_test_exists(code: FaultCode) -> None:
+    assert code.name in RAISED
+    path, _, function = FACTS[code].test.partition("::")
+    tree = ast.parse((ROOT / path).read_text())
+    assert function in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def test_every_code_raised_has_its_row() -> None:
+    page = REFRESH["PARTS"]["reactions"]()
+    assert {line.split()[1] for line in page.splitlines()[2:]} == RAISED - {"NONE"}

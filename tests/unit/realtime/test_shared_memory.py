@@ -1,0 +1,183 @@
+"""Named shared memory: one living owner, taken over from a dead one, gone after an orderly end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+
+import pytest
+
+from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.realtime.shared_memory import GENERATION, HEADER_WORDS, OWNER_PID, SharedMemory, discard_dead, segment_path
+from tests.support.patience import PATIENCE_S
+
+OWN_AND_WAIT = """
+import sys
+from qrobot.realtime.shared_memory import HEADER_WORDS, Segment
+segment = Segment.create(sys.argv[1], 1, 64)
+segment.words[HEADER_WORDS] = 42
+print("ready", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    name = f"test-{uuid.uuid4().hex[:12]}"
+    yield name
+    segment_path(name).unlink(missing_ok=True)
+
+
+def start_owner(name: str) -> subprocess.Popen[str]:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    owner: subprocess.Popen[str] = subprocess.Popen([sys.executable, "-c", OWN_AND_WAIT, name], **pipes)  # type: ignore[call-overload]
+    assert owner.stdout is not None
+    assert owner.stdout.readline() == "ready\n"
+    return owner
+
+
+def kill(owner: subprocess.Popen[str]) -> None:
+    owner.send_signal(signal.SIGKILL)
+    owner.communicate()
+
+
+def test_words_written_by_the_owner_are_read_by_a_peer_and_back(name: str) -> None:
+    with SharedMemory.create(name, 1, 64) as owner, SharedMemory.attach(name, 1) as peer:
+        owner.words[10] = 7
+        peer.words[11] = 8
+        assert (peer.words[10], owner.words[11], owner.words[OWNER_PID]) == (7, 8, os.getpid())
+
+
+def test_a_second_owner_is_refused_while_the_first_lives(name: str) -> None:
+    with SharedMemory.create(name, 1, 64), pytest.raises(LinkBusy, match=name):
+        SharedMemory.create(name, 1, 64)
+
+
+def test_a_killed_owner_is_taken_over_and_peers_see_the_generation_rise(name: str) -> None:
+    first = start_owner(name)
+    peer = SharedMemory.attach(name, 1)
+    assert peer.owner_alive
+    assert peer.words[HEADER_WORDS] == 42
+    kill(first)
+    assert not peer.owner_alive
+    with SharedMemory.create(name, 1, 64) as second:
+        assert peer.is_current
+        assert peer.owner_alive
+        assert peer.words[GENERATION] == second.words[GENERATION] == 2
+        assert peer.words[HEADER_WORDS] == 0
+    peer.close()
+
+
+def test_a_living_owner_in_another_process_is_not_disturbed(name: str) -> None:
+    owner = start_owner(name)
+    try:
+        with pytest.raises(LinkBusy):
+            SharedMemory.create(name, 1, 64)
+        with SharedMemory.attach(name, 1) as peer:
+            assert peer.words[HEADER_WORDS] == 42
+    finally:
+        kill(owner)
+
+
+def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str) -> None:
+    kill(start_owner(name))
+    probe = "import sys\nfrom qrobot.realtime.shared_memory import Segment\np = Segment.attach(sys.argv[1], 1)\nprint('ready', flush=True)\nwhile not p.owner_alive: pass"  # noqa: E501
+    peer = subprocess.Popen([sys.executable, "-c", probe, name], stdout=subprocess.PIPE, text=True)
+    assert peer.stdout is not None
+    assert peer.stdout.readline() == "ready\n"
+    with SharedMemory.create(name, 1, 64):
+        peer.communicate(timeout=PATIENCE_S)
+        assert peer.returncode == 0
+
+
+def test_what_a_killed_owner_left_is_discarded_and_what_a_living_one_has_is_not(name: str) -> None:
+    owner = start_owner(name)
+    discard_dead(name)
+    assert segment_path(name).exists()
+    kill(owner)
+    discard_dead(name)
+    assert not segment_path(name).exists()
+    discard_dead(name)  # there is nothing
+
+
+def test_one_peer_at_a_time_commands_and_another_is_refused_until_it_has_closed(name: str) -> None:
+    with SharedMemory.create(name, 1, 16), SharedMemory.attach(name, 1) as other:
+        first = SharedMemory.attach(name, 1)
+        first.claim()
+        first.claim()  # what is ours already is no obstacle
+        with pytest.raises(LinkBusy, match="commanded by another process already"):
+            other.claim()
+        SharedMemory.attach(name, 1).close()  # another mapping of the same process takes nothing away
+        with pytest.raises(LinkBusy):
+            other.claim()
+        first.close()
+        other.claim()
+    with pytest.raises(LinkError, match="is closed"):
+        other.claim()
+
+
+def test_an_orderly_end_removes_the_file_and_a_peer_notices(name: str) -> None:
+    owner = SharedMemory.create(name, 1, 64)
+    peer = SharedMemory.attach(name, 1)
+    owner.close(unlink=True)
+    assert not segment_path(name).exists()
+    assert not peer.is_current
+    assert not peer.owner_alive
+    with SharedMemory.create(name, 1, 64) as other:
+        assert not peer.is_current
+        assert other.is_current
+    peer.close()
+
+
+def test_a_peer_of_another_layout_or_without_an_owner_is_refused(name: str) -> None:
+    with pytest.raises(LinkError, match="start the process that serves it"):
+        SharedMemory.attach(name, 1)
+    with SharedMemory.create(name, 1, 64), pytest.raises(LinkError, match="layout 1, this version expects 2"):
+        SharedMemory.attach(name, 2)
+
+
+def test_a_file_of_another_size_is_replaced_so_that_old_peers_keep_theirs(name: str) -> None:
+    kill(start_owner(name))
+    peer = SharedMemory.attach(name, 1)
+    with SharedMemory.create(name, 2, 128) as owner:
+        assert owner.words.size == 128
+        assert peer.words[HEADER_WORDS] == 42
+        assert not peer.is_current
+    peer.close()
+
+
+@pytest.mark.parametrize("bad", ["", "../etc", "a b", ".hidden", "a/b"])
+def test_a_name_that_is_no_plain_file_name_is_refused(bad: str) -> None:
+    with pytest.raises(ConfigError, match="cannot name shared memory"):
+        segment_path(bad)
+
+
+def test_no_room_in_shared_memory_is_an_error_and_leaves_the_name_free(name: str) -> None:
+    free = os.statvfs("/dev/shm")
+    too_many = (free.f_bavail * free.f_frsize) // 8 + (1 << 20)
+    with pytest.raises(LinkError, match="no room"):
+        SharedMemory.create(name, 1, too_many)
+    with SharedMemory.create(name, 1, 64) as owner:
+        assert owner.words.size == 64
+
+
+def test_closing_the_owner_frees_the_name_although_a_forked_child_lives(name: str) -> None:
+    owner = SharedMemory.create(name, 1, 64)
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(write)
+        os.read(read, 1)  # until the parent closes its end
+        os._exit(0)
+    os.close(read)
+    try:
+        owner.close()
+        with SharedMemory.create(name, 1, 64) as second:
+            assert second.words[GENERATION] == 2
+    finally:
+        os.close(write)
+        os.waitpid(child, 0)

@@ -1,0 +1,243 @@
+"""The walk through a new board: what is in order is said to be, what is not is found, and nothing is left on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.arrays import Words
+from qrobot.config import load_robot
+from qrobot.errors import LinkLost
+from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE, PANEL_ESTOP, PANEL_PUSH
+from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.isa.fake import FakeCard, FakeCardBus
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_POWER,
+    ENC_COUNT,
+    STATUS,
+    STATUS_ADC_BUSY,
+    STATUS_INDEX,
+)
+from qrobot.rig.board_check import STEPS, Leave, StepResult, check_board
+from qrobot.rig.board_walk import Walk
+from qrobot.sim_board.board import BoardOptions
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.faults import FaultPlan
+from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
+from tests.support.bus import DirectBus
+
+ROBOT = load_robot("puma560")
+EVERYTHING = Leave(power=True)
+UNATTENDED = Leave(power=True, hands=False)
+
+
+class Desk:
+    """A walk over the emulated arm, on virtual time; `spoil` changes what the bus shows."""
+
+    def __init__(self, **options: Any) -> None:
+        self.emulator = Emulator(ROBOT, physics="rigid", **options)
+        self.end = SteppingEndpoint(self.emulator, steps=8, now_ns=1_000_000_000)
+        self.asked: list[str] = []
+        self.answer: Callable[[str], bool] = lambda _question: True
+        self.spoil: Callable[[Words], None] = lambda _image: None
+        self.written: list[tuple[int, int]] = []
+        self.bus = DirectBus(self)
+        self.walk = Walk(self.bus, ROBOT, self._ask)
+
+    def facts(self) -> BoardFacts:
+        return self.end.facts()
+
+    def apply(self, operations: Operations) -> None:
+        self.written += [(int(row[1]), int(row[2])) for row in operations if row[0] == OP_WRITE]
+        self.end.apply(operations)
+
+    def read_image(self, image: Words) -> None:
+        self.end.read_image(image)
+        self.spoil(image)
+
+    def _ask(self, question: str) -> bool:
+        self.asked.append(question)
+        return self.answer(question)
+
+    def check(self, leave: Leave = UNATTENDED) -> list[StepResult]:
+        return list(check_board(self.walk, leave))
+
+    def by_hand(self, side: int) -> Callable[[str], bool]:
+        """Answers yes, and turns the joint that is asked for."""
+
+        def answer(question: str) -> bool:
+            if question.startswith("Turn joint"):
+                joint = int(question.split()[2]) - 1
+                self.end.memory[PANEL_PUSH + joint] = side * 4_000_000
+                for _ in range(100):
+                    self.end.apply(np.zeros((0, 3), np.int64))
+                self.end.memory[PANEL_PUSH + joint] = 0
+            return True
+
+        return answer
+
+
+def verdicts(findings: list[StepResult]) -> dict[str, bool | None]:
+    return {finding.step: finding.ok for finding in findings}
+
+
+@pytest.mark.parametrize(("revision_f", "idle"), [(True, False), (False, False), (True, True), (False, True)])
+def test_an_emulated_board_passes_every_step_at_whatever_levels_its_flags_idle(revision_f: bool, idle: bool) -> None:
+    desk = Desk(options=BoardOptions(revision_f=revision_f, adc_idle=idle, index_idle=idle))
+    desk.answer = desk.by_hand(+1)
+    findings = desk.check(EVERYTHING)
+    assert verdicts(findings) == {step.name: True for step in STEPS}, findings
+    assert findings[0].detail.startswith(f"revision {'F' if revision_f else 'E'}, 6 joints")
+
+
+def test_the_board_is_left_as_it_was_without_torque_and_power() -> None:
+    desk = Desk(start="ready")
+    counters, calibrated = desk.emulator.counters, desk.emulator.calibrated
+    assert all(finding.ok for finding in desk.check(Leave(hands=False)) if finding.ok is not None)
+    assert (desk.emulator.counters == counters).all()
+    assert desk.emulator.calibrated == calibrated
+    assert not desk.emulator.powered
+    assert (desk.emulator.bundle.board.dac == DAC_ZERO).all()
+    assert not any(value & DISCRETE_POWER for offset, value in desk.written if offset == DISCRETE)
+
+
+def test_a_board_that_is_not_calibrated_is_not_left_calibrated() -> None:
+    desk = Desk(calibrated=False)
+    desk.check()
+    assert not desk.emulator.calibrated
+
+
+def test_a_dry_run_writes_nothing() -> None:
+    desk = Desk()
+    findings = desk.check(Leave(read_only=True, power=True, hands=False))
+    assert not desk.written
+    assert [finding.ok for finding in findings[:2]] == [True, True]
+    assert all(finding.ok is None for finding in findings[2:])
+
+
+def test_power_is_asked_for_before_it_comes_and_a_no_leaves_it_off() -> None:
+    desk = Desk()
+    desk.answer = lambda _question: False
+    findings = verdicts(desk.check(EVERYTHING))
+    assert findings["power for an instant"] is findings["a push on each joint"] is None
+    assert not any(value & DISCRETE_POWER for offset, value in desk.written if offset == DISCRETE)
+    assert all("emergency stop" in question for question in desk.asked[-2:])
+
+
+def test_an_emergency_stop_that_is_pressed_ends_the_walk_before_anything_is_written() -> None:
+    desk = Desk()
+    desk.end.memory[PANEL_ESTOP] = 1
+    desk.end.apply(np.zeros((0, 3), np.int64))
+    *_, last = desk.check()
+    assert (last.step, last.ok) == ("status", False)
+    assert "emergency stop" in last.detail
+    assert not any(offset == DAC and value != DAC_ZERO for offset, value in desk.written)
+
+
+def empty_slot(image: Words) -> None:
+    image[IMAGE_INPUTS:] = 0xFFFF
+
+
+def no_index(image: Words) -> None:
+    image[IMAGE_INPUTS + STATUS // 2] &= ~STATUS_INDEX
+
+
+def busy(image: Words) -> None:
+    image[IMAGE_INPUTS + STATUS // 2] |= STATUS_ADC_BUSY
+
+
+def frozen_counter(image: Words) -> None:
+    image[IMAGE_INPUTS + ENC_COUNT // 2 + 2] = 5
+
+
+@pytest.mark.parametrize(
+    ("spoil", "step", "words"),
+    [
+        (empty_slot, "the board answers", "base address"),
+        (no_index, "index flags", "joints 1, 2, 3, 4, 5, 6"),
+        (busy, "converter", "is it revision E?"),
+        (frozen_counter, "counters take a load", "joint 3 did not take a load"),
+    ],
+)
+def test_what_is_wrong_is_found_by_its_step_with_something_to_do(
+    spoil: Callable[[Words], None], step: str, words: str
+) -> None:
+    desk = Desk()
+    desk.spoil = spoil
+    *_, last = desk.check()
+    assert (last.step, last.ok) == (step, False)
+    assert words in f"{last.detail} {last.remedy}"
+    assert last.remedy
+    assert not desk.emulator.powered
+
+
+@pytest.mark.parametrize(
+    ("fault", "step", "words"),
+    [
+        ("board deaf", "scratch bits", "do writes reach the board?"),
+        ("dac:4 dead", "a push on each joint", "joint 4 does not answer to torque"),
+        ("dac:5 gain -1", "a push on each joint", "joint 5 runs against its torque"),
+    ],
+)
+def test_a_fault_injected_is_found_by_its_step(fault: str, step: str, words: str) -> None:
+    desk = Desk(faults=FaultPlan.parse([fault]))
+    *_, last = desk.check()
+    assert (last.step, last.ok) == (step, False), last
+    assert words in f"{last.detail} {last.remedy}"
+    assert not desk.emulator.powered
+
+
+def test_an_encoder_that_counts_backwards_is_found_by_hand() -> None:
+    desk = Desk()
+    desk.answer = desk.by_hand(-1)
+    *_, last = desk.check(EVERYTHING)
+    assert (last.step, last.ok) == ("encoders by hand", False)
+    assert "swap A and B" in last.remedy
+
+
+def test_a_board_that_goes_away_is_a_finding_at_any_step() -> None:
+    for exchanges in (0, 1, 2, 30, 40, 60, 500):
+        desk = Desk()
+        left = [exchanges]
+
+        def cut(_image: Words, desk: Desk = desk, left: list[int] = left) -> None:
+            left[0] -= 1
+            if left[0] < 0:
+                raise LinkLost("the cable is out")
+
+        desk.spoil = cut
+        *_, last = desk.check()
+        assert last.ok is False
+        assert last.detail == "the cable is out"
+
+
+def test_no_board_is_a_finding() -> None:
+    desk = Desk()
+    desk.bus.cut = True
+    (only,) = desk.check()
+    assert (only.ok, bool(only.remedy)) == (False, True)
+
+
+def test_a_card_in_this_machine_is_walked_through_as_well() -> None:
+    desk = Desk()
+    card = FakeCard(desk.end)
+    findings = list(check_board(Walk(FakeCardBus(card), ROBOT, desk.answer), UNATTENDED))
+    assert [finding for finding in findings if finding.ok is False] == []
+    assert not desk.emulator.powered
+    assert desk.emulator.bundle.board.dac.tolist() == [DAC_ZERO] * 8
+
+
+def test_a_dry_run_of_a_card_writes_nothing() -> None:
+    desk = Desk()
+    walk = Walk(FakeCardBus(FakeCard(desk, read_only=True)), ROBOT, desk.answer)
+    findings = list(check_board(walk, Leave(power=True, hands=False)))
+    assert [finding.step for finding in findings if finding.ok is False] == ["scratch bits"]  # the first to read back
+    findings = list(check_board(walk, Leave(read_only=True, hands=False)))
+    assert {finding.ok for finding in findings} == {True, None}
+    assert not desk.written

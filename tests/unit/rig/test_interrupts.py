@@ -1,0 +1,57 @@
+"""An interrupt in the middle of what must not be torn apart waits for its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from qrobot.rig.interrupts import interrupts_deferred
+from qrobot.rig.processes import Child, ProcessPlan, ProcessRig
+
+REPORT = "import signal; print(signal.getsignal(signal.SIGTERM) == signal.SIG_DFL)"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_comes_into_force_when_the_block_ends(tmp_path: Path, number: signal.Signals) -> None:
+    done = []
+
+    def work() -> None:
+        with interrupts_deferred():
+            os.kill(os.getpid(), number)
+            done.append("work")
+        done.append("more")
+
+    with ProcessRig(tmp_path), pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["work"]
+
+
+def test_without_one_everything_is_as_before() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with interrupts_deferred():
+        process = subprocess.run([sys.executable, "-c", REPORT], check=True, stdout=subprocess.PIPE, text=True)
+    assert process.stdout == "True\n"
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+def test_a_process_that_was_being_started_when_ctrl_c_came_is_ended_with_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    spawn = ProcessRig._spawn
+
+    def interrupted(rig: ProcessRig, plan: ProcessPlan) -> Child:
+        child = spawn(rig, plan)
+        started.append(child.process)
+        os.kill(os.getpid(), signal.SIGINT)
+        return child
+
+    monkeypatch.setattr(ProcessRig, "_spawn", interrupted)
+    with pytest.raises(KeyboardInterrupt), ProcessRig(tmp_path) as rig:
+        rig.start(ProcessPlan("board", ["board"], None))
+    assert [process.returncode is None for process in started] == [False]

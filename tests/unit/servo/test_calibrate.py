@@ -1,0 +1,396 @@
+"""Calibration in lock-step: counters come out exact, or every reason why not is a code of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot.errors import ConfigError, ServoFault
+from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.hwif.board_memory import PANEL_PUSH
+from qrobot.servo.calibration.state import Stage
+from qrobot.servo.memory.mailbox import FLAG_CALIBRATED
+from qrobot.servo.modes import Mode
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.faults import FaultPlan
+from tests.support.calibrating import PUMA, CalibratingRig, random_pose
+
+
+def refused(rig: CalibratingRig, code: FaultCode, joint: int) -> None:
+    """Held where it is, not calibrated, with the reason."""
+    assert rig.mode is Mode.UNCALIBRATED
+    assert rig.event == (code, joint)
+    assert not rig.emulator.calibrated
+    assert rig.emulator.powered
+    rig.run_for(0.3)
+    assert np.abs(rig.emulator.v).max() < 0.01
+
+
+# --- what comes out ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
+def test_counters_come_out_exact_and_the_arm_is_held_where_it_is(rate_hz: float) -> None:
+    rig = CalibratingRig(random_pose(1), rate_hz=rate_hz).calibrating(until=Stage.MARKING)
+    before = rig.emulator.q
+    rig.finish()
+    assert rig.mode is Mode.HOLDING
+    assert rig.exact()
+    assert rig.emulator.calibrated
+    assert np.abs(rig.emulator.q - before).max() < 1e-4
+    assert rig.seen.flags & FLAG_CALIBRATED
+    assert np.abs(rig.seen.q - rig.emulator.q).max() < 2e-4
+
+
+def test_the_wrist_comes_after_joint_four_and_the_pulses_agree() -> None:
+    rig, joints = CalibratingRig(), []
+    rig.powered().mailbox.request_calibration()
+    rig.run_for(0.05)
+    while rig.mode is Mode.CALIBRATING:
+        joints.append(rig.mailbox.calibration().joint)
+        rig.run_for(0.05)
+    assert sorted(set(joints[:-40])) == list(range(PUMA.n))
+    found = rig.mailbox.calibration()
+    assert found.votes.tolist() == [5] * PUMA.n
+    assert (found.misfit < 15.0).all()
+    assert (found.margin > 100.0).all()
+
+
+@pytest.mark.parametrize("indexes", [3, 14])
+def test_three_pulses_are_enough_and_fourteen_possible(indexes: int) -> None:
+    rig = CalibratingRig(random_pose(2))
+    report = rig.calibrate(indexes)
+    assert report.indexes == indexes
+    assert report.votes == [indexes] * PUMA.n
+    assert rig.exact()
+
+
+@pytest.mark.parametrize("end", ["q_min", "q_max"])
+def test_at_the_end_of_its_range_an_arm_makes_room_for_itself(end: str) -> None:
+    pose = getattr(PUMA.limits, end).copy()
+    pose[-1] *= 0.5  # beyond that its potentiometer's track ends
+    rig = CalibratingRig(pose)
+    rig.powered().mailbox.request_calibration()
+    low, high = rig.emulator.q, rig.emulator.q
+    for _ in range(600):
+        rig.run_for(0.1)
+        low, high = np.minimum(low, rig.emulator.q), np.maximum(high, rig.emulator.q)
+        if rig.mode is not Mode.CALIBRATING:
+            break
+    assert rig.mode is Mode.HOLDING
+    assert rig.exact()
+    assert (low > PUMA.limits.q_min - 0.05).all()
+    assert (high < PUMA.limits.q_max + 0.05).all()
+
+
+def test_backlash_and_tenfold_noise_of_the_potentiometers_do_not_matter() -> None:
+    rig = CalibratingRig(random_pose(3))
+    rig.emulator.bundle.board.analog["backlash"] = 0.3
+    rig.emulator.bundle.board.analog["noise"] = 50.0
+    rig.calibrate()
+    assert rig.exact()
+
+
+def test_a_joint_that_stops_on_an_encoders_edge_is_nudged_until_its_counter_is_quiet() -> None:
+    rig = CalibratingRig(np.radians([43.3, -122.8, 183.6, -55.7, -21.9, 158.5]), seed=11)
+    rig.calibrate()
+    assert rig.exact()
+
+
+def test_before_calibration_the_potentiometers_give_a_rough_pose_that_carries_the_arm() -> None:
+    pose = np.radians([20.0, 0.0, 90.0, 10.0, 30.0, 50.0])  # stretched level: 37 to 46 N m on joint 2
+    rig = CalibratingRig(pose).powered()
+    assert rig.mode is Mode.UNCALIBRATED
+    assert np.abs(rig.seen.q - pose).max() < 0.03
+    rig.run_for(1.0)
+    assert np.abs(rig.emulator.q - pose).max() < 0.004
+
+
+def test_motion_never_exceeds_the_creeping_speed_by_much() -> None:
+    rig = CalibratingRig(random_pose(4))
+    rig.powered().mailbox.request_calibration()
+    fastest = np.zeros(PUMA.n)
+    rig.run_for(0.1)
+    while rig.mode is Mode.CALIBRATING:
+        fastest = np.maximum(fastest, np.abs(rig.emulator.v))
+        rig.run_for(0.02)
+    assert (fastest < 1.5 * rig.params.creep_speed).all()
+    assert (rig.params.creep_speed <= 0.3).all()
+
+
+# --- a board that is calibrated ------------------------------------------------------------------------------------
+
+
+def test_a_servo_started_again_adopts_a_calibrated_board_without_moving_it() -> None:
+    first = CalibratingRig(random_pose(5))
+    first.calibrate()
+    first.run_for(0.5)
+    standing = first.emulator.q
+    second = CalibratingRig(emulator=first.emulator)
+    second.run_for(0.5)
+    assert second.seen.flags & FLAG_CALIBRATED
+    assert np.abs(second.seen.q - second.emulator.q).max() < 2e-4
+    assert second.powered().mode is Mode.HOLDING
+    assert np.abs(second.emulator.q - standing).max() < 0.005
+    assert second.calibrate().was_calibrated
+    assert second.exact()
+
+
+def test_counters_that_the_potentiometers_contradict_get_no_power_and_are_mended_by_a_calibration() -> None:
+    rig = CalibratingRig(calibrated=True)
+    rig.emulator.bundle.board.encoders.counter[3] += 2 * 1000
+    rig.emulator.connect(rig.board, rig.now_ns)
+    rig.powered()
+    assert rig.mode is Mode.OFF
+    assert rig.event == (FaultCode.CAL_MISMATCH, 3)
+    assert not rig.emulator.powered
+    assert not rig.calibrate().was_calibrated
+    assert rig.exact()
+
+
+def test_power_asked_for_at_once_waits_for_the_potentiometers() -> None:
+    rig = CalibratingRig(calibrated=True)
+    rig.mailbox.request_power(True)
+    rig.ticks(5)
+    assert not rig.emulator.powered
+    rig.run_for(0.2)
+    assert rig.mode is Mode.HOLDING
+
+
+def test_potentiometers_that_do_not_answer_keep_the_arm_without_power_until_they_do() -> None:
+    rig = CalibratingRig(calibrated=True, conversion_ns=1 << 50).powered()
+    assert rig.mode is Mode.OFF
+    assert rig.event[0] is FaultCode.CAL_MISMATCH
+    rig.emulator.bundle.board.options["conversion_ns"] = 20_000
+    rig.mailbox.request_power(False)
+    rig.run_for(0.1)
+    assert rig.powered().mode is Mode.HOLDING
+    assert rig.emulator.calibrated
+
+
+@pytest.mark.parametrize("joint", range(PUMA.n))
+def test_a_calibrated_arm_at_the_end_of_its_range_gets_power_from_both_converters(joint: int) -> None:
+    pose = PUMA.poses["park"].copy()
+    for end in (PUMA.limits.q_min, PUMA.limits.q_max):
+        pose[joint] = end[joint]
+        for revision_f in (True, False):
+            rig = CalibratingRig(pose, calibrated=True, revision_f=revision_f).powered()
+            assert rig.mode is Mode.HOLDING
+
+
+# --- lost counts ---------------------------------------------------------------------------------------------------
+
+
+def moved(rig: CalibratingRig, joint: int, turns: float) -> None:
+    """Carry a held joint through so many motor turns, with the watch for what pushes it out of the way."""
+    bundle = rig.emulator.bundle
+    rig.params.watch.unexplained[:] = rig.params.watch.impossible[:] = np.inf
+    way = turns * 2.0 * np.pi / PUMA.transmission.gear[joint]
+    for step in range(200):
+        bundle.plant.q[joint] += way / 200
+        rig.state.q_ref[joint] += way / 200
+        rig.state.knots[:, joint] += way / 200
+        rig.ticks(3)
+        if step and rig.mode is Mode.FAULT:
+            return
+
+
+@pytest.mark.parametrize("joint", range(PUMA.n))
+def test_whole_counters_stay_calibrated_over_many_index_pulses(joint: int) -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    moved(rig, joint, 4.0)
+    assert rig.mode is Mode.HOLDING
+    assert rig.emulator.calibrated
+
+
+def test_counts_lost_are_found_at_the_next_index_pulse_and_end_the_calibration() -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    moved(rig, 4, 2.0)
+    rig.emulator.bundle.board.encoders.counter[4] -= 5
+    moved(rig, 4, 1.2)
+    assert rig.mode is Mode.FAULT
+    assert rig.event == (FaultCode.ENC_LOSS, 4)
+    rig.run_for(0.1)
+    assert not rig.emulator.calibrated
+    rig.mailbox.request_power(False)
+    rig.mailbox.request_clear()
+    rig.run_for(0.2)
+    rig.calibrate()
+    assert rig.exact()
+
+
+def test_three_counts_are_forgiven() -> None:
+    rig = CalibratingRig(calibrated=True).powered()
+    rig.emulator.bundle.board.encoders.counter[4] += 3
+    moved(rig, 4, 2.5)
+    assert rig.mode is Mode.HOLDING
+
+
+# --- why not -------------------------------------------------------------------------------------------------------
+
+
+def test_without_a_table_it_says_so_and_holds_as_ever() -> None:
+    rig = CalibratingRig(table=None).powered()
+    rig.mailbox.request_calibration()
+    rig.run_for(0.1)
+    refused(rig, FaultCode.CAL_NO_TABLE, NO_JOINT)
+
+
+def test_a_potentiometer_outside_the_table_is_a_mismatch() -> None:
+    rig = CalibratingRig().powered()
+    rig.emulator.bundle.board.analog.zero[1] += 15_000.0
+    rig.mailbox.request_calibration()
+    refused(rig.finish(), FaultCode.CAL_MISMATCH, 1)
+
+
+def test_a_potentiometer_that_reads_nothing_keeps_the_arm_without_power() -> None:
+    rig = CalibratingRig()
+    rig.emulator.bundle.board.analog.zero[1], rig.emulator.bundle.board.analog.slope[1] = 0.0, 0.0
+    rig.powered()
+    assert rig.mode is Mode.OFF
+    assert rig.event == (FaultCode.CAL_MISMATCH, 1)
+
+
+def test_a_dead_potentiometer_has_no_majority() -> None:
+    rig = CalibratingRig().powered()
+    analog = rig.emulator.bundle.board.analog
+    analog.zero[2] += analog.slope[2] * analog.wiper[2]
+    analog.slope[2] = 0.0
+    rig.mailbox.request_calibration()
+    refused(rig.finish(), FaultCode.CAL_VOTE, 2)
+
+
+def test_a_missing_index_pulse_is_tried_twice_and_then_told_within_a_few_turns() -> None:
+    rig = CalibratingRig().powered()
+    rig.emulator.bundle.board.encoders.counts_per_rev[0] = 1 << 40
+    start = rig.emulator.q[0]
+    rig.mailbox.request_calibration()
+    refused(rig.finish(), FaultCode.CAL_INDEX, 0)
+    turn = 2.0 * np.pi / PUMA.transmission.gear[0]
+    assert abs(rig.emulator.q[0] - start) < 4.0 * turn
+
+
+def test_an_index_pulse_where_none_can_be_is_told() -> None:
+    rig = CalibratingRig().powered()
+    rig.emulator.bundle.board.encoders.counts_per_rev[4] = 400
+    rig.mailbox.request_calibration()
+    refused(rig.finish(), FaultCode.CAL_INDEX, 4)
+
+
+@pytest.mark.parametrize(
+    ("fault", "codes"),
+    [
+        ("pot:3 noise 10", {None}),
+        ("pot:3 dead", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("pot:3 wrong 3", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("adc stuck", {FaultCode.CAL_MISMATCH, FaultCode.CAL_VOTE}),
+        ("index:3 missing", {FaultCode.CAL_INDEX}),
+        ("index:3 double", {FaultCode.CAL_INDEX}),
+        ("encoder:3 scale 1.01", {FaultCode.CAL_INDEX}),
+        ("encoder:3 lost 500", {FaultCode.CAL_INDEX}),
+        ("board slow 5", {FaultCode.BOARD_GONE}),  # older than its time-out of 1 ms
+    ],
+)
+def test_with_a_broken_part_it_is_exact_or_refused(fault: str, codes: set[FaultCode | None]) -> None:
+    emulator = Emulator(PUMA, physics="rigid", calibrated=False, faults=FaultPlan.parse([fault]))
+    assert CalibratingRig(emulator=emulator).outcome() in codes
+
+
+@pytest.mark.parametrize("joint", [0, 4])
+def test_an_obstacle_ends_it_before_the_torque_is_large(joint: int) -> None:
+    rig = CalibratingRig().calibrating(joint=joint)
+    limit = rig.params.creep_torque[joint]
+    rig.board[PANEL_PUSH + joint] = -round(1.2e6 * limit)
+    rig.run_for(0.2)
+    assert rig.event == (FaultCode.CAL_BLOCKED, joint)
+    assert rig.mode is Mode.UNCALIBRATED
+
+
+def test_a_range_too_short_for_the_pulses_wanted_is_told_before_anything_moves() -> None:
+    limits = PUMA.limits.model_copy(update={"q_min": PUMA.poses["park"] - 0.3, "q_max": PUMA.poses["park"] + 0.3})
+    rig = CalibratingRig(robot=PUMA.model_copy(update={"limits": limits})).powered()
+    rig.mailbox.request_calibration(14)
+    start = rig.emulator.q
+    rig.run_for(0.2)
+    refused(rig, FaultCode.CAL_ROOM, 0)
+    assert np.abs(rig.emulator.q - start).max() < 1e-3
+
+
+@pytest.mark.parametrize("stage", [Stage.BACKING, Stage.SWEEPING])
+def test_the_end_of_the_range_ends_it_whatever_the_plan_was(stage: Stage) -> None:
+    rig = CalibratingRig(PUMA.limits.q_max - 0.02).calibrating(until=stage)
+    rig.params.q_min[0], rig.params.q_max[0] = rig.seen.q[0] + 0.2, rig.seen.q[0] - 0.2
+    rig.run_for(0.1)
+    refused(rig, FaultCode.CAL_ROOM, 0)
+
+
+@pytest.mark.parametrize("stage", [Stage.SWEEPING, Stage.SETTLING])
+def test_a_stop_ends_it_and_the_arm_stays_held(stage: Stage) -> None:
+    rig = CalibratingRig().calibrating(until=stage)
+    joint = rig.mailbox.calibration().joint
+    rig.mailbox.request_stop()
+    rig.run_for(0.2)
+    refused(rig, FaultCode.CAL_STOPPED, joint)
+
+
+def test_power_off_ends_it() -> None:
+    rig = CalibratingRig().calibrating(joint=1)
+    rig.mailbox.request_power(False)
+    rig.run_for(0.2)
+    assert rig.mode is Mode.OFF
+    assert rig.event == (FaultCode.CAL_STOPPED, 1)
+    assert not rig.emulator.powered
+
+
+def test_a_count_lost_between_reading_and_loading_spoils_the_attempt() -> None:
+    rig = CalibratingRig().calibrating(until=Stage.LOADING)
+    rig.emulator.bundle.board.encoders.counter[3] += 1
+    rig.emulator.connect(rig.board, rig.now_ns)
+    rig.run_for(0.1)
+    refused(rig, FaultCode.CAL_MOVED, NO_JOINT)
+
+
+def test_an_arm_that_is_shaken_is_not_loaded() -> None:
+    rig = CalibratingRig().calibrating(until=Stage.SETTLING)
+    for shake in range(300):
+        rig.board[PANEL_PUSH] = 60_000_000 * (-1) ** shake
+        rig.run_for(0.02)
+        if rig.mode is not Mode.CALIBRATING:
+            break
+    rig.board[PANEL_PUSH] = 0
+    refused(rig, FaultCode.CAL_MOVED, 0)
+
+
+def test_after_a_refusal_the_next_attempt_succeeds() -> None:
+    rig = CalibratingRig().calibrating(joint=2)
+    rig.mailbox.request_stop()
+    rig.run_for(0.3)
+    rig.calibrate()
+    assert rig.exact()
+
+
+# --- the commander's side ------------------------------------------------------------------------------------------
+
+
+def test_the_client_leaves_power_as_it_was() -> None:
+    off = CalibratingRig()
+    off.calibrate(3)
+    off.run_for(0.3)
+    assert off.mode is Mode.OFF
+    on = CalibratingRig().powered()
+    on.calibrate(3)
+    assert on.mode is Mode.HOLDING
+
+
+def test_the_client_tells_the_servos_reason() -> None:
+    rig = CalibratingRig().powered()
+    rig.emulator.bundle.board.encoders.counts_per_rev[4] = 400
+    with pytest.raises(ServoFault, match="joint 5: CAL_INDEX: an index pulse was missing") as refusal:
+        rig.calibrate()
+    assert refusal.value.code == FaultCode.CAL_INDEX
+
+
+@pytest.mark.parametrize("indexes", [1, 2, 15, -3])
+def test_the_client_refuses_a_number_of_pulses_that_is_not_possible(indexes: int) -> None:
+    with pytest.raises(ConfigError, match="3 to 14 are possible"):
+        CalibratingRig().calibrate(indexes)

@@ -1,0 +1,609 @@
+"""The control interface without a loop: messages, sockets and refusals; whatever comes in, nothing moves."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import socket
+import threading
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import (
+    BOARD_DROPPED,
+    BOARD_ILLEGAL_OPS,
+    BOARD_LOSSES,
+    BOARD_MODULE_LOSSES,
+    IMAGE_COUNT,
+    IMAGE_T_NS,
+    local_board_memory,
+    publish_image,
+)
+from qrobot.hwif.bus import make_image
+from qrobot.realtime.page_faults import FaultWatch
+from qrobot.servo.laws import LAWS, find_law
+from qrobot.servo.laws.law import KP, KV, Law
+from qrobot.servo.laws.law_swap import SwapState
+from qrobot.servo.memory.law_history import JournalReader
+from qrobot.servo.memory.mailbox import (
+    COMMAND_CLEARS,
+    COMMAND_OFFS,
+    COMMAND_POWER,
+    COMMAND_SHUTDOWN,
+    COMMAND_STOPS,
+    GUARD_TAKEOVER,
+    ServoMailbox,
+    journal_base,
+)
+from qrobot.servo.memory.stop_record import Incident, read_incident
+from qrobot.servo.modes import Mode
+from qrobot.servo.operator import client as client_module
+from qrobot.servo.operator import requests as control
+from qrobot.servo.operator.board_status import board_status
+from qrobot.servo.operator.client import ServoClient
+from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
+from qrobot.servo.operator.requests import Controls
+from qrobot.servo.operator.sockets import MAX_CLIENTS, ControlSocket, OperatorConnection, connect_to_servo
+from qrobot.servo.process.daemon import _run_and_watch, _served
+from qrobot.servo.settings import ServoSettings
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.servo_bench import ServoBench, moving
+
+REQUESTS = (COMMAND_POWER, COMMAND_CLEARS, COMMAND_STOPS, COMMAND_OFFS)
+
+
+@dataclass
+class Bench:
+    """A servo bench, as the control interface sees a servo process; a thread ticks it."""
+
+    bench: ServoBench
+    arm: str = field(default_factory=lambda: f"t{uuid.uuid4().hex[:10]}")
+    robot: Robot = field(default_factory=lambda: load_robot("puma560"))
+    law: Law = field(default_factory=lambda: find_law("qrobot", load_robot("puma560")))
+    law_name: str = "qrobot"
+    said: list[str] = field(default_factory=list)
+    page_faults: int = 0
+    faults: FaultWatch = field(default_factory=FaultWatch)
+
+    @property
+    def mailbox(self) -> ServoMailbox:
+        return self.bench.mailbox
+
+    @property
+    def settings(self) -> ServoSettings:
+        return self.bench.settings
+
+    @property
+    def swap(self) -> SwapState:
+        return self.bench.state.swap
+
+    @property
+    def incident(self) -> Incident | None:
+        return read_incident(self.bench.state.watch.incident)
+
+    @property
+    def board(self) -> SimpleNamespace:
+        return SimpleNamespace(words=self.bench.board)
+
+    def say(self, message: str) -> None:
+        self.said.append(message)
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The servo's loop is a thread of ours, which may stall."""
+    monkeypatch.setattr(control, "LOOP_PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(client_module, "STOP_PATIENCE_S", PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def servo() -> Iterator[Bench]:
+    """Served and ticked in a thread, for all tests here."""
+    process = Bench(ServoBench().tick(5))
+    controls = Controls(process)
+    done = threading.Event()
+    with ControlSocket(process.arm, controls.begin, controls.farewell) as control:
+
+        def tick() -> None:
+            while not done.is_set():
+                process.bench.tick(5)
+
+        def serve() -> None:
+            while not done.is_set():
+                control.serve(0.01)
+
+        threads = [threading.Thread(target=work) for work in (tick, serve)]
+        for thread in threads:
+            thread.start()
+        yield process
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+@pytest.fixture
+def client(servo: Bench) -> Iterator[ServoClient]:
+    with ServoClient(servo.arm) as connection:
+        yield connection
+        connection.power_off()
+
+
+def test_the_status_tells_how_the_board_is_reached(servo: Bench, client: ServoClient) -> None:
+    words = (BOARD_LOSSES, BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_MODULE_LOSSES)
+    for count, word in enumerate(words, 1):
+        servo.bench.board[word] = count
+    board = client.status().board
+    assert (board.losses, board.dropped, board.illegal, board.module_losses) == (1, 2, 3, 4)
+    for word in words:
+        servo.bench.board[word] = 0
+
+
+def test_the_age_of_the_image_is_told_and_that_there_is_none() -> None:
+    memory, image = local_board_memory(), make_image()
+    assert board_status(memory, lambda: 5_000_000).age_ms is None
+    image[IMAGE_T_NS], image[IMAGE_COUNT] = 2_000_000, 1
+    publish_image(memory, image)
+    assert board_status(memory, lambda: 5_000_000).age_ms == 3.0
+
+
+def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoClient) -> None:
+    assert client.status().mode == "OFF"
+    status = client.power_on()
+    assert (status.mode, status.powered, status.robot, status.law) == ("HOLDING", True, "puma560", servo.law_name)
+    assert status.q == pytest.approx(servo.robot.poses["park"], abs=1e-3)
+    assert "by way of the control interface" in status.commander
+    assert client.power_off().mode == "OFF"
+    assert client.power_on().mode == "HOLDING"
+    assert client.power_on().mode == "HOLDING"  # asked again, nothing happens
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, name: str) -> None:
+    client.power_on()
+    assert client.change_law(name).law == name
+    assert ServoMailbox(servo.bench.mail).info.law == name
+    assert servo.said[-1].startswith(f"law {name}, gains")
+    assert client.status().mode == "HOLDING"
+
+
+def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
+    journal = JournalReader(servo.bench.mail, journal_base(servo.robot.n), servo.robot.n)
+    client.power_on()
+    client.change_law("pd")
+    before = list(journal.read())[-1]
+    kp = tuple((0.5 * servo.robot.control.kp).tolist())
+    tick = client.status().tick
+    client.change_gains(kp=kp)
+    (entry,) = journal.read()
+    assert (entry.law, entry.kp, entry.kv, entry.inertia) == ("pd", kp, before.kv, before.inertia)
+    assert before.tick <= tick < entry.tick <= client.status().tick
+    assert entry.t_ns - before.t_ns == (entry.tick - before.tick) * servo.bench.settings.period_ns
+    client.change_gains(kp=servo.robot.control.kp.tolist())
+
+
+def test_an_unknown_law_is_refused_and_the_old_one_stays(client: ServoClient) -> None:
+    client.power_on()
+    before = client.status().law
+    with pytest.raises(QRobotError, match="no control law 'lqr': there are pd"):
+        client.change_law("lqr")
+    assert client.status().law == before
+
+
+def test_gains_change_row_by_row_within_reason(servo: Bench, client: ServoClient) -> None:
+    client.power_on()
+    usual = servo.robot.control
+    status = client.change_gains(kp=(0.5 * usual.kp).tolist())
+    np.testing.assert_allclose(status.kp, 0.5 * usual.kp)
+    np.testing.assert_allclose(status.kv, usual.kv)
+    with pytest.raises(QRobotError, match=r"kv of joint 1: .* more than 4 times"):
+        client.change_gains(kv=(5.0 * usual.kv).tolist())
+    with pytest.raises(QRobotError, match=r"kv of joint 1: .* less than 0.25"):
+        client.change_gains(kv=(0.2 * usual.kv).tolist())
+    with pytest.raises(QRobotError, match="kp: 2 numbers for 6 joints"):
+        client.change_gains(kp=[1.0, 2.0])
+    np.testing.assert_allclose(client.change_gains(kv=(0.2 * usual.kv).tolist(), force=True).kv, 0.2 * usual.kv)
+    np.testing.assert_allclose(client.change_gains(kp=usual.kp.tolist(), kv=usual.kv.tolist()).kp, usual.kp)
+
+
+def test_gains_that_are_not_stable_are_refused_by_force_too_and_nothing_changes(
+    servo: Bench, client: ServoClient
+) -> None:
+    client.power_on()
+    before, usual = client.status(), servo.robot.control
+    for rows in (
+        {"kv": (0.0 * usual.kv).tolist()},
+        {"kv": (5.0 * usual.kv).tolist()},
+        {"kp": (1e5 * usual.kp).tolist()},
+    ):
+        with pytest.raises(QRobotError, match=r"CFG_GAIN: .*joint 1 \(waist\).*unchecked_gains"):
+            client.change_gains(force=True, **rows)
+    after = client.status()
+    assert (after.mode, after.kp, after.kv, after.q) == (before.mode, before.kp, before.kv, before.q)
+
+
+def test_one_commands_and_everybody_may_look_stop_and_cut_the_power(servo: Bench, client: ServoClient) -> None:
+    client.power_on()
+    with ServoClient(servo.arm) as other:
+        assert other.status().mode == "HOLDING"
+        for act in (other.power_on, other.clear, lambda: other.change_law("pd"), other.calibrate):
+            with pytest.raises(QRobotError, match="is commanded by process"):
+                act()
+        assert other.stop().mode == "HOLDING"
+        assert other.power_off().mode == "OFF"
+    assert client.power_on().mode == "HOLDING"
+
+
+def test_a_connection_that_ends_frees_the_command_and_leaves_the_power(servo: Bench) -> None:
+    with ServoClient(servo.arm) as first:
+        first.power_on()
+    with ServoClient(servo.arm) as second:
+        assert (second.status().mode, second.status().commander) == ("HOLDING", "")
+        second.change_law("qrobot")
+        second.power_off()
+
+
+def test_watching_shows_every_change(servo: Bench, client: ServoClient) -> None:
+    with ServoClient(servo.arm) as watcher:
+        seen = watcher.watch(20.0)
+        assert next(seen).mode == "OFF"
+        client.power_on()
+        assert "HOLDING" in (status.mode for status in seen)
+
+
+def test_there_is_one_control_socket_an_arm(servo: Bench) -> None:
+    with pytest.raises(LinkBusy, match="control socket"):
+        ControlSocket(servo.arm, lambda _visitor, line: line, lambda _visitor: None)
+
+
+def test_an_answer_tells_what_the_loop_did_and_not_what_was_said_of_an_earlier_request(
+    servo: Bench, client: ServoClient
+) -> None:
+    bench = servo.bench
+    bench.estop_ok = False
+    with pytest.raises(QRobotError, match="no arm power: ESTOP"):
+        client.power_on()
+    bench.estop_ok = True
+    assert client.status().event == FaultCode.ESTOP  # nothing has been asked since
+    assert client.power_on().mode == "HOLDING"
+
+
+def test_a_calibrated_arm_does_not_calibrate_and_says_so(client: ServoClient) -> None:
+    for act, mode in ((client.power_off, "OFF"), (client.power_on, "HOLDING")):
+        act()
+        with pytest.raises(QRobotError, match=f"not in mode {mode}: an arm calibrates under power"):
+            client.calibrate()
+
+
+def test_a_mistake_of_ours_is_an_answer_and_the_servo_goes_on(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client.power_on()
+    with monkeypatch.context() as patch:
+        patch.setattr(control, "tried_law", lambda *_: 1 / 0)
+        with pytest.raises(QRobotError, match="a mistake of this program, told by the servo: ZeroDivisionError"):
+            client.change_law("pd")
+    assert "Traceback" in servo.said[-1]
+    assert client.status().mode == "HOLDING"
+
+
+def test_a_stop_that_does_not_come_sends_people_to_the_emergency_stop(
+    client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client_module, "STOP_PATIENCE_S", 0.1)
+    stuck = client.status().model_copy(update={"mode": "TRACKING"})
+    with monkeypatch.context() as patch:
+        patch.setattr(client, "status", lambda: stuck)
+        for act in (client.stop, client.power_off):
+            with pytest.raises(LinkTimeout, match=r"still TRACKING after 0\.1 s: use the emergency stop"):
+                act()
+
+
+def test_a_law_is_not_even_loaded_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = Bench(ServoBench().hold())
+    moving(process.bench)
+    monkeypatch.setattr(control, "tried_law", lambda *_: pytest.fail("loaded"))
+    with pytest.raises(QRobotError, match="not in mode TRACKING"):
+        Controls(process)._obey(ChangeLaw(name="pd"))
+
+
+def test_drives_that_close_the_loop_themselves_get_no_law_and_no_gains() -> None:
+    process = Bench(ServoBench(position_drives=True))
+    for request in (ChangeLaw(name="pd"), ChangeGains(kp=(1.0,) * 6)):
+        with pytest.raises(QRobotError, match="it has no law and no gains"):
+            Controls(process)._obey(request)
+
+
+def test_a_visitor_who_is_gone_at_the_door_is_no_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Door:
+        def accept(self) -> None:
+            raise ConnectionAbortedError
+
+    with ControlSocket(f"t{uuid.uuid4().hex[:10]}", lambda _visitor, line: line, lambda _visitor: None) as door:
+        with monkeypatch.context() as patch:
+            patch.setattr(door, "_listener", Door())
+            door._welcome()
+        door.serve(0.0)
+
+
+# ------------------------------------------------------------------------------- stop and power-off wait for nothing
+
+
+HANGING = {
+    "law": lambda c: c.change_law("pd"),
+    "gains": lambda c: c.change_gains(kv=load_robot("puma560").control.kv.tolist()),
+    "power on": lambda c: c.power_on(),
+    "clear": lambda c: c.clear(),
+    "calibrate": lambda c: c.calibrate(),
+}
+
+
+@contextlib.contextmanager
+def hanging() -> Iterator[tuple[threading.Event, threading.Event]]:
+    """Every command hangs from the first event to the second, whatever it is."""
+    began, freed = threading.Event(), threading.Event()
+
+    def hang(*_: object) -> None:
+        began.set()
+        assert freed.wait(PATIENCE_S)
+        raise QRobotError("it hung")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Controls, "_obey", hang)
+        try:
+            yield began, freed
+        finally:
+            freed.set()
+
+
+@pytest.mark.parametrize("name", HANGING)
+def test_stop_power_off_and_status_are_obeyed_while_every_other_request_hangs(
+    servo: Bench, client: ServoClient, name: str
+) -> None:
+    with ServoClient(servo.arm) as first:
+        first.power_on()
+    said: list[str] = []
+
+    def command() -> None:
+        with ServoClient(servo.arm) as commander:
+            try:
+                HANGING[name](commander)
+            except QRobotError as error:
+                said.append(str(error))
+
+    thread = threading.Thread(target=command)
+    with hanging() as (began, freed):
+        thread.start()
+        assert began.wait(PATIENCE_S)
+        assert client.status().mode == "HOLDING"
+        assert client.stop().mode == "HOLDING"
+        assert client.power_off().mode == "OFF"
+        with ServoClient(servo.arm) as third, pytest.raises(QRobotError, match="is commanded by process"):
+            third.change_law("pd")
+        assert said == []  # it hangs to the end
+        freed.set()
+        thread.join()
+    assert said == ["it hung"]
+
+
+def test_a_second_command_is_refused_while_the_first_is_being_done(servo: Bench) -> None:
+    with socket.socket(socket.AF_UNIX) as raw, hanging() as (began, freed):
+        raw.settimeout(PATIENCE_S)
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "law", "name": "pd"}\n')
+        assert began.wait(PATIENCE_S)
+        raw.sendall(b'{"command": "clear"}\n')
+        assert b"another command is still being done" in raw.recv(65536)
+        raw.sendall(b'{"command": "stop"}\n')
+        assert decode_reply(raw.recv(65536)).ok
+        freed.set()
+        assert b"it hung" in raw.recv(65536)
+
+
+def test_whoever_hangs_up_takes_their_law_back_and_frees_the_command(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, given_up = threading.Event(), []
+    wait_until(lambda: client.status().commander == "", "nobody commands any more")
+    before = client.status().law
+
+    def tried(*arguments: object) -> Law:
+        began.set()
+        given_up.append(arguments[-1].wait(PATIENCE_S))  # type: ignore[attr-defined]
+        return find_law("pd" if before != "pd" else "qrobot", servo.robot)
+
+    with socket.socket(socket.AF_UNIX) as raw, monkeypatch.context() as patch:
+        patch.setattr(control, "tried_law", tried)
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(b'{"command": "law", "name": "pd"}\n')
+        assert began.wait(PATIENCE_S)
+    wait_until(lambda: given_up == [True], "the trial is given up")
+    wait_until(lambda: client.status().commander == "", "the command is free")
+    wait_until(lambda: _accepted(client.clear), "the next command is done")
+    assert client.status().law == before
+
+
+def _accepted(act: Callable[[], object]) -> bool:
+    try:
+        act()
+    except QRobotError:
+        return False
+    return True
+
+
+def test_mute_connections_keep_nobody_out(servo: Bench) -> None:
+    mute = [socket.socket(socket.AF_UNIX) for _ in range(3 * MAX_CLIENTS)]
+    try:
+        for one in mute:
+            connect_to_servo(servo.arm, one)
+        with ServoClient(servo.arm) as late:
+            assert late.power_off().mode == "OFF"
+    finally:
+        for one in mute:
+            one.close()
+
+
+def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -> None:
+    process = Bench(ServoBench().hold())
+    controls = Controls(process)
+    process.bench.mail[GUARD_TAKEOVER] = 1  # and no cycle any more
+    ends = socket.socketpair()
+    with ends[0], ends[1]:
+        reply = decode_reply(controls.answer(OperatorConnection(ends[0]), b'{"command": "power off"}'))
+    assert reply.status is not None
+    assert (reply.status.mode, reply.status.fault, reply.status.powered) == ("FAULT", FaultCode.GUARD_TRIP, False)
+
+
+def test_without_a_servo_the_client_says_what_to_start() -> None:
+    with pytest.raises(LinkError, match="no servo of nobody runs here: start it with"):
+        ServoClient("nobody")
+
+
+def exchange(servo: Bench, data: bytes) -> bytes:
+    """What the servo says to raw bytes, until it hangs up."""
+    with socket.socket(socket.AF_UNIX) as raw:
+        raw.settimeout(PATIENCE_S)
+        connect_to_servo(servo.arm, raw)
+        raw.sendall(data)
+        raw.shutdown(socket.SHUT_WR)
+        answer = b""
+        with contextlib.suppress(ConnectionResetError):  # hung up on with words of ours unread
+            while part := raw.recv(65536):
+                answer += part
+        return answer
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        (b"", "EOF"),
+        (b"power on", "expected value"),
+        (b"[]", "should be an object"),
+        (b'{"command": "fly"}', "does not match any of the expected tags"),
+        (b'{"command": "power on", "now": true}', "Extra inputs"),
+        (b'{"command": "gains", "kp": [1, -2]}', "greater than or equal to 0"),
+        (b'{"command": "gains", "kp": [1, Infinity]}', "finite"),
+        (b'{"command": "gains", "kp": ["1"]}', "valid number"),
+        (b'{"command": "calibrate", "indexes": 99}', "less than or equal to 14"),
+        (b'{"command": "law", "name": ""}', "at least 1 character"),
+        (b"\xff\xfe{}", "invalid unicode|expected value"),
+    ],
+)
+def test_a_line_that_is_no_request_is_answered_and_changes_nothing(servo: Bench, line: bytes, complaint: str) -> None:
+    before = [int(servo.bench.mail[word]) for word in REQUESTS]
+    with pytest.raises(RemoteProtocolError, match=complaint):
+        decode_request(line)
+    reply = decode_reply(exchange(servo, line + b"\n"))
+    assert not reply.ok
+    assert reply.error.startswith("no request: ")
+    assert [int(servo.bench.mail[word]) for word in REQUESTS] == before
+
+
+def test_a_line_without_end_is_cut_off(servo: Bench) -> None:
+    assert exchange(servo, b"x" * (3 * MAX_LINE_BYTES)) == b""
+    with ServoClient(servo.arm) as connection:
+        assert connection.status().mode == "OFF"
+
+
+@dataclass
+class Process(Bench):
+    """What the daemon's main thread has beside it, with a loop that runs until it is told to end."""
+
+    memory: SimpleNamespace = field(init=False)
+    ended: bool = False
+    error: BaseException | None = None
+    told: tuple[int, int, int] = (0, 0, 0)
+
+    def __post_init__(self) -> None:
+        self.memory = SimpleNamespace(words=self.bench.mail)
+
+    def report(self, line: str) -> None:
+        self.say(line)
+
+    def loop(self) -> None:
+        while not self.bench.mail[COMMAND_SHUTDOWN]:
+            self.bench.tick()
+        self.ended = True
+
+
+def test_when_the_main_thread_fails_the_loop_ends_in_good_order_first() -> None:
+    process = Process(ServoBench())
+
+    def look(*_: object) -> None:
+        raise OSError("the disk has gone")
+
+    with pytest.raises(OSError, match="the disk has gone"):
+        _run_and_watch(process, look)  # type: ignore[arg-type]
+    assert process.ended
+
+
+def test_no_change_while_the_arm_moves() -> None:
+    process = Bench(ServoBench().hold())
+    moving(process.bench)
+    assert process.bench.mode is Mode.TRACKING
+    ask = ChangeGains(kv=tuple(process.robot.control.kv))
+    ticking = threading.Thread(target=process.bench.run, args=(0.3,))
+    ticking.start()
+    with pytest.raises(QRobotError, match="not in mode TRACKING"):
+        Controls(process)._obey(ask)
+    ticking.join()
+
+
+def test_power_taken_away_by_another_stays_away_until_the_commander_asks_anew() -> None:
+    bench = ServoBench().hold()
+    bench.mailbox.request_power_off()
+    bench.run(0.1)
+    assert bench.mode is Mode.OFF  # although COMMAND_POWER is still 1
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    bench.mailbox.request_power(False)
+    bench.tick()
+    bench.hold()
+    assert bench.mode is Mode.HOLDING
+
+
+def test_taking_power_away_from_a_moving_arm_is_a_controlled_stop() -> None:
+    bench = ServoBench().hold()
+    moving(bench)
+    bench.mailbox.request_power_off()
+    bench.tick()
+    assert bench.mode is Mode.STOPPING
+    bench.run(1.0)
+    assert bench.mode is Mode.OFF
+    np.testing.assert_array_equal(bench.state.swap.gains[KP], bench.params.gains[KP])
+    np.testing.assert_array_equal(bench.state.swap.gains[KV], bench.params.gains[KV])
+
+
+def test_the_status_of_a_faulted_servo_tells_what_was_measured_and_what_was_allowed() -> None:
+    bench = ServoBench().hold()
+    bench.follows = False
+    for _ in range(100):
+        bench.q[2] += 1e-3
+        bench.tick()
+    status = Controls(Bench(bench)).status()
+    assert (status.mode, status.fault) == ("FAULT", FaultCode.FOLLOWING)
+    assert re.match(r"joint 3: 0\.\d+ rad, limit 0\.06 rad; FOLLOWING: a joint lags", status.text)
+
+
+def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_terminal() -> None:
+    class Broken:
+        served = 0
+
+        def serve(self, _seconds: float) -> None:
+            self.served += 1
+            if self.served == 1:
+                raise ZeroDivisionError("ours")
+
+    broken: Any = Broken()
+    with _served(broken) as problems:
+        wait_until(lambda: broken.served > 2, "it goes on")
+    (told,) = problems
+    assert "ZeroDivisionError: ours" in told

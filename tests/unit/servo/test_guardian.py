@@ -1,0 +1,325 @@
+"""The guardian's look at the servo, on virtual time: when it takes the board, what it writes, when it gives it back."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from qrobot.faultcodes import FaultCode
+from qrobot.hwif.board_memory import (
+    LANE_CAPACITY,
+    OP_FIELDS,
+    Lane,
+    create_board_memory,
+    local_board_memory,
+    pending_operations,
+    take_all_operations,
+)
+from qrobot.hwif.isa.card import NO_CARD, make_card
+from qrobot.hwif.registers import (
+    DAC,
+    DAC_ZERO,
+    DISCRETE,
+    DISCRETE_CALIBRATED,
+    DISCRETE_HAND_OPEN,
+    DISCRETE_HAND_RELAXED,
+    DISCRETE_POWER,
+    N_DACS,
+    STATUS_CALIBRATED,
+    STATUS_ESTOP_OK,
+    STATUS_POWER,
+)
+from qrobot.servo.memory.mailbox import (
+    BEAT_ARMED,
+    BEAT_DISCRETE,
+    BEAT_KEPT,
+    BEAT_T_NS,
+    GUARD_T_NS,
+    GUARD_TAKEOVER,
+    GUARD_TRIPS,
+    create_servo_memory,
+)
+from qrobot.servo.modes import Mode
+from qrobot.servo.process.guardian import (
+    LOOKS_PER_TIMEOUT,
+    N_OWN,
+    N_SAFE_OPS,
+    TRIPPED,
+    TRIPS,
+    Guardian,
+    look,
+    monotonic_now,
+)
+from tests.support.servo_bench import ServoBench, moving, writes_at
+
+TIMEOUT_NS = 5_000_000
+OPERATIONS = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
+NO_CARD_WORDS = make_card(NO_CARD)
+
+
+class Watchman:
+    """A guardian of a bench, looking five times per bound."""
+
+    def __init__(self, bench: ServoBench) -> None:
+        self.bench = bench
+        self.own = np.zeros(N_OWN, dtype=np.int64)
+        self.ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+        bench.beating = False
+        bench.before.append(self.step)
+        self.step(bench.now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """One look, if it is time."""
+        if now_ns % (TIMEOUT_NS // LOOKS_PER_TIMEOUT) == 0:
+            look(self.own, self.bench.mail, self.bench.board, NO_CARD_WORDS, self.ops, now_ns, TIMEOUT_NS)
+
+    @property
+    def trips(self) -> int:
+        return int(self.own[TRIPS])
+
+    @property
+    def tripped(self) -> bool:
+        return bool(self.own[TRIPPED])
+
+
+def watched() -> tuple[ServoBench, Watchman]:
+    bench = ServoBench(guarded=True)
+    return bench, Watchman(bench)
+
+
+@contextmanager
+def beside(act: Callable[[], object]) -> Iterator[None]:
+    """Inside, a thread does it again and again."""
+    done = threading.Event()
+
+    def again() -> None:
+        while not done.wait(0.001):
+            act()
+
+    thread = threading.Thread(target=again)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def sleep(bench: ServoBench, seconds: float) -> None:
+    """The servo does not run; the guardian and the board do."""
+    for _ in range(round(seconds * 1000)):
+        bench.before[0](bench.now_ns)
+        bench.collect()
+        bench.now_ns += bench.settings.period_ns
+
+
+def test_a_living_servo_is_left_alone_and_sees_its_guardian() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    assert guardian.trips == 0
+    assert all(write.lane is Lane.SERVO for write in bench.writes)
+    assert bench.mail[GUARD_T_NS] > bench.now_ns - 2_000_000
+
+
+def test_a_silent_servo_that_drives_nothing_is_left_alone() -> None:
+    bench, guardian = watched()
+    bench.tick(5)
+    sleep(bench, 1.0)
+    assert guardian.trips == 0
+
+
+def test_a_servo_that_never_ran_is_left_alone() -> None:
+    bench, guardian = watched()
+    sleep(bench, 0.1)
+    assert guardian.trips == 0
+    assert bench.writes == []
+
+
+def test_an_armed_servo_that_falls_silent_loses_the_board_within_the_bound_and_one_look() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    last_beat_ns = int(bench.mail[BEAT_T_NS])
+    sleep(bench, 0.02)
+    assert guardian.tripped
+    first = next(write for write in bench.writes if write.lane is Lane.GUARDIAN)
+    assert TIMEOUT_NS < first.t_ns - last_beat_ns <= TIMEOUT_NS * (1 + 1 / LOOKS_PER_TIMEOUT) + 1_000_000
+    assert bench.safe
+
+
+def test_the_guardian_takes_power_first_then_writes_zero_torque_and_keeps_the_other_bits() -> None:
+    bench, _ = watched()
+    bench.mailbox.request_hand(1)
+    moving(bench)
+    sleep(bench, 0.02)
+    first_ns = next(write.t_ns for write in bench.writes if write.lane is Lane.GUARDIAN)
+    expected = [(DISCRETE, DISCRETE_CALIBRATED | DISCRETE_HAND_RELAXED & ~DISCRETE_HAND_OPEN)]
+    expected += [(DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)]
+    assert writes_at(bench, first_ns) == expected
+    assert DAC_ZERO == 0x800
+
+
+def test_it_says_so_again_and_again() -> None:
+    bench, _ = watched()
+    moving(bench)
+    sleep(bench, 0.1)
+    times = {write.t_ns for write in bench.writes if write.lane is Lane.GUARDIAN}
+    assert len(times) > 80
+
+
+def test_a_servo_that_wakes_up_finds_the_board_taken_and_gets_it_back_by_a_clear() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    sleep(bench, 0.05)
+    written = sum(write.lane is Lane.SERVO for write in bench.writes)
+    bench.run(0.1)
+    assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+    assert sum(write.lane is Lane.SERVO for write in bench.writes) == written
+    assert guardian.tripped
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    bench.run(0.05)
+    assert bench.mode is Mode.OFF
+    assert not guardian.tripped
+    assert guardian.trips == 1
+    assert bench.hold().mode is Mode.HOLDING
+
+
+def test_a_clear_of_an_earlier_trip_does_not_answer_for_a_later_one() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    sleep(bench, 0.05)
+    bench.tick()
+    bench.mailbox.request_power(False)
+    bench.mailbox.request_clear()
+    bench.run(0.05)
+    bench.hold()
+    sleep(bench, 0.05)
+    bench.run(0.3)
+    assert guardian.trips == 2
+    assert guardian.tripped
+    assert bench.mode is Mode.FAULT
+
+
+def test_a_servo_restarted_after_a_trip_finds_the_calibration_kept_and_the_board_taken() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    sleep(bench, 0.05)
+    reborn = ServoBench(guarded=True)  # the memory of a new servo: no heartbeat, no shadow of DISCRETE
+    guardian.bench = reborn
+    reborn.board, reborn.beating, reborn.q = bench.board, False, bench.q
+    reborn.before.append(guardian.step)
+    reborn.now_ns = bench.now_ns
+    sleep(reborn, 0.05)
+    assert reborn.mail[GUARD_TAKEOVER] == 1
+    discretes = [write.value for write in reborn.writes if write.offset == DISCRETE]
+    assert discretes
+    assert all(value & DISCRETE_CALIBRATED and not value & DISCRETE_POWER for value in discretes)
+    reborn.run(0.05)
+    assert (reborn.mode, reborn.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
+    reborn.mailbox.request_clear()
+    reborn.run(0.05)
+    assert reborn.mode is Mode.OFF
+    assert reborn.discrete & DISCRETE_CALIBRATED
+
+
+def test_a_servo_that_was_armed_is_not_forgotten_when_a_new_one_has_made_its_memory_anew() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    sleep(bench, 0.005)
+    assert guardian.tripped
+    assert bench.safe
+
+
+def test_a_servo_that_has_disarmed_may_end_and_make_room_for_another() -> None:
+    bench, guardian = watched()
+    bench.hold()
+    bench.mailbox.request_power(False)
+    bench.tick(10)
+    assert bench.mail[BEAT_ARMED] == 0
+    sleep(bench, 0.05)
+    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    sleep(bench, 0.05)
+    assert guardian.trips == 0
+
+
+def test_a_servo_that_arms_after_a_silence_has_beaten_before() -> None:
+    """Nothing was driven while it was silent, so nothing is to be held against it."""
+    bench, guardian = watched()
+    bench.tick(10)
+    sleep(bench, 0.5)
+    bench.mailbox.request_power(True)
+    bench.run(0.1)
+    assert (bench.mode, guardian.trips) == (Mode.HOLDING, 0)
+
+
+def test_it_stays_armed_until_the_board_has_shown_that_power_is_off() -> None:
+    bench, _ = watched()
+    bench.hold()
+    bench.mailbox.request_power(False)
+    bench.status = STATUS_POWER | STATUS_ESTOP_OK | STATUS_CALIBRATED  # a contactor that sticks
+    bench.tick(50)
+    assert (bench.mode, bench.mail[BEAT_ARMED]) == (Mode.OFF, 1)
+    assert {write.value & DISCRETE_POWER for write in bench.writes[-100:] if write.offset == DISCRETE} == {0}
+    bench.status = None
+    bench.tick(4)
+    assert bench.mail[BEAT_ARMED] == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("beats", "trips"), [(True, 0), (False, 1)])
+def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats: bool, trips: int) -> None:
+    name, taken = f"leaving{os.getpid()}", [0]
+    with create_board_memory(name) as board, create_servo_memory(name, "puma560", "pd", 6, 1_000_000, 16) as servo:
+
+        def board_and_servo() -> None:
+            taken[0] += take_all_operations(board.words, OPERATIONS)
+            if beats:
+                servo.words[BEAT_T_NS] = monotonic_now()
+
+        servo.words[BEAT_ARMED], servo.words[BEAT_T_NS] = 1, monotonic_now()
+        guardian = Guardian(name, 300.0)
+        guardian.stop[0] = 1
+        with beside(board_and_servo):
+            guardian.run(5.0)
+        guardian.close()
+    assert guardian.trips == trips
+    assert (taken[0] >= 1 + N_DACS) == bool(trips)
+
+
+def test_a_servo_whose_guardian_is_slow_but_alive_goes_on() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    bench.before.remove(guardian.step)
+    bench.run(0.008)
+    bench.before.append(guardian.step)
+    bench.run(0.2)
+    assert bench.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize(("age_ns", "trips"), [(TIMEOUT_NS, 0), (TIMEOUT_NS + 1, 1)])
+def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
+    bench = ServoBench()
+    mail, board = bench.mail, local_board_memory()
+    own, ops = np.zeros(N_OWN, dtype=np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
+    mail[BEAT_ARMED], mail[BEAT_T_NS], mail[BEAT_DISCRETE] = 1, 1_000_000_000, DISCRETE_POWER
+    look(own, mail, board, NO_CARD_WORDS, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
+    assert (own[TRIPS], mail[GUARD_TRIPS], mail[GUARD_TAKEOVER]) == (trips, trips, trips)
+    assert pending_operations(board, int(Lane.GUARDIAN)) == trips * (1 + N_DACS)
+
+
+def test_a_board_that_takes_nothing_does_not_make_the_guardian_forget() -> None:
+    bench, guardian = watched()
+    moving(bench)
+    bench.deaf = True
+    sleep(bench, 0.2)
+    assert pending_operations(bench.board, int(Lane.GUARDIAN)) > LANE_CAPACITY - N_SAFE_OPS
+    assert guardian.tripped
+    bench.deaf = False
+    sleep(bench, 0.02)
+    assert bench.safe

@@ -1,0 +1,150 @@
+"""Hold to run: an arm that moves only while a key is held stops when nothing is heard of the key."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qrobot import rccl
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.rccl_bridge.mailbox_port import tell_key
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.checks.hold_to_run import PATIENCE_NS, key_is_held
+from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from tests.support.puma import ROBOT
+from tests.support.servo_bench import ServoBench, cruise, moving, play, swing
+
+STREAM = 1
+BOUND_NS = 100_000_000  # row 51 of the table of faults
+
+
+def held(bench: ServoBench, stream: int = STREAM) -> list[bool]:
+    """A key that says every 28 ms that it is held while the list's entry is true."""
+    key, said = [True], [0]
+
+    def say(now_ns: int) -> None:
+        if now_ns - said[0] >= 28_000_000:
+            tell_key(bench.mailbox, stream, now_ns if key[0] else None)
+            said[0] = now_ns
+
+    bench.before.append(say)
+    return key
+
+
+def test_an_arm_moves_while_its_key_is_held() -> None:
+    bench = ServoBench()
+    held(bench)
+    moving(bench, seconds=1.5)
+    assert bench.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize("link_lost", [False, True])
+def test_a_key_let_go_or_a_link_lost_stops_the_arm_on_its_path_within_100_ms(link_lost: bool) -> None:
+    bench = ServoBench()
+    key = held(bench)
+    moving(bench)
+    released_ns = bench.now_ns
+    key[0] = False
+    if link_lost:
+        bench.before.clear()
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    assert bench.now_ns - released_ns <= BOUND_NS
+    if not link_lost:  # then the setpoints stay away as well, and one of both is told
+        assert bench.event is FaultCode.HOLD_TO_RUN
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    assert bench.powered
+    bench.run(0.5)
+    assert bench.mode is Mode.HOLDING
+
+
+def test_a_program_that_goes_on_while_its_key_hangs_is_stopped() -> None:
+    bench = ServoBench()
+    tell_key(bench.mailbox, STREAM, bench.now_ns)
+    bench.hold()
+    play(bench, cruise(bench.q, np.array([0.5, 0, 0, 0, 0, 0])))
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    assert bench.event is FaultCode.HOLD_TO_RUN
+
+
+def test_without_its_key_the_arm_may_stand_but_not_begin_to_move() -> None:
+    bench = ServoBench().hold()
+    start = bench.q.copy()
+    tell_key(bench.mailbox, STREAM, None)
+    play(bench, lambda t: start if t < 1.0 else swing(start, np.full(6, 0.1), 1.0)(t - 1.0))
+    bench.run(0.9)
+    assert bench.mode is Mode.TRACKING
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    assert bench.event is FaultCode.HOLD_TO_RUN
+    assert np.abs(bench.q - start).max() < 1e-3
+
+
+def test_a_torque_needs_the_key_as_well() -> None:
+    bench = ServoBench().hold()
+    tell_key(bench.mailbox, STREAM, None)
+
+    def push(seq: int, modes: list[int], values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
+        if seq > 20:
+            modes[5], values[5] = TORQUE_SETPOINT, 0.5
+
+    start = bench.q.copy()
+    play(bench, lambda _t: start.copy(), edit=push)
+    bench.until(lambda: bench.event is FaultCode.HOLD_TO_RUN)
+
+
+def test_another_stream_needs_no_key() -> None:
+    bench = ServoBench()
+    tell_key(bench.mailbox, STREAM + 1, None)
+    moving(bench, seconds=1.5)
+    assert bench.mode is Mode.TRACKING
+
+
+@given(
+    stream=st.integers(0, 1 << 40),
+    other=st.integers(0, 1 << 40),
+    held_ns=st.integers(0, 1 << 60),
+    now_ns=st.integers(0, 1 << 60),
+)
+def test_only_a_fresh_word_for_this_stream_lets_it_move(stream: int, other: int, held_ns: int, now_ns: int) -> None:
+    fresh = 0 <= now_ns - held_ns <= PATIENCE_NS
+    assert key_is_held(stream + 1, stream, held_ns, now_ns) == fresh
+    assert key_is_held(0, stream, held_ns, now_ns)
+    assert key_is_held(other + 1, stream, held_ns, now_ns) == (fresh or other != stream)
+
+
+@pytest.mark.parametrize("age_ns", [-1, 0, 1, PATIENCE_NS - 1, PATIENCE_NS, PATIENCE_NS + 1])
+def test_the_patience_ends_at_its_nanosecond(age_ns: int) -> None:
+    assert key_is_held(1, 0, 1_000, 1_000 + age_ns) == (0 <= age_ns <= PATIENCE_NS)
+
+
+def test_a_program_jogs_as_long_as_its_key_is_held_and_is_told_why_it_ended() -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=500.0), Emulator(ROBOT, physics="rigid"))
+    released_ns = 0
+
+    def jog(arm: rccl.Channel) -> None:
+        nonlocal released_ns
+        arm.chg.hold_to_run = arm.chg.key_held = True
+        arm.move(arm.pose("ready"))
+        arm.waitas(lambda: arm.time > 500.0)
+        released_ns = rig.now_ns
+        arm.chg.key_held = False
+        arm.waitfor(arm.completed)
+
+    with (
+        rccl.use(partial(link_factory, rig, 28_000)),
+        pytest.raises(ServoFault, match="HOLD_TO_RUN"),
+        rccl.control() as arm,
+    ):
+        jog(arm)
+    rig.run_for(0.5)
+    rows = rig.rows()
+    stopping = rows[rows["mode"] == Mode.STOPPING]
+    assert 0 < stopping["t_ns"][0] - released_ns <= BOUND_NS
+    assert Mode(int(rows["mode"][-1])) is Mode.HOLDING

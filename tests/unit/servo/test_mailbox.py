@@ -1,0 +1,189 @@
+"""Servo memory: frames go in whole and in order, state comes out whole, requests are counted."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qrobot.errors import ConfigError, LinkError
+from qrobot.servo.memory.mailbox import (
+    COMMAND_CLEARS,
+    COMMAND_HAND,
+    COMMAND_POWER,
+    COMMAND_STOPS,
+    FORCE_AXES,
+    MAX_JOINTS,
+    STATE_VECTORS,
+    ServoMailbox,
+    describe_servo,
+    local_servo_memory,
+    memory_words,
+    publish_state,
+    servo_info,
+    state_words,
+)
+from qrobot.servo.memory.setpoint_queue import (
+    FRAME_JOINTS,
+    FRAME_PERIOD_NS,
+    FRAME_SEQ,
+    FRAME_STREAM,
+    FRAME_T_NS,
+    QUEUE_CAPACITY,
+    QUEUE_START,
+    drop_all_frames,
+    drop_frame,
+    frame_words,
+    peek_frame,
+)
+from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
+
+
+def mailbox(n: int = 6, ring: int = 16) -> ServoMailbox:
+    return ServoMailbox(local_servo_memory("puma560", "qrobot", n, 250_000, ring))
+
+
+def push(box: ServoMailbox, seq: int, n: int = 6) -> bool:
+    return box.push_setpoint(3, seq, 1000 + seq, 28_000_000, [1] * n, [0.1 * seq] * n)
+
+
+def peek(box: ServoMailbox) -> np.ndarray | None:
+    frame = np.zeros(frame_words(box.info.n), dtype=np.int64)
+    return frame if peek_frame(box.words, frame, frame.size) else None
+
+
+def test_the_info_block_says_what_a_reader_has_to_know() -> None:
+    info = mailbox().info
+    assert (info.robot_name, info.law, info.n, info.period_ns, info.rate_hz) == (
+        "puma560",
+        "qrobot",
+        6,
+        250_000,
+        4000.0,
+    )
+    assert (info.telemetry_capacity, info.ready) == (16, False)
+
+
+@pytest.mark.parametrize("n", [1, 6, MAX_JOINTS])
+def test_the_telemetry_ring_is_the_last_thing_in_the_memory(n: int) -> None:
+    box = mailbox(n)
+    assert box.words.size == memory_words(n, 16)
+    assert box.info.telemetry_base + ring_words(TelemetryLayout(n).row_words, 16) == box.words.size
+    assert box.info.telemetry_base >= QUEUE_START + QUEUE_CAPACITY * frame_words(n) + state_words(n)
+
+
+@pytest.mark.parametrize("n", [0, MAX_JOINTS + 1])
+def test_a_joint_count_that_does_not_fit_is_refused(n: int) -> None:
+    with pytest.raises(ConfigError, match=f"{n} joints"):
+        describe_servo(np.zeros(200, dtype=np.int64), "x", "pd", n, 1, 16)
+
+
+def test_a_name_that_does_not_fit_is_refused_and_one_that_just_fits_comes_back() -> None:
+    with pytest.raises(ConfigError, match="longer than 64 bytes"):
+        local_servo_memory("ü" * 33, "pd", 1, 1, 16)
+    assert servo_info(local_servo_memory("ü" * 32, "pd", 1, 1, 16)).robot_name == "ü" * 32
+
+
+@given(st.lists(st.floats(allow_nan=True), min_size=3, max_size=3), st.lists(st.integers(0, 2), min_size=3, max_size=3))
+def test_a_frame_arrives_bit_for_bit(values: list[float], modes: list[int]) -> None:
+    box = mailbox(3)
+    assert box.push_setpoint(7, 8, 9, 10, modes, values)
+    frame = peek(box)
+    assert frame is not None
+    assert list(frame[[FRAME_STREAM, FRAME_SEQ, FRAME_T_NS, FRAME_PERIOD_NS]]) == [7, 8, 9, 10]
+    assert list(frame[FRAME_JOINTS : FRAME_JOINTS + 3]) == modes
+    assert frame[FRAME_JOINTS + 3 :].tobytes() == np.array(values).tobytes()
+
+
+def test_frames_come_out_in_order_and_stay_until_dropped() -> None:
+    box = mailbox()
+    assert peek(box) is None
+    for seq in range(5):
+        push(box, seq)
+    for seq in range(5):
+        for _ in range(2):
+            frame = peek(box)
+            assert frame is not None
+            assert frame[FRAME_SEQ] == seq
+        drop_frame(box.words)
+    assert peek(box) is None
+
+
+def test_a_full_queue_takes_nothing_more_and_loses_nothing() -> None:
+    box = mailbox()
+    assert all(push(box, seq) for seq in range(QUEUE_CAPACITY))
+    assert not push(box, QUEUE_CAPACITY)
+    drop_frame(box.words)
+    assert push(box, QUEUE_CAPACITY)
+    for seq in range(1, QUEUE_CAPACITY + 1):
+        frame = peek(box)
+        assert frame is not None
+        assert frame[FRAME_SEQ] == seq
+        drop_frame(box.words)
+    assert peek(box) is None
+
+
+@given(st.lists(st.sampled_from(["push", "drop", "clear"]), max_size=300))
+def test_the_queue_is_a_queue(steps: list[str]) -> None:
+    box, model, seq = mailbox(1), list[int](), 0
+    for step in steps:
+        if step == "push":
+            assert push(box, seq, 1) == (len(model) < QUEUE_CAPACITY)
+            model += [seq] if len(model) < QUEUE_CAPACITY else []
+            seq += 1
+        elif step == "clear":
+            drop_all_frames(box.words)
+            model.clear()
+        elif model:
+            drop_frame(box.words)
+            model.pop(0)
+        frame = peek(box)
+        assert (None if frame is None else frame[FRAME_SEQ]) == (model[0] if model else None)
+
+
+def test_requests_are_levels_or_counts() -> None:
+    box = mailbox()
+    box.request_power(True)
+    box.request_clear()
+    box.request_clear()
+    box.request_stop()
+    box.request_hand(2)
+    words = box.words
+    assert (words[COMMAND_POWER], words[COMMAND_CLEARS], words[COMMAND_STOPS], words[COMMAND_HAND]) == (1, 2, 1, 2)
+    box.request_power(False)
+    assert words[COMMAND_POWER] == 0
+
+
+def test_the_state_is_read_as_it_was_published() -> None:
+    box = mailbox(2)
+    block = np.arange(100, 100 + state_words(2), dtype=np.int64)
+    vectors = np.arange(4 * 2 + FORCE_AXES) / 8.0
+    vectors[3] = math.nan
+    block[STATE_VECTORS:] = vectors.view(np.int64)
+    publish_state(box.words, 2, block)
+    seen = box.snapshot()
+    assert (seen.t_ns, seen.tick, seen.mode, seen.fault, seen.event, seen.joint, seen.flags) == tuple(range(100, 107))
+    assert (seen.setpoint_seq, seen.missed_frames, seen.late_cycles, seen.inputs, seen.hand) == tuple(range(107, 112))
+    np.testing.assert_array_equal(np.concatenate([seen.q, seen.v, seen.tau, seen.q_ref, seen.force]), vectors)
+
+
+def test_a_snapshot_is_a_copy() -> None:
+    box = mailbox(1)
+    block = np.zeros(state_words(1), dtype=np.int64)
+    publish_state(box.words, 1, block)
+    before = box.snapshot()
+    block[STATE_VECTORS:] = np.ones(4 + FORCE_AXES).view(np.int64)
+    publish_state(box.words, 1, block)
+    assert before.q[0] == 0.0
+    assert box.snapshot().q[0] == 1.0
+
+
+def test_a_servo_that_died_while_writing_is_an_error_and_not_a_torn_state() -> None:
+    box = mailbox(1)
+    publish_state(box.words, 1, np.zeros(state_words(1), dtype=np.int64))
+    box.words[QUEUE_START + QUEUE_CAPACITY * frame_words(1)] += 1
+    with pytest.raises(LinkError, match="died while writing"):
+        box.snapshot()

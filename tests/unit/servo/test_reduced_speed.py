@@ -1,0 +1,105 @@
+"""Reduced speed: the tool's tip keeps its limit, or the arm is stopped on its path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qrobot.config import load_robot
+from qrobot.config.deployment import ServoChoice
+from qrobot.errors import ConfigError
+from qrobot.faultcodes import FaultCode
+from qrobot.model.arm import Arm
+from qrobot.model.chain import chain_params
+from qrobot.servo.checks.reduced_speed import MEASURED_FACTOR
+from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from tests.support.servo_bench import ServoBench, cruise, moving, play
+
+LIMIT = 0.25
+STEP_S = 1e-6
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+@given(data=st.data())
+def test_the_speed_of_the_tip_is_that_of_its_path(name: str, data: st.DataObject) -> None:
+    robot = load_robot(name)
+    arm, chain = Arm(robot), chain_params(robot)
+    q = np.array([data.draw(st.floats(*ends)) for ends in zip(robot.limits.q_min, robot.limits.q_max, strict=True)])
+    v = np.array([data.draw(st.floats(-most, most)) for most in robot.limits.v_max])
+    tip = np.array([data.draw(st.floats(-0.5, 0.5)) for _ in range(3)])
+    ends = [(arm.forward(q + sign * STEP_S * v) @ [*tip, 1.0])[:3] for sign in (-1.0, 1.0)]
+    expected = np.linalg.norm(ends[1] - ends[0]) / (2.0 * STEP_S)
+    assert tip_speed(q, v, chain, tuple(tip)) == pytest.approx(expected, abs=1e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("speed", "passes"), [(0.0, 1), (LIMIT, 1), (np.nextafter(LIMIT, 1), 0), (np.nan, 0), (np.inf, 0)]
+)
+def test_only_a_number_up_to_the_limit_passes(speed: float, passes: int) -> None:
+    assert (check_tip_speed(speed, LIMIT) == 0) == bool(passes)
+
+
+def speed_at(bench: ServoBench) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    tip = tuple(np.array(bench.params.tip))
+    chain = chain_params(bench.robot)
+    return np.array([tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in bench.rows()])
+
+
+@pytest.mark.parametrize("tool_m", [(0.0, 0.0, 0.0), (0.3, 0.0, 0.2)])
+def test_a_fast_program_is_stopped_on_its_path_before_the_tool_is_faster(tool_m: tuple[float, float, float]) -> None:
+    bench = ServoBench(reduced_speed_m_s=LIMIT, tool_m=tool_m).hold()
+    play(bench, cruise(bench.q, np.array([1.0, 0, 0, 0, 0, 0])))
+    bench.until(lambda: bench.mode is Mode.STOPPING)
+    assert bench.event is FaultCode.T1_LIMIT
+    bench.until(lambda: bench.mode is Mode.HOLDING)
+    speeds = speed_at(bench)
+    assert 0.8 * LIMIT < speeds.max() < 1.02 * LIMIT
+    assert bench.powered
+
+
+@pytest.mark.parametrize(("share", "mode"), [(0.98, Mode.TRACKING), (1.02, Mode.HOLDING)])
+def test_the_limit_is_that_of_the_tool_and_not_of_the_flange(share: float, mode: Mode) -> None:
+    bench = ServoBench(reduced_speed_m_s=LIMIT, tool_m=(0.0, 0.0, 0.15))
+    tip, unit = tuple(np.array(bench.params.tip)), np.eye(6)[0]
+    rate = share * LIMIT / tip_speed(bench.q, unit, chain_params(bench.robot), tip)
+    bench.hold()
+    play(bench, cruise(bench.q, rate * unit))
+    bench.run(1.2)
+    assert bench.mode is mode
+
+
+def test_motion_that_nobody_asked_for_counts_too() -> None:
+    bench = ServoBench(reduced_speed_m_s=LIMIT).hold()
+    bench.follows = False
+    unit = np.eye(6)[0]
+    rate = 1.5 * MEASURED_FACTOR * LIMIT / tip_speed(bench.q, unit, chain_params(bench.robot), tuple(bench.params.tip))
+    start = bench.q.copy()
+    play(bench, lambda _t: start)
+    bench.run(0.2)
+    for _ in range(40):
+        bench.q = bench.q + rate * 1e-3 * unit
+        bench.tick()
+    assert FaultCode.T1_LIMIT in {FaultCode(int(code)) for code in bench.rows()["fault"]}
+
+
+def test_without_a_limit_the_joints_limits_are_all_there_are() -> None:
+    bench = ServoBench()
+    moving(bench, speed=1.2)
+    assert bench.mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 11.0, np.nan, np.inf])
+def test_a_limit_in_other_units_is_refused(wrong: float) -> None:
+    with pytest.raises(ConfigError, match="reduced speed"):
+        ServoSettings(reduced_speed_m_s=wrong)
+    with pytest.raises(ConfigError, match="tool"):
+        ServoSettings(tool_m=(0.0, wrong * 1e3, 0.0))
+
+
+def test_the_deployment_names_limit_and_tool_in_millimetres() -> None:
+    choice = ServoChoice.model_validate({"reduced_speed_mm_s": 250, "tool_mm": [0, 0, 120]})
+    assert (choice.reduced_speed_mm_s, choice.tool_mm) == (250.0, (0.0, 0.0, 120.0))
