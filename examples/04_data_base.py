@@ -5,8 +5,7 @@ the queue short. How long a look-up takes does not matter: the arm never stops f
 """
 
 from qrobot import rccl
-from qrobot.rccl import EQ, NO, TL, YES, gentr_rot, gentr_trsl, makeposition, newtrans, t6, trsl, yunit
-from qrobot.rccl import arm_session as hold
+from qrobot.rccl import EQ, NO, TL, YES, gentr_rot, gentr_trsl, hold, makeposition, newtrans, t6, trsl, yunit
 
 MAX = 3
 LOCATIONS = iter([(0, 0, 0), (0, 80, 0), (-60, 80, -30), (-60, 0, -30), (-30, 40, -60)])  # mm, in the part's frame

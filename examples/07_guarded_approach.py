@@ -13,8 +13,7 @@ motion ends at its goal, and the program says so.
 # ///
 
 from qrobot import rccl
-from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, t6, yunit
-from qrobot.rccl import arm_session as hold
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtrans, t6, yunit
 
 PRESS = 20.0  # N
 

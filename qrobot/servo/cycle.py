@@ -13,7 +13,6 @@ from typing import Any, Final
 
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
-from qrobot.servo.calibration.state import STAGE
 from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors, watch_timing
 from qrobot.servo.checks.hold_to_run import watch_key
 from qrobot.servo.checks.reduced_speed import watch_tool
@@ -37,20 +36,6 @@ from qrobot.servo.stages.publish import publish
 from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
 from qrobot.servo.stages.torque_output import drive, write
 from qrobot.servo.state import (
-    BEGAN_NS,
-    DT,
-    LAST_NOW_NS,
-    LATE,
-    MODE,
-    PHASE,
-    RATE,
-    RATE_AT_STOP,
-    RATE_SLOPE,
-    STARTED,
-    STOP_SECONDS,
-    STOP_SINCE_NS,
-    TICK,
-    UNSEEN,
     ServoState,
 )
 
@@ -96,24 +81,24 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
 @lean_kernel
 def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) -> None:
     """Count the cycle and take its true duration, a whole number of periods."""
-    if state.i[STARTED] == 0:
-        state.i[LAST_NOW_NS] = now_ns - params.period_ns
-    dt_ns = now_ns - state.i[LAST_NOW_NS]
+    if state.started == 0:
+        state.last_now_ns = now_ns - params.period_ns
+    dt_ns = now_ns - state.last_now_ns
     late = late_ns > params.late_ns
-    state.f[DT] = dt_ns * 1e-9
-    state.i[LAST_NOW_NS] = now_ns
-    state.i[BEGAN_NS] = now_ns + late_ns
-    state.i[TICK] += 1
+    state.dt = dt_ns * 1e-9
+    state.last_now_ns = now_ns
+    state.began_ns = now_ns + late_ns
+    state.tick += 1
     if late:
-        state.i[LATE] += 1
+        state.late += 1
     watch_timing(params, state, dt_ns, late)
 
 
 @lean_kernel
 def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
-    mode = state.i[MODE]
-    if mode != CALIBRATING and state.cal.i[STAGE] != IDLE:
+    mode = state.mode
+    if mode != CALIBRATING and state.cal.stage != IDLE:
         leave_calibration(state)
     if mode == CALIBRATING:
         calibrate(params, state)
@@ -127,13 +112,13 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
         follow_path(params, state, 0.0)
         follow_torque_joints(state)
     elif mode == STOPPING:
-        left, slope = stop_profile((now_ns - state.i[STOP_SINCE_NS]) * 1e-9, state.f[STOP_SECONDS])
-        state.f[RATE] = left * state.f[RATE_AT_STOP]
-        state.f[RATE_SLOPE] = slope * state.f[RATE_AT_STOP]
+        left, slope = stop_profile((now_ns - state.stop_since_ns) * 1e-9, state.stop_seconds)
+        state.rate = left * state.rate_at_stop
+        state.rate_slope = slope * state.rate_at_stop
         advance_phase(state)
         while frame_is_over(state):
             shift_extrapolated(state.knots)
-        follow_path(params, state, state.f[RATE_SLOPE])
+        follow_path(params, state, state.rate_slope)
         give_way(params, state)
         if left == 0.0:
             finish_stop(state)
@@ -142,15 +127,13 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
 @lean_kernel
 def follow_path(params: ServoParameters, state: ServoState, rate_slope: float) -> None:
     """Take the reference from the path, at the phase and the rate at hand."""
-    reference(
-        params.form, state.knots, state.f[PHASE], state.f[RATE], rate_slope, state.q_ref, state.v_ref, state.a_ref
-    )
+    reference(params.form, state.knots, state.phase, state.rate, rate_slope, state.q_ref, state.v_ref, state.a_ref)
 
 
 @lean_kernel
 def follow_torque_joints(state: ServoState) -> None:
     """The reference of a torque-driven joint is where it is, so its feedback vanishes and only compensation is left."""
-    unseen_s = state.f[DT] if state.i[UNSEEN] != 0 else 0.0
+    unseen_s = state.dt if state.unseen != 0 else 0.0
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT:
             state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j] + unseen_s * state.v[j], state.v[j], 0.0

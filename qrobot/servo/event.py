@@ -6,11 +6,10 @@ from typing import Any
 
 from qrobot.faultcodes import NO_JOINT
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.state import EVENT, JOINT
 
 
 @lean_kernel
 def note_event(state: Any, code: int, joint: int = NO_JOINT) -> None:
     """Make `code` the newest event of a `ServoState`; 0 takes back what was said."""
-    state.i[EVENT] = code
-    state.i[JOINT] = joint
+    state.event = code
+    state.joint = joint

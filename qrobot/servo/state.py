@@ -1,11 +1,9 @@
-"""Everything the cycle remembers, in preallocated arrays; nothing else survives from one tick to the next.
-
-Single numbers live in two small arrays, `i` (int64) and `f` (float64), under the names below.
-"""
+"""Everything the cycle remembers, in preallocated arrays; nothing else survives from one tick to the next."""
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,91 +26,16 @@ from qrobot.servo.stages.converter import AdcState, make_adc_state
 from qrobot.servo.stages.interpolation_polynomials import N_KNOTS
 from qrobot.servo.stages.wrench import N_COMPONENTS
 
-# indexes into `i`
-(
-    MODE,
-    FAULT,  # code that latched the FAULT mode
-    EVENT,  # newest code of any kind
-    JOINT,  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`
-    TICK,
-    STARTED,  # 0 until the first whole image was seen
-    LAST_NOW_NS,
-    STATUS,  # STATUS register of this tick's image
-    IMAGE_OK,
-    PENDING,  # worst code raised in this tick
-    PENDING_JOINT,
-    POWER_LOCKED,  # 1: power was taken away and has not been asked for anew
-    OFFS_SEEN,
-    POWER_SEEN,  # level of the power request at the last tick
-    CLEARS_SEEN,
-    STOPS_SEEN,
-    POWERING_SINCE_NS,
-    CLEAR_UNTIL_NS,
-    AFTER_STOP,  # mode that follows STOPPING
-    STOP_SINCE_NS,
-    STREAM,  # stream being followed
-    DEAD_STREAM,  # newest stream that a stop has ended, and all before it
-    NEXT_SEQ,
-    LAST_ARRIVAL_NS,
-    PLAY_AT_NS,  # when a waiting stream starts
-    FRAME_NS,  # its sample period
-    MISSES,  # frames missed in a row
-    MISSED,  # frames missed in all
-    LATE,  # late cycles
-    GLITCHES,  # encoder jumps held back in a row
-    LAW_FAILED,  # 1: the built-in law has replaced the user's
-    CLIPPED,  # joints at their torque limit in this tick
-    DISCRETE_WORD,  # shadow of the DISCRETE register
-    DISCRETE_SENT,  # last one posted, -1 for none
-    BUSY_NS,  # computing time of the previous cycle, told by the loop
-    FLAGS,
-    IMAGE_SEEN,  # count of the newest image
-    UNCHANGED,  # cycles in a row that have seen no newer one
-    UNSEEN,  # 1: no image says where the joints are, and they are carried on, see `servo.stages.dropout_hold`
-    READ_NS,  # when encoder words were last taken from an image
-    ADOPT,  # what to take over from the next good image
-    REVISION,  # of the board, as it says itself
-    MODULE_LOSSES,  # times a remote module beside the board was lost, as its side says
-    CALIBRATES_SEEN,
-    OUTPUTS,  # in force, output 1 in bit 0
-    OUTPUTS_LOCKED,  # switched off by a stop, and not let go of since
-    OUTPUTS_SENT,  # last ones posted
-    OUTPUT_STOPS_SEEN,
-    BRIDGED,  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
-    BEGAN_NS,  # when this cycle really began
-    DRIVEN,  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
-    ARMED,  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`
-    SAFE_HEAD,  # end of the first list of the lane after which nothing is driven, -1 for none
-    SAFE_IMAGE,  # count of the image in which that list was seen taken, -1 before
-    IMAGE_AGE_NS,  # of the image fetched for this tick, on the clock of the servo
-    N_INTEGERS,
-) = range(56)
-
-# indexes into `f`
-(
-    DT,
-    SAMPLE_DT,
-    PHASE,
-    RATE,
-    RATE_SLOPE,
-    RATE_AT_STOP,
-    STOP_SECONDS,
-    PENDING_VALUE,  # what was measured when the pending code was raised, and what was allowed
-    PENDING_LIMIT,
-    N_FLOATS,
-) = range(10)
-
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
 
 MAX_OPS: Final = 41
 
 
-class ServoState(NamedTuple):
+@dataclass(eq=False)
+class ServoState:
     """Mutable arrays of one servo, laid out as one record. Vectors have shape (n,) and SI units."""
 
-    i: Any
-    f: Any
     image: Any  # int64[IMAGE_WORDS], as fetched
     raw: Any  # encoder words of the last tick, int64
     counts: Any  # unwrapped, int64
@@ -156,6 +79,70 @@ class ServoState(NamedTuple):
     ops: Any  # (MAX_OPS, 3)
     block: Any  # the state block, floats as bit patterns
     row: Any  # the telemetry row, floats as bit patterns
+    mode: int = 0
+    fault: int = 0  # code that latched the FAULT mode
+    event: int = 0  # newest code of any kind
+    joint: int = NO_JOINT  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`
+    tick: int = 0
+    started: int = 0  # 0 until the first whole image was seen
+    last_now_ns: int = 0
+    status: int = 0  # STATUS register of this tick's image
+    image_ok: int = 0
+    pending: int = 0  # worst code raised in this tick
+    pending_joint: int = NO_JOINT
+    power_locked: int = 0  # 1: power was taken away and has not been asked for anew
+    offs_seen: int = 0
+    power_seen: int = 0  # level of the power request at the last tick
+    clears_seen: int = 0
+    stops_seen: int = 0
+    powering_since_ns: int = 0
+    clear_until_ns: int = 0
+    after_stop: int = 0  # mode that follows STOPPING
+    stop_since_ns: int = 0
+    stream: int = -1  # stream being followed
+    dead_stream: int = -1  # newest stream that a stop has ended, and all before it
+    next_seq: int = 0
+    last_arrival_ns: int = 0
+    play_at_ns: int = 0  # when a waiting stream starts
+    frame_ns: int = 0  # its sample period
+    misses: int = 0  # frames missed in a row
+    missed: int = 0  # frames missed in all
+    late: int = 0  # late cycles
+    glitches: int = 0  # encoder jumps held back in a row
+    law_failed: int = 0  # 1: the built-in law has replaced the user's
+    clipped: int = 0  # joints at their torque limit in this tick
+    discrete_word: int = 0  # shadow of the DISCRETE register
+    discrete_sent: int = -1  # last one posted, -1 for none
+    busy_ns: int = 0  # computing time of the previous cycle, told by the loop
+    flag_bits: int = 0
+    image_seen: int = 0  # count of the newest image
+    unchanged: int = 0  # cycles in a row that have seen no newer one
+    unseen: int = 0  # 1: no image says where the joints are, and they are carried on, see `servo.stages.dropout_hold`
+    read_ns: int = 0  # when encoder words were last taken from an image
+    adopt: int = ADOPT_BOARD  # what to take over from the next good image
+    revision: int = 0  # of the board, as it says itself
+    module_losses: int = 0  # times a remote module beside the board was lost, as its side says
+    calibrates_seen: int = 0
+    outputs: int = 0  # in force, output 1 in bit 0
+    outputs_locked: int = 0  # switched off by a stop, and not let go of since
+    outputs_sent: int = 0  # last ones posted
+    output_stops_seen: int = 0
+    bridged: int = 0  # the knot that stands for a missing frame: 1 the newest, 2 the one before, 0 neither
+    began_ns: int = 0  # when this cycle really began
+    driven: int = 0  # 1: this cycle's writes drive something: power is wanted, or outputs are on that a stop ends
+    armed: int = 1  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`
+    safe_head: int = -1  # end of the first list of the lane after which nothing is driven, -1 for none
+    safe_image: int = -1  # count of the image in which that list was seen taken, -1 before
+    image_age_ns: int = 0  # of the image fetched for this tick, on the clock of the servo
+    dt: float = 0.0
+    sample_dt: float = 0.0
+    phase: float = 0.0
+    rate: float = 0.0
+    rate_slope: float = 0.0
+    rate_at_stop: float = 0.0
+    stop_seconds: float = 0.0
+    pending_value: float = 0.0  # what was measured when the pending code was raised, and what was allowed
+    pending_limit: float = 0.0
 
 
 def make_state(params: ServoParameters, law: Law) -> ServoState:
@@ -171,13 +158,8 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     frame = np.zeros(frame_words(n), dtype=np.int64)
     block = np.zeros(state_words(n), dtype=np.int64)
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
-    numbers = np.zeros(N_INTEGERS, dtype=np.int64)
-    numbers[[STREAM, DEAD_STREAM, DISCRETE_SENT, SAFE_HEAD, SAFE_IMAGE]] = -1
-    numbers[[JOINT, PENDING_JOINT]] = NO_JOINT
-    numbers[ARMED] = 1  # nobody knows yet what a predecessor has left at the board
-    numbers[ADOPT] = ADOPT_BOARD
     return record_of(ServoState(
-        i=numbers, f=np.zeros(N_FLOATS), image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
+        image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
         q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
         v_seen=vector(), lag=vector(), lag_rate=vector(),

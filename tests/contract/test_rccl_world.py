@@ -10,8 +10,7 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import JointLimit, MotionError, Unreachable
 from qrobot.motion import Termination
-from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, rot, t6, trsl, varb, xunit, yunit
-from qrobot.rccl import arm_session as hold
+from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtrans, rot, t6, trsl, varb, xunit, yunit
 from qrobot.rci import VirtualLink
 from qrobot.wire import RobotMode
 from tests.support.fake_robot import FakeRobot

@@ -12,7 +12,6 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.checks.monitor_state import YIELDS
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.modes import Mode
@@ -156,10 +155,10 @@ def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:
 def test_a_new_motion_forgets_a_collision_whose_stop_ended_in_a_fault() -> None:
     leg = FastLeg(1000.0)
     leg.power_on()
-    leg.rig.state.watch.i[YIELDS] = 1
+    leg.rig.state.watch.yields = 1
     leg.fly(4)
     assert leg.mode is Mode.TRACKING
-    assert leg.rig.state.watch.i[YIELDS] == 0
+    assert leg.rig.state.watch.yields == 0
 
 
 # ------------------------------------------------------------------------------------------------------ false alarms

@@ -44,7 +44,6 @@ from qrobot.servo.memory.mailbox import BEAT_KEPT, BEAT_T_NS
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.process.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
 from qrobot.servo.process.loop import one_cycle
-from qrobot.servo.state import MODE
 from tests.support.servo_bench import ServoBench
 
 TIMEOUT_NS = 5_000_000
@@ -276,7 +275,7 @@ class DyingBench(ServoBench):
         one_cycle(params[0], state[0], self.mail, self.board, self.now_ns, 0)
         self._rows.append(self._row.copy())
         self.way.after_cycle(self)
-        if self.follows and gives_torque(int(self._i[MODE])):
+        if self.follows and gives_torque(int(self.state.mode)):
             self.q = self._q_ref.copy()
 
     def go_on(self, from_ns: int, until_ns: int) -> None:

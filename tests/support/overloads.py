@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
-from qrobot.rccl import connect as opening
+from qrobot.rccl import connect
 
 OURS = ("qrobot.motion.", "qrobot.model.")
 seen: dict[str, int] = {}
@@ -27,13 +27,13 @@ def overloads() -> dict[str, int]:
 
 def main() -> None:
     """Run a program off-line and print what the warm-up has left out."""
-    warm_up = opening._warm_up
+    warm_up = connect._warm_up
 
     def watched(*arguments: object) -> None:
         warm_up(*arguments)  # type: ignore[arg-type]
         seen.update(overloads())
 
-    opening._warm_up = watched  # type: ignore[assignment]
+    connect._warm_up = watched  # type: ignore[assignment]
     status = run_app(make_app("run"), ["run", "--offline", *sys.argv[1:]])
     late = [name for name, number in overloads().items() if number > seen.get(name, 0)]
     print("\n".join(["late:", *sorted(late)]))

@@ -57,7 +57,7 @@ from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
-from qrobot.servo.state import MODE, make_state
+from qrobot.servo.state import make_state
 
 START_NS = 1_000_000_000
 RING_ROWS = 16
@@ -83,12 +83,17 @@ def take_lane(board: Any, lane: int, operations: Any) -> int:
 
 
 def callable_block(record: Any) -> Any:
-    """A block for `cycle_of_blocks`; without the JIT a list of views, for Python finds a record's fields slowly."""
-    return [views_of(record)] if jit_disabled() else block_of(record)
+    """A block for `cycle_of_blocks`."""
+    return [record] if jit_disabled() else block_of(record)
+
+
+def in_python(record: Any) -> Any:
+    """The record itself; without the JIT its fields in a namespace, for Python finds those of a record slowly."""
+    return views_of(record) if jit_disabled() else record
 
 
 def views_of(record: Any) -> SimpleNamespace:
-    """The fields of a record by name: its arrays themselves, and its numbers, which no cycle changes."""
+    """The fields of a record by name: its arrays themselves, and its numbers as they are."""
     fields = {name: getattr(record, name) for name in record.dtype.names}
     return SimpleNamespace(
         **{name: views_of(field) if isinstance(field, np.record) else field for name, field in fields.items()}
@@ -166,7 +171,7 @@ class ServoBench:
             self.params.watch.holds_up[:] = self.params.watch.holds_down[:] = np.inf
             self.params.watch.rise_up[:] = self.params.watch.rise_down[:] = np.inf
         self._law = find_law(law, self.robot) if isinstance(law, str) else law
-        self.state = make_state(self.params, self._law)
+        self.state = in_python(make_state(self.params, self._law))
         self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
         self.mailbox = ServoMailbox(self.mail)
         self.board = local_board_memory()
@@ -187,9 +192,9 @@ class ServoBench:
         self._transmission = transmission_params(self.robot)
         self._counts = np.zeros(n, dtype=np.int64)
         self._operations = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
-        self._blocks = callable_block(self.params), callable_block(self.state)
+        self._blocks = callable_block(in_python(self.params)), callable_block(self.state)
         # Views, taken once: to find a field of a record by its name takes Python longer than a cycle takes.
-        self._row, self._q_ref, self._i = self.state.row, self.state.q_ref, self.state.i
+        self._row, self._q_ref = self.state.row, self.state.q_ref
 
     @property
     def law(self) -> Law:
@@ -216,7 +221,7 @@ class ServoBench:
             cycle_of_blocks(*self._blocks, self.mail, self.board, self.now_ns)
             self._rows.append(self._row.copy())
             self.collect()
-            if self.follows and gives_torque(int(self._i[MODE])):
+            if self.follows and gives_torque(int(self.state.mode)):
                 self.q = self._q_ref.copy()
             self.now_ns += self.settings.period_ns
         return self

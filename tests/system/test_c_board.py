@@ -16,12 +16,11 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif import board_memory as memory
-from qrobot.hwif import registers
+from qrobot.hwif import board_memory, registers
 from qrobot.hwif.board_memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
 from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
-from qrobot.realtime import shared_memory as segment
+from qrobot.realtime import shared_memory
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
@@ -69,14 +68,14 @@ def test_the_header_says_what_the_board_memory_is() -> None:
     defined = {name: int(value, 0) for name, value in re.findall(r"#define TRC004_(\w+) (0x[0-9A-F]+|\d+)\b", text)}
     del defined["TIMEOUT_NS"]
     elsewhere = {
-        "MAGIC": segment.MAGIC_VALUE,
-        "LANE": LANES_START + int(Lane.TOOL) * memory.LANE_WORDS,
-        "LANE_FORGET": memory._LANE_FORGET,
-        "LANE_TAIL": memory._LANE_TAIL,
-        "LANE_RING": memory._LANE_RING,
+        "MAGIC": shared_memory.MAGIC_VALUE,
+        "LANE": LANES_START + int(Lane.TOOL) * board_memory.LANE_WORDS,
+        "LANE_FORGET": board_memory._LANE_FORGET,
+        "LANE_TAIL": board_memory._LANE_TAIL,
+        "LANE_RING": board_memory._LANE_RING,
     }
     for name, value in defined.items():
-        expected = elsewhere.get(name, getattr(memory, name, getattr(registers, name, None)))
+        expected = elsewhere.get(name, getattr(board_memory, name, getattr(registers, name, None)))
         assert value == expected, name
     assert len(defined) == text.count("#define TRC004_") - 2  # the guard of the header, and the time-out
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.rccl.c import callback_slot as cell
-from qrobot.rccl.c import engine
+from qrobot.rccl.c import callback_slot, engine
 from qrobot.rccl.c.message import Op
 from qrobot.rccl.c.program import run_executable
 from tests.support.c_programs import compiled_text, needs_compiler, offline
@@ -103,14 +102,14 @@ def test_however_long_a_function_takes_each_call_runs_it_once(program: Path, mon
 
 
 def test_calls_by_messages_alone_run_once_as_well(program: Path, monkeypatch, capfd) -> None:
-    monkeypatch.setattr(cell, "jit_disabled", lambda: True)
+    monkeypatch.setattr(callback_slot, "jit_disabled", lambda: True)
     called, ran = counts(program, monkeypatch, capfd)
     assert called == ran
     assert ran[0] > 50
 
 
 def test_calls_run_once_when_their_numbers_have_come_round(program: Path, monkeypatch, capfd) -> None:
-    monkeypatch.setattr(cell, "_NUMBERS", 2)  # takes_long has that of asks
+    monkeypatch.setattr(callback_slot, "_NUMBERS", 2)  # takes_long has that of asks
     called, ran = counts(program, monkeypatch, capfd)
     assert called == ran
     assert ran[0] > 50
@@ -118,7 +117,7 @@ def test_calls_run_once_when_their_numbers_have_come_round(program: Path, monkey
 
 @pytest.mark.parametrize("by_messages_alone", [False, True])
 def test_a_function_may_ask_what_takes_another_function(by_messages_alone, nested: Path, monkeypatch, capfd) -> None:
-    monkeypatch.setattr(cell, "jit_disabled", lambda: by_messages_alone)
+    monkeypatch.setattr(callback_slot, "jit_disabled", lambda: by_messages_alone)
     called, ran = counts(nested, monkeypatch, capfd)
     assert called == ran
     assert ran[0] > 0

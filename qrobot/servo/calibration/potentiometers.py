@@ -24,23 +24,16 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.index_matching import in_table
 from qrobot.servo.calibration.state import (
     IMPLAUSIBLE,
-    JOINT_NOW,
     PLAUSIBLE,
-    RESIDUE,
-    SAMPLES,
     SILENT,
-    STAGE,
-    SUSPECT,
-    TIMEOUTS_BEFORE,
     UNJUDGED,
     UNPROVEN,
-    VERDICT,
     Stage,
 )
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import REVISION_E, TIMEOUTS
-from qrobot.servo.state import MODE, REVISION, STATUS, ServoState
+from qrobot.servo.stages.converter import REVISION_E
+from qrobot.servo.state import ServoState
 
 READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) against 150 a turn
 MOST_SILENCES: Final = 3  # conversions without an answer
@@ -60,13 +53,13 @@ def has_table(params: ServoParameters) -> bool:
 @lean_kernel
 def pots_judged(params: ServoParameters, state: ServoState) -> bool:
     """True when the potentiometers have had their say, or none is wanted."""
-    return not has_table(params) or state.pots.i[VERDICT] != UNJUDGED
+    return not has_table(params) or state.pots.verdict != UNJUDGED
 
 
 @lean_kernel
 def forget_pots(state: ServoState) -> None:
     """Another board, or other counters: read everything anew."""
-    state.pots.i[VERDICT], state.pots.i[TIMEOUTS_BEFORE] = UNJUDGED, state.adc.i[TIMEOUTS]
+    state.pots.verdict, state.pots.timeouts_before = UNJUDGED, state.adc.timeouts
     for j in range(state.pots.total.size):
         state.pots.total[j], state.pots.readings[j] = 0.0, 0
         state.pots.followed[j], state.pots.gone[j], state.pots.strayed[j] = 0, 0, 0
@@ -92,9 +85,9 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
 
     A converter that has been silent is asked again and again, and believed once it answers.
     """
-    if state.pots.i[VERDICT] == SILENT and channel >= 0:
+    if state.pots.verdict == SILENT and channel >= 0:
         forget_pots(state)
-    if state.pots.i[VERDICT] != UNJUDGED or not has_table(params):
+    if state.pots.verdict != UNJUDGED or not has_table(params):
         return
     enough = True
     for j in range(params.pot_channel.size):
@@ -102,25 +95,25 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
             state.pots.total[j] += pot_residue(params, state, j)
             state.pots.readings[j] += 1
         enough = enough and state.pots.readings[j] >= READINGS
-    if enough and not gives_torque(state.i[MODE]):
+    if enough and not gives_torque(state.mode):
         _judge(params, state)
-    elif state.adc.i[TIMEOUTS] - state.pots.i[TIMEOUTS_BEFORE] >= MOST_SILENCES:
-        state.pots.i[VERDICT], state.pots.i[SUSPECT] = SILENT, NO_JOINT
+    elif state.adc.timeouts - state.pots.timeouts_before >= MOST_SILENCES:
+        state.pots.verdict, state.pots.suspect = SILENT, NO_JOINT
 
 
 @lean_kernel
 def gather_pot(params: ServoParameters, state: ServoState, channel: int) -> None:
     """While a joint sweeps: add a new conversion of its `channel` to the turn it was made in."""
-    if state.cal.i[STAGE] == SWEEPING and params.pot_channel[state.cal.i[JOINT_NOW]] == channel:
-        state.cal.f[RESIDUE] += pot_residue(params, state, state.cal.i[JOINT_NOW])
-        state.cal.i[SAMPLES] += 1
+    if state.cal.stage == SWEEPING and params.pot_channel[state.cal.joint_now] == channel:
+        state.cal.residue += pot_residue(params, state, state.cal.joint_now)
+        state.cal.samples += 1
 
 
 @lean_kernel
 def _judge(params: ServoParameters, state: ServoState) -> None:
-    state.pots.i[VERDICT] = PLAUSIBLE
-    calibrated = state.i[STATUS] & STATUS_CALIBRATED != 0
-    coarse = HALF_STEP_E if state.i[REVISION] == REVISION_E else 0.0
+    state.pots.verdict = PLAUSIBLE
+    calibrated = state.status & STATUS_CALIBRATED != 0
+    coarse = HALF_STEP_E if state.revision == REVISION_E else 0.0
     for j in range(state.counts.size):
         residue = state.pots.total[j] / state.pots.readings[j]
         pot = residue + params.transmission.pot_per_count[j] * state.counts[j]
@@ -132,7 +125,7 @@ def _judge(params: ServoParameters, state: ServoState) -> None:
         if not in_table(params.calibration, j, pot, ROWS_BEYOND) or (
             calibrated and not off <= OFF_TURNS * abs(turn) + coarse
         ):
-            state.pots.i[VERDICT], state.pots.i[SUSPECT] = IMPLAUSIBLE, j
+            state.pots.verdict, state.pots.suspect = IMPLAUSIBLE, j
             return
     if not calibrated:
         _take_pose(params, state)

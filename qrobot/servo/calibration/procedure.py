@@ -34,23 +34,6 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.index_matching import find_rows
 from qrobot.servo.calibration.potentiometers import move_frame
 from qrobot.servo.calibration.state import (
-    ATTEMPTS,
-    FIRST,
-    FOUND,
-    JOINT_NOW,
-    LAST_INDEX,
-    LATCH_VALID_AT,
-    LOAD,
-    MOVED,
-    REARM,
-    RESIDUE,
-    SAMPLES,
-    SPEED,
-    STAGE,
-    STILL,
-    TARGET,
-    WAITED,
-    WANTED,
     Stage,
 )
 from qrobot.servo.event import note_event
@@ -58,7 +41,7 @@ from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
 from qrobot.servo.stages.mode_machine import allow_range, hold_position, hold_reference, set_mode
-from qrobot.servo.state import DISCRETE_WORD, DT, STATUS, ServoState
+from qrobot.servo.state import ServoState
 
 IDLE: Final = int(Stage.IDLE)
 BACKING: Final = int(Stage.BACKING)
@@ -90,7 +73,7 @@ NEAR_COUNTS: Final = 20  # an arm held at rest moves by less while counters are 
 @lean_kernel
 def calibrate(params: ServoParameters, state: ServoState) -> None:
     """One cycle in mode CALIBRATING: moves the reference, and ends in HOLDING or, refused, in UNCALIBRATED."""
-    stage, joint = state.cal.i[STAGE], state.cal.i[JOINT_NOW]
+    stage, joint = state.cal.stage, state.cal.joint_now
     if stage == IDLE:
         begin_joint(params, state, 0)
     elif stage == BACKING:
@@ -103,15 +86,15 @@ def calibrate(params: ServoParameters, state: ServoState) -> None:
         _settle(params, state)
     else:
         _see_it_done(params, state)
-    if state.cal.i[STAGE] != IDLE and not abs(state.tau[joint]) <= params.creep_torque[joint]:
+    if state.cal.stage != IDLE and not abs(state.tau[joint]) <= params.creep_torque[joint]:
         refuse(state, CAL_BLOCKED, joint)
 
 
 @lean_kernel
 def leave_calibration(state: ServoState) -> None:
     """Forget an attempt, whatever ended it, and let the index latches be."""
-    state.cal.i[STAGE], state.cal.i[REARM], state.cal.i[LOAD] = IDLE, 0, 0
-    state.i[DISCRETE_WORD] &= ~DISCRETE_INDEX
+    state.cal.stage, state.cal.rearm, state.cal.load = IDLE, 0, 0
+    state.discrete_word &= ~DISCRETE_INDEX
 
 
 @lean_kernel
@@ -137,15 +120,15 @@ def turn_of(params: ServoParameters, joint: int) -> float:
 def begin_joint(params: ServoParameters, state: ServoState, joint: int) -> None:
     """Start on a joint, or again: the sweep has to end inside the range."""
     cal = state.cal
-    if joint != cal.i[JOINT_NOW] or cal.i[STAGE] == IDLE:
-        cal.i[ATTEMPTS] = 0
-    cal.i[JOINT_NOW] = joint
-    highest = params.q_max[joint] - (cal.i[WANTED] + SPARE_TURNS) * turn_of(params, joint)
+    if joint != cal.joint_now or cal.stage == IDLE:
+        cal.attempts = 0
+    cal.joint_now = joint
+    highest = params.q_max[joint] - (cal.wanted + SPARE_TURNS) * turn_of(params, joint)
     if highest < params.q_min[joint]:
         refuse(state, CAL_ROOM, joint)
     elif state.q_ref[joint] > highest:
-        cal.f[TARGET] = highest
-        cal.i[STAGE] = BACKING
+        cal.target = highest
+        cal.stage = BACKING
     else:
         _begin_sweep(state, joint)
 
@@ -153,30 +136,30 @@ def begin_joint(params: ServoParameters, state: ServoState, joint: int) -> None:
 @lean_kernel
 def _begin_sweep(state: ServoState, joint: int) -> None:
     cal = state.cal
-    cal.i[STAGE], cal.i[FIRST], cal.i[FOUND], cal.i[REARM] = SWEEPING, 1, 0, 1
+    cal.stage, cal.first, cal.found, cal.rearm = SWEEPING, 1, 0, 1
     _begin_turn(state, state.counts[joint])
 
 
 @lean_kernel
 def _begin_turn(state: ServoState, count: int) -> None:
     cal = state.cal
-    cal.i[LAST_INDEX], cal.i[SAMPLES], cal.f[RESIDUE] = count, 0, 0.0
+    cal.last_index, cal.samples, cal.residue = count, 0, 0.0
 
 
 @lean_kernel
 def creep(params: ServoParameters, state: ServoState, joint: int, wish: float) -> None:
     """Move the reference of one joint on, its speed changing towards `wish` at the creeping acceleration."""
-    most = params.creep_acceleration[joint] * state.f[DT]
-    change = min(max(wish - state.cal.f[SPEED], -most), most)
-    state.cal.f[SPEED] += change
-    state.v_ref[joint] = state.cal.f[SPEED]
-    state.a_ref[joint] = change / state.f[DT]
-    state.q_ref[joint] += state.cal.f[SPEED] * state.f[DT]
+    most = params.creep_acceleration[joint] * state.dt
+    change = min(max(wish - state.cal.speed, -most), most)
+    state.cal.speed += change
+    state.v_ref[joint] = state.cal.speed
+    state.a_ref[joint] = change / state.dt
+    state.q_ref[joint] += state.cal.speed * state.dt
 
 
 @lean_kernel
 def _back(params: ServoParameters, state: ServoState, joint: int) -> None:
-    left = state.q_ref[joint] - state.cal.f[TARGET]
+    left = state.q_ref[joint] - state.cal.target
     if left <= ARRIVED:
         _begin_sweep(state, joint)
         return
@@ -189,12 +172,12 @@ def _back(params: ServoParameters, state: ServoState, joint: int) -> None:
 @lean_kernel
 def _slow(params: ServoParameters, state: ServoState, joint: int) -> None:
     creep(params, state, joint, 0.0)
-    if state.cal.f[SPEED] != 0.0:
+    if state.cal.speed != 0.0:
         return
     if joint + 1 < state.q.size:
         begin_joint(params, state, joint + 1)
     else:
-        state.cal.i[STAGE], state.cal.i[STILL], state.cal.i[WAITED] = SETTLING, 0, 0
+        state.cal.stage, state.cal.still, state.cal.waited = SETTLING, 0, 0
 
 
 # ------------------------------------------------------------------------------------------------------ index pulses
@@ -204,10 +187,10 @@ def _slow(params: ServoParameters, state: ServoState, joint: int) -> None:
 def _sweep(params: ServoParameters, state: ServoState, joint: int) -> None:
     cal, turn = state.cal, params.transmission.counts_per_rev[joint]
     creep(params, state, joint, params.creep_speed[joint])
-    shown = cal.i[REARM] == 0 and state.image[IMAGE_COUNT] >= cal.i[LATCH_VALID_AT]
-    if shown and state.i[STATUS] & INDEX_BIT_0 << joint == 0:
+    shown = cal.rearm == 0 and state.image[IMAGE_COUNT] >= cal.latch_valid_at
+    if shown and state.status & INDEX_BIT_0 << joint == 0:
         _take_index(params, state, joint)
-    elif abs(state.counts[joint] - cal.i[LAST_INDEX]) > MISSING_TURNS * turn:
+    elif abs(state.counts[joint] - cal.last_index) > MISSING_TURNS * turn:
         _try_again(params, state, joint)
     elif state.q[joint] > params.q_max[joint] + POSE_TURNS * turn_of(params, joint):
         refuse(state, CAL_ROOM, joint)
@@ -219,28 +202,28 @@ def _take_index(params: ServoParameters, state: ServoState, joint: int) -> None:
     cal = state.cal
     latched = state.image[IMAGE_INPUTS + ENC_INDEX // 2 + joint]
     count = state.counts[joint] + signed_word(latched - state.raw[joint])
-    if cal.i[FIRST] == 1:
-        cal.i[FIRST] = 0
+    if cal.first == 1:
+        cal.first = 0
     elif not _spaced(cal, count, params.transmission.counts_per_rev[joint]):
         _try_again(params, state, joint)
         return
-    elif cal.i[SAMPLES] < FEWEST_SAMPLES:
+    elif cal.samples < FEWEST_SAMPLES:
         refuse(state, CAL_VOTE, joint)
         return
     else:
-        pot = cal.f[RESIDUE] / cal.i[SAMPLES] + params.transmission.pot_per_count[joint] * count
-        cal.index[cal.i[FOUND]], cal.pot[cal.i[FOUND]] = count, pot
-        cal.i[FOUND] += 1
-    cal.i[REARM] = 1
+        pot = cal.residue / cal.samples + params.transmission.pot_per_count[joint] * count
+        cal.index[cal.found], cal.pot[cal.found] = count, pot
+        cal.found += 1
+    cal.rearm = 1
     _begin_turn(state, count)
-    if cal.i[FOUND] == cal.i[WANTED]:
+    if cal.found == cal.wanted:
         _decide(params, state, joint)
 
 
 @lean_kernel
 def _spaced(cal: Any, count: int, turn: int) -> bool:
     """An index pulse at `count` is one turn after the last one, and whole turns after the first that counts."""
-    one, found = abs(count - cal.i[LAST_INDEX]), cal.i[FOUND]
+    one, found = abs(count - cal.last_index), cal.found
     spaced = abs(one - turn) <= SPACING_COUNTS
     if found > 0:
         spaced = spaced and abs(abs(count - cal.index[0]) - found * turn) <= SPACING_COUNTS
@@ -249,8 +232,8 @@ def _spaced(cal: Any, count: int, turn: int) -> bool:
 
 @lean_kernel
 def _try_again(params: ServoParameters, state: ServoState, joint: int) -> None:
-    state.cal.i[ATTEMPTS] += 1
-    if state.cal.i[ATTEMPTS] < MOST_ATTEMPTS:
+    state.cal.attempts += 1
+    if state.cal.attempts < MOST_ATTEMPTS:
         begin_joint(params, state, joint)
     else:
         refuse(state, CAL_INDEX, joint)
@@ -259,30 +242,30 @@ def _try_again(params: ServoParameters, state: ServoState, joint: int) -> None:
 @lean_kernel
 def _decide(params: ServoParameters, state: ServoState, joint: int) -> None:
     cal, table = state.cal, params.calibration
-    code, row, cal.misfit[joint], cal.margin[joint], cal.votes[joint] = find_rows(table, joint, cal.pot, cal.i[WANTED])
+    code, row, cal.misfit[joint], cal.margin[joint], cal.votes[joint] = find_rows(table, joint, cal.pot, cal.wanted)
     if code != 0:
         refuse(state, code, joint)
         return
-    newest = cal.i[WANTED] - 1
+    newest = cal.wanted - 1
     true = table.count[joint, row + newest] + params.transmission.count_offset[joint]
     cal.shift[joint] = true - cal.index[newest]
-    cal.i[STAGE] = SLOWING
+    cal.stage = SLOWING
 
 
 @lean_kernel
 def post_latches(state: ServoState, n: int) -> int:
     """Arm the present joint's index latch (mask 0, then 1), or load the counters; returns the number of operations."""
     cal = state.cal
-    if cal.i[REARM] != 0:
-        bit = INDEX_BIT_0 << cal.i[JOINT_NOW]
-        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD] & ~bit)
-        state.i[DISCRETE_WORD] |= bit
-        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])
-        cal.i[REARM], cal.i[LATCH_VALID_AT] = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
-    if cal.i[LOAD] != 0:
+    if cal.rearm != 0:
+        bit = INDEX_BIT_0 << cal.joint_now
+        n = put_write(state.ops, n, DISCRETE, state.discrete_word & ~bit)
+        state.discrete_word |= bit
+        n = put_write(state.ops, n, DISCRETE, state.discrete_word)
+        cal.rearm, cal.latch_valid_at = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
+    if cal.load != 0:
         for j in range(cal.words.size):
             n = put_write(state.ops, n, ENC_LOAD + 2 * j, cal.words[j])
-        cal.i[LOAD] = 0
+        cal.load = 0
     return n
 
 
@@ -298,25 +281,25 @@ def _settle(params: ServoParameters, state: ServoState) -> None:
         if state.raw[j] != cal.before[j]:
             restless = j
         cal.before[j] = state.raw[j]
-    cal.i[STILL] = cal.i[STILL] + 1 if restless < 0 else 0
+    cal.still = cal.still + 1 if restless < 0 else 0
     _nudge(params, state, restless)
-    cal.i[WAITED] += 1
-    if cal.i[WAITED] > params.settle_patience:
+    cal.waited += 1
+    if cal.waited > params.settle_patience:
         refuse(state, CAL_MOVED, restless)
-    elif cal.i[STILL] >= params.settle_cycles:
+    elif cal.still >= params.settle_cycles:
         for j in range(state.raw.size):
             cal.words[j] = count_word(state.counts[j] + cal.shift[j])
-        cal.i[LOAD], cal.i[MOVED], cal.i[WAITED], cal.i[STAGE] = 1, 0, 0, LOADING
+        cal.load, cal.moved, cal.waited, cal.stage = 1, 0, 0, LOADING
 
 
 @lean_kernel
 def _nudge(params: ServoParameters, state: ServoState, restless: int) -> None:
     """Move a joint on a little that came to rest on an encoder's edge, where its counter flickers under servo."""
     cal = state.cal
-    rounds, phase = cal.i[WAITED] // (ROUND * params.settle_cycles), cal.i[WAITED] % (ROUND * params.settle_cycles)
+    rounds, phase = cal.waited // (ROUND * params.settle_cycles), cal.waited % (ROUND * params.settle_cycles)
     if restless >= 0 and 2 * phase > ROUND * params.settle_cycles:
-        cal.i[JOINT_NOW] = restless
-    joint = cal.i[JOINT_NOW]
+        cal.joint_now = restless
+    joint = cal.joint_now
     moving = rounds > 0 and phase < params.settle_cycles
     creep(params, state, joint, params.creep_speed[joint] if moving else 0.0)
 
@@ -345,10 +328,10 @@ def see_load(params: ServoParameters, state: ServoState, words: Any) -> bool:
     if new > NEAR_COUNTS and old > NEAR_COUNTS:
         return True
     if old != 0 and new != 0:
-        cal.i[MOVED] = 1
+        cal.moved = 1
     if new <= NEAR_COUNTS and new <= old:
         _take_frame(params, state)
-        if cal.i[MOVED] != 0:
+        if cal.moved != 0:
             refuse(state, CAL_MOVED, NO_JOINT)
     return False
 
@@ -361,18 +344,18 @@ def _take_frame(params: ServoParameters, state: ServoState) -> None:
         state.raw[j] = cal.words[j]
         state.counts[j] = signed_word(cal.words[j])
     move_frame(params, state)
-    cal.i[STAGE], cal.i[WAITED] = MARKING, 0
+    cal.stage, cal.waited = MARKING, 0
 
 
 @lean_kernel
 def _see_it_done(params: ServoParameters, state: ServoState) -> None:
     """Wait for the image to show what was posted: the counters, then the CALIB bit."""
-    state.cal.i[WAITED] += 1
-    if state.cal.i[WAITED] > params.load_patience:
+    state.cal.waited += 1
+    if state.cal.waited > params.load_patience:
         refuse(state, CAL_MOVED, NO_JOINT)
-    elif state.cal.i[STAGE] == MARKING:
-        state.i[DISCRETE_WORD] |= DISCRETE_CALIBRATED
-        if state.i[STATUS] & STATUS_CALIBRATED != 0:
+    elif state.cal.stage == MARKING:
+        state.discrete_word |= DISCRETE_CALIBRATED
+        if state.status & STATUS_CALIBRATED != 0:
             leave_calibration(state)
             allow_range(params, state)
             hold_reference(state)

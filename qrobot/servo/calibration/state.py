@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,39 +25,10 @@ class Stage(IntEnum):
     MARKING = 6  # the calibrated bit was set, STATUS does not show it yet
 
 
-# indexes into `CalibrationState.i`
-(
-    STAGE,
-    JOINT_NOW,
-    FOUND,  # index pulses of this joint that count
-    WANTED,
-    LAST_INDEX,  # count of the newest index pulse, or of the place where the search began
-    FIRST,  # 1 until the first index pulse, which only tells where the turns begin
-    ATTEMPTS,  # of this joint
-    REARM,  # 1: arm the index latch in this cycle
-    LATCH_VALID_AT,  # count of the first image whose index flag counts
-    SAMPLES,  # pot readings since the newest index pulse
-    STILL,  # cycles in a row without a count
-    WAITED,  # cycles in the present stage
-    LOAD,  # 1: post the new counts in this cycle
-    MOVED,  # 1: a counter changed between the last look at the old ones and the first at the new ones
-    N_CALIBRATION_INTEGERS,
-) = range(15)
-
-# indexes into `CalibrationState.f`
-(
-    RESIDUE,  # sum of pot - slope * counts of those readings
-    TARGET,  # where backing ends
-    SPEED,
-    N_CALIBRATION_FLOATS,
-) = range(4)
-
-
-class CalibrationState(NamedTuple):
+@dataclass(eq=False)
+class CalibrationState:
     """One calibration. Vectors have shape (n,)."""
 
-    i: Any  # int64[N_CALIBRATION_INTEGERS]
-    f: Any  # float64[N_CALIBRATION_FLOATS]
     index: Any  # int64[MOST_INDEXES] counts of the present joint's index pulses
     pot: Any  # float64[MOST_INDEXES] its potentiometer there
     shift: Any  # int64[n] what to add to the counts
@@ -65,36 +37,45 @@ class CalibrationState(NamedTuple):
     votes: Any  # int64[n] index pulses that agree
     words: Any  # int64[n] counters as loaded
     before: Any  # int64[n] counters before that
+    stage: int = 0
+    joint_now: int = 0
+    found: int = 0  # index pulses of this joint that count
+    wanted: int = 0
+    last_index: int = 0  # count of the newest index pulse, or of the place where the search began
+    first: int = 0  # 1 until the first index pulse, which only tells where the turns begin
+    attempts: int = 0  # of this joint
+    rearm: int = 0  # 1: arm the index latch in this cycle
+    latch_valid_at: int = 0  # count of the first image whose index flag counts
+    samples: int = 0  # pot readings since the newest index pulse
+    still: int = 0  # cycles in a row without a count
+    waited: int = 0  # cycles in the present stage
+    load: int = 0  # 1: post the new counts in this cycle
+    moved: int = 0  # 1: a counter changed between the last look at the old ones and the first at the new ones
+    residue: float = 0.0  # sum of pot - slope * counts of those readings
+    target: float = 0.0  # where backing ends
+    speed: float = 0.0
 
 
 def make_calibration_state(n: int) -> CalibrationState:
     """No calibration under way."""
     return CalibrationState(
-        np.zeros(N_CALIBRATION_INTEGERS, np.int64), np.zeros(N_CALIBRATION_FLOATS), np.zeros(MOST_INDEXES, np.int64),
+        np.zeros(MOST_INDEXES, np.int64),
         np.zeros(MOST_INDEXES), np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
         np.zeros(n, np.int64), np.zeros(n, np.int64),
     )  # fmt: skip
 
 
-# values of `PotState.i[VERDICT]`
+# values of `PotState.verdict`
 UNJUDGED, PLAUSIBLE, IMPLAUSIBLE, SILENT = range(4)
 
 # values of `PotState.proof`
 REFUTED, UNPROVEN, PROVEN = -1, 0, 1
 
-# indexes into `PotState.i`
-(
-    VERDICT,
-    SUSPECT,  # joint that IMPLAUSIBLE speaks of
-    TIMEOUTS_BEFORE,  # conversions given up until the reading began
-    N_POT_INTEGERS,
-) = range(4)
 
-
-class PotState(NamedTuple):
+@dataclass(eq=False)
+class PotState:
     """The potentiometers since the board was met."""
 
-    i: Any  # int64[N_POT_INTEGERS]
     total: Any  # float64[n] pot - slope * counts, summed over the readings
     readings: Any  # int64[n]
     average: Any  # float64[n] mean of pot - slope * counts while the joints are driven, see `servo.checks.dead_encoder`
@@ -109,6 +90,9 @@ class PotState(NamedTuple):
     proof: Any  # int64[n] see `servo.checks.potentiometer_monitor`
     anchor: Any  # float64[n] reading that its motion is measured from
     anchor_counts: Any  # int64[n] of the joint then
+    verdict: int = 0
+    suspect: int = 0  # joint that IMPLAUSIBLE speaks of
+    timeouts_before: int = 0  # conversions given up until the reading began
 
 
 def make_pot_state(n: int) -> PotState:
@@ -118,7 +102,7 @@ def make_pot_state(n: int) -> PotState:
         return np.zeros(n, np.int64)
 
     return PotState(
-        np.zeros(N_POT_INTEGERS, np.int64), np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
+        np.zeros(n), integers(), average=np.zeros(n), newest=np.zeros(n),
         followed=integers(), trusted=integers(), gone=integers(), strayed=integers(), counts=integers(),
         low=np.zeros(n), high=np.zeros(n), proof=integers(), anchor=np.zeros(n), anchor_counts=integers(),
     )  # fmt: skip

@@ -18,19 +18,6 @@ from qrobot.servo.checks.dead_encoder import (
     torque_bounds,
 )
 from qrobot.servo.checks.momentum_observer import STALE, observe_push
-from qrobot.servo.checks.monitor_state import (
-    HEAVY_ROW,
-    LATE_ROW,
-    LOSSES_TOLD,
-    MISSES_SEEN,
-    POINTS,
-    SAMPLE_S,
-    SLOW_ROW,
-    SWEPT,
-    UNPOWERED_S,
-    WARNINGS,
-    WORK,
-)
 from qrobot.servo.checks.motor_fault_diagnosis import (
     check_parked,
     check_push,
@@ -50,19 +37,6 @@ from qrobot.servo.stages.collision_stop import thrown_speed
 from qrobot.servo.stages.mode_machine import report_fault
 from qrobot.servo.stages.torque_output import motor_rates
 from qrobot.servo.state import (
-    BUSY_NS,
-    DT,
-    EVENT,
-    IMAGE_OK,
-    LAW_FAILED,
-    MODE,
-    MODULE_LOSSES,
-    NEXT_SEQ,
-    STARTED,
-    STATUS,
-    TICK,
-    UNCHANGED,
-    UNSEEN,
     ServoState,
 )
 
@@ -90,8 +64,8 @@ NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again b
 @lean_kernel
 def warn(state: ServoState, code: int, joint: int = NO_JOINT) -> None:
     """Tell of something that stops nothing, unless there is worse to tell; counted."""
-    state.watch.i[WARNINGS] += 1
-    if state.i[EVENT] == 0:
+    state.watch.warnings += 1
+    if state.event == 0:
         note_event(state, code, joint)
 
 
@@ -99,53 +73,53 @@ def warn(state: ServoState, code: int, joint: int = NO_JOINT) -> None:
 def watch_timing(params: ServoParameters, state: ServoState, dt_ns: int, late: bool) -> None:
     """Count this cycle's lateness and the last one's length; raise what goes too far while the motors carry torque."""
     watch, limits = state.watch, params.watch
-    if not gives_torque(state.i[MODE]):  # neither starting up nor waiting has deadlines
-        watch.i[LATE_ROW], watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0, 0
-        watch.i[SLOW_ROW], watch.i[HEAVY_ROW] = 0, 0
+    if not gives_torque(state.mode):  # neither starting up nor waiting has deadlines
+        watch.late_row, watch.points, watch.misses_seen = 0, 0, 0
+        watch.slow_row, watch.heavy_row = 0, 0
         return
     skipped = skipped_points(dt_ns, params.period_ns)
     missed = skipped + (1 if late else 0)
-    watch.i[LATE_ROW] = watch.i[LATE_ROW] + 1 if missed > 0 else 0
-    watch.i[POINTS] += 1 + skipped
-    watch.i[MISSES_SEEN] += missed
-    code = check_overrun(watch.i[LATE_ROW], limits.misses_in_a_row, watch.i[MISSES_SEEN], limits.misses_allowed)
-    report_fault(state, code, NO_JOINT, watch.i[MISSES_SEEN], limits.misses_allowed)
-    if watch.i[POINTS] >= limits.window_points:
-        watch.i[POINTS], watch.i[MISSES_SEEN] = 0, 0
+    watch.late_row = watch.late_row + 1 if missed > 0 else 0
+    watch.points += 1 + skipped
+    watch.misses_seen += missed
+    code = check_overrun(watch.late_row, limits.misses_in_a_row, watch.misses_seen, limits.misses_allowed)
+    report_fault(state, code, NO_JOINT, watch.misses_seen, limits.misses_allowed)
+    if watch.points >= limits.window_points:
+        watch.points, watch.misses_seen = 0, 0
     _watch_length(params, state)
 
 
 @lean_kernel
 def _watch_length(params: ServoParameters, state: ServoState) -> None:
     """A cycle that takes longer than its period goes on with the built-in law, and stops the arm."""
-    watch, busy_ns = state.watch, state.i[BUSY_NS]
-    watch.i[SLOW_ROW] = grown_row(watch.i[SLOW_ROW], busy_ns, params.period_ns)
-    watch.i[HEAVY_ROW] = grown_row(watch.i[HEAVY_ROW], busy_ns, params.period_ns // 2)
-    code = check_slowness(watch.i[SLOW_ROW])
+    watch, busy_ns = state.watch, state.busy_ns
+    watch.slow_row = grown_row(watch.slow_row, busy_ns, params.period_ns)
+    watch.heavy_row = grown_row(watch.heavy_row, busy_ns, params.period_ns // 2)
+    code = check_slowness(watch.slow_row)
     if code != 0:
-        state.i[LAW_FAILED] = 1
+        state.law_failed = 1
         report_fault(state, code, NO_JOINT, busy_ns * 1e-9, params.period_ns * 1e-9)
         return
-    code = check_slowness(watch.i[HEAVY_ROW])
+    code = check_slowness(watch.heavy_row)
     if code != 0:
         warn(state, code)
-        watch.i[HEAVY_ROW] = 0
+        watch.heavy_row = 0
 
 
 @lean_kernel
 def watch_modules(state: ServoState) -> None:
     """A remote module that is lost while the arm is held or moves is told of: what hangs on its inputs may matter."""
-    watch, losses = state.watch, state.i[MODULE_LOSSES]
-    if losses > watch.i[LOSSES_TOLD] and state.i[MODE] in (HOLDING, TRACKING, STOPPING):
+    watch, losses = state.watch, state.module_losses
+    if losses > watch.losses_told and state.mode in (HOLDING, TRACKING, STOPPING):
         warn(state, IO_LOST)
-    watch.i[LOSSES_TOLD] = losses
+    watch.losses_told = losses
 
 
 @lean_kernel
 def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
     """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
     watch = state.watch
-    watch.f[SAMPLE_S] = dt
+    watch.sample_s = dt
     for j in range(state.q.size):
         step = (state.counts[j] - watch.counts[j]) * params.watch.count_way[j]
         watch.step[j] = step
@@ -159,22 +133,22 @@ def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None
 @lean_kernel
 def unseen_s(params: ServoParameters, state: ServoState) -> float:
     """For how long nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
-    images = state.i[UNCHANGED]
-    silent = images * params.period_ns * 1e-9 if images > 0 else state.watch.f[SAMPLE_S]
-    return float(max(silent, state.f[DT]))
+    images = state.unchanged
+    silent = images * params.period_ns * 1e-9 if images > 0 else state.watch.sample_s
+    return float(max(silent, state.dt))
 
 
 @lean_kernel
 def watch_motors(params: ServoParameters, state: ServoState) -> None:
     """Follow the torque nobody commanded, and raise what it shows while the pose is known and the motors are driven."""
-    mode = state.i[MODE]
+    mode = state.mode
     if mode not in (HOLDING, TRACKING, STOPPING):
         for j in range(state.q.size):
             _forget_motor(params, state, j)
             forget_encoder(state, j)
             state.watch.counts_on[j], state.watch.along[j] = state.counts[j], 0
             state.watch.v_ref_before[j] = 0.0
-        state.watch.f[WORK] = 0.0
+        state.watch.work = 0.0
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
     motor_demand(params, state)
@@ -197,7 +171,7 @@ def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> N
         else:
             _observe_motor(params, state, j)
         power += power_given(watch.push[j], state.v[j], params.watch.unexplained[j])
-    watch.f[WORK] = recent_work(watch.f[WORK], power, state.f[DT])
+    watch.work = recent_work(watch.work, power, state.dt)
 
 
 @lean_kernel
@@ -212,13 +186,13 @@ def motor_demand(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def inertial_torques(params: ServoParameters, state: ServoState) -> None:
     """How far the references have gone, how hard they bend, and what the joints may put on each other by it."""
-    watch, roots, dt, total, jolts = state.watch, params.watch.root_inertia, state.f[DT], 0.0, 0.0
+    watch, roots, dt, total, jolts = state.watch, params.watch.root_inertia, state.dt, 0.0, 0.0
     for j in range(state.q.size):
         jolt = unplanned_bend(params, state, j)
         watch.jolt[j] = lasting(watch.jolt[j], jolt, dt)
         watch.bend[j] = lasting(watch.bend[j], max(abs(state.a_ref[j]), jolt), dt)
         total, jolts = total + roots[j] * watch.bend[j], jolts + roots[j] * watch.jolt[j]
-        watch.f[SWEPT] += dt * abs(state.v_ref[j])
+        watch.swept += dt * abs(state.v_ref[j])
         watch.v_ref_before[j] = state.v_ref[j]
     for j in range(state.q.size):
         root, own = roots[j], roots[j] * watch.jolt[j]
@@ -234,10 +208,10 @@ def unplanned_bend(params: ServoParameters, state: ServoState, j: int) -> float:
     programs. A stop brakes harder, and where the velocity jumps at setpoints the torque follows with Kv.
     """
     limits, planned = params.watch, state.a_ref[j]
-    jolt = abs(planned) if state.i[MODE] == STOPPING else 0.0
+    jolt = abs(planned) if state.mode == STOPPING else 0.0
     if limits.jumps == 0:
         return jolt
-    jump = abs(state.v_ref[j] - state.watch.v_ref_before[j] - state.f[DT] * planned)
+    jump = abs(state.v_ref[j] - state.watch.v_ref_before[j] - state.dt * planned)
     return float(max(jolt, min(limits.jolt_per_jump[j] * jump, limits.jolt_max[j])))
 
 
@@ -256,22 +230,22 @@ def _watch_encoder(params: ServoParameters, state: ServoState, j: int) -> None:
     torque, way = state.tau_motor[j], state.scratch[j] * watch.travel[j]
     if watch.still_s[j] == 0.0:
         watch.slid[j] = sliding_torque(torque, watch.travel[j], params.inertia[j], watch.bend[j])
-        watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.f[SWEPT]
+        watch.q_ref_then[j], watch.swept_then[j] = state.q_ref[j], watch.swept
         watch.going[j] = 1 if way > 0.0 else 0
         watch.driven[j], watch.missing_v[j], watch.missing[j] = 0, 0.0, 0.0
         return
     if not way > 0.0:
         watch.going[j] = 0
-    if state.i[UNSEEN] != 0:
+    if state.unseen != 0:
         return
-    shifted = limits.unknown_load[j] * (watch.f[SWEPT] - watch.swept_then[j])
+    shifted = limits.unknown_load[j] * (watch.swept - watch.swept_then[j])
     least, greatest = torque_bounds(
         watch.slid[j], watch.travel[j], watch.going[j] != 0,
         limits.holds_up[j], limits.holds_down[j], limits.rise_up[j] + shifted, limits.rise_down[j] + shifted,
         watch.inertial[j] + WRONG_INERTIA * params.inertia[j] * watch.jolt[j], SCALE_SHARE * abs(watch.load[j]),
     )  # fmt: skip
     watch.missing_v[j], watch.missing[j] = predict_travel(
-        torque, least, greatest, params.inertia[j], state.f[DT], watch.missing_v[j], watch.missing[j]
+        torque, least, greatest, params.inertia[j], state.dt, watch.missing_v[j], watch.missing[j]
     )
     watch.driven[j] = 1 if abs(state.q_ref[j] - watch.q_ref_then[j]) > DRIVEN_COUNTS * unit else watch.driven[j]
     watching = pot_is_watching(state, j)
@@ -306,17 +280,17 @@ def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
 def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     """Whether the motor goes along its torque, and what else drives the joint."""
     watch = state.watch
-    if state.i[UNSEEN] == 0:
+    if state.unseen == 0:
         watch.along[j] = counts_along(watch.along[j], watch.step[j], state.tau_motor[j], params.watch.proof[j])
     watch.expected[j], watch.push[j] = observe_push(
         params.inertia[j] * state.v[j], state.tau[j] - watch.load[j] - state.friction[j],
-        state.f[DT], params.watch.pace, watch.expected[j], watch.push[j],
+        state.dt, params.watch.pace, watch.expected[j], watch.push[j],
     )  # fmt: skip
 
 
 @lean_kernel
 def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
-    watch, limits, dt = state.watch, params.watch, state.f[DT]
+    watch, limits, dt = state.watch, params.watch, state.dt
     if abs(watch.push[j]) <= limits.unexplained[j] + watch.allowed[j]:
         watch.over_s[j] = 0.0
     else:
@@ -341,7 +315,7 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
         push, most, watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
         state.v[j], state.v_ref[j], margin,
         still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
-        watch.f[WORK] < 0.0, watch.along[j] >= limits.proof[j],
+        watch.work < 0.0, watch.along[j] >= limits.proof[j],
     )  # fmt: skip
     if code == ENC_STUCK and pot_is_watching(state, j):
         return  # a matter of the potentiometer, see `_watch_encoder`
@@ -359,13 +333,13 @@ def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     `SETTLE_S`: what a servo sleeps through is not seen, and an arm that sags meanwhile has not slipped.
     """
     watch = state.watch
-    power_shown = state.i[IMAGE_OK] != 0 and state.i[STATUS] & STATUS_POWER != 0
-    if wants_power(state.i[MODE]) or state.i[STARTED] == 0 or power_shown:
-        watch.f[UNPOWERED_S] = 0.0
+    power_shown = state.image_ok != 0 and state.status & STATUS_POWER != 0
+    if wants_power(state.mode) or state.started == 0 or power_shown:
+        watch.unpowered_s = 0.0
         return
-    if watch.f[UNPOWERED_S] <= SETTLE_S:
-        if state.i[IMAGE_OK] != 0:
-            watch.f[UNPOWERED_S] += min(state.f[DT], params.period_ns * 1e-9)
+    if watch.unpowered_s <= SETTLE_S:
+        if state.image_ok != 0:
+            watch.unpowered_s += min(state.dt, params.period_ns * 1e-9)
         for j in range(state.q.size):
             watch.q_parked[j] = state.q[j]
         return
@@ -374,9 +348,9 @@ def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> Non
         return
     note_event(state, code, joint)
     moved = abs(state.q[joint] - watch.q_parked[joint])
-    mode = state.i[MODE]
+    mode = state.mode
     note_incident(
-        watch.incident, now_ns, state.i[TICK], code, joint, moved, params.watch.brake_slip[joint],
-        mode, mode, state.i[NEXT_SEQ] - 1,
+        watch.incident, now_ns, state.tick, code, joint, moved, params.watch.brake_slip[joint],
+        mode, mode, state.next_seq - 1,
     )  # fmt: skip
-    watch.f[UNPOWERED_S] = NEVER_S
+    watch.unpowered_s = NEVER_S

@@ -23,15 +23,6 @@ from qrobot.realtime.atomics import store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.memory.mailbox import BEAT_ARMED, BEAT_T_NS, GUARD_TAKEOVER
 from qrobot.servo.state import (
-    ARMED,
-    BEGAN_NS,
-    DRIVEN,
-    IMAGE_OK,
-    IMAGE_SEEN,
-    SAFE_HEAD,
-    SAFE_IMAGE,
-    STARTED,
-    STATUS,
     ServoState,
 )
 
@@ -43,23 +34,23 @@ NONE: Final = -1
 @lean_kernel
 def keep_armed(state: ServoState, mail: Any, driven: bool) -> None:
     """Before the writes of a cycle are posted: have the guardian watch if they drive something, or if any may have."""
-    state.i[DRIVEN] = 1 if driven else 0
-    if driven and state.i[ARMED] == 0:
-        store_release(mail, BEAT_T_NS, state.i[BEGAN_NS])  # first: no silence of an unarmed servo counts
-        state.i[ARMED] = 1
-    store_release(mail, BEAT_ARMED, state.i[ARMED])
+    state.driven = 1 if driven else 0
+    if driven and state.armed == 0:
+        store_release(mail, BEAT_T_NS, state.began_ns)  # first: no silence of an unarmed servo counts
+        state.armed = 1
+    store_release(mail, BEAT_ARMED, state.armed)
 
 
 @lean_kernel
 def say_again(state: ServoState) -> bool:
     """Nothing is to be driven, but the board has not shown it yet: a write that was lost must not be the only one."""
-    return bool(state.i[DRIVEN] == 0 and state.i[ARMED] != 0)
+    return bool(state.driven == 0 and state.armed != 0)
 
 
 @lean_kernel
 def stands_down(state: ServoState, mail: Any) -> bool:
     """The servo may end: its board carries nothing, it has never written to it, or the guardian has taken it."""
-    return bool(state.i[ARMED] == 0 or state.i[STARTED] == 0 or mail[GUARD_TAKEOVER] != 0)
+    return bool(state.armed == 0 or state.started == 0 or mail[GUARD_TAKEOVER] != 0)
 
 
 @lean_kernel
@@ -69,27 +60,25 @@ def disarm_when_safe(state: ServoState, mail: Any, board: Any, posted: bool) -> 
     Args:
         posted: the lane has taken this cycle's list.
     """
-    if state.i[ARMED] == 0 or state.i[STARTED] == 0:
+    if state.armed == 0 or state.started == 0:
         return
     head = posted_so_far(board, SERVO_LANE)
-    if (
-        state.i[DRIVEN] != 0 or mail[GUARD_TAKEOVER] != 0 or head < state.i[SAFE_HEAD]
-    ):  # the last: another board's memory
-        state.i[SAFE_HEAD], state.i[SAFE_IMAGE] = NONE, NONE
-    elif state.i[SAFE_HEAD] == NONE:
-        state.i[SAFE_HEAD] = head if posted else NONE
-    elif state.i[SAFE_IMAGE] == NONE:
-        if taken_so_far(board, SERVO_LANE) >= state.i[SAFE_HEAD]:
-            state.i[SAFE_IMAGE] = state.i[IMAGE_SEEN]
-    elif state.i[IMAGE_SEEN] < state.i[SAFE_IMAGE]:
-        state.i[SAFE_HEAD], state.i[SAFE_IMAGE] = NONE, NONE  # a board that began to count anew
+    if state.driven != 0 or mail[GUARD_TAKEOVER] != 0 or head < state.safe_head:  # the last: another board's memory
+        state.safe_head, state.safe_image = NONE, NONE
+    elif state.safe_head == NONE:
+        state.safe_head = head if posted else NONE
+    elif state.safe_image == NONE:
+        if taken_so_far(board, SERVO_LANE) >= state.safe_head:
+            state.safe_image = state.image_seen
+    elif state.image_seen < state.safe_image:
+        state.safe_head, state.safe_image = NONE, NONE  # a board that began to count anew
     elif _shown_off(state):
-        state.i[ARMED] = 0
+        state.armed = 0
         store_release(mail, BEAT_ARMED, 0)
 
 
 @lean_kernel
 def _shown_off(state: ServoState) -> bool:
     """The newest image was made after the safe list was taken, and shows no power."""
-    new = state.i[IMAGE_SEEN] - state.i[SAFE_IMAGE] >= IMAGES_TO_SHOW
-    return bool(new and state.i[IMAGE_OK] != 0 and state.i[STATUS] & STATUS_POWER == 0)
+    new = state.image_seen - state.safe_image >= IMAGES_TO_SHOW
+    return bool(new and state.image_ok != 0 and state.status & STATUS_POWER == 0)

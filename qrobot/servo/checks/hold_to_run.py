@@ -13,7 +13,7 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.memory.mailbox import COMMAND_HELD_NS, COMMAND_HELD_STREAM
 from qrobot.servo.modes import Mode
 from qrobot.servo.stages.mode_machine import report_fault
-from qrobot.servo.state import MODE, STREAM, ServoState
+from qrobot.servo.state import ServoState
 
 HOLD_TO_RUN: Final = int(FaultCode.HOLD_TO_RUN)
 TRACKING: Final = int(Mode.TRACKING)
@@ -31,10 +31,10 @@ def key_is_held(asked: int, stream: int, held_ns: int, now_ns: int) -> bool:
 @lean_kernel
 def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
     """Stop an arm that moves without its key."""
-    if state.i[MODE] != TRACKING:
+    if state.mode != TRACKING:
         return
     held_ns = mail[COMMAND_HELD_NS]
-    if key_is_held(mail[COMMAND_HELD_STREAM], state.i[STREAM], held_ns, now_ns):
+    if key_is_held(mail[COMMAND_HELD_STREAM], state.stream, held_ns, now_ns):
         return
     for j in range(state.v_ref.size):
         if state.v_ref[j] != 0.0 or state.torque_setpoint[j] != 0.0:

@@ -7,9 +7,8 @@ calibrated any more. Only with a calibration table, whose phases have been check
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
-
-import numpy as np
+from dataclasses import dataclass
+from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
@@ -21,24 +20,19 @@ from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
 ENC_LOSS: Final = int(FaultCode.ENC_LOSS)
 LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two early or late
 
-# indexes into `IndexWatch.i`
-(
-    ARMED,  # bits of the latches that are armed, as in DISCRETE
-    REARM,  # bits of those to arm in this cycle
-    VALID_AT,  # count of the first image whose flags count
-    N_WATCH_INTEGERS,
-) = range(4)
 
-
-class IndexWatch(NamedTuple):
+@dataclass(eq=False)
+class IndexWatch:
     """What the watch remembers."""
 
-    i: Any  # int64[N_WATCH_INTEGERS]
+    armed: int = 0  # bits of the latches that are armed, as in DISCRETE
+    rearm: int = 0  # bits of those to arm in this cycle
+    valid_at: int = 0  # count of the first image whose flags count
 
 
 def make_index_watch() -> IndexWatch:
     """Nothing armed."""
-    return IndexWatch(np.zeros(N_WATCH_INTEGERS, np.int64))
+    return IndexWatch()
 
 
 @lean_kernel
@@ -57,11 +51,11 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
     """
     watch, n = state.index_watch, state.raw.size
     every = ((1 << n) - 1) * INDEX_BIT_0
-    seen = watch.i[ARMED] & ~status & every
-    watch.i[REARM] = every & ~watch.i[ARMED]
-    if seen == 0 or state.image[IMAGE_COUNT] < watch.i[VALID_AT]:
+    seen = watch.armed & ~status & every
+    watch.rearm = every & ~watch.armed
+    if seen == 0 or state.image[IMAGE_COUNT] < watch.valid_at:
         return 0, NO_JOINT
-    watch.i[REARM] |= seen
+    watch.rearm |= seen
     for j in range(n):
         if seen & INDEX_BIT_0 << j:
             latched = state.image[IMAGE_INPUTS + ENC_INDEX // 2 + j]
@@ -74,16 +68,16 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
 @lean_kernel
 def stop_watching(state: Any) -> None:
     """Let the latches be; whoever arms them next presets them first."""
-    state.index_watch.i[ARMED], state.index_watch.i[REARM] = 0, 0
+    state.index_watch.armed, state.index_watch.rearm = 0, 0
 
 
 @lean_kernel
 def post_index_watch(state: Any, n: int, word: int) -> int:
     """Arm the latches that are due (mask 0, then 1) in DISCRETE `word`; returns the number of operations."""
     watch = state.index_watch
-    if watch.i[REARM] != 0:
-        n = put_write(state.ops, n, DISCRETE, word & ~watch.i[REARM])
+    if watch.rearm != 0:
+        n = put_write(state.ops, n, DISCRETE, word & ~watch.rearm)
         n = put_write(state.ops, n, DISCRETE, word)
-        watch.i[ARMED] |= watch.i[REARM]
-        watch.i[REARM], watch.i[VALID_AT] = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
+        watch.armed |= watch.rearm
+        watch.rearm, watch.valid_at = 0, state.image[IMAGE_COUNT] + IMAGES_TO_ANSWER
     return n

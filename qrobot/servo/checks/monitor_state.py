@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,28 +22,6 @@ RISE_SHARE: Final = 0.3 * 1.3 / 0.8
 RESTLESS_COUNTS: Final = 2.0  # between two counts the position loop goes on by so many, however coarse they are [A]
 IMPOSSIBLE_TORQUE: Final = 2.0  # times the torque limit: nothing stops a joint like that
 PROOF_TURNS: Final = 0.25  # of the motor, net, the way of its torque: the sign is right [A]; backlash is a hundredth
-
-# indexes into `WatchState.i`
-(
-    LATE_ROW,  # cycles in a row that were late or followed skipped ones
-    POINTS,  # points of the time grid in the present window
-    MISSES_SEEN,  # of these, late or skipped
-    SLOW_ROW,  # cycles in a row that took longer than their period
-    HEAVY_ROW,  # cycles in a row that took longer than half of it
-    WARNINGS,  # warnings since the servo started
-    LOSSES_TOLD,  # of remote modules, up to the last cycle
-    YIELDS,  # 1: the stop going on ends where the arm is, not where its reference is
-    N_INTEGERS,
-) = range(9)
-
-# indexes into `WatchState.f`
-(
-    UNPOWERED_S,  # time since power was last wanted
-    SAMPLE_S,  # between the newest two samples of the encoders
-    SWEPT,  # way of all references together, rad (m)
-    WORK,  # of the torques nobody commanded, of late, J
-    N_FLOATS,
-) = range(5)
 
 
 class WatchParams(NamedTuple):
@@ -72,11 +51,10 @@ class WatchParams(NamedTuple):
     window_points: int
 
 
-class WatchState(NamedTuple):
+@dataclass(eq=False)
+class WatchState:
     """Mutable arrays. Vectors have shape (n,) and SI units."""
 
-    i: Any
-    f: Any
     load: Any  # gravity at the measured pose on every joint, N m (N)
     expected: Any  # momentum the torques account for, N m s (N s)
     push: Any  # torque nobody commanded, N m (N)
@@ -104,6 +82,18 @@ class WatchState(NamedTuple):
     clipped_s: Any  # for how long the torque has been at its limit
     q_parked: Any  # where the arm came to rest without power
     incident: Any  # int64[INCIDENT_WORDS], see `servo.memory.stop_record`
+    late_row: int = 0  # cycles in a row that were late or followed skipped ones
+    points: int = 0  # points of the time grid in the present window
+    misses_seen: int = 0  # of these, late or skipped
+    slow_row: int = 0  # cycles in a row that took longer than their period
+    heavy_row: int = 0  # cycles in a row that took longer than half of it
+    warnings: int = 0  # warnings since the servo started
+    losses_told: int = 0  # of remote modules, up to the last cycle
+    yields: int = 0  # 1: the stop going on ends where the arm is, not where its reference is
+    unpowered_s: float = 0.0  # time since power was last wanted
+    sample_s: float = 0.0  # between the newest two samples of the encoders
+    swept: float = 0.0  # way of all references together, rad (m)
+    work: float = 0.0  # of the torques nobody commanded, of late, J
 
 
 def watch_params(robot: Robot, settings: ServoSettings) -> WatchParams:
@@ -153,7 +143,7 @@ def make_watch_state(n: int) -> WatchState:
         return np.zeros(size, dtype=np.int64)
 
     return WatchState(
-        i=integers(N_INTEGERS), f=np.zeros(N_FLOATS), load=vector(), expected=vector(), push=vector(),
+        load=vector(), expected=vector(), push=vector(),
         over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),

@@ -26,24 +26,19 @@ from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import MOST_SILENCES, has_table, pot_residue
 from qrobot.servo.calibration.state import (
     IMPLAUSIBLE,
-    JOINT_NOW,
     PLAUSIBLE,
     PROVEN,
     REFUTED,
     SILENT,
-    STAGE,
-    SUSPECT,
-    TIMEOUTS_BEFORE,
     UNJUDGED,
     UNPROVEN,
-    VERDICT,
     Stage,
 )
 from qrobot.servo.checks.dead_encoder import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import REVISION_E, TIMEOUTS
-from qrobot.servo.state import MODE, REVISION, TICK, ServoState
+from qrobot.servo.stages.converter import REVISION_E
+from qrobot.servo.state import ServoState
 
 TURN_TICKS: Final = 32  # so many cycles a turn of the converter,
 POT_TICKS: Final = 8  # and of these for potentiometers, beside sensors [A]
@@ -62,9 +57,9 @@ def wanted_channels(params: ServoParameters, state: ServoState) -> int:
     """ADC channels to sample now: the sensors', and potentiometers as long as they are needed. A bit each."""
     if not has_table(params):
         return int(params.sensor_mask | _unchecked_channels(params, state))
-    if state.cal.i[STAGE] == SWEEPING:  # nothing else, so that every turn has many readings
-        return int(1 << params.pot_channel[state.cal.i[JOINT_NOW]])
-    verdict = state.pots.i[VERDICT]
+    if state.cal.stage == SWEEPING:  # nothing else, so that every turn has many readings
+        return int(1 << params.pot_channel[state.cal.joint_now])
+    verdict = state.pots.verdict
     if verdict == IMPLAUSIBLE or (verdict == PLAUSIBLE and not compared_now(params, state)):
         return int(params.sensor_mask)
     return int(params.sensor_mask | pot_channels(params, state))
@@ -73,7 +68,7 @@ def wanted_channels(params: ServoParameters, state: ServoState) -> int:
 @lean_kernel
 def _unchecked_channels(params: ServoParameters, state: ServoState) -> int:
     """Channels of the potentiometers, without a table: until they were heard, and under torque; those of no sensor."""
-    verdict = state.pots.i[VERDICT]
+    verdict = state.pots.verdict
     if params.pots == 0 or verdict == SILENT or (verdict == PLAUSIBLE and not compared_now(params, state)):
         return 0
     return int(pot_channels(params, state) & ~params.sensor_mask)
@@ -88,16 +83,16 @@ def pot_channels(params: ServoParameters, state: ServoState) -> int:
         every |= bit
         if state.watch.driven[j] != 0 and state.watch.still_s[j] >= SUSPECT_S:
             suspects |= bit
-    common = suspects == 0 or not watched(state) or state.i[TICK] % TURN_TICKS < COMMON_TICKS
+    common = suspects == 0 or not watched(state) or state.tick % TURN_TICKS < COMMON_TICKS
     return every if common else suspects
 
 
 @lean_kernel
 def compared_now(params: ServoParameters, state: ServoState) -> bool:
     """The turn of the potentiometers, beside encoders under torque: always, or a quarter of the time beside sensors."""
-    if not gives_torque(state.i[MODE]):
+    if not gives_torque(state.mode):
         return False
-    return params.sensor_mask == 0 or state.i[TICK] % TURN_TICKS < POT_TICKS
+    return params.sensor_mask == 0 or state.tick % TURN_TICKS < POT_TICKS
 
 
 @lean_kernel
@@ -107,7 +102,7 @@ def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
     A converter that stays silent is not asked again. Power waits for none of it.
     """
     pots = state.pots
-    if has_table(params) or params.pots == 0 or pots.i[VERDICT] != UNJUDGED or gives_torque(state.i[MODE]):
+    if has_table(params) or params.pots == 0 or pots.verdict != UNJUDGED or gives_torque(state.mode):
         return
     enough = True
     for j in range(params.pot_channel.size):
@@ -115,9 +110,9 @@ def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
             _hear_pot(params, state, j)
         enough = enough and (pots.readings[j] >= HEARD or _is_a_sensor(params, j))
     if enough:
-        pots.i[VERDICT] = PLAUSIBLE
-    elif state.adc.i[TIMEOUTS] - pots.i[TIMEOUTS_BEFORE] >= MOST_SILENCES:
-        pots.i[VERDICT], pots.i[SUSPECT] = SILENT, NO_JOINT
+        pots.verdict = PLAUSIBLE
+    elif state.adc.timeouts - pots.timeouts_before >= MOST_SILENCES:
+        pots.verdict, pots.suspect = SILENT, NO_JOINT
 
 
 @lean_kernel
@@ -136,7 +131,7 @@ def _hear_pot(params: ServoParameters, state: ServoState, j: int) -> None:
 @lean_kernel
 def follow_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
     """Compare a new conversion of `channel` (-1: none) with its encoder while the motors carry torque."""
-    if channel < 0 or state.pots.i[VERDICT] != PLAUSIBLE:
+    if channel < 0 or state.pots.verdict != PLAUSIBLE:
         return
     for j in range(params.pot_channel.size):
         if params.pot_channel[j] != channel:
@@ -150,7 +145,7 @@ def follow_pots(params: ServoParameters, state: ServoState, channel: int) -> Non
 @lean_kernel
 def watched(state: ServoState) -> bool:
     """The counts are those of the pose, and stay so: they are not being calibrated."""
-    return gives_torque(state.i[MODE]) and state.i[MODE] != CALIBRATING
+    return gives_torque(state.mode) and state.mode != CALIBRATING
 
 
 @lean_kernel
@@ -164,7 +159,7 @@ def _follow_pot(params: ServoParameters, state: ServoState, j: int) -> None:
     free = state.counts[j] != pots.counts[j] or state.watch.driven[j] == 0
     pots.average[j], trusted = follow_pot(residue, pots.newest[j], pots.average[j], pots.followed[j], free, turn)
     pots.trusted[j] = 1 if trusted and (pots.followed[j] == 0 or pots.trusted[j] != 0) else 0
-    far = gone_units(turn, pots.high[j] - pots.low[j], STEP_E if state.i[REVISION] == REVISION_E else 0.0)
+    far = gone_units(turn, pots.high[j] - pots.low[j], STEP_E if state.revision == REVISION_E else 0.0)
     credible = pots.trusted[j] != 0 and pots.proof[j] != REFUTED and pots.followed[j] >= FIRST_READINGS
     off = residue - pots.average[j] if credible and not free else 0.0
     pots.gone[j] = pots.gone[j] + 1 if not abs(off) <= far else 0

@@ -16,7 +16,7 @@ from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.mode_machine import report_fault
-from qrobot.servo.state import MODE, ServoState
+from qrobot.servo.state import ServoState
 
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)
 CALIBRATING: Final = int(Mode.CALIBRATING)
@@ -27,7 +27,7 @@ MEASURED_FACTOR: Final = 1.2  # [A] of the limit: noise of the estimator, and a 
 @lean_kernel
 def watch_tool(params: ServoParameters, state: ServoState) -> None:
     """Raise what the speed of the tool calls for, where reduced speed is in force and the arm knows where it is."""
-    mode = state.i[MODE]
+    mode = state.mode
     if params.tool_speed <= 0.0 or not gives_torque(mode) or mode in (UNCALIBRATED, CALIBRATING):
         return
     chain, tip = params.dynamics.chain, (params.tip[0], params.tip[1], params.tip[2])

@@ -30,14 +30,6 @@ from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, COMMAND_SHUTDOWN, appen
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
-    BUSY_NS,
-    DISCRETE_SENT,
-    IMAGE_AGE_NS,
-    IMAGE_OK,
-    LATE,
-    MODE,
-    MODULE_LOSSES,
-    REVISION,
     ServoState,
 )
 
@@ -97,14 +89,14 @@ def wait_until(deadline_ns: int, margin_ns: int, most_ns: int = MARGIN_MAX_NS) -
 @lean_kernel
 def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
-    state.i[IMAGE_OK] = 1 if fetch_image(board, state.image) else 0
+    state.image_ok = 1 if fetch_image(board, state.image) else 0
     taken_ns = board[BOARD_TAKEN_NS] if board[BOARD_TAKEN_NS] != 0 else state.image[IMAGE_T_NS]
-    state.i[IMAGE_AGE_NS] = now_ns + late_ns - taken_ns
-    state.i[REVISION], state.i[MODULE_LOSSES] = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
+    state.image_age_ns = now_ns + late_ns - taken_ns
+    state.revision, state.module_losses = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     if not posted:
-        state.i[DISCRETE_SENT] = -1  # the board takes nothing at present: to be said again
+        state.discrete_sent = -1  # the board takes nothing at present: to be said again
     disarm_when_safe(state, mail, board, posted)
     append_telemetry(mail, state.q.size, state.row)
 
@@ -138,16 +130,16 @@ def run(
         if card[CARD_KIND] != NO_CARD:
             serve_card(card, board, started)
         finished = monotonic_ns() - slipped
-        state.i[BUSY_NS] = finished - started
-        powered = wants_power(state.i[MODE])
+        state.busy_ns = finished - started
+        powered = wants_power(state.mode)
         if load_acquire(mail, COMMAND_SHUTDOWN) == 0 or powered:
             asked_ns = deadline
         elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS:
             return ENDED
-        if state.i[IMAGE_OK] != 0:
+        if state.image_ok != 0:
             seen_ns = deadline
         elif not powered and deadline - seen_ns > away_ns:
             return BOARD_AWAY
         following = next_deadline(deadline, finished, params.period_ns)
-        state.i[LATE] += (following - deadline) // params.period_ns - 1
+        state.late += (following - deadline) // params.period_ns - 1
         deadline = following

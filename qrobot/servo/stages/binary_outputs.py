@@ -23,16 +23,6 @@ from qrobot.servo.memory.mailbox import (
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
-    DISCRETE_SENT,
-    DISCRETE_WORD,
-    IMAGE_OK,
-    MODE,
-    OUTPUT_STOPS_SEEN,
-    OUTPUTS,
-    OUTPUTS_LOCKED,
-    OUTPUTS_SENT,
-    POWER_LOCKED,
-    STATUS,
     ServoState,
 )
 
@@ -43,11 +33,11 @@ FAULTED: Final = int(Mode.FAULT)
 @lean_kernel
 def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """The arm is being stopped, or was; its board or the emergency stop is open; or nobody commands it."""
-    asked = mail[COMMAND_STOPS] != state.i[OUTPUT_STOPS_SEEN] or state.i[POWER_LOCKED] != 0
-    state.i[OUTPUT_STOPS_SEEN] = mail[COMMAND_STOPS]
-    open_chain = state.i[IMAGE_OK] == 0 or state.i[STATUS] & STATUS_ESTOP_OK == 0
+    asked = mail[COMMAND_STOPS] != state.output_stops_seen or state.power_locked != 0
+    state.output_stops_seen = mail[COMMAND_STOPS]
+    open_chain = state.image_ok == 0 or state.status & STATUS_ESTOP_OK == 0
     silent = now_ns - mail[COMMAND_OUTPUTS_NS] > params.outputs.patience_ns or mail[COMMAND_SHUTDOWN] != 0
-    return bool(asked or open_chain or silent or state.i[MODE] == STOPPING or state.i[MODE] == FAULTED)
+    return bool(asked or open_chain or silent or state.mode in (STOPPING, FAULTED))
 
 
 @lean_kernel
@@ -58,21 +48,21 @@ def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, now_ns
         return
     asked = mail[COMMAND_OUTPUTS] & lines.lines
     if stop_stands(params, state, mail, now_ns):
-        state.i[OUTPUTS_LOCKED] |= lines.off
-    state.i[OUTPUTS_LOCKED] &= asked
-    state.i[OUTPUTS] = asked & ~state.i[OUTPUTS_LOCKED]
-    word = state.i[DISCRETE_WORD] & ~DISCRETE_LINES
+        state.outputs_locked |= lines.off
+    state.outputs_locked &= asked
+    state.outputs = asked & ~state.outputs_locked
+    word = state.discrete_word & ~DISCRETE_LINES
     for k in range(N_OUTPUTS):
-        if state.i[OUTPUTS] >> k & 1 != 0:
+        if state.outputs >> k & 1 != 0:
             word |= lines.discrete[k]
-    state.i[DISCRETE_WORD] = word
-    mail[BEAT_LINES], mail[BEAT_KEPT] = lines.lines, state.i[OUTPUTS] & ~lines.off
+    state.discrete_word = word
+    mail[BEAT_LINES], mail[BEAT_KEPT] = lines.lines, state.outputs & ~lines.off
 
 
 @lean_kernel
 def post_outputs(params: ServoParameters, state: ServoState, n: int) -> int:
     """Tell the modules beside the board what is new, all of it to a board that is new; returns the list's length."""
-    if params.outputs.lines == 0 or (state.i[OUTPUTS] == state.i[OUTPUTS_SENT] and state.i[DISCRETE_SENT] >= 0):
+    if params.outputs.lines == 0 or (state.outputs == state.outputs_sent and state.discrete_sent >= 0):
         return n
-    state.i[OUTPUTS_SENT] = state.i[OUTPUTS]
-    return put_outputs(state.ops, n, state.i[OUTPUTS])
+    state.outputs_sent = state.outputs
+    return put_outputs(state.ops, n, state.outputs)

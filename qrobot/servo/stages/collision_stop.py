@@ -11,11 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.checks.monitor_state import YIELDS
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.interpolator import line_through
-from qrobot.servo.state import MODE, PHASE, RATE, RATE_AT_STOP, ServoState
+from qrobot.servo.state import ServoState
 
 STOPPING: Final = int(Mode.STOPPING)
 FELT_SHARE: Final = 0.5  # of the unexplained torque: smaller pushes may be the model's [A]
@@ -24,13 +23,13 @@ FELT_SHARE: Final = 0.5  # of the unexplained torque: smaller pushes may be the 
 @lean_kernel
 def give_way(params: ServoParameters, state: ServoState) -> None:
     """After a collision: let the reference of each joint that is held back stand where the joint is."""
-    if state.watch.i[YIELDS] == 0:
+    if state.watch.yields == 0:
         return
     for j in range(state.q.size):
         felt = FELT_SHARE * params.watch.unexplained[j]
         if is_held_back(state.watch.push[j], state.v_ref[j], felt):
             state.watch.gave_way[j] = state.v_ref[j]
-            line_through(state.knots, params.first_knot, j, state.f[PHASE], state.q[j], 0.0)
+            line_through(state.knots, params.first_knot, j, state.phase, state.q[j], 0.0)
             state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
 
 
@@ -47,14 +46,14 @@ def thrown_speed(state: ServoState, j: int) -> float:
     What throws it back faster has more than the arm brought along; what drives it on is no obstacle at all.
     """
     gave_way = state.watch.gave_way[j]
-    if state.i[MODE] != STOPPING or state.watch.i[YIELDS] == 0 or state.v[j] * gave_way >= 0.0:
+    if state.mode != STOPPING or state.watch.yields == 0 or state.v[j] * gave_way >= 0.0:
         return 0.0
-    return float(abs(gave_way) * state.f[RATE] / state.f[RATE_AT_STOP])
+    return float(abs(gave_way) * state.rate / state.rate_at_stop)
 
 
 @lean_kernel
 def forget_yielding(state: ServoState) -> None:
     """The next stop is an ordinary one."""
-    state.watch.i[YIELDS] = 0
+    state.watch.yields = 0
     for j in range(state.q.size):
         state.watch.gave_way[j] = 0.0

@@ -17,7 +17,8 @@ and its channel reads NaN until one succeeds: a law that needs it stops the arm 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -43,29 +44,22 @@ from qrobot.realtime.jit import lean_kernel
 REVISION_E: Final = ord("E")  # as BOARD_REVISION has it; whatever else stands there is read as revision F
 IMAGES_TO_ANSWER: Final = 2
 
-# indexes into `AdcState.i`
-(
-    CHANNEL,  # being converted, or the one before
-    BUSY,  # 1 while a conversion is under way
-    ANSWER_AT,  # count of the first image that can answer
-    WAITED,  # cycles this conversion has taken
-    TIMEOUTS,  # conversions given up
-    N_ADC_INTEGERS,
-) = range(6)
 
-
-class AdcState(NamedTuple):
+@dataclass(eq=False)
+class AdcState:
     """What the sampling remembers from cycle to cycle."""
 
-    i: Any  # int64[N_ADC_INTEGERS]
     done: Any  # int64[8] conversions of each channel so far
+    channel: int = N_ADCS - 1  # being converted, or the one before
+    busy: int = 0  # 1 while a conversion is under way
+    answer_at: int = 0  # count of the first image that can answer
+    waited: int = 0  # cycles this conversion has taken
+    timeouts: int = 0  # conversions given up
 
 
 def make_adc_state() -> AdcState:
     """Nothing sampled yet; the first conversion is that of the lowest channel wanted."""
-    integers = np.zeros(N_ADC_INTEGERS, dtype=np.int64)
-    integers[CHANNEL] = N_ADCS - 1
-    return AdcState(integers, np.zeros(N_ADCS, dtype=np.int64))
+    return AdcState(np.zeros(N_ADCS, dtype=np.int64))
 
 
 @lean_kernel
@@ -79,20 +73,20 @@ def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: 
     Returns:
         The channel that has a new value, or -1.
     """
-    if adc.i[BUSY] == 0:
+    if adc.busy == 0:
         return -1
-    adc.i[WAITED] += 1
-    channel = adc.i[CHANNEL]
-    answered = image[IMAGE_COUNT] >= adc.i[ANSWER_AT]
+    adc.waited += 1
+    channel = adc.channel
+    answered = image[IMAGE_COUNT] >= adc.answer_at
     if answered and image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY == 0:
         sensors[channel] = code_volts(image[IMAGE_INPUTS + ADC_VALUE // 2], revision)
         adc.done[channel] += 1
-        adc.i[BUSY] = 0
+        adc.busy = 0
         return int(channel)
-    if adc.i[WAITED] > patience:
+    if adc.waited > patience:
         sensors[channel] = math.nan
-        adc.i[TIMEOUTS] += 1
-        adc.i[BUSY] = 0
+        adc.timeouts += 1
+        adc.busy = 0
     return -1
 
 
@@ -112,11 +106,11 @@ def start_sample(adc: Any, ops: Any, n: int, word: int, wanted: int, count: int,
         adc: `AdcState`. ops: list of operations with `n` in it. word: DISCRETE as it is to stand, done mask set.
         wanted: bit per channel, not 0. count: count of the newest image.
     """
-    if adc.i[BUSY] != 0:
+    if adc.busy != 0:
         return n
-    channel = next_channel(adc.i[CHANNEL], wanted)
-    adc.i[CHANNEL], adc.i[BUSY], adc.i[WAITED] = channel, 1, 0
-    adc.i[ANSWER_AT] = count + IMAGES_TO_ANSWER
+    channel = next_channel(adc.channel, wanted)
+    adc.channel, adc.busy, adc.waited = channel, 1, 0
+    adc.answer_at = count + IMAGES_TO_ANSWER
     n = put_write(ops, n, DISCRETE, word & ~DISCRETE_ADC)
     if revision == REVISION_E:
         n = put_write(ops, n, ADC_MUX, channel)

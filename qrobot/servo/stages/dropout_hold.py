@@ -12,25 +12,25 @@ from __future__ import annotations
 
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.modes import gives_torque
-from qrobot.servo.state import DT, MODE, UNSEEN, ServoState
+from qrobot.servo.state import ServoState
 
 
 @lean_kernel
 def lose_sight(state: ServoState) -> None:
     """A cycle without a sample: from now on the joints are carried on."""
-    if state.i[UNSEEN] == 0:
+    if state.unseen == 0:
         for j in range(state.v.size):
             state.v_seen[j] = state.v[j]
-    state.i[UNSEEN] = 1
+    state.unseen = 1
 
 
 @lean_kernel
 def see_again(state: ServoState) -> None:
     """Go by what was seen again; the caller takes the positions from the counts."""
-    if state.i[UNSEEN] != 0:
+    if state.unseen != 0:
         for j in range(state.v.size):
             state.v[j] = state.v_seen[j]
-    state.i[UNSEEN] = 0
+    state.unseen = 0
 
 
 @lean_kernel
@@ -43,11 +43,11 @@ def note_lag(state: ServoState) -> None:
 @lean_kernel
 def hold_through_dropout(state: ServoState) -> None:
     """Once the reference of this cycle is known: note the lag of joints that are seen, carry on those that are not."""
-    if not gives_torque(state.i[MODE]):
+    if not gives_torque(state.mode):
         return
-    if state.i[UNSEEN] == 0:
+    if state.unseen == 0:
         note_lag(state)
         return
     for j in range(state.q.size):
-        state.lag[j] += state.lag_rate[j] * state.f[DT]
+        state.lag[j] += state.lag_rate[j] * state.dt
         state.q[j], state.v[j] = state.q_ref[j] - state.lag[j], state.v_ref[j] - state.lag_rate[j]

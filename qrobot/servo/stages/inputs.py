@@ -22,7 +22,7 @@ from qrobot.model.transmission import (
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.calibration.procedure import see_load
-from qrobot.servo.calibration.state import STAGE, Stage
+from qrobot.servo.calibration.state import Stage
 from qrobot.servo.checks.fault_monitors import follow_counts
 from qrobot.servo.checks.limit_checks import (
     RUNAWAY,
@@ -32,8 +32,7 @@ from qrobot.servo.checks.limit_checks import (
     check_range,
     check_velocity,
 )
-from qrobot.servo.checks.lost_counts import ARMED, check_indexes, stop_watching
-from qrobot.servo.checks.monitor_state import UNPOWERED_S
+from qrobot.servo.checks.lost_counts import check_indexes, stop_watching
 from qrobot.servo.checks.potentiometer_monitor import follow_pots, hear_pots
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
@@ -43,23 +42,9 @@ from qrobot.servo.stages.mode_machine import narrow_range, report_fault
 from qrobot.servo.stages.velocity import Estimator, difference, observe, start_observer
 from qrobot.servo.stages.wrench import measure_wrench
 from qrobot.servo.state import (
-    ADOPT,
     ADOPT_BOARD,
     ADOPT_JUMPED,
     ADOPT_NOTHING,
-    DISCRETE_SENT,
-    DISCRETE_WORD,
-    GLITCHES,
-    IMAGE_AGE_NS,
-    IMAGE_OK,
-    IMAGE_SEEN,
-    MODE,
-    READ_NS,
-    REVISION,
-    SAMPLE_DT,
-    STARTED,
-    STATUS,
-    UNCHANGED,
     ServoState,
 )
 
@@ -78,21 +63,21 @@ def read(params: ServoParameters, state: ServoState) -> None:
 
     An image that is new by its count but as old as a board may be silent is none of the present: it counts as missing.
     """
-    whole = state.i[IMAGE_OK] != 0
-    fresh = whole and state.image[IMAGE_COUNT] != state.i[IMAGE_SEEN] and state.i[IMAGE_AGE_NS] <= params.image_age_ns
-    state.i[UNCHANGED] = 0 if fresh else state.i[UNCHANGED] + 1
+    whole = state.image_ok != 0
+    fresh = whole and state.image[IMAGE_COUNT] != state.image_seen and state.image_age_ns <= params.image_age_ns
+    state.unchanged = 0 if fresh else state.unchanged + 1
     if whole:
-        state.i[IMAGE_SEEN] = state.image[IMAGE_COUNT]
-        state.i[STATUS] = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
-    code = check_image(state.i[UNCHANGED], params.unchanged_images, state.i[IMAGE_SEEN], state.i[STATUS])
-    state.i[IMAGE_OK] = 1 if code == 0 else 0
-    if state.i[IMAGE_OK] == 0 and not wants_power(state.i[MODE]):
-        state.i[ADOPT] = ADOPT_BOARD  # it may come back as another one
-    if fresh and state.i[IMAGE_OK] != 0:
+        state.image_seen = state.image[IMAGE_COUNT]
+        state.status = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+    code = check_image(state.unchanged, params.unchanged_images, state.image_seen, state.status)
+    state.image_ok = 1 if code == 0 else 0
+    if state.image_ok == 0 and not wants_power(state.mode):
+        state.adopt = ADOPT_BOARD  # it may come back as another one
+    if fresh and state.image_ok != 0:
         read_encoders(params, state)
-    channel = collect_sample(state.adc, state.sensors, state.image, state.i[REVISION], params.adc_patience)
-    measure_wrench(params.wrench, state.sensors, state.adc.done, state.i[IMAGE_OK] != 0, state.wrench)
-    if state.i[STARTED] != 0:
+    channel = collect_sample(state.adc, state.sensors, state.image, state.revision, params.adc_patience)
+    measure_wrench(params.wrench, state.sensors, state.adc.done, state.image_ok != 0, state.wrench)
+    if state.started != 0:
         watch_pots(params, state, channel)
         hear_pots(params, state, channel)
         gather_pot(params, state, channel)
@@ -104,22 +89,22 @@ def read_encoders(params: ServoParameters, state: ServoState) -> None:
     """Counts from the encoder words of a good image."""
     first = IMAGE_INPUTS + ENC_COUNT // 2
     words = state.image[first : first + state.raw.size]
-    if state.i[ADOPT] != ADOPT_NOTHING:
+    if state.adopt != ADOPT_NOTHING:
         adopt(params, state, words)
-    if state.cal.i[STAGE] == LOADING and see_load(params, state, words):
+    if state.cal.stage == LOADING and see_load(params, state, words):
         return
-    since_ns = state.image[IMAGE_T_NS] - state.i[READ_NS]
+    since_ns = state.image[IMAGE_T_NS] - state.read_ns
     periods = max(1, (since_ns + params.period_ns // 2) // params.period_ns)
-    state.i[READ_NS] = state.image[IMAGE_T_NS]
-    state.f[SAMPLE_DT] += since_ns * 1e-9
+    state.read_ns = state.image[IMAGE_T_NS]
+    state.sample_dt += since_ns * 1e-9
     for j in range(state.raw.size):
         state.jump[j] = params.jump_counts[j] * periods
     joint = unwrap_counts(words, state.raw, state.counts, state.jump)
     if joint == NO_JOINT:
-        state.i[GLITCHES] = 0
+        state.glitches = 0
         return
-    state.i[GLITCHES] += 1
-    if state.i[GLITCHES] >= GLITCHES_TO_FAULT:
+    state.glitches += 1
+    if state.glitches >= GLITCHES_TO_FAULT:
         report_fault(state, ENC_JUMP, joint)
 
 
@@ -134,16 +119,16 @@ def adopt(params: ServoParameters, state: ServoState, words: Any) -> None:
         state.counts[j] = signed_word(words[j])
     counts_to_joint(state.counts, params.transmission, state.q_before)
     start_observer(state.q_before, state.observed, state.v, state.unmodelled)
-    kept = state.i[STATUS] & params.scratch_bits
-    if state.i[ADOPT] == ADOPT_JUMPED:
+    kept = state.status & params.scratch_bits
+    if state.adopt == ADOPT_JUMPED:
         kept &= ~STATUS_CALIBRATED
-    state.i[DISCRETE_WORD] = kept | DISCRETE_HAND_RELAXED
-    state.i[DISCRETE_SENT] = -1
-    state.i[GLITCHES] = 0
-    state.i[READ_NS] = state.image[IMAGE_T_NS] - params.period_ns
-    state.i[ADOPT] = ADOPT_NOTHING
-    state.watch.f[UNPOWERED_S] = 0.0  # where the arm is parked has to be seen anew
-    state.i[STARTED] = 1
+    state.discrete_word = kept | DISCRETE_HAND_RELAXED
+    state.discrete_sent = -1
+    state.glitches = 0
+    state.read_ns = state.image[IMAGE_T_NS] - params.period_ns
+    state.adopt = ADOPT_NOTHING
+    state.watch.unpowered_s = 0.0  # where the arm is parked has to be seen anew
+    state.started = 1
     forget_pots(state)
 
 
@@ -154,17 +139,17 @@ def estimate(params: ServoParameters, state: ServoState) -> None:
     The time between two samples is the board's: a board or a servo that stalled and caught up shows no false speed.
     Without a new sample, or with a joint held back, that time goes on counting, and joints under torque are carried on.
     """
-    if state.i[STARTED] == 0:
+    if state.started == 0:
         return
-    sampled = state.i[GLITCHES] == 0 and state.f[SAMPLE_DT] > 0.0
-    if not sampled and gives_torque(state.i[MODE]):
+    sampled = state.glitches == 0 and state.sample_dt > 0.0
+    if not sampled and gives_torque(state.mode):
         lose_sight(state)
         return
     see_again(state)
     counts_to_joint(state.counts, params.transmission, state.q)
     if not sampled:
         return
-    dt, state.f[SAMPLE_DT] = state.f[SAMPLE_DT], 0.0
+    dt, state.sample_dt = state.sample_dt, 0.0
     if params.estimator == OBSERVER:
         model_push(params, state)
         observe(
@@ -185,7 +170,7 @@ def model_push(params: ServoParameters, state: ServoState) -> None:
     Off the diagonal of the mass matrix nothing is modelled, and nothing of drives that close their own loop: the
     observer finds it.
     """
-    driven = gives_torque(state.i[MODE]) and params.position_drives == 0
+    driven = gives_torque(state.mode) and params.position_drives == 0
     for j in range(state.q.size):
         excess = state.tau[j] - state.gravity[j] - state.friction[j]
         state.scratch[j] = excess / params.inertia[j] if driven else 0.0
@@ -194,10 +179,10 @@ def model_push(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def watch_arm(params: ServoParameters, state: ServoState) -> None:
     """Raise what the measured motion calls for while the motors carry torque."""
-    mode = state.i[MODE]
-    if state.index_watch.i[ARMED] != 0 and (not gives_torque(mode) or mode in (UNCALIBRATED, CALIBRATING)):
+    mode = state.mode
+    if state.index_watch.armed != 0 and (not gives_torque(mode) or mode in (UNCALIBRATED, CALIBRATING)):
         stop_watching(state)
-        state.i[DISCRETE_WORD] &= ~DISCRETE_INDEX
+        state.discrete_word &= ~DISCRETE_INDEX
     if not gives_torque(mode):
         return
     code, joint = check_velocity(state.v, params.v_max, params.velocity_factor)
@@ -207,7 +192,7 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     code, joint = check_following(state.q_ref, state.q, params.following_error)
     if code != NONE:
         report_fault(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
-    if state.i[MODE] not in (UNCALIBRATED, CALIBRATING):
+    if state.mode not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)
         if code != NONE:
@@ -219,10 +204,10 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def watch_indexes(params: ServoParameters, state: ServoState) -> None:
     """Look for lost counts; counters that have some are not calibrated any more."""
-    if not has_table(params) or state.i[IMAGE_OK] == 0:
+    if not has_table(params) or state.image_ok == 0:
         return
-    state.i[DISCRETE_WORD] |= DISCRETE_INDEX
-    code, joint = check_indexes(params.transmission, params.index_phase, state, state.i[STATUS])
+    state.discrete_word |= DISCRETE_INDEX
+    code, joint = check_indexes(params.transmission, params.index_phase, state, state.status)
     report_fault(state, code, joint)
     if code != 0:
-        state.i[DISCRETE_WORD] &= ~DISCRETE_CALIBRATED
+        state.discrete_word &= ~DISCRETE_CALIBRATED

@@ -16,18 +16,11 @@ from qrobot.servo.calibration.state import (
     DEFAULT_INDEXES,
     FEWEST_INDEXES,
     IMPLAUSIBLE,
-    JOINT_NOW,
     MOST_INDEXES,
     PLAUSIBLE,
-    SPEED,
-    STAGE,
-    SUSPECT,
-    VERDICT,
-    WANTED,
     Stage,
 )
 from qrobot.servo.checks.limit_checks import category_of
-from qrobot.servo.checks.monitor_state import YIELDS
 from qrobot.servo.event import note_event
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
 from qrobot.servo.memory.mailbox import (
@@ -52,36 +45,7 @@ from qrobot.servo.stages.dropout_hold import note_lag
 from qrobot.servo.stages.interpolator import line_through, rest_at, room_duration, stop_duration
 from qrobot.servo.stages.setpoint_stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
 from qrobot.servo.state import (
-    ADOPT,
     ADOPT_JUMPED,
-    AFTER_STOP,
-    CALIBRATES_SEEN,
-    CLEAR_UNTIL_NS,
-    CLEARS_SEEN,
-    DISCRETE_WORD,
-    FAULT,
-    GLITCHES,
-    IMAGE_OK,
-    JOINT,
-    LAW_FAILED,
-    MODE,
-    NEXT_SEQ,
-    OFFS_SEEN,
-    PENDING,
-    PENDING_JOINT,
-    PENDING_LIMIT,
-    PENDING_VALUE,
-    PHASE,
-    POWER_LOCKED,
-    POWER_SEEN,
-    POWERING_SINCE_NS,
-    RATE,
-    RATE_AT_STOP,
-    STATUS,
-    STOP_SECONDS,
-    STOP_SINCE_NS,
-    STOPS_SEEN,
-    TICK,
     ServoState,
 )
 
@@ -123,19 +87,19 @@ def report_fault(state: ServoState, code: int, joint: int = NO_JOINT, value: flo
     `value` was measured where `limit` is allowed, in the unit of `faultcodes.quantity_of`. In FAULT nothing
     worse can come, and the event says what became of a clear.
     """
-    if code == 0 or state.i[MODE] == FAULTED:
+    if code == 0 or state.mode == FAULTED:
         return
-    if state.i[PENDING] == 0 or category_of(code) < category_of(state.i[PENDING]):
-        state.i[PENDING] = code
-        state.i[PENDING_JOINT] = joint
-        state.f[PENDING_VALUE], state.f[PENDING_LIMIT] = value, limit
+    if state.pending == 0 or category_of(code) < category_of(state.pending):
+        state.pending = code
+        state.pending_joint = joint
+        state.pending_value, state.pending_limit = value, limit
 
 
 @lean_kernel
 def set_mode(state: ServoState, mode: int) -> None:
     """Change mode, if the table has such a transition."""
-    if may_follow(state.i[MODE], mode):
-        state.i[MODE] = mode
+    if may_follow(state.mode, mode):
+        state.mode = mode
 
 
 @lean_kernel
@@ -185,26 +149,26 @@ def _end_torque_mode(params: ServoParameters, state: ServoState) -> None:
             state.joint_modes[j] = POSITION_SETPOINT
             state.torque_setpoint[j] = 0.0
             state.v_ref[j] = state.v[j]
-            line_through(state.knots, params.first_knot, j, state.f[PHASE], state.q[j], state.v[j] / state.f[RATE])
+            line_through(state.knots, params.first_knot, j, state.phase, state.q[j], state.v[j] / state.rate)
 
 
 @lean_kernel
 def begin_stop(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, after: int) -> None:
     """Start a controlled stop on the path; `after` is the mode it ends in. A worse end replaces a milder one."""
-    if state.i[MODE] == STOPPING:
-        if after == FAULTED or state.i[AFTER_STOP] == HOLDING:
-            state.i[AFTER_STOP] = after
+    if state.mode == STOPPING:
+        if after == FAULTED or state.after_stop == HOLDING:
+            state.after_stop = after
         return
     end_stream(state, mail)
     _end_torque_mode(params, state)
-    state.i[AFTER_STOP] = after
-    state.i[STOP_SINCE_NS] = now_ns
-    state.f[RATE_AT_STOP] = state.f[RATE]
+    state.after_stop = after
+    state.stop_since_ns = now_ns
+    state.rate_at_stop = state.rate
     gentle = stop_duration(state.v_ref, params.a_stop, params.shortest_stop_s)
     room = room_duration(
         state.q_ref, state.v_ref, state.range_min, state.range_max, params.stop_overshoot_s, params.range_margin
     )
-    state.f[STOP_SECONDS] = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
+    state.stop_seconds = max(params.shortest_stop_s, min(gentle, room))  # harder rather than out of range
     set_mode(state, STOPPING)
 
 
@@ -222,10 +186,10 @@ def guardian_alive(params: ServoParameters, mail: Any, now_ns: int) -> bool:
 @lean_kernel
 def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Raise what the board, the guardian and the operator's chain call for."""
-    mode, status = state.i[MODE], state.i[STATUS]
+    mode, status = state.mode, state.status
     if mail[GUARD_TAKEOVER] != 0:
         report_fault(state, GUARD_TRIP)
-    if state.i[IMAGE_OK] == 0:
+    if state.image_ok == 0:
         if mode == OFF:
             note_event(state, BOARD_GONE)  # nothing is driven: no fault, but no power either
         else:
@@ -250,36 +214,36 @@ def _at_rest(state: ServoState) -> bool:
 @lean_kernel
 def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Power is wanted: grant the request or say why not."""
-    if state.i[IMAGE_OK] == 0:
+    if state.image_ok == 0:
         note_event(state, BOARD_GONE)
-    elif state.i[STATUS] & STATUS_ESTOP_OK == 0:
+    elif state.status & STATUS_ESTOP_OK == 0:
         note_event(state, ESTOP)
     elif not guardian_alive(params, mail, now_ns):
         note_event(state, GUARD_LOST)
     elif not _at_rest(state):
         note_event(state, MOVING_AT_START)
     elif not pots_judged(params, state):
-        state.i[POWER_SEEN] = 0  # as if asked in the next cycle: the potentiometers are being read
+        state.power_seen = 0  # as if asked in the next cycle: the potentiometers are being read
         note_event(state, NONE)  # what was said of an earlier request is no answer to this one
-    elif has_table(params) and state.pots.i[VERDICT] > PLAUSIBLE:
-        note_event(state, CAL_MISMATCH, state.pots.i[SUSPECT])
+    elif has_table(params) and state.pots.verdict > PLAUSIBLE:
+        note_event(state, CAL_MISMATCH, state.pots.suspect)
     else:
         note_event(state, NONE)
-        state.i[POWERING_SINCE_NS] = now_ns
+        state.powering_since_ns = now_ns
         set_mode(state, POWERING)
 
 
 @lean_kernel
 def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
-    if state.i[STATUS] & STATUS_POWER != 0:
+    if state.status & STATUS_POWER != 0:
         hold_position(state)
         allow_range(params, state)
         for k in range(state.memory.size):
             state.memory[k] = 0.0
         forget_bias(state.swap)
         drop_all_frames(mail)
-        set_mode(state, HOLDING if state.i[STATUS] & STATUS_CALIBRATED != 0 else UNCALIBRATED)
-    elif now_ns - state.i[POWERING_SINCE_NS] > params.power_timeout_ns:
+        set_mode(state, HOLDING if state.status & STATUS_CALIBRATED != 0 else UNCALIBRATED)
+    elif now_ns - state.powering_since_ns > params.power_timeout_ns:
         note_event(state, POWER_NO_ACK)
         set_mode(state, OFF)
 
@@ -287,9 +251,9 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
 @lean_kernel
 def _forget_calibration(state: ServoState) -> None:
     """Without power, asked to calibrate counters that the potentiometers contradict: they are not calibrated at all."""
-    if state.pots.i[VERDICT] == IMPLAUSIBLE:
-        state.i[DISCRETE_WORD] &= ~STATUS_CALIBRATED
-        state.i[ADOPT] = ADOPT_JUMPED
+    if state.pots.verdict == IMPLAUSIBLE:
+        state.discrete_word &= ~STATUS_CALIBRATED
+        state.adopt = ADOPT_JUMPED
         note_event(state, NONE)
 
 
@@ -300,8 +264,8 @@ def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) 
         note_event(state, CAL_NO_TABLE)
         return
     wanted = indexes if indexes > 0 else DEFAULT_INDEXES
-    state.cal.i[WANTED] = min(max(wanted, FEWEST_INDEXES), MOST_INDEXES)
-    state.cal.i[STAGE], state.cal.f[SPEED] = STAGE_IDLE, 0.0
+    state.cal.wanted = min(max(wanted, FEWEST_INDEXES), MOST_INDEXES)
+    state.cal.stage, state.cal.speed = STAGE_IDLE, 0.0
     note_event(state, NONE)
     set_mode(state, CALIBRATING)
 
@@ -309,11 +273,11 @@ def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) 
 @lean_kernel
 def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
     """Begin a calibration when asked to, end it when asked to stop."""
-    mode = state.i[MODE]
-    asked = mail[COMMAND_CALIBRATE] != state.i[CALIBRATES_SEEN]
-    state.i[CALIBRATES_SEEN] = mail[COMMAND_CALIBRATE]
+    mode = state.mode
+    asked = mail[COMMAND_CALIBRATE] != state.calibrates_seen
+    state.calibrates_seen = mail[COMMAND_CALIBRATE]
     if mode == CALIBRATING and stopped:
-        note_event(state, CAL_STOPPED, state.cal.i[JOINT_NOW])
+        note_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)
     elif mode == UNCALIBRATED and asked:
@@ -336,31 +300,31 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
 @lean_kernel
 def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Grant a clear once the cause is gone; say so when it does not go."""
-    if state.i[CLEAR_UNTIL_NS] == 0:
+    if state.clear_until_ns == 0:
         return
     mail[BEAT_TRIPS_SEEN] = mail[GUARD_TRIPS]  # asks the guardian to hand the board back
-    estop_ok = state.i[STATUS] & STATUS_ESTOP_OK != 0
-    if state.i[IMAGE_OK] != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
-        if state.i[GLITCHES] != 0:
-            state.i[ADOPT] = ADOPT_JUMPED
-        if state.i[LAW_FAILED] != 0:
+    estop_ok = state.status & STATUS_ESTOP_OK != 0
+    if state.image_ok != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
+        if state.glitches != 0:
+            state.adopt = ADOPT_JUMPED
+        if state.law_failed != 0:
             fall_back(state.swap)
-        state.i[FAULT], state.i[LAW_FAILED], state.i[CLEAR_UNTIL_NS] = 0, 0, 0
+        state.fault, state.law_failed, state.clear_until_ns = 0, 0, 0
         note_event(state, NONE)
         set_mode(state, OFF)
-    elif now_ns > state.i[CLEAR_UNTIL_NS]:
+    elif now_ns > state.clear_until_ns:
         note_event(state, RESET_DENIED)
-        state.i[CLEAR_UNTIL_NS] = 0
+        state.clear_until_ns = 0
 
 
 @lean_kernel
 def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """The power request is gone: stop first when moving."""
-    if state.i[MODE] == TRACKING or state.i[MODE] == STOPPING:
+    if state.mode in (TRACKING, STOPPING):
         begin_stop(params, state, mail, now_ns, OFF)
-    elif state.i[MODE] != FAULTED:
-        if state.i[MODE] == CALIBRATING:
-            note_event(state, CAL_STOPPED, state.cal.i[JOINT_NOW])
+    elif state.mode != FAULTED:
+        if state.mode == CALIBRATING:
+            note_event(state, CAL_STOPPED, state.cal.joint_now)
         set_mode(state, OFF)
 
 
@@ -368,25 +332,25 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 def power_wanted(state: ServoState, mail: Any) -> int:
     """1 while the commander wants power and nobody has taken it away since they asked for it."""
     asked = mail[COMMAND_POWER] != 0
-    if mail[COMMAND_OFFS] != state.i[OFFS_SEEN]:
-        state.i[POWER_LOCKED] = 1
+    if mail[COMMAND_OFFS] != state.offs_seen:
+        state.power_locked = 1
     if not asked:
-        state.i[POWER_LOCKED] = 0
-    state.i[OFFS_SEEN] = mail[COMMAND_OFFS]
-    return 1 if asked and state.i[POWER_LOCKED] == 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
+        state.power_locked = 0
+    state.offs_seen = mail[COMMAND_OFFS]
+    return 1 if asked and state.power_locked == 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
 
 
 @lean_kernel
 def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for."""
     power = power_wanted(state, mail)
-    asked_now = power == 1 and state.i[POWER_SEEN] == 0
-    cleared = mail[COMMAND_CLEARS] != state.i[CLEARS_SEEN]
-    stopped = mail[COMMAND_STOPS] != state.i[STOPS_SEEN]
-    state.i[POWER_SEEN], state.i[CLEARS_SEEN] = power, mail[COMMAND_CLEARS]
-    state.i[STOPS_SEEN] = mail[COMMAND_STOPS]
+    asked_now = power == 1 and state.power_seen == 0
+    cleared = mail[COMMAND_CLEARS] != state.clears_seen
+    stopped = mail[COMMAND_STOPS] != state.stops_seen
+    state.power_seen, state.clears_seen = power, mail[COMMAND_CLEARS]
+    state.stops_seen = mail[COMMAND_STOPS]
     _obey_calibration(params, state, mail, stopped)
-    mode = state.i[MODE]
+    mode = state.mode
     if stopped and mode != TRACKING:  # also while stopping: a stream that waits for the end of the stop is meant too
         forget_waiting(state, mail)
     if power == 0 and wants_power(mode):
@@ -405,43 +369,43 @@ def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_n
             report_fault(state, STREAM_LOST)
     elif mode == FAULTED:
         if cleared:
-            state.i[CLEAR_UNTIL_NS] = now_ns + CLEAR_PATIENCE_NS
+            state.clear_until_ns = now_ns + CLEAR_PATIENCE_NS
         _leave_fault(params, state, mail, now_ns)
 
 
 @lean_kernel
 def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on the worst code of this tick."""
-    code = state.i[PENDING]
+    code = state.pending
     if code == 0:
         return
-    note_event(state, code, state.i[PENDING_JOINT])
-    state.i[PENDING] = 0
-    mode, category = state.i[MODE], category_of(code)
+    note_event(state, code, state.pending_joint)
+    state.pending = 0
+    mode, category = state.mode, category_of(code)
     if code == COLLISION and mode in (TRACKING, STOPPING):
-        state.watch.i[YIELDS] = 1
+        state.watch.yields = 1
     if category == 0 or (category == 1 and mode not in (TRACKING, STOPPING)):
-        state.i[FAULT] = code
+        state.fault = code
         end_stream(state, mail)
         set_mode(state, FAULTED)
     elif category == 1:
-        state.i[FAULT] = code
+        state.fault = code
         begin_stop(params, state, mail, now_ns, FAULTED)
     elif mode == TRACKING:
         begin_stop(params, state, mail, now_ns, HOLDING)
-    if state.i[MODE] != mode:
+    if state.mode != mode:
         note_incident(
-            state.watch.incident, now_ns, state.i[TICK], code, state.i[JOINT], state.f[PENDING_VALUE],
-            state.f[PENDING_LIMIT], mode, state.i[MODE], state.i[NEXT_SEQ] - 1,
+            state.watch.incident, now_ns, state.tick, code, state.joint, state.pending_value,
+            state.pending_limit, mode, state.mode, state.next_seq - 1,
         )  # fmt: skip
 
 
 @lean_kernel
 def finish_stop(state: ServoState) -> None:
     """The stop has come to rest: go where it was meant to end. After a collision the arm is held where it got to."""
-    if state.i[AFTER_STOP] == HOLDING and state.watch.i[YIELDS] != 0:
+    if state.after_stop == HOLDING and state.watch.yields != 0:
         hold_position(state)
-    elif state.i[AFTER_STOP] == HOLDING:
+    elif state.after_stop == HOLDING:
         hold_reference(state)
     forget_yielding(state)
-    set_mode(state, state.i[AFTER_STOP])
+    set_mode(state, state.after_stop)

@@ -14,7 +14,6 @@ from qrobot.hwif.registers import (
 from qrobot.realtime.atomics import store_release
 from qrobot.realtime.flat_record import float_bits
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.calibration.state import FOUND, JOINT_NOW, STAGE, WANTED
 from qrobot.servo.laws.law import SIGNALS_AT
 from qrobot.servo.memory.mailbox import (
     BEAT_T_NS,
@@ -51,23 +50,6 @@ from qrobot.servo.stages.mode_machine import (
     guardian_alive,
 )
 from qrobot.servo.state import (
-    BEGAN_NS,
-    BUSY_NS,
-    CLIPPED,
-    EVENT,
-    FAULT,
-    FLAGS,
-    IMAGE_OK,
-    JOINT,
-    LATE,
-    MISSED,
-    MISSES,
-    MODE,
-    NEXT_SEQ,
-    OUTPUTS,
-    STATUS,
-    TICK,
-    UNSEEN,
     ServoState,
 )
 
@@ -78,15 +60,15 @@ CALIBRATING: Final = int(Mode.CALIBRATING)
 def publish(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, late_ns: int) -> None:
     """Publish heartbeat and state; fill the telemetry row (the loop appends it)."""
     n = state.q.size
-    state.i[FLAGS] = compose_flags(params, state, mail, now_ns)
+    state.flag_bits = compose_flags(params, state, mail, now_ns)
     block = state.block
-    block[STATE_T_NS], block[STATE_TICK] = now_ns, state.i[TICK]
-    block[STATE_MODE], block[STATE_FAULT] = state.i[MODE], state.i[FAULT]
-    block[STATE_EVENT], block[STATE_JOINT] = state.i[EVENT], state.i[JOINT]
-    block[STATE_FLAGS], block[STATE_SEQ] = state.i[FLAGS], state.i[NEXT_SEQ] - 1
-    block[STATE_MISSED], block[STATE_LATE] = state.i[MISSED], state.i[LATE]
-    block[STATE_INPUTS], block[STATE_HAND] = state.i[STATUS] & STATUS_INPUTS, mail[COMMAND_HAND]
-    block[STATE_OUTPUTS] = state.i[OUTPUTS]
+    block[STATE_T_NS], block[STATE_TICK] = now_ns, state.tick
+    block[STATE_MODE], block[STATE_FAULT] = state.mode, state.fault
+    block[STATE_EVENT], block[STATE_JOINT] = state.event, state.joint
+    block[STATE_FLAGS], block[STATE_SEQ] = state.flag_bits, state.next_seq - 1
+    block[STATE_MISSED], block[STATE_LATE] = state.missed, state.late
+    block[STATE_INPUTS], block[STATE_HAND] = state.status & STATUS_INPUTS, mail[COMMAND_HAND]
+    block[STATE_OUTPUTS] = state.outputs
     for j in range(n):
         block[STATE_VECTORS + j] = float_bits(state.q[j])
         block[STATE_VECTORS + n + j] = float_bits(state.v[j])
@@ -95,18 +77,18 @@ def publish(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, 
     for k in range(FORCE_AXES):
         block[STATE_VECTORS + 4 * n + k] = float_bits(state.wrench[k])
     publish_state(mail, n, block)
-    if state.i[MODE] == CALIBRATING or mail[CALIBRATION_STAGE] != 0:
+    if state.mode == CALIBRATING or mail[CALIBRATION_STAGE] != 0:
         cal = state.cal
-        publish_calibration(mail, n, cal, cal.i[STAGE], cal.i[JOINT_NOW], cal.i[FOUND], cal.i[WANTED])
-    store_release(mail, BEAT_T_NS, state.i[BEGAN_NS])
+        publish_calibration(mail, n, cal, cal.stage, cal.joint_now, cal.found, cal.wanted)
+    store_release(mail, BEAT_T_NS, state.began_ns)
     fill_row(state, now_ns, late_ns)
 
 
 @lean_kernel
 def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> int:
     """FLAG_* of this tick."""
-    status, flags = state.i[STATUS], 0
-    if state.i[IMAGE_OK] != 0 and status & STATUS_POWER != 0:
+    status, flags = state.status, 0
+    if state.image_ok != 0 and status & STATUS_POWER != 0:
         flags |= FLAG_POWERED
     if status & STATUS_CALIBRATED != 0:
         flags |= FLAG_CALIBRATED
@@ -124,10 +106,10 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
 def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     """The telemetry row, in the order of `servo.memory.telemetry`."""
     row, n = state.row, state.q.size
-    row[0], row[1], row[2], row[3] = state.i[TICK], now_ns, late_ns, state.i[BUSY_NS]
-    row[4], row[5] = state.i[MODE], state.i[EVENT]
-    row[6] = state.i[NEXT_SEQ] - 1
-    row[7] = state.i[FLAGS] | state.i[UNSEEN] * FLAG_UNSEEN | state.i[CLIPPED] << 8 | state.i[MISSES] << 16
+    row[0], row[1], row[2], row[3] = state.tick, now_ns, late_ns, state.busy_ns
+    row[4], row[5] = state.mode, state.event
+    row[6] = state.next_seq - 1
+    row[7] = state.flag_bits | state.unseen * FLAG_UNSEEN | state.clipped << 8 | state.misses << 16
     for j in range(n):
         row[8 + j] = float_bits(state.q_ref[j])
         row[8 + n + j] = float_bits(state.v_ref[j])
@@ -149,6 +131,6 @@ def fill_row(state: ServoState, now_ns: int, late_ns: int) -> None:
     for k in range(N_SIGNALS):
         row[at + k] = float_bits(state.memory[SIGNALS_AT + k])
     at += N_SIGNALS
-    row[at] = state.i[STATUS] & STATUS_INPUTS
-    row[at + 1] = state.i[OUTPUTS]
-    row[at + 2] = state.i[JOINT]
+    row[at] = state.status & STATUS_INPUTS
+    row[at + 1] = state.outputs
+    row[at + 2] = state.joint

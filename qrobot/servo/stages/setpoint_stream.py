@@ -39,19 +39,6 @@ from qrobot.servo.memory.setpoint_queue import (
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.interpolator import line_through, rest_at, shift_extrapolated, shift_in
 from qrobot.servo.state import (
-    BRIDGED,
-    DEAD_STREAM,
-    DT,
-    FRAME_NS,
-    LAST_ARRIVAL_NS,
-    MISSED,
-    MISSES,
-    NEXT_SEQ,
-    PHASE,
-    PLAY_AT_NS,
-    RATE,
-    RATE_SLOPE,
-    STREAM,
     ServoState,
 )
 
@@ -81,7 +68,7 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
     for _ in range(QUEUE_CAPACITY):  # no more can wait, whatever is added meanwhile
         if not peek_frame(mail, state.frame, state.frame.size):
             return False
-        if state.frame[FRAME_STREAM] > state.i[DEAD_STREAM]:
+        if state.frame[FRAME_STREAM] > state.dead_stream:
             for j in range(n):
                 state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
                 state.setpoint[j] = bits_float(state.frame[FRAME_JOINTS + n + j])
@@ -110,11 +97,11 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     frame_ns = state.frame[FRAME_PERIOD_NS]
     code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
     if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
-        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+        state.dead_stream = state.frame[FRAME_STREAM]
         return False, code if code != 0 else SP_INVALID, joint
-    state.i[FRAME_NS] = frame_ns
-    state.i[PLAY_AT_NS] = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
-    return now_ns >= state.i[PLAY_AT_NS], 0, NO_JOINT
+    state.frame_ns = frame_ns
+    state.play_at_ns = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
+    return now_ns >= state.play_at_ns, 0, NO_JOINT
 
 
 @lean_kernel
@@ -123,87 +110,85 @@ def forget_waiting(state: ServoState, mail: Any) -> None:
     for _ in range(QUEUE_CAPACITY):
         if not look_at_frame(state, mail):
             return
-        state.i[DEAD_STREAM] = state.frame[FRAME_STREAM]
+        state.dead_stream = state.frame[FRAME_STREAM]
         drop_frame(mail)
 
 
 @lean_kernel
 def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> None:
     """Begin to play the stream whose first frame `stream_ready` has shown, at its time and not at the tick after it."""
-    state.i[STREAM] = state.frame[FRAME_STREAM]
-    state.i[NEXT_SEQ] = state.frame[FRAME_SEQ]
-    state.i[LAST_ARRIVAL_NS] = now_ns
-    state.i[MISSES] = state.i[BRIDGED] = 0
+    state.stream = state.frame[FRAME_STREAM]
+    state.next_seq = state.frame[FRAME_SEQ]
+    state.last_arrival_ns = now_ns
+    state.misses = state.bridged = 0
     rest_at(state.knots, state.q_ref)
-    overdue_s = min(now_ns - state.i[PLAY_AT_NS], params.period_ns) * 1e-9
-    state.f[RATE] = 1e9 / state.i[FRAME_NS]
-    state.f[PHASE] = 1.0 + (overdue_s - state.f[DT]) * state.f[RATE]
-    state.f[RATE_SLOPE] = 0.0
+    overdue_s = min(now_ns - state.play_at_ns, params.period_ns) * 1e-9
+    state.rate = 1e9 / state.frame_ns
+    state.phase = 1.0 + (overdue_s - state.dt) * state.rate
+    state.rate_slope = 0.0
 
 
 @lean_kernel
 def end_stream(state: ServoState, mail: Any) -> None:
     """Follow no frame of the present stream any more."""
-    state.i[DEAD_STREAM] = max(state.i[DEAD_STREAM], state.i[STREAM])
-    state.i[MISSES] = 0
+    state.dead_stream = max(state.dead_stream, state.stream)
+    state.misses = 0
     drop_all_frames(mail)
 
 
 @lean_kernel
 def _follow_phase(state: ServoState, now_ns: int) -> None:
     """Let the playing rate follow the sender's clock: a frame should have waited half a period when its turn comes."""
-    frame_ns = state.i[FRAME_NS]
-    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - state.f[PHASE]
+    frame_ns = state.frame_ns
+    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - state.phase
     shift = min(max(PHASE_GAIN * (waited - PLAYOUT_FRAMES), -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
-    state.f[RATE] = (1.0 + shift) * 1e9 / frame_ns
+    state.rate = (1.0 + shift) * 1e9 / frame_ns
 
 
 @lean_kernel
 def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
     """(code, joint): make the next frame, or what replaces it, the newest knot."""
-    while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.i[STREAM]:
-        if state.frame[FRAME_SEQ] < state.i[NEXT_SEQ]:  # came after its substitute, or twice
+    while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.stream:
+        if state.frame[FRAME_SEQ] < state.next_seq:  # came after its substitute, or twice
             drop_frame(mail)
             continue
-        if state.frame[FRAME_SEQ] > state.i[NEXT_SEQ]:  # the frame before it is lost
+        if state.frame[FRAME_SEQ] > state.next_seq:  # the frame before it is lost
             break
         code, joint = _judge_frame(params, state)
         if code == 0:
             _accept_frame(state, now_ns)
         else:
             shift_extrapolated(state.knots)
-        state.i[NEXT_SEQ] += 1
+        state.next_seq += 1
         drop_frame(mail)
         return code, joint
-    state.i[NEXT_SEQ] += 1
-    state.i[MISSES] += 1
-    state.i[MISSED] += 1
-    state.i[BRIDGED] = 1
+    state.next_seq += 1
+    state.misses += 1
+    state.missed += 1
+    state.bridged = 1
     shift_extrapolated(state.knots)
-    return (STREAM_LOST if state.i[MISSES] >= LOST_AFTER_FRAMES else 0), NO_JOINT
+    return (STREAM_LOST if state.misses >= LOST_AFTER_FRAMES else 0), NO_JOINT
 
 
 @lean_kernel
 def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
-    if state.frame[FRAME_PERIOD_NS] != state.i[FRAME_NS]:
+    if state.frame[FRAME_PERIOD_NS] != state.frame_ns:
         return SP_INVALID, NO_JOINT
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
             # back to a position: from where the joint is, at the speed it has
-            line_through(
-                state.knots, params.first_knot, j, state.f[PHASE] + 1.0, state.q[j], state.v[j] / state.f[RATE]
-            )
+            line_through(state.knots, params.first_knot, j, state.phase + 1.0, state.q[j], state.v[j] / state.rate)
         if state.setpoint_modes[j] == 0:
             state.setpoint_modes[j], state.setpoint[j] = POSITION_SETPOINT, state.knots[3, j]
     code, joint = check_setpoint(
         state.setpoint, state.setpoint_modes, state.knots, state.range_min, state.range_max,
-        params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.i[FRAME_NS] * 1e-9,
-        BEND_SLACK[state.i[BRIDGED]],
+        params.v_setpoint, params.a_setpoint, params.tau_setpoint, state.frame_ns * 1e-9,
+        BEND_SLACK[state.bridged],
     )  # fmt: skip
     if code == 0:
         code = check_tip_step(
-            state.setpoint, state.setpoint_modes, state.knots, state.i[FRAME_NS] * 1e-9,
+            state.setpoint, state.setpoint_modes, state.knots, state.frame_ns * 1e-9,
             params.dynamics.chain, params.tip, params.tool_speed, state.scratch,
         )  # fmt: skip
     return code, joint
@@ -220,9 +205,9 @@ def _accept_frame(state: ServoState, now_ns: int) -> None:
             state.torque_setpoint[j] = 0.0
     shift_in(state.knots, state.setpoint)
     _follow_phase(state, now_ns)
-    state.i[LAST_ARRIVAL_NS] = min(state.frame[FRAME_T_NS], now_ns)  # no frame has come from the future
-    state.i[MISSES] = 0
-    state.i[BRIDGED] = 2 if state.i[BRIDGED] == 1 else 0
+    state.last_arrival_ns = min(state.frame[FRAME_T_NS], now_ns)  # no frame has come from the future
+    state.misses = 0
+    state.bridged = 2 if state.bridged == 1 else 0
 
 
 @lean_kernel
@@ -234,22 +219,22 @@ def longest_silence(frame_ns: int, cycle_ns: int) -> int:
 @lean_kernel
 def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """True when nothing has arrived for longer than one lost frame explains."""
-    newest = state.i[LAST_ARRIVAL_NS]
+    newest = state.last_arrival_ns
     if peek_frame(mail, state.frame, state.frame.size):
         newest = max(newest, state.frame[FRAME_T_NS])
-    return bool(now_ns - newest > longest_silence(state.i[FRAME_NS], params.period_ns))
+    return bool(now_ns - newest > longest_silence(state.frame_ns, params.period_ns))
 
 
 @lean_kernel
 def advance_phase(state: ServoState) -> None:
     """Move along the path by one tick."""
-    state.f[PHASE] += state.f[RATE] * state.f[DT]
+    state.phase += state.rate * state.dt
 
 
 @lean_kernel
 def frame_is_over(state: ServoState) -> bool:
     """True when a frame boundary was passed; the phase then counts from there. Several may pass in one long tick."""
-    if state.f[PHASE] >= 1.0 - _PHASE_ROUNDING:
-        state.f[PHASE] -= 1.0
+    if state.phase >= 1.0 - _PHASE_ROUNDING:
+        state.phase -= 1.0
         return True
     return False

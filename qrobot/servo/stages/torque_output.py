@@ -62,18 +62,6 @@ from qrobot.servo.stages.binary_outputs import post_outputs
 from qrobot.servo.stages.converter import start_sample
 from qrobot.servo.stages.mode_machine import hold_position, report_fault
 from qrobot.servo.state import (
-    CLIPPED,
-    DISCRETE_SENT,
-    DISCRETE_WORD,
-    DT,
-    IMAGE_SEEN,
-    LAST_NOW_NS,
-    LAW_FAILED,
-    MODE,
-    OUTPUTS,
-    REVISION,
-    STARTED,
-    TICK,
     ServoState,
 )
 
@@ -88,22 +76,22 @@ LAW_BOUNDS: Final = int(FaultCode.LAW_BOUNDS)
 @lean_kernel
 def drive(params: ServoParameters, state: ServoState) -> None:
     """Torque of the law, guarded, in modes that give any."""
-    state.i[CLIPPED] = 0
-    if gives_torque(state.i[MODE]):
+    state.clipped = 0
+    if gives_torque(state.mode):
         model_terms(params, state)
         law_torque(params, state)
     if swap_asked(state.swap.i):
-        answer_swap(state.swap, swap_law(state), state.i[TICK], state.i[LAST_NOW_NS])
-    if not gives_torque(state.i[MODE]):
+        answer_swap(state.swap, swap_law(state), state.tick, state.last_now_ns)
+    if not gives_torque(state.mode):
         return
     add_torque_setpoints(state)
     code, joint, clipped = limit_torque(state.tau, params.tau_max)
     if code == LAW_NAN:
-        state.i[LAW_FAILED] = 1
+        state.law_failed = 1
         report_fault(state, code, joint)
         built_in_law(params, state)
         code, joint, clipped = limit_torque(state.tau, params.tau_max)
-    state.i[CLIPPED] = clipped
+    state.clipped = clipped
 
 
 @lean_kernel
@@ -112,17 +100,17 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
     if params.position_drives != 0:
         state.tau[:] = 0.0
         return
-    if state.i[LAW_FAILED] != 0 or lost(params, state):
+    if state.law_failed != 0 or lost(params, state):
         built_in_law(params, state)
         return
     swap = state.swap
     if not call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
-        state.i[LAW_FAILED] = 1
+        state.law_failed = 1
         report_fault(state, LAW_BOUNDS)
         built_in_law(params, state)
         return
-    if state.i[MODE] == TRACKING:
-        fade_bias(state.swap, state.f[DT])
+    if state.mode == TRACKING:
+        fade_bias(state.swap, state.dt)
     for j in range(state.tau.size):
         state.tau[j] += state.swap.bias[j]
 
@@ -147,7 +135,7 @@ def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: 
             copies.gains[k, j] = gains[k, j]
     copy_vector(copies.settings, settings)
     copy_vector(copies.memory, memory)
-    copies.dt[0] = state.f[DT]
+    copies.dt[0] = state.dt
     copies.tau[:] = np.nan
     law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
         copies.q_ref[:], copies.v_ref[:], copies.a_ref[:], copies.q[:], copies.v[:], copies.gravity[:],
@@ -165,10 +153,10 @@ def swap_law(state: ServoState) -> int:
 
     The arm is then held where it is: what is left of an error must not become a motion under a law that integrates it.
     """
-    mode, swap = state.i[MODE], state.swap
+    mode, swap = state.mode, state.swap
     if mode == OFF:
         return install(swap)
-    if mode != HOLDING or state.i[LAW_FAILED] != 0:
+    if mode != HOLDING or state.law_failed != 0:
         return NOT_NOW
     swap.trial_memory[:] = 0.0
     next_law = swap.i[NEXT_LAW_AT]
@@ -183,7 +171,7 @@ def swap_law(state: ServoState) -> int:
 @lean_kernel
 def lost(params: ServoParameters, state: ServoState) -> bool:
     """Not even potentiometers tell where the joints are: no model can help, nor a law that trusts in one."""
-    return state.i[MODE] == UNCALIBRATED and not has_table(params)
+    return state.mode == UNCALIBRATED and not has_table(params)
 
 
 @lean_kernel
@@ -247,38 +235,36 @@ def add_torque_setpoints(state: ServoState) -> None:
 @lean_kernel
 def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
-    if not gives_torque(state.i[MODE]):  # a fault may have come up after the law had run
+    if not gives_torque(state.mode):  # a fault may have come up after the law had run
         state.tau[:] = 0.0
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
     channels = wanted_channels(params, state)
     compose_discrete(state, mail[COMMAND_HAND], channels != 0)
-    if state.i[STARTED] == 0:
+    if state.started == 0:
         return 0
-    mail[BEAT_DISCRETE] = state.i[DISCRETE_WORD] & ~params.outputs.off_discrete
-    left_on = state.i[OUTPUTS] & params.outputs.off  # somebody has to switch them off should we die
-    keep_armed(state, mail, wants_power(state.i[MODE]) or left_on != 0)  # before anything is posted
+    mail[BEAT_DISCRETE] = state.discrete_word & ~params.outputs.off_discrete
+    left_on = state.outputs & params.outputs.off  # somebody has to switch them off should we die
+    keep_armed(state, mail, wants_power(state.mode) or left_on != 0)  # before anything is posted
     if mail[GUARD_TAKEOVER] != 0:
-        state.i[DISCRETE_SENT] = -1
+        state.discrete_sent = -1
         return 0
     n = 0
-    changed = state.i[DISCRETE_WORD] != state.i[DISCRETE_SENT] or say_again(state)
-    if changed and not wants_power(state.i[MODE]):
-        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power goes before the torque does
+    changed = state.discrete_word != state.discrete_sent or say_again(state)
+    if changed and not wants_power(state.mode):
+        n = put_write(state.ops, n, DISCRETE, state.discrete_word)  # power goes before the torque does
     for channel in range(N_DACS):
         code = state.dac[channel] if channel < state.dac.size else DAC_ZERO
         n = put_write(state.ops, n, DAC + 2 * channel, code)
-    if params.position_drives != 0 and gives_torque(state.i[MODE]):
+    if params.position_drives != 0 and gives_torque(state.mode):
         n = post_reference(params, state, n)
-    if changed and wants_power(state.i[MODE]):
-        n = put_write(state.ops, n, DISCRETE, state.i[DISCRETE_WORD])  # power comes after the torque is set
+    if changed and wants_power(state.mode):
+        n = put_write(state.ops, n, DISCRETE, state.discrete_word)  # power comes after the torque is set
     n = post_outputs(params, state, n)
     n = post_latches(state, n)
-    n = post_index_watch(state, n, state.i[DISCRETE_WORD])
+    n = post_index_watch(state, n, state.discrete_word)
     if channels != 0:
-        n = start_sample(
-            state.adc, state.ops, n, state.i[DISCRETE_WORD], channels, state.i[IMAGE_SEEN], state.i[REVISION]
-        )
-    state.i[DISCRETE_SENT] = state.i[DISCRETE_WORD]
+        n = start_sample(state.adc, state.ops, n, state.discrete_word, channels, state.image_seen, state.revision)
+    state.discrete_sent = state.discrete_word
     return n
 
 
@@ -296,10 +282,10 @@ def post_reference(params: ServoParameters, state: ServoState, n: int) -> int:
 @lean_kernel
 def compose_discrete(state: ServoState, hand: int, sampling: bool) -> None:
     """DISCRETE from mode and hand request; scratch bits stay as they are. Hand solenoids are active low."""
-    word = state.i[DISCRETE_WORD] & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED | DISCRETE_ADC)
+    word = state.discrete_word & ~(DISCRETE_POWER | DISCRETE_HAND_RELAXED | DISCRETE_ADC)
     if sampling:
         word |= DISCRETE_ADC
-    if wants_power(state.i[MODE]):
+    if wants_power(state.mode):
         word |= DISCRETE_POWER
     if hand == 1:
         word |= DISCRETE_HAND_CLOSE
@@ -307,4 +293,4 @@ def compose_discrete(state: ServoState, hand: int, sampling: bool) -> None:
         word |= DISCRETE_HAND_OPEN
     else:
         word |= DISCRETE_HAND_RELAXED
-    state.i[DISCRETE_WORD] = word
+    state.discrete_word = word

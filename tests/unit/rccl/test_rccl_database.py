@@ -10,8 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import ConfigError
-from qrobot.rccl import arm_session as hold
-from qrobot.rccl import gentr_rpy, gentr_trsl, newtrans, trsl
+from qrobot.rccl import gentr_rpy, gentr_trsl, hold, newtrans, trsl
 from qrobot.rccl.database import DataBase
 
 COORDINATE = st.floats(-2000, 2000)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.realtime import source_digest as stamp
+from qrobot.realtime import source_digest
 from qrobot.realtime.jit import jit_disabled, kernel
 from qrobot.realtime.source_digest import PACKAGE, source_stamp, sources_behind
 
@@ -38,7 +38,7 @@ def test_a_file_stands_on_what_it_imports_directly_or_not() -> None:
 def test_every_form_of_import_is_seen(tmp_path: Path, line: str, expected: set[str]) -> None:
     script = tmp_path / "script.py"
     script.write_text(line)
-    files = {path.relative_to(PACKAGE).as_posix() for path in stamp._imported(script)}
+    files = {path.relative_to(PACKAGE).as_posix() for path in source_digest._imported(script)}
     assert files == expected
 
 
@@ -55,7 +55,7 @@ def test_a_change_in_an_imported_kernel_recompiles_the_caller(tmp_path: Path) ->
     """In a copy of the package whose two kernels stand in two files."""
     copy = tmp_path / "qrobot"
     (copy / "realtime").mkdir(parents=True)
-    compiler = ("__init__", "jit", "compile_once", "compile_progress", "stamp", "whole_program")
+    compiler = ("__init__", "jit", "compile_once", "compile_progress", "source_digest", "whole_program")
     for name in ("__init__.py", *(f"realtime/{each}.py" for each in compiler)):
         (copy / name).write_bytes((PACKAGE / name).read_bytes())
     (copy / "outer.py").write_text(OUTER)

@@ -56,7 +56,7 @@ def test_the_truth_is_that_of_the_image_the_servo_saw() -> None:
     rig = WitnessRig(robot, ServoSettings(rate_hz=1000), Emulator(robot, physics="rigid"))
     rig.ticks(5)
     assert rig.witnessed().rows.size == 0  # nothing was tracked
-    rig.state.i[0] = int(Mode.TRACKING)
+    rig.state.mode = int(Mode.TRACKING)
     truth = rig.emulator.v
     rig.ticks(1)
     np.testing.assert_array_equal(rig._seen[-1], truth)

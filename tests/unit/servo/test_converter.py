@@ -25,8 +25,6 @@ from qrobot.hwif.registers import (
 )
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.converter import (
-    CHANNEL,
-    TIMEOUTS,
     code_volts,
     collect_sample,
     make_adc_state,
@@ -86,7 +84,7 @@ def test_each_channel_wanted_shows_its_own_voltage_in_turn(revision: int, ticks:
     for channel in (1, 3, 5, 7):
         assert sampler.volts[channel] == pytest.approx(sampler.expected(channel), abs=0.01)
     assert sampler.volts[[0, 2, 4, 6]].tolist() == [0.0] * 4
-    assert sampler.adc.i[TIMEOUTS] == 0
+    assert sampler.adc.timeouts == 0
 
 
 def test_a_conversion_takes_one_cycle_of_a_slow_servo_and_two_of_one_as_fast_as_the_board() -> None:
@@ -132,14 +130,14 @@ def test_a_channel_whose_conversion_never_ends_is_nan_until_one_succeeds_and_the
             sampler.look()
             sampler.post()
             sampler.bench.tick()
-            if sampler.adc.i[CHANNEL] == stuck:  # its end never comes
+            if sampler.adc.channel == stuck:  # its end never comes
                 sampler.bench.board.register[REG_FLAGS] |= STATUS_ADC_BUSY
                 sampler.bench.board.register[REG_ADC_DONE_NS] = 1 << 62
 
     cycles(60, stuck=6)
     assert np.isnan(sampler.volts[6])
     assert sampler.volts[7] == pytest.approx(sampler.expected(7), abs=0.01)
-    assert sampler.adc.i[TIMEOUTS] > 0
+    assert sampler.adc.timeouts > 0
     cycles(60, stuck=-1)
     assert sampler.volts[6] == pytest.approx(sampler.expected(6), abs=0.01)
 

@@ -13,7 +13,6 @@ from qrobot.servo.laws.guarded_copies import EDGE_WORDS, GAP_WORDS, GUARDED, bro
 from qrobot.servo.laws.law import KP, KV, Law, law
 from qrobot.servo.laws.law_swap import LAW_AT, OUT_OF_BOUNDS, SWAPPED, ask_for_law, maybe_swap_result
 from qrobot.servo.modes import Mode
-from qrobot.servo.state import LAW_FAILED
 from tests.support.servo_bench import ServoBench, moving
 
 needs_compiler = pytest.mark.skipif(jit_disabled(), reason="plain Python checks every index by itself")
@@ -167,7 +166,7 @@ def test_after_a_clear_the_law_before_the_failed_one_is_in_force_again() -> None
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.LAW_NAN)
     bench.before.clear()
     clear(bench)
-    assert (int(bench.state.swap.i[LAW_AT]), int(bench.state.i[LAW_FAILED])) == (decent.address, 0)
+    assert (int(bench.state.swap.i[LAW_AT]), int(bench.state.law_failed)) == (decent.address, 0)
     assert bench.hold().mode is Mode.HOLDING
 
 

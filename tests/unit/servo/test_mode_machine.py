@@ -13,7 +13,6 @@ from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, 
 from qrobot.servo.memory.mailbox import COMMAND_SHUTDOWN, GUARD_T_NS
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.stages.mode_machine import guardian_alive
-from qrobot.servo.state import MODE
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 
 N = 6
@@ -345,7 +344,7 @@ def test_torque_flows_in_no_mode_but_those_of_the_table() -> None:
     for row in bench.rows():
         if not gives_torque(row["mode"]):
             assert np.all(row["dac"] == DAC_ZERO)
-    assert bench.state.i[MODE] == Mode.FAULT
+    assert bench.state.mode == Mode.FAULT
 
 
 @pytest.mark.parametrize(("slips", "earliest_ms"), [(0, -100), (1, -1100)])

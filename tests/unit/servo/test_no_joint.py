@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, note_incid
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.stages.mode_machine import report_fault
+from qrobot.servo.state import ServoState
 from qrobot.wire import State
 from qrobot.wire.codec import decode, encode
 from tests.support.packets import resting
@@ -26,7 +27,8 @@ from tests.unit.servo.test_control import Bench
 CODES = [code for code in FaultCode if code]
 JOINTS = (NO_JOINT, 0, 5)
 BENCH = ServoBench().tick(3)
-AT_REST = np.array(BENCH.state.i)
+NUMBERS = [field.name for field in fields(ServoState) if field.default is not MISSING]
+AT_REST = {name: getattr(BENCH.state, name) for name in NUMBERS}
 NAMED = re.compile(r"\bjoint (\d+)\b")
 
 
@@ -51,7 +53,8 @@ def test_every_text_of_a_code_names_its_joint_and_no_other(code: FaultCode, join
 @pytest.mark.parametrize("code", CODES)
 def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(code: FaultCode, joint: int) -> None:
     bench = BENCH
-    bench.state.i[:] = AT_REST
+    for name, value in AT_REST.items():
+        setattr(bench.state, name, value)
     note_event(bench.state, code, joint)
     bench.tick()
     assert (bench.snapshot.event, bench.snapshot.joint) == (code, joint)

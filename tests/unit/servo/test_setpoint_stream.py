@@ -14,7 +14,6 @@ from qrobot.servo.modes import Mode
 from qrobot.servo.stages.interpolation_polynomials import FORMS, QUINTIC, Form
 from qrobot.servo.stages.interpolator import PEAK_SLOPE
 from qrobot.servo.stages.setpoint_stream import PLAYOUT_FRAMES, SILENCE_MARGIN, longest_silence
-from qrobot.servo.state import LAST_ARRIVAL_NS
 from tests.support.servo_bench import FRAME_NS, Floats, Program, ServoBench, changes, cruise, moving, play, swing
 
 FRAME_S = FRAME_NS * 1e-9
@@ -284,7 +283,7 @@ def test_two_frames_lost_in_a_row_always_stop_the_arm_in_time(seed: int) -> None
     play(bench, swing(bench.q, OUT_AND_BACK, 1.6), delayed=stream.delays, dropped={first, first + 1})
     bench.until(lambda: bench.mode is Mode.STOPPING)
     assert bench.event is FaultCode.STREAM_LOST
-    arrived_ns = bench.state.i[LAST_ARRIVAL_NS]
+    arrived_ns = bench.state.last_arrival_ns
     assert bench.now_ns - arrived_ns <= longest_silence(FRAME_NS, bench.settings.period_ns) + 2e6
     bench.until(lambda: bench.mode is Mode.HOLDING)
     assert continuous(bench, bench.rows())

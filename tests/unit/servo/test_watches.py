@@ -15,13 +15,11 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import BOARD_MODULE_LOSSES
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.servo.checks.fault_monitors import SETTLE_S
-from qrobot.servo.checks.monitor_state import WARNINGS
 from qrobot.servo.laws.law import law
 from qrobot.servo.memory.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import Overrun
-from qrobot.servo.state import BUSY_NS
 from tests.support.servo_bench import ServoBench, moving
 
 STRICT = Overrun(misses_in_a_row=3, late_share=0.01, window_s=1.0)
@@ -112,7 +110,7 @@ def test_a_share_of_lateness_that_is_none_is_refused(wrong: dict[str, Any]) -> N
 def busy(share: float) -> Callable[[ServoBench], object]:
     """The cycle takes so much of its period."""
     return lambda bench: bench.before.append(
-        lambda _now: bench.state.i.__setitem__(BUSY_NS, int(share * bench.settings.period_ns))
+        lambda _now: setattr(bench.state, "busy_ns", int(share * bench.settings.period_ns))
     )
 
 
@@ -132,7 +130,7 @@ def test_a_law_longer_than_half_the_cycle_is_told_of_and_goes_on() -> None:
     busy(0.6)(bench)
     bench.tick(30)
     assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.LAW_SLOW)
-    assert bench.state.watch.i[WARNINGS] == 10
+    assert bench.state.watch.warnings == 10
 
 
 def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
@@ -141,7 +139,7 @@ def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
     bench.tick()
     assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.IO_LOST)
     bench.tick(20)
-    assert bench.state.watch.i[WARNINGS] == 1
+    assert bench.state.watch.warnings == 1
 
 
 def test_a_module_lost_before_the_arm_has_power_is_no_answer_to_the_request_for_it() -> None:
@@ -155,9 +153,9 @@ def test_a_module_lost_before_the_arm_has_power_is_no_answer_to_the_request_for_
 def test_one_long_cycle_is_the_machines_fault() -> None:
     bench = tracking()
     for _ in range(5):
-        bench.state.i[BUSY_NS] = 50_000_000
+        bench.state.busy_ns = 50_000_000
         bench.tick(2)
-        bench.state.i[BUSY_NS] = 1_000
+        bench.state.busy_ns = 1_000
         bench.tick()
     assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.NONE)
 
