@@ -47,7 +47,7 @@ def faults() -> str:
 
 def raised_codes() -> set[str]:
     """Names of the codes that the servo raises: those its modules turn into plain numbers for the compiled cycle."""
-    return {name for path in SERVO.glob("*.py") for name in re.findall(r"int\(FaultCode\.(\w+)\)", path.read_text())}
+    return {name for path in SERVO.rglob("*.py") for name in re.findall(r"int\(FaultCode\.(\w+)\)", path.read_text())}
 
 
 def breakable() -> str:

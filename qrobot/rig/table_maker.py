@@ -31,6 +31,7 @@ from qrobot.hwif.board_memory import (
 )
 from qrobot.hwif.registers import DISCRETE, DISCRETE_ADC, ENC_COUNT, ENC_INDEX, INDEX_BIT_0, N_ADCS, STATUS
 from qrobot.model.transmission import signed_word
+from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import pot_units
 from qrobot.servo.calibration.table import CalibrationTable
@@ -69,7 +70,7 @@ class _Recorder:
         """Rows (pots, counts) met while the arm is led through `places` (m, n)."""
         transmission = self.emulator.robot.transmission
         slope = transmission.pot_per_rev / transmission.counts_per_rev[joint]
-        channel, adc = int(transmission.pot_channels[joint]), make_adc_state()
+        channel, adc = int(transmission.pot_channels[joint]), record_of(make_adc_state())
         pots, counts, residues = [], [], []
         bit, valid_at = INDEX_BIT_0 << joint, -1
         for number, q in enumerate(places):

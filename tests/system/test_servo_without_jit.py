@@ -44,10 +44,10 @@ def test_a_servo_that_dies_after_any_of_its_stores_leaves_the_arm_safe() -> None
 
 
 def test_the_tests_of_the_guard_take_every_branch_of_it(tmp_path: Path) -> None:
-    gates = ("guard", "guard_motion", "guard_timing")
+    gates = ("limit_checks", "motor_fault_diagnosis", "timing_checks")
     python(
-        "pytest", "-q", "-p", "no:cacheprovider", *(f"tests/unit/test_{gate}.py" for gate in gates),
-        *(f"--cov=qrobot.servo.{gate}" for gate in gates),
+        "pytest", "-q", "-p", "no:cacheprovider", *(f"tests/unit/servo/test_{gate}.py" for gate in gates),
+        *(f"--cov=qrobot.servo.checks.{gate}" for gate in gates),
         "--cov-branch", "--cov-fail-under=100", "--cov-report=term-missing",
         COVERAGE_FILE=str(tmp_path / "coverage"),
     )  # fmt: skip

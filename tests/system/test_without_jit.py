@@ -8,11 +8,19 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MODULES = "board", "board_memory", "codegen_operations", "seqlock", "clock", "drive", "pointer"
+MODULES = (
+    "sim_board/test_board",
+    "hwif/test_board_memory",
+    "codegen/test_codegen_operations",
+    "realtime/test_seqlock",
+    "realtime/test_clock",
+    "sim_board/test_drive",
+    "realtime/test_pointer",
+)
 
 
 def test_the_tests_of_the_kernels_pass_with_the_jit_off() -> None:
-    files = [f"tests/unit/test_{name}.py" for name in MODULES]
+    files = [f"tests/unit/{name}.py" for name in MODULES]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, env=environment, cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True)

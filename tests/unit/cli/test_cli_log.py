@@ -14,7 +14,6 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from log_samples import make_header, make_rows
 
 from qrobot.cli.console import run_app
 from qrobot.cli.log import FigureName
@@ -29,6 +28,7 @@ from qrobot.realtime.setup import SetupStep
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.mailbox import INFO_READY, create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
+from tests.support.log_samples import make_header, make_rows
 
 
 @pytest.fixture

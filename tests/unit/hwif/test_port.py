@@ -67,6 +67,7 @@ from qrobot.hwif.registers import (
     STATUS_CALIBRATED,
     STATUS_POWER,
 )
+from qrobot.realtime.flat_record import record_of
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessPlan
 from qrobot.servo.memory.mailbox import BEAT_ARMED, BEAT_DISCRETE, BEAT_T_NS, COMMAND_SHUTDOWN, local_servo_memory
@@ -113,7 +114,7 @@ class Slot:
 def sampling(revision: str) -> list[tuple[int, int, int]]:
     """What the servo posts to have a channel converted."""
     ops: Any = np.zeros((8, 3), np.int64)
-    n = start_sample(make_adc_state(), ops, 0, DISCRETE_ADC, 1 << CHANNEL, 0, ord(revision))
+    n = start_sample(record_of(make_adc_state()), ops, 0, DISCRETE_ADC, 1 << CHANNEL, 0, ord(revision))
     return [tuple(map(int, row)) for row in ops[:n]]  # type: ignore[misc]
 
 
@@ -253,7 +254,7 @@ def test_the_servo_owns_the_memory_of_its_card_and_shows_it_safe() -> None:
 
 
 def test_the_servos_loop_reads_the_card_before_a_cycle_and_writes_what_the_cycle_posted() -> None:
-    slot, robot, settings = Slot(), load_robot("puma560"), ServoSettings(rate_hz=1000.0)
+    slot, robot, settings = Slot(), load_robot("puma560"), ServoSettings(rate_hz=1000.0, pots=False)
     law = settings.law_for(robot)
     params = servo_parameters(robot, settings)
     mail = local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from log_samples import START_NS, make_header, make_rows
 from mcap.reader import make_reader
 
 from qrobot.config import Robot, load_robot
@@ -22,6 +21,7 @@ from qrobot.log.topics import FRAMES_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TICK_TOPI
 from qrobot.log.writer import LogWriter
 from qrobot.model.arm import Arm
 from qrobot.model.transform import quaternion_into
+from tests.support.log_samples import START_NS, make_header, make_rows
 
 PUMA, STANFORD = load_robot("puma560"), load_robot("stanford")
 VIEWS = (JOINTS_TOPIC, FRAMES_TOPIC, TOOL_TOPIC)

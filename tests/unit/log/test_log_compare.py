@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import PERIOD_NS, make_header, make_rows
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
@@ -22,6 +21,7 @@ from qrobot.log.read import Log
 from qrobot.log.record import write_log
 from qrobot.realtime.setup import SetupStep
 from qrobot.servo.modes import Mode
+from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 N_ROWS = 6000
 ROBOT = b"[control]\nkp = [1, 2]\nkv = 3\n[[link]]\nmass = 1\n"

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from log_samples import FullDisk, Ring, make_header, make_rows
 
 from qrobot.config import load_robot
 from qrobot.log.follow import POLL_S
@@ -28,6 +27,7 @@ from qrobot.servo.memory.mailbox import INFO_READY, create_servo_memory, servo_i
 from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, append_row
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from tests.support.log_samples import FullDisk, Ring, make_header, make_rows
 
 MOST_LOST_NS = 250_000_000  # what a kill -9 may cost
 FILE_LIMIT = 1_000_000

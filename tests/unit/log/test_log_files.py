@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import START_NS, FullDisk, Ring, make_header, make_rows
 from mcap.opcode import Opcode
 
 from qrobot.errors import LogError
@@ -24,6 +23,7 @@ from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.setup import SetupStep
 from qrobot.servo.memory.telemetry import TelemetryLayout
+from tests.support.log_samples import START_NS, FullDisk, Ring, make_header, make_rows
 from tests.support.patience import PATIENCE_S
 
 
@@ -361,7 +361,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
-from log_samples import make_header, make_rows
+from tests.support.log_samples import make_header, make_rows
 from qrobot.log.writer import LogWriter
 writer = LogWriter(Path(sys.argv[1]), make_header())
 for i in range(10):

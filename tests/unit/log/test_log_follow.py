@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import PERIOD_NS, make_header, make_rows
 
 from qrobot.log.follow import LOOK_NS, ServoFollower, fresh_path, log_paths
 from qrobot.log.read import Log, read_log
@@ -17,6 +16,7 @@ from qrobot.log.writer import LogWriter
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.servo.memory.mailbox import INFO_READY, ServoInfo, create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, append_row
+from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 N = 3
 CAPACITY = 256

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import PERIOD_NS, make_header, make_rows
 
 from qrobot.errors import LogError
 from qrobot.log.export import export_csv, export_parquet, table_columns
@@ -20,6 +19,7 @@ from qrobot.log.read import Log
 from qrobot.log.status import LogStatus
 from qrobot.log.summary import tracking_summary
 from qrobot.servo.modes import Mode
+from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

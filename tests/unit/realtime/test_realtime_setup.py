@@ -128,7 +128,7 @@ def test_without_any_limit_nothing_is_got(monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.parametrize("required", [False, True])
 def test_what_was_refused_is_told_and_ends_a_process_that_requires_it(required: bool) -> None:
-    steps = [setup.Step("memory", True, "locked"), setup.Step("scheduler", False, "refused", "run as root")]
+    steps = [setup.SetupStep("memory", True, "locked"), setup.SetupStep("scheduler", False, "refused", "run as root")]
     said: list[str] = []
     with pytest.raises(QRobotError, match="real time was required, but: scheduler") if required else nullcontext():
         setup.insist_on(steps, required, said.append)

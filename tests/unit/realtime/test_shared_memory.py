@@ -17,8 +17,8 @@ from tests.support.patience import PATIENCE_S
 
 OWN_AND_WAIT = """
 import sys
-from qrobot.realtime.shared_memory import HEADER_WORDS, Segment
-segment = Segment.create(sys.argv[1], 1, 64)
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
+segment = SharedMemory.create(sys.argv[1], 1, 64)
 segment.words[HEADER_WORDS] = 42
 print("ready", flush=True)
 sys.stdin.read()
@@ -85,7 +85,7 @@ def test_a_living_owner_in_another_process_is_not_disturbed(name: str) -> None:
 
 def test_a_peer_that_probes_for_the_owner_does_not_keep_a_new_one_out(name: str) -> None:
     kill(start_owner(name))
-    probe = "import sys\nfrom qrobot.realtime.shared_memory import Segment\np = Segment.attach(sys.argv[1], 1)\nprint('ready', flush=True)\nwhile not p.owner_alive: pass"  # noqa: E501
+    probe = "import sys\nfrom qrobot.realtime.shared_memory import SharedMemory\np = SharedMemory.attach(sys.argv[1], 1)\nprint('ready', flush=True)\nwhile not p.owner_alive: pass"  # noqa: E501
     peer = subprocess.Popen([sys.executable, "-c", probe, name], stdout=subprocess.PIPE, text=True)
     assert peer.stdout is not None
     assert peer.stdout.readline() == "ready\n"

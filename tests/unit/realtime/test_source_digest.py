@@ -18,7 +18,7 @@ MAIN = "from qrobot.outer import outer\nprint(outer(), sum(outer.stats.cache_hit
 
 
 def test_a_file_stands_on_what_it_imports_directly_or_not() -> None:
-    behind = {path.relative_to(PACKAGE).as_posix() for path in sources_behind(PACKAGE / "hwif" / "memory.py")}
+    behind = {path.relative_to(PACKAGE).as_posix() for path in sources_behind(PACKAGE / "hwif" / "board_memory.py")}
     assert {"hwif/board_memory.py", "hwif/registers.py", "realtime/seqlock.py", "realtime/jit.py"} <= behind
     assert not any(path.startswith("sim_board") for path in behind)
 
@@ -29,10 +29,10 @@ def test_a_file_stands_on_what_it_imports_directly_or_not() -> None:
         ("from qrobot.hwif.board_memory import (\n    N_WORDS,\n)", {"hwif/board_memory.py"}),
         ("    import qrobot.hwif.registers", {"hwif/registers.py"}),
         (
-            "from qrobot.hwif import memory as m, registers",
+            "from qrobot.hwif import board_memory as m, registers",
             {"hwif/__init__.py", "hwif/board_memory.py", "hwif/registers.py"},
         ),
-        ("import numpy\n# from qrobot.hwif import memory", set()),
+        ("import numpy\n# from qrobot.hwif import board_memory", set()),
     ],
 )
 def test_every_form_of_import_is_seen(tmp_path: Path, line: str, expected: set[str]) -> None:

@@ -23,6 +23,7 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
+from qrobot.realtime.flat_record import record_of
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.converter import (
     code_volts,
@@ -47,7 +48,7 @@ class Sampler:
         for channel in range(N_ADCS):
             self.bench.memory[PANEL_ANALOG + channel] = 500_000 * channel + 100_000
         self.wanted, self.revision = wanted, revision
-        self.adc, self.volts = make_adc_state(), np.zeros(N_ADCS)
+        self.adc, self.volts = record_of(make_adc_state()), np.zeros(N_ADCS)
         self.image, self.ops = np.zeros(IMAGE_WORDS, np.int64), np.zeros((8, OP_FIELDS), np.int64)
         self.sampled: list[int] = []
 

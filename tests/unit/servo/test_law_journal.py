@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import PERIOD_NS, START_NS, Ring, make_header, make_rows
 from mcap.reader import make_reader
 
 from qrobot.cli.console import run_app
@@ -32,6 +31,7 @@ from qrobot.servo.memory.law_history import (
     write_entry,
 )
 from qrobot.servo.modes import Mode
+from tests.support.log_samples import PERIOD_NS, START_NS, Ring, make_header, make_rows
 
 BASE = 16
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import make_header, make_rows
 
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
@@ -23,6 +22,7 @@ from qrobot.servo.laws.law import KP, KV, LONGEST_SIGNAL, SIGNALS_AT, Law, Setti
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.law_history import JournalReader, LawInForce, journal_words, write_entry
 from qrobot.servo.memory.telemetry import N_SIGNALS
+from tests.support.log_samples import make_header, make_rows
 from tests.support.servo_bench import ServoBench
 
 LAW = LawInForce(0, 0, "told", "", (1.0,) * 6, (2.0,) * 6, (3.0,) * 6, "power count")
