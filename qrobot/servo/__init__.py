@@ -1,1 +1,1 @@
-"""The servo daemon: read, estimate, interpolate, law, guard, write, in one compiled cycle."""
+"""The servo daemon: from the board's image to its torque, in one compiled cycle."""

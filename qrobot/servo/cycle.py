@@ -1,6 +1,6 @@
 """One servo cycle, from register image to register writes.
 
-    read -> estimate -> watch -> obey -> refer -> law -> guard -> write -> tell
+    read, estimate -> check_inputs -> handle_requests -> update_reference -> check_reference -> drive -> write, publish
 
 `cycle` is pure: it works on the arrays it is given, with the time as an argument, and every path ends in a list of
 register writes that carries either the guarded torque of the law or zero torque. The loops that own a clock
@@ -13,16 +13,15 @@ from typing import Any, Final
 
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
-from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors, watch_timing
-from qrobot.servo.checks.hold_to_run import watch_key
-from qrobot.servo.checks.reduced_speed import watch_tool
+from qrobot.servo.checks.fault_monitors import watch_timing
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
+from qrobot.servo.protection import check_inputs, check_reference
 from qrobot.servo.stages.binary_outputs import settle_outputs
 from qrobot.servo.stages.collision_stop import give_way
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
-from qrobot.servo.stages.inputs import estimate, read, watch_arm
+from qrobot.servo.stages.inputs import estimate, read
 from qrobot.servo.stages.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.stages.mode_machine import (
     apply_faults,
@@ -30,7 +29,6 @@ from qrobot.servo.stages.mode_machine import (
     handle_requests,
     hold_position,
     report_fault,
-    watch_surroundings,
 )
 from qrobot.servo.stages.publish import publish
 from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
@@ -59,18 +57,13 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     tick(params, state, now_ns, late_ns)
     read(params, state)
     estimate(params, state)
-    watch_surroundings(params, state, mail, now_ns)
-    watch_arm(params, state)
-    watch_motors(params, state)
-    watch_brakes(params, state, now_ns)
-    watch_modules(state)
+    check_inputs(params, state, mail, now_ns)
     handle_requests(params, state, mail, now_ns)
     update_reference(params, state, mail, now_ns)
     hold_through_dropout(state)
-    watch_key(state, mail, now_ns)
-    watch_tool(params, state)
+    check_reference(params, state, mail, now_ns)
     apply_faults(params, state, mail, now_ns)
-    drive(params, state)
+    drive(params, state)  # the law, and the check of its torque
     apply_faults(params, state, mail, now_ns)
     settle_outputs(params, state, mail, now_ns)
     n_ops = write(params, state, mail)

@@ -185,7 +185,9 @@ def assert_let_go_by_the_servo(trace: Any) -> None:
     driven = (trace[:, 2] != DISCRETE) & (trace[:, 3] != DAC_ZERO)
     last = trace[np.flatnonzero(driven)[-1] + 1 :]
     assert {DISCRETE, *(DAC + 2 * channel for channel in range(N_DACS))} <= set(last[:, 2].tolist())
-    assert (last[last[:, 2] == DISCRETE, 3] & DISCRETE_POWER == 0).all()
+    power = last[last[:, 2] == DISCRETE, 3] & DISCRETE_POWER  # the converter's bits stand in the same register
+    assert power[-1] == 0
+    assert (np.diff(power) <= 0).all()
 
 
 def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:

@@ -1,4 +1,4 @@
-"""Watches over timing, motors, brakes, modules: each cycle gathers what `guard_timing` and `guard_motion` judge."""
+"""Monitors of timing, motors, brakes, modules: each cycle gathers what `timing_checks` and `motor_fault_diagnosis` judge."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class WatchState:
     counts_on: Any  # encoder counts when power came on, int64
     still_s: Any  # for how long they have not changed
     step: Any  # counts of the newest sample, positive with the joint, int64
-    along: Any  # counts along the torque since power came on, see `guard_motion.counts_along`, int64
+    along: Any  # counts along the torque since power came on, see `motor_fault_diagnosis.counts_along`, int64
     travel: Any  # counts since the motor last turned round, positive with the joint, int64
     going: Any  # 1: its reference has gone on that way since the last count, int64
     slid: Any  # motor torque beyond the load that slid it when the encoder last counted, at most, N m (N)
