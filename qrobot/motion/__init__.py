@@ -1,11 +1,11 @@
 """The engine under every programming library: requests in, one joint setpoint per sample out.
 
 Pure: time is an argument. The world model is `trsf` (transforms of four kinds), `product` and `equation`. `request`
-says what to do, `geometric_path` which way leads there in some `coordinates`, `timing` how long it takes. `path` joins
-pieces (`path_piece`) by transitions (`blend`), `via_point` leads from one segment into the next, `path_stop` and `replan`
-leave it early, `joint_stop` leaves it altogether, `trajectory_state` is how far the arm is on it, `setpoint_check` judges
-each setpoint, and `generator` decides which of them comes when. `force` lets joints give way (`joint_matching`,
-`compliance`) and feels (`external_torque`) what the arm exerts.
+says what to do, `geometric_path` which way leads there in some `coordinates`, `timing` how long it takes. `path`
+joins pieces (`path_piece`) by transitions (`blend`), `via_point` leads from one segment into the next, `path_stop`
+and `replan` leave it early, `joint_stop` leaves it altogether, `trajectory_state` is how far the arm is on it,
+`setpoint_check` judges each setpoint, and `generator` decides which of them comes when. `force` lets joints give way
+(`joint_matching`, `compliance`) and feels (`external_torque`) what the arm exerts.
 """
 
 from qrobot.motion.blend import Blend, Correction

@@ -1,4 +1,4 @@
-"""Monitors of timing, motors, brakes, modules: each cycle gathers what `timing_checks` and `motor_fault_diagnosis` judge."""
+"""Monitors of timing, motors, brakes, modules: what `timing_checks` and `motor_fault_diagnosis` judge is gathered here."""
 
 from __future__ import annotations
 
