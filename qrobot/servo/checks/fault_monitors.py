@@ -1,4 +1,4 @@
-"""Monitors of timing, motors, brakes, modules: what `timing_checks` and `motor_fault_diagnosis` judge is gathered here."""
+"""Monitors of timing, motors, brakes, modules: they gather what `timing_checks` and `motor_fault_diagnosis` judge."""
 
 from __future__ import annotations
 
