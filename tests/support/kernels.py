@@ -17,6 +17,7 @@ from qrobot.rci import VirtualLink
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.trial import prove_finite
+from qrobot.servo.process import daemon, guardian
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from tests.support.fake_robot import FakeRobot
@@ -43,6 +44,12 @@ def both() -> None:
     LockstepRig(load_robot(ROBOT), ServoSettings()).ticks(1)
 
 
+def processes() -> None:
+    """The loops of servo and guardian as processes: the first test on the wall clock would wait for them."""
+    daemon.warm_up(load_robot(ROBOT), ServoSettings())
+    guardian.warm_up()
+
+
 def laws() -> None:
     """Every law that comes with the project."""
     robot = load_robot(ROBOT)
@@ -65,7 +72,7 @@ def tests() -> None:
         pytest.main(["--collect-only", "-q"])
 
 
-PARTS: Final[tuple[Callable[[], None], ...]] = servo, laws, motion, board, tests, both
+PARTS: Final[tuple[Callable[[], None], ...]] = servo, processes, laws, motion, board, tests, both
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2) as pool:

@@ -68,7 +68,7 @@ from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters
-from qrobot.servo.process.loop import ENDED, MARGIN_MAX_NS, longest_margin, one_cycle, run
+from qrobot.servo.process.loop import ENDED, MARGIN_MAX_NS, longest_margin, run
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, WINDOW_NS, judge_budget, judge_pace
 from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
 from qrobot.servo.state import ServoState, make_state
@@ -87,7 +87,6 @@ def warm_up(robot: Robot, settings: ServoSettings) -> Law:
     params, law = servo_parameters(robot, settings), tried_law_of(robot, settings)
     mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, settings.period_ns, SMALLEST_RING)
     board = local_board_memory()
-    one_cycle(params, make_state(params, law), mail, board, settings.period_ns, 0)
     mail[COMMAND_SHUTDOWN] = 1
     run(params, make_state(params, law), mail, board, make_card(NO_CARD), 0, BOARD_AWAY_NS)
     return law
