@@ -163,6 +163,16 @@ def dac_code(tau_motor: float, dac_per_Nm: float) -> int:
 
 
 @lean_kernel
+def motor_rates(v: Floats, p: TransmissionParams, r_dot: Floats) -> None:
+    """Motor speeds C v in joint units: friction acts where the motors are, not where the joints are. Shapes (n,)."""
+    for i in range(v.size):
+        speed = 0.0
+        for j in range(v.size):
+            speed += p.motor_per_joint[i, j] * v[j]
+        r_dot[i] = speed
+
+
+@lean_kernel
 def torque_to_motor(tau: Floats, p: TransmissionParams, tau_motor: Floats) -> None:
     """Motor torques C^-T tau, in joint units. Shapes (n,)."""
     for i in range(tau.size):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -14,38 +13,19 @@ from qrobot import rccl
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import Termination
-from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, rot, t6, yunit, zunit
-from qrobot.rci import VirtualLink
+from qrobot.rccl import gentr_trsl, newtrans, rot, zunit
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import PARK, arm, shift
+from tests.support.puma import arm
+from tests.support.rccl_table import TABLE, TIP, on_table, programmed
 
 DONE, STOPPED = Termination.COMPLETED, Termination.STOPPED
 PERIOD_NS = 28_000_000
-TIP = shift(z=0.1).value
-E = gentr_trsl("E", 0, 0, 100)
-TABLE = gentr_rot("TABLE", 500, 50, -300, yunit, 180)
 
 
 @pytest.fixture
 def robot() -> Iterator[FakeRobot]:
     with programmed() as fake:
         yield fake
-
-
-@contextmanager
-def programmed() -> Iterator[FakeRobot]:
-    """A robot that a program has taken, in Cartesian mode."""
-    fake = FakeRobot(tuple(PARK))
-    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
-        rccl.control()
-        rccl.setvel(200, 90)
-        rccl.setmode("cartesian")
-        yield fake
-        rccl.release()
-
-
-def on_table(name: str, *terms) -> rccl.Position:
-    return makeposition(name, t6, E, EQ, TABLE, *terms, TL, E)
 
 
 def place(name: str, *mm: float) -> rccl.Position:

@@ -10,31 +10,20 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import JointLimit, MotionError, Unreachable
 from qrobot.motion import Termination
-from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, hold, makeposition, newtrans, rot, t6, trsl, varb, xunit, yunit
+from qrobot.rccl import gentr_trsl, hold, newtrans, rot, trsl, varb, xunit
 from qrobot.rci import VirtualLink
 from qrobot.wire import RobotMode
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S, arm, shift
+from tests.support.puma import LIMITS, PARK, PERIOD_S, arm
+from tests.support.rccl_table import TABLE, TIP, on_table, programmed
 
 DONE = Termination.COMPLETED
-TIP = shift(z=0.1).value
-E = gentr_trsl("E", 0, 0, 100)
-TABLE = gentr_rot("TABLE", 500, 50, -300, yunit, 180)
 
 
 @pytest.fixture
 def robot() -> Iterator[FakeRobot]:
-    fake = FakeRobot(tuple(PARK))
-    with rccl.use(lambda hello: VirtualLink(hello, fake.transfer)):
-        rccl.control()
-        rccl.setvel(200, 90)
-        rccl.setmode("cartesian")
+    with programmed() as fake:
         yield fake
-        rccl.release()
-
-
-def on_table(name: str, *terms) -> rccl.Position:
-    return makeposition(name, t6, E, EQ, TABLE, *terms, TL, E)
 
 
 def tip(robot: FakeRobot) -> np.ndarray:

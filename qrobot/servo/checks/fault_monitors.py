@@ -7,7 +7,7 @@ from typing import Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_POWER
-from qrobot.model.transmission import torque_to_motor
+from qrobot.model.transmission import motor_rates, torque_to_motor
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.dead_encoder import (
     WRONG_INERTIA,
@@ -35,7 +35,6 @@ from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.collision_stop import thrown_speed
 from qrobot.servo.stages.mode_machine import report_fault
-from qrobot.servo.stages.torque_output import motor_rates
 from qrobot.servo.state import (
     ServoState,
 )

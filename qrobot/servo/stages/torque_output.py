@@ -23,8 +23,8 @@ from qrobot.hwif.registers import (
 from qrobot.model.dynamics import friction_torque, gravity_torque
 from qrobot.model.stiction_compensation import lead
 from qrobot.model.transmission import (
-    TransmissionParams,
     joint_to_motor,
+    motor_rates,
     motor_to_torque,
     torque_to_dac,
     torque_to_motor,
@@ -190,16 +190,6 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
     lead(state.scratch, state.tau_motor, params.friction)
     friction_torque(state.scratch, params.friction, state.tau_motor)
     motor_to_torque(state.tau_motor, params.transmission, state.friction)
-
-
-@lean_kernel
-def motor_rates(v: Any, transmission: TransmissionParams, r_dot: Any) -> None:
-    """Motor speeds C v in joint units: friction acts where the motors are, not where the joints are. Shapes (n,)."""
-    for i in range(v.size):
-        speed = 0.0
-        for j in range(v.size):
-            speed += transmission.motor_per_joint[i, j] * v[j]
-        r_dot[i] = speed
 
 
 @lean_kernel

@@ -153,7 +153,10 @@ def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_h
             assert recorder.poll() is None
         finally:
             recorder.send_signal(signal.SIGTERM)
-            said = recorder.communicate(timeout=30)[1]
+            try:
+                said = recorder.communicate(timeout=30)[1]
+            finally:
+                recorder.kill()  # one that hangs fails the test, and is not left behind
     assert recorder.returncode == 0, said
     assert "refusals by the disk (File too large)" in said
     assert "the disk did not take its last" in said
