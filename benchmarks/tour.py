@@ -2,7 +2,7 @@
 
     Z T6 E = CONV P_k        so that a setpoint is   T6 = Z^-1 CONV(t) P_k DRIVE(x(t)) E^-1
 
-The generator plans and decides; the legs it made of that are kept. `walk` then evaluates each leg, multiplies the
+The generator plans and decides; the pieces it made of that are kept. `walk` then evaluates each piece, multiplies the
 products, solves for the joints and judges the setpoint: the sample of the generator from the same kernels, without the
 interpreter between them.
 """
@@ -22,22 +22,22 @@ from qrobot.model.puma import OK, puma_inverse
 from qrobot.model.transform import inverse, rot_z, transform
 from qrobot.motion import (
     T6,
+    ArmKinematics,
     Duration,
     Equation,
     Generator,
     MotionMode,
     MoveRequest,
-    Reach,
     TransformKind,
     Trsf,
+    kinematics_of,
     motion_limits,
-    reach_of,
 )
-from qrobot.motion.blend import PEAK, Blend, Correction
-from qrobot.motion.drive_transform import drive_between
-from qrobot.motion.path_piece import PathPiece, evaluate
-from qrobot.motion.product import multiply_chain
-from qrobot.motion.setpoint_check import NONE, judge_rows
+from qrobot.motion.path.blend import PEAK, Blend, Correction
+from qrobot.motion.path.path_piece import PathPiece, evaluate
+from qrobot.motion.trajectory.setpoint_check import NONE, judge_rows
+from qrobot.motion.world.drive_transform import drive_between
+from qrobot.motion.world.product import multiply_chain
 from qrobot.realtime.jit import lean_kernel
 
 MOTIONS: Final = 10
@@ -51,9 +51,9 @@ class Tour(NamedTuple):
     """All that a sample needs; the kernel changes the scratch space alone.
 
     Attributes:
-        rows, start, length: of the legs; shapes (legs, 5, 6), (legs,), (legs,), times in samples.
-        place: which P each leg goes to. Shape (legs,).
-        leg: of each sample. Shape (samples,).
+        rows, start, length: of the pieces; shapes (pieces, 5, 6), (pieces,), (pieces,), times in samples.
+        place: which P each piece goes to. Shape (pieces,).
+        piece: of each sample. Shape (samples,).
         q_before: the two setpoints before the first. Shape (2, 6).
         parts, inverted: Z, CONV and P; shapes (3, 4, 4), (3,).
         places: P_k. Shape (k, 4, 4).
@@ -67,7 +67,7 @@ class Tour(NamedTuple):
     start: Floats
     length: Floats
     place: Any
-    leg: Any
+    piece: Any
     q_before: Floats
     parts: Floats
     inverted: Any
@@ -103,12 +103,12 @@ def walk(tour: Tour, left: Any, state: Any, D: Any, T: Any, recent: Any, q: Any)
     failed = 0
     _remember(recent, tour.q_before[0])
     _remember(recent, tour.q_before[1])
-    for i in range(tour.leg.size):
-        leg, tick = tour.leg[i], tour.first + i
+    for i in range(tour.piece.size):
+        piece, tick = tour.piece[i], tour.first + i
         tour.parts[1, 0, 3] = tour.speed * tick
-        _copy(tour.places[tour.place[leg]], tour.parts[2])
-        elapsed_s, length_s = (tick - tour.start[leg]) * PERIOD_S, tour.length[leg] * PERIOD_S
-        evaluate(tour.rows[leg], QUARTIC, SMOOTH, length_s, elapsed_s, 1.0, 0.0, state)
+        _copy(tour.places[tour.place[piece]], tour.parts[2])
+        elapsed_s, length_s = (tick - tour.start[piece]) * PERIOD_S, tour.length[piece] * PERIOD_S
+        evaluate(tour.rows[piece], QUARTIC, SMOOTH, length_s, elapsed_s, 1.0, 0.0, state)
         multiply_chain(tour.parts, tour.inverted, left)
         drive_between(left, state[0], False, tour.behind, D, T)
         status = puma_inverse(T, tour.params, tour.branch, recent[0], q[i])
@@ -122,17 +122,17 @@ class Recorder(Generator):
 
     Attributes:
         first: number of that sample.
-        legs: in turn.
+        pieces: in turn.
         names: of the positions they go to.
-        leg: of each sample.
+        piece: of each sample.
         q: all setpoints, of samples before the first as well. Shape (n,) each.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.first = 0
-        self.legs, self.names = list[PathPiece](), list[str]()
-        self.leg, self.q = list[int](), list[Floats]()
+        self.pieces, self.names = list[PathPiece](), list[str]()
+        self.piece, self.q = list[int](), list[Floats]()
 
     def record(self, tick: int) -> None:
         """Sample `tick`."""
@@ -140,10 +140,10 @@ class Recorder(Generator):
         if self.goal is None:
             return
         self.first = self.first or tick
-        if not self.legs or self._path.leg is not self.legs[-1]:
-            self.legs.append(self._path.leg)
+        if not self.pieces or self._path.piece is not self.pieces[-1]:
+            self.pieces.append(self._path.piece)
             self.names.append(self.goal.name)
-        self.leg.append(len(self.legs) - 1)
+        self.piece.append(len(self.pieces) - 1)
 
 
 class Conveyor:
@@ -157,12 +157,12 @@ class Conveyor:
         trsf.value = transform(translation=[self._speed * self.tick, 0.0, 0.0])
 
 
-def bench_arm() -> tuple[Arm, Reach, Floats]:
+def bench_arm() -> tuple[Arm, ArmKinematics, Floats]:
     """The PUMA, its kinematics and where it stands."""
     arm = Arm(load_robot("puma560"))
-    reach = reach_of(arm)
-    assert reach is not None, "the PUMA has a closed form"
-    return arm, reach, np.array(arm.robot.poses["park"])
+    kinematics = kinematics_of(arm)
+    assert kinematics is not None, "the PUMA has a closed form"
+    return arm, kinematics, np.array(arm.robot.poses["park"])
 
 
 class World(NamedTuple):
@@ -183,37 +183,37 @@ def world_around(arm: Arm, q: Floats) -> World:
 
 def planned_tour(samples: int) -> tuple[Tour, Floats]:
     """The tour of so many samples, and the setpoints (samples, 6) that the generator gave."""
-    arm, reach, park = bench_arm()
-    generator = Recorder(motion_limits(arm.robot), PERIOD_S, park, reach=reach)
+    arm, kinematics, park = bench_arm()
+    generator = Recorder(motion_limits(arm.robot), PERIOD_S, park, kinematics=kinematics)
     speed, world = DRIFT_M / samples, world_around(arm, park)
     conveyor = Conveyor(speed)
     for request in requests(world, conveyor.trsf, samples):
         generator.push(request)
-    while len(generator.leg) < samples:
+    while len(generator.piece) < samples:
         conveyor.tick += 1
         generator.record(conveyor.tick)
-    tour = tour_of(generator, world, arm, int(reach.branch(park)), speed)
+    tour = tour_of(generator, world, arm, int(kinematics.branch(park)), speed)
     return tour, np.array(generator.q[generator.first - 1 :])
 
 
 def requests(world: World, conveyor: Trsf, samples: int) -> Iterator[MoveRequest]:
     """The motions, which share the samples."""
     z, e = Trsf("Z", TransformKind.CONST, world.Z), Trsf("E", TransformKind.CONST, world.E)
-    pace = Duration(samples / MOTIONS * PERIOD_S)
+    speed = Duration(samples / MOTIONS * PERIOD_S)
     for k, place in enumerate(world.places):
         equation = Equation(str(k), [z, T6, e], [conveyor, Trsf("P", TransformKind.CONST, place)], e)
-        yield MoveRequest(str(k), equation.goal(), pace, mode=MotionMode.CARTESIAN)
+        yield MoveRequest(str(k), equation.goal(), speed, mode=MotionMode.CARTESIAN)
 
 
 def tour_of(generator: Recorder, world: World, arm: Arm, branch: int, speed: float) -> Tour:
     """What was recorded, for `walk`."""
-    legs, first = generator.legs, generator.first
+    pieces, first = generator.pieces, generator.first
     return Tour(
-        rows=np.array([leg.rows for leg in legs]),
-        start=np.array([leg.start for leg in legs]),
-        length=np.array([leg.length for leg in legs]),
+        rows=np.array([piece.rows for piece in pieces]),
+        start=np.array([piece.start for piece in pieces]),
+        length=np.array([piece.length for piece in pieces]),
         place=np.array([int(name) for name in generator.names]),
-        leg=np.array(generator.leg),
+        piece=np.array(generator.piece),
         q_before=np.array(generator.q[first - 3 : first - 1]),
         parts=np.array([world.Z, np.eye(4), np.eye(4)]),
         inverted=np.array([True, False, False]),
@@ -229,7 +229,7 @@ def tour_of(generator: Recorder, world: World, arm: Arm, branch: int, speed: flo
 
 def walk_again(tour: Tour) -> tuple[int, Floats]:
     """`walk` with scratch space of its own: failures and setpoints."""
-    q = np.empty((tour.leg.size, 6))
+    q = np.empty((tour.piece.size, 6))
     return walk(tour, *scratch(), q), q
 
 

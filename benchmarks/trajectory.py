@@ -54,7 +54,7 @@ def rows(effort: Effort) -> Iterator[Row]:
 
 def setpoint_rows(tour: Tour, effort: Effort) -> Iterator[Row]:
     """Time for each setpoint."""
-    updates, work_space, q = effort.times(UPDATES), scratch(), np.empty((tour.leg.size, 6))
+    updates, work_space, q = effort.times(UPDATES), scratch(), np.empty((tour.piece.size, 6))
     work: dict[str, Callable[[], object]] = {"setpoint": lambda: walk(tour, *work_space, q)}
     peer = ruckig_updates(*bench_arm()[::2])
     if peer is not None:
@@ -62,7 +62,7 @@ def setpoint_rows(tour: Tour, effort: Effort) -> Iterator[Row]:
     for each in work.values():
         each()  # compiles
     best = interleaved(work, TURNS * effort.rounds)
-    us, name = 1e6 * best["setpoint"] / tour.leg.size, "Cartesian setpoint beside a conveyor, compiled"
+    us, name = 1e6 * best["setpoint"] / tour.piece.size, "Cartesian setpoint beside a conveyor, compiled"
     if peer is None:
         yield row(f"{name} (ruckig is not installed: `make bench` installs it)", us, "us", Goal(0.4))
     else:
@@ -97,9 +97,9 @@ class Round:
     """
 
     def __init__(self, comply: bool) -> None:
-        arm, reach, self._park = bench_arm()
-        self._generator = Generator(motion_limits(arm.robot), PERIOD_S, self._park, reach=reach)
-        self._force = ForceControl(arm.robot, PERIOD_S, reach) if comply else None
+        arm, kinematics, self._park = bench_arm()
+        self._generator = Generator(motion_limits(arm.robot), PERIOD_S, self._park, kinematics=kinematics)
+        self._force = ForceControl(arm.robot, PERIOD_S, kinematics) if comply else None
         self._drift, self._conveyor = Drift(), Conveyor(CONVEYOR_M_S * PERIOD_S)
         tool = transform(translation=[0.0, 0.0, 0.1])
         self._tool, self._base = (

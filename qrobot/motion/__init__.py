@@ -8,17 +8,11 @@ and `replan` leave it early, `joint_stop` leaves it altogether, `trajectory_stat
 (`joint_matching`, `compliance`) and feels (`external_torque`) what the arm exerts.
 """
 
-from qrobot.motion.blend import Blend, Correction
-from qrobot.motion.compliance import Compliance, Drift, ForceLimits
-from qrobot.motion.drive_transform import OrientationInterpolation
-from qrobot.motion.equation import Equation, Goal
 from qrobot.motion.event import EventKind, MotionEvent, Termination
-from qrobot.motion.external_torque import ArmSample, Exerted
-from qrobot.motion.force import ForceControl
+from qrobot.motion.force.external_torque import ArmSample, Exerted
+from qrobot.motion.force.force_control import ForceControl
 from qrobot.motion.generator import Generator
-from qrobot.motion.kinematics import Reach, reach_of
-from qrobot.motion.limits import MotionLimits, motion_limits
-from qrobot.motion.output import Output
+from qrobot.motion.path.blend import Blend, Correction
 from qrobot.motion.request import (
     HERE,
     Duration,
@@ -29,12 +23,19 @@ from qrobot.motion.request import (
     SpeedShare,
     ToolSpeed,
 )
-from qrobot.motion.trsf import T6, TransformKind, Trsf
+from qrobot.motion.trajectory.output import Output
 from qrobot.motion.warm_up import warm_up, warm_up_cartesian, warm_up_force
+from qrobot.motion.world.compliance import Compliance, Drift, ForceLimits
+from qrobot.motion.world.drive_transform import OrientationInterpolation
+from qrobot.motion.world.equation import Equation, Goal
+from qrobot.motion.world.kinematics import ArmKinematics, kinematics_of
+from qrobot.motion.world.limits import MotionLimits, motion_limits
+from qrobot.motion.world.trsf import T6, TransformKind, Trsf
 
 __all__ = [
     "HERE",
     "T6",
+    "ArmKinematics",
     "ArmSample",
     "Blend",
     "Compliance",
@@ -56,14 +57,13 @@ __all__ = [
     "MoveRequest",
     "OrientationInterpolation",
     "Output",
-    "Reach",
     "SpeedShare",
     "Termination",
     "ToolSpeed",
     "TransformKind",
     "Trsf",
+    "kinematics_of",
     "motion_limits",
-    "reach_of",
     "warm_up",
     "warm_up_cartesian",
     "warm_up_force",

@@ -16,23 +16,23 @@ from __future__ import annotations
 
 from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
-from qrobot.motion.blend import Blend, Correction
-from qrobot.motion.coordinates import JOINTS
-from qrobot.motion.equation import Goal
 from qrobot.motion.event import Termination
-from qrobot.motion.event_queue import EventQueue
-from qrobot.motion.kinematics import Reach
-from qrobot.motion.limits import MotionLimits
-from qrobot.motion.output import Output, Passing, StopState
-from qrobot.motion.path import Segment
-from qrobot.motion.path_piece import BlendSettings
-from qrobot.motion.planner import Planner, SegmentEntry, TransitionBounds
-from qrobot.motion.queue import QUEUE_SIZE, RequestQueue
-from qrobot.motion.queued_motion import NOTHING, Following, QueuedMotion
+from qrobot.motion.path.blend import Blend, Correction
+from qrobot.motion.path.coordinates import JOINTS
+from qrobot.motion.path.path_piece import BlendSettings
+from qrobot.motion.path.segment import Segment
+from qrobot.motion.planning.planner import Planner, SegmentEntry, TransitionBounds
+from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion
+from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.setpoint_check import judge_next, reason
-from qrobot.motion.trajectory_state import TrajectoryState
-from qrobot.motion.via_point import ViaPlanner, ViaTransition
+from qrobot.motion.trajectory.event_queue import EventQueue
+from qrobot.motion.trajectory.output import Output, Passing, StopState
+from qrobot.motion.trajectory.setpoint_check import judge_next, reason
+from qrobot.motion.trajectory.trajectory_state import TrajectoryState
+from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition
+from qrobot.motion.world.equation import Goal
+from qrobot.motion.world.kinematics import ArmKinematics
+from qrobot.motion.world.limits import MotionLimits
 
 
 class Generator:
@@ -45,7 +45,7 @@ class Generator:
         tick: number of that sample.
         blend: polynomial of the transitions.
         queue_size: how many requests may wait.
-        reach: kinematics of the arm; without them only joint positions can be gone to.
+        kinematics: kinematics of the arm; without them only joint positions can be gone to.
         correction: polynomial that fades out a velocity the transition did not expect.
     """
 
@@ -57,24 +57,24 @@ class Generator:
         tick: int = 0,
         blend: Blend = Blend.QUARTIC,
         queue_size: int = QUEUE_SIZE,
-        reach: Reach | None = None,
+        kinematics: ArmKinematics | None = None,
         correction: Correction = Correction.SMOOTH,
     ) -> None:
         self.period_s = period_s
         self._limits = limits
-        self._shape = BlendSettings(period_s, blend, correction)
-        self._planner = Planner(limits, self._shape, reach)
+        self._settings = BlendSettings(period_s, blend, correction)
+        self._planner = Planner(limits, self._settings, kinematics)
         self._scheduler = self._planner.scheduler
-        self._reach = reach
+        self._kinematics = kinematics
         self._queue = RequestQueue(queue_size)
-        self._at = TrajectoryState(q, tick, self._shape)
-        self._path = self._at.path
+        self._trajectory = TrajectoryState(q, tick, self._settings)
+        self._path = self._trajectory.path
         self._stop: StopState | None = None
-        self._corner = ViaPlanner(self._planner)
+        self._via = ViaPlanner(self._planner)
         self._passing: Passing | None = None
-        self._interrupted: tuple[Segment | None, int] | None = None  # what was under way then, and the code
+        self._skipped: tuple[Segment | None, int] | None = None  # what was under way then, and the code
         self._arrived: MoveRequest | None = None
-        self._news = EventQueue()
+        self._events = EventQueue()
 
     # -------------------------------------------------------------------------------------------------- at any time
 
@@ -94,14 +94,14 @@ class Generator:
         return self._stop is not None
 
     @property
-    def has_news(self) -> bool:
+    def has_events(self) -> bool:
         """Events are still to be told, if only that the arm is idle; also when nothing was left to be done for them."""
-        return self._news.pending
+        return self._events.pending
 
     @property
     def goal(self) -> Goal | None:
         """What is gone to, or followed, at the newest sample; None on a joint path."""
-        return self._path.chart.goal
+        return self._path.coordinates.goal
 
     @property
     def serving(self) -> MoveRequest | None:
@@ -116,16 +116,18 @@ class Generator:
             Unreachable, Singular: no configuration, or not this one, reaches the goal or a place on the way.
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
-        self._queue.push(self._planner.prepare(request, self._last_end(), self._at.newest, self._at.tick))
-        self._news.expect()
+        self._queue.push(
+            self._planner.prepare(request, self._last_end(), self._trajectory.newest, self._trajectory.tick)
+        )
+        self._events.expect()
 
-    def interrupt(self, code: int) -> None:
+    def skip(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 
         A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop.
         """
         if self.busy and self._stop is None:
-            self._interrupted = self._path.segment, code
+            self._skipped = self._path.segment, code
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all waiting requests and come to an absolute rest, in at least `seconds`.
@@ -133,11 +135,11 @@ class Generator:
         On a joint path the arm stays on it; else it stops where its joints can.
         """
         self._drop_waiting()
-        stands = self._path.segment is None and self._path.chart.fixed
+        stands = self._path.segment is None and self._path.coordinates.fixed
         if self._stop is None and not stands:
             self._begin_stop(self.serving, Termination.STOPPED, seconds)
 
-    def give_up(self, code: int) -> None:
+    def abort(self, code: int) -> None:
         """What is under way must not go on: an absolute stop wherever the joints can, and nothing of what waits.
 
         The present request ends with `code`; at rest it is told that the goal which was followed is lost.
@@ -145,16 +147,16 @@ class Generator:
         if self._stop is not None:
             return
         if self._path.segment is None:
-            self._news.lost(self._arrived, code)
+            self._events.lost(self._arrived, code)
         self._drop_waiting()
-        self._begin_halt(self.serving, code)
+        self._begin_joint_stop(self.serving, code)
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
 
         Exact on joint paths; else of the parabola through the newest three setpoints.
         """
-        return self._at.state()
+        return self._trajectory.state()
 
     # ----------------------------------------------------------------------------------------------- once per sample
 
@@ -170,60 +172,64 @@ class Generator:
             MotionError: it is not later than the sample before.
             Exception: whatever a functional transform or a monitor raised.
         """
-        self._at.advance(tick, standing)
-        self._look()
+        self._trajectory.advance(tick, standing)
+        self._sample_goals()
         q = self._follow()
-        if self._passing is not None and self._at.clock >= self._passing.middle:
+        if self._passing is not None and self._trajectory.clock >= self._passing.middle:
             self._pass_via_point()
-        self._at.give_out(q)
+        self._trajectory.give_out(q)
         return self._output(q)
 
-    def _look(self) -> None:
+    def _sample_goals(self) -> None:
         """Evaluate what moves, and ask the monitor."""
-        self._path.chart.sample(self._at.tick)
-        if (errand := self._queue.peek()) is not None:
-            errand.sample(self._at.tick)
+        self._path.coordinates.sample(self._trajectory.tick)
+        if (queued := self._queue.peek()) is not None:
+            queued.sample(self._trajectory.tick)
         request = self.serving
         if request is not None and request.monitor is not None and (code := request.monitor()):
-            self.interrupt(int(code))  # type: ignore[call-overload]
+            self.skip(int(code))  # type: ignore[call-overload]
 
     def _follow(self) -> Floats:
         """The setpoint, kept from passing a limit."""
         try:
             q = self._next_setpoint()
         except (JointLimit, Unreachable, Singular) as error:
-            self.give_up(reason(error))
-            return self._at.setpoint()
-        if not self._at.on_joint_path and (code := self._judged(q)) is not Termination.NONE:
-            self.give_up(code)
-            return self._at.setpoint()
+            self.abort(reason(error))
+            return self._trajectory.setpoint()
+        if not self._trajectory.on_joint_path and (code := self._judged(q)) is not Termination.NONE:
+            self.abort(code)
+            return self._trajectory.setpoint()
         return q
 
     def _next_setpoint(self) -> Floats:
-        self._take_interruption()
-        while self._turn():
+        self._apply_skip()
+        while self._advance_segment():
             pass
         self._finish_stop()
-        return self._at.setpoint()
+        return self._trajectory.setpoint()
 
     def _judged(self, q: Floats) -> Termination:
-        code = judge_next(self._at.setpoints_with(q), self.period_s, self._limits, self._shape.blend)
-        if code is Termination.TOO_FAST and self._reach is not None and self._reach.near_singular(self._at.newest):
+        code = judge_next(self._trajectory.setpoints_with(q), self.period_s, self._limits, self._settings.blend)
+        if (
+            code is Termination.TOO_FAST
+            and self._kinematics is not None
+            and self._kinematics.near_singular(self._trajectory.newest)
+        ):
             return Termination.SINGULAR
         return code
 
     def _output(self, q: Floats) -> Output:
-        events = self._news.take(self.busy)
+        events = self._events.drain(self.busy)
         if self._stop is not None:
             return Output(q, self._stop.request, self._stop.scal, events, True)
         if (passing := self._passing) is None:
             return Output(q, self.serving, self._scal(), events, self.busy)
-        passed = passing.segment.scal(self._at.clock, self._shape.blend, ending=False)
+        passed = passing.segment.scal(self._trajectory.clock, self._settings.blend, ending=False)
         return Output(q, self.serving, self._scal(), events, self.busy, passing.segment.request, passed)
 
     # ---------------------------------------------------------------------------------------------- from leg to leg
 
-    def _turn(self) -> bool:
+    def _advance_segment(self) -> bool:
         """Begin the next leg if its time has come."""
         segment = self._path.segment
         if self._stop is not None and not self._stop.on_path:
@@ -236,215 +242,221 @@ class Generator:
 
     def _start(self) -> bool:
         """From rest, or from the goal that is being followed, into the oldest request."""
-        errand = self._queue.peek()
-        if errand is None or not errand.settled:
+        queued = self._queue.peek()
+        if queued is None or not queued.settled:
             return False
-        if errand.here:
+        if queued.here:
             return self._begin_here()
-        room = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.chart.fixed)
-        if self._depart(errand, self._at.goal_joints(), room):
+        bounds = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.coordinates.fixed)
+        if self._enter_from_state(queued, self._trajectory.goal_joints(), bounds):
             return True
-        if self._queue.peek() is errand and not self._path.chart.fixed:  # too fast a goal to leave: from rest, then
+        if (
+            self._queue.peek() is queued and not self._path.coordinates.fixed
+        ):  # too fast a goal to leave: from rest, then
             self._begin_stop(None, Termination.COMPLETED)
         return False
 
     def _leave_segment(self, segment: Segment) -> bool:
         """Into the transition to the request that follows, or to rest, once it is time for it."""
-        errand = self._queue.peek()
-        if self._stop is not None or errand is None or not errand.settled:
+        queued = self._queue.peek()
+        if self._stop is not None or queued is None or not queued.settled:
             return self._approach_rest(segment)
-        if errand.here and not segment.chart.fixed:
-            return self._at.clock >= segment.rest_begin and self._begin_here()
-        way = None if errand.here else self._way_round(segment, errand)  # where it stands still it rests anyhow
-        if way is None:
+        if queued.here and not segment.coordinates.fixed:
+            return self._trajectory.clock >= segment.rest_begin and self._begin_here()
+        transition = (
+            None if queued.here else self._transition_to(segment, queued)
+        )  # where it stands still it rests anyhow
+        if transition is None:
             return self._approach_rest(segment)
-        if self._at.clock < segment.end - way.schedule.transition:
+        if self._trajectory.clock < segment.end - transition.schedule.transition:
             return False
-        return self._pass_corner(segment, errand, way) or self._approach_rest(segment)
+        return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
 
-    def _way_round(self, segment: Segment, errand: QueuedMotion) -> ViaTransition | None:
-        """How to turn into `errand`, the oldest request; None when it came too late, or cannot be served at all."""
+    def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
+        """How to turn into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
         try:
-            return self._corner.way_round(segment, errand, self._at, self._queue.peek(1))
+            return self._via.transition_to(segment, queued, self._trajectory, self._queue.peek(1))
         except MotionError as error:
             self._refuse(error)
             return None
 
-    def _pass_corner(self, segment: Segment, errand: QueuedMotion, way: ViaTransition) -> bool:
-        """Into the transition to `errand` now; False when there turned out to be no way."""
-        if way.course.chart is JOINTS and segment.chart is JOINTS:
-            self._round_exactly(segment, errand, way)
+    def _enter_transition(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
+        """Into the transition to `queued` now; False when there turned out to be no way."""
+        if transition.geometry.coordinates is JOINTS and segment.coordinates is JOINTS:
+            self._enter_on_time(segment, queued, transition)
             return True
-        room = TransitionBounds(way.schedule.transition, following=self._asked_behind())
-        return self._depart(errand, self._at.goal_joints(), room, Termination.COMPLETED)
+        bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
+        return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED)
 
-    def _round_exactly(self, segment: Segment, errand: QueuedMotion, way: ViaTransition) -> None:
+    def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
         """From one joint path into another, beginning when it should have, whichever samples were left out."""
-        begin = segment.end - way.schedule.transition
-        there = self._planner.segment(errand, way.course, way.schedule, segment.end)
+        begin = segment.end - transition.schedule.transition
+        there = self._planner.segment(queued, transition.geometry, transition.schedule, segment.end)
         self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Into the transition to rest, once it is time for it."""
-        if self._at.clock < segment.rest_begin:
+        if self._trajectory.clock < segment.rest_begin:
             return False
-        self._at.approach_rest(segment)
+        self._trajectory.approach_rest(segment)
         return True
 
     def _arrive(self, segment: Segment) -> bool:
         """Stand exactly at the target once the transition to rest is over."""
-        if self._at.clock < self._path.leg.end:
+        if self._trajectory.clock < self._path.piece.end:
             return False
-        self._at.hold(segment.target)
+        self._trajectory.hold(segment.target)
         self._arrived = segment.request
         ended = segment.request if self._stop is None else self._stop.request
         self._stop = None
         if ended is not None:
-            self._news.ended(ended, Termination.COMPLETED)
+            self._events.ended(ended, Termination.COMPLETED)
         return True
 
-    def _depart(self, errand: QueuedMotion, corner: Floats, room: TransitionBounds, code: int | None = None) -> bool:
-        """Into `errand` now; the present request ends with `code`. False when there turned out to be no way."""
-        points = self._at.points()
+    def _enter_from_state(
+        self, queued: QueuedMotion, via: Floats, bounds: TransitionBounds, code: int | None = None
+    ) -> bool:
+        """Into `queued` now; the present request ends with `code`. False when there turned out to be no way."""
+        points = self._trajectory.points()
         try:
-            departure = self._planner.depart(errand, corner, points, self._at.clock, room)
+            entry = self._planner.plan_entry(queued, via, points, self._trajectory.clock, bounds)
         except MotionError as error:
             self._refuse(error)
             return False
-        if departure is None:
+        if entry is None:
             return False
-        self._enter(departure, self._at.clock, code)
+        self._enter(entry, self._trajectory.clock, code)
         return True
 
-    def _enter(self, departure: SegmentEntry, begin: float, code: int | None) -> None:
+    def _enter(self, entry: SegmentEntry, begin: float, code: int | None) -> None:
         """Take the oldest request out of the queue and follow its segment."""
         if code == Termination.COMPLETED and self._path.segment is not None:
-            self._passing = Passing(self._path.segment, departure.segment.begin)
+            self._passing = Passing(self._path.segment, entry.segment.begin)
         else:
             self._end_present(code)
-        self._corner.forget()
-        self._at.enter(departure, begin)
-        self._news.begun(self._queue.pop().request)
+        self._via.forget()
+        self._trajectory.enter(entry, begin)
+        self._events.begun(self._queue.pop().request)
 
     def _end_present(self, code: int | None) -> None:
         """The present request, if there is one, ends with `code`."""
         self._pass_via_point()
         if self.serving is not None and code is not None:
-            self._news.ended(self.serving, code)
+            self._events.ended(self.serving, code)
 
     def _pass_via_point(self) -> None:
         """The request whose via point the path turns round has ended: half way, or cut short like the next one."""
         if self._passing is not None:
-            self._news.ended(self._passing.segment.request, Termination.COMPLETED)
+            self._events.ended(self._passing.segment.request, Termination.COMPLETED)
             self._passing = None
 
     # --------------------------------------------------------------------------------- interruptions, stops, failures
 
-    def _take_interruption(self) -> None:
+    def _apply_skip(self) -> None:
         """End the present request if that was asked for, as soon as the next one can begin."""
-        if self._interrupted is None or self._interrupted[0] is not self._path.segment:
-            self._interrupted = None
+        if self._skipped is None or self._skipped[0] is not self._path.segment:
+            self._skipped = None
             return
-        segment, code = self._interrupted
-        errand = self._queue.peek()
-        if segment is not None and errand is not None and not errand.settled:
+        segment, code = self._skipped
+        queued = self._queue.peek()
+        if segment is not None and queued is not None and not queued.settled:
             return
-        self._interrupted = None
+        self._skipped = None
         if segment is None:
             self._drop_oldest(code)
             return
-        if errand is None or not self._leave_for(errand, code):
+        if queued is None or not self._leave_for(queued, code):
             self._begin_stop(segment.request, code)
 
     def _drop_oldest(self, code: int) -> None:
         """The request that was to begin in this sample ends with `code`."""
         if self.waiting:
-            self._news.ended(self._queue.pop().request, code)
+            self._events.ended(self._queue.pop().request, code)
 
-    def _leave_for(self, errand: QueuedMotion, code: int) -> bool:
-        """From where the arm is now, at the speed it has, into `errand`; False when no such way is safe."""
-        if errand.here:
+    def _leave_for(self, queued: QueuedMotion, code: int) -> bool:
+        """From where the arm is now, at the speed it has, into `queued`; False when no such way is safe."""
+        if queued.here:
             return self._begin_here(code)
-        if self._at.on_joint_path and errand.target is not None:
-            return self._divert(errand, code)
-        corner = self._planner.ahead(errand.request, self._at.points())
-        return self._depart(errand, corner, TransitionBounds(following=self._asked_behind()), code)
+        if self._trajectory.on_joint_path and queued.target is not None:
+            return self._replan(queued, code)
+        via = self._planner.ahead(queued.request, self._trajectory.points())
+        return self._enter_from_state(queued, via, TransitionBounds(following=self._asked_behind()), code)
 
-    def _divert(self, errand: QueuedMotion, code: int) -> bool:
+    def _replan(self, queued: QueuedMotion, code: int) -> bool:
         """As `_leave_for`, from one joint path to another."""
-        clock = self._at.clock
-        departure = self._planner.divert(errand, self._path.state(clock), clock, self._asked_behind())
-        if departure is None:
+        clock = self._trajectory.clock
+        entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
+        if entry is None:
             return False
-        self._enter(departure, clock, code)
+        self._enter(entry, clock, code)
         return True
 
     def _begin_here(self, code: int = Termination.COMPLETED) -> bool:
         """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
         self._end_present(code)
         request = self._queue.pop().request
-        self._news.begun(request)
+        self._events.begun(request)
         self._begin_stop(request, Termination.COMPLETED)
         return True
 
     def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
         """Come to an absolute rest, which ends `request`: on a joint path, or wherever the joints can."""
         segment = self._path.segment
-        if not self._at.on_joint_path or segment is None:
-            self._begin_halt(request, code, seconds)
+        if not self._trajectory.on_joint_path or segment is None:
+            self._begin_joint_stop(request, code, seconds)
             return
         self._cut_short(request, code, on_path=True)
-        self._at.brake(segment, seconds, self._scheduler)
+        self._trajectory.path_stop(segment, seconds, self._scheduler)
 
-    def _begin_halt(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
         """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
         self._cut_short(request, code, on_path=False)
-        self._at.halt(seconds, self._limits)
+        self._trajectory.joint_stop(seconds, self._limits)
 
     def _cut_short(self, request: MoveRequest | None, code: int, on_path: bool) -> None:
         """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
         self._stop = StopState(request, code, self._scal(), on_path)
-        self._corner.forget()
+        self._via.forget()
         self._pass_via_point()
         if request is not None and code != Termination.COMPLETED:
-            self._news.interrupted(request, code)
+            self._events.interrupted(request, code)
 
     def _finish_stop(self) -> bool:
         """Stand where the joints, or path time, have come to rest."""
         stop = self._stop
-        if stop is None or not self._at.stopped:
+        if stop is None or not self._trajectory.stopped:
             return False
-        self._at.hold(self._path.state(self._at.clock)[0])
+        self._trajectory.hold(self._path.state(self._trajectory.clock)[0])
         self._stop = None
         if stop.request is not None:
-            self._news.ended(stop.request, stop.code)
+            self._events.ended(stop.request, stop.code)
         return True
 
     def _refuse(self, error: MotionError) -> None:
         """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
-        self._news.ended(self._queue.pop().request, reason(error))
+        self._events.ended(self._queue.pop().request, reason(error))
         self._drop_waiting()
 
     def _drop_waiting(self) -> None:
-        self._corner.forget()
-        self._news.dropped(errand.request for errand in self._queue.clear())
+        self._via.forget()
+        self._events.dropped(queued.request for queued in self._queue.clear())
 
     # ------------------------------------------------------------------------------------------------------- helpers
 
     def _scal(self) -> float:
         """How much of the present segment is done, 0 to 1; 1 at rest."""
         segment = self._path.segment
-        return 1.0 if segment is None else segment.scal(self._at.clock, self._shape.blend, self._path.ending)
+        return 1.0 if segment is None else segment.scal(self._trajectory.clock, self._settings.blend, self._path.ending)
 
     def _asked_behind(self) -> Following:
         """What the request behind the oldest asks for."""
-        errand = self._queue.peek(1)
-        return NOTHING if errand is None else errand.asks
+        queued = self._queue.peek(1)
+        return NO_FOLLOWER if queued is None else queued.asks
 
     def _last_end(self) -> Floats | None:
         """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
         if (last := self._queue.last()) is not None:
             return last.end
-        if not self._path.chart.fixed or (self._stop is not None and not self._stop.on_path):
+        if not self._path.coordinates.fixed or (self._stop is not None and not self._stop.on_path):
             return None
-        return self._at.goal_joints()
+        return self._trajectory.goal_joints()

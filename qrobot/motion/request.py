@@ -16,10 +16,10 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.branch import Branch
-from qrobot.motion.compliance import ForceLimits
-from qrobot.motion.drive_transform import OrientationInterpolation
-from qrobot.motion.equation import Goal
-from qrobot.motion.limits import MotionLimits
+from qrobot.motion.world.compliance import ForceLimits
+from qrobot.motion.world.drive_transform import OrientationInterpolation
+from qrobot.motion.world.equation import Goal
+from qrobot.motion.world.limits import MotionLimits
 
 _ROUNDING: Final = 1e-9  # in samples: a time that is a whole number of them stays that number
 
@@ -40,7 +40,7 @@ def _positive(value: float, what: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class Displacement:
     """The way of one segment, from corner to corner.
 
     Attributes:
@@ -61,7 +61,7 @@ class Duration:
     def __post_init__(self) -> None:
         _positive(self.seconds, "the time of a motion")
 
-    def samples(self, _way: Way, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, _transition: Displacement, _limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner."""
         return whole_samples(self.seconds, period_s)
 
@@ -75,9 +75,9 @@ class JointSpeed:
     def __post_init__(self) -> None:
         _positive(self.speed, "the speed of a motion")
 
-    def samples(self, way: Way, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner, rounded up: never faster than asked."""
-        return enough_samples(float(np.abs(way.joints).max()) / self.speed, period_s)
+        return enough_samples(float(np.abs(displacement.joints).max()) / self.speed, period_s)
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ class SpeedShare:
         if not 0.0 < self.share <= 1.0:
             raise MotionError(f"the share of the joints' speed must be above 0 and at most 1, not {self.share}")
 
-    def samples(self, way: Way, limits: MotionLimits, period_s: float) -> int:
+    def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner, rounded up: never faster than asked."""
-        return enough_samples(float((np.abs(way.joints) / limits.v_max).max()) / self.share, period_s)
+        return enough_samples(float((np.abs(displacement.joints) / limits.v_max).max()) / self.share, period_s)
 
 
 @dataclass(frozen=True)
@@ -106,11 +106,11 @@ class ToolSpeed:
         _positive(self.linear, "the speed of the tool")
         _positive(self.angular, "the turning speed of the tool")
 
-    def samples(self, way: Way, _limits: MotionLimits, period_s: float) -> int:
+    def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner, rounded up: never faster than asked. Raises MotionError: no kinematics."""
-        if way.tool is None:
+        if displacement.tool is None:
             raise MotionError("a tool speed needs the arm's kinematics, which were not given")
-        distance, turn = (float(np.linalg.norm(part)) for part in (way.tool[:3], way.tool[3:]))
+        distance, turn = (float(np.linalg.norm(part)) for part in (displacement.tool[:3], displacement.tool[3:]))
         return enough_samples(max(distance / self.linear, turn / self.angular), period_s)
 
 
@@ -140,7 +140,7 @@ class MoveRequest:
     Attributes:
         name: for people and traces.
         target: joint positions, rad or m, shape (n,), copied and made read-only; or the goal of an equation; or HERE.
-        pace: how long the segment takes.
+        speed: how long the segment takes.
         transition_s: Ta, half the time of the transition that leads into this segment; None takes the default and
             lengthens it as the arm needs.
         mode: how to get to a goal; joint positions are gone to in joint mode always.
@@ -152,7 +152,7 @@ class MoveRequest:
 
     name: str
     target: Floats | Goal | Here
-    pace: MotionSpeed
+    speed: MotionSpeed
     transition_s: float | None = None
     mode: MotionMode = MotionMode.JOINT
     branch: Branch | None = None

@@ -12,16 +12,16 @@ from qrobot.config import Robot
 from qrobot.errors import MotionError
 from qrobot.model.arm import Arm
 from qrobot.model.transform import rot_z, transform
-from qrobot.motion.blend import Blend
-from qrobot.motion.controlled_frame import contact
-from qrobot.motion.drive_transform import OrientationInterpolation
-from qrobot.motion.equation import Equation
-from qrobot.motion.external_torque import ArmSample, ExternalTorque
+from qrobot.motion.force.controlled_frame import controlled_frame
+from qrobot.motion.force.external_torque import ArmSample, ExternalTorque
 from qrobot.motion.generator import Generator
-from qrobot.motion.kinematics import Reach
-from qrobot.motion.limits import MotionLimits
+from qrobot.motion.path.blend import Blend
 from qrobot.motion.request import Duration, MotionMode, MotionSpeed, MoveRequest, SpeedShare, ToolSpeed
-from qrobot.motion.trsf import T6, TransformKind, Trsf
+from qrobot.motion.world.drive_transform import OrientationInterpolation
+from qrobot.motion.world.equation import Equation
+from qrobot.motion.world.kinematics import ArmKinematics
+from qrobot.motion.world.limits import MotionLimits
+from qrobot.motion.world.trsf import T6, TransformKind, Trsf
 
 _PERIOD_S = 0.05
 _TICKS = 40
@@ -38,7 +38,7 @@ def warm_up(n: int, blend: Blend) -> None:
         generator.push(MoveRequest("warm-up", target * one, Duration(0.6)))
     for tick in range(1, _TICKS):
         if tick == _TICKS // 4:
-            generator.interrupt(1)
+            generator.skip(1)
         if tick == _TICKS // 2:
             generator.stop(0.1)
         generator.update(tick)
@@ -48,19 +48,19 @@ def warm_up_force(robot: Robot) -> None:
     """Make what feels forces look at a robot once."""
     q, still = np.array(robot.poses["park"] if "park" in robot.poses else np.zeros(robot.n)), np.zeros(robot.n)
     external = ExternalTorque(robot, _PERIOD_S)
-    external.look(ArmSample(q, still, still, q), 1)
+    external.observe(ArmSample(q, still, still, q), 1)
     external.estimate()
     external.gravity(q)
-    contact(Arm(robot), q, np.eye(4))
+    controlled_frame(Arm(robot), q, np.eye(4))
 
 
-def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blend) -> None:
+def warm_up_cartesian(limits: MotionLimits, kinematics: ArmKinematics, q: Floats, blend: Blend) -> None:
     """Make a generator do everything once in Cartesian space around joint positions `q` (n,), which the arm can have.
 
     To a goal that drifts, back in joint mode, in two angles, with an offset, interrupted and stopped.
     """
-    pose = reach.forward(q)
-    reach.inverse(pose, reach.branch(q), q, singular=True)
+    pose = kinematics.forward(q)
+    kinematics.inverse(pose, kinematics.branch(q), q, singular=True)
 
     def drift(belt: Trsf) -> None:
         belt.value[0, 3] += 1e-5
@@ -71,9 +71,9 @@ def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blen
         Trsf("tool"),
     )
     goal = Equation("warm-up", [T6, tool], [belt, place], tool)
-    generator = Generator(limits, _PERIOD_S, q, blend=blend, reach=reach)
+    generator = Generator(limits, _PERIOD_S, q, blend=blend, kinematics=kinematics)
     paces: tuple[MotionSpeed, ...] = (ToolSpeed(0.2, 1.0), Duration(1.0), SpeedShare(0.3))
-    for mode, pace, turn in zip(
+    for mode, speed, turn in zip(
         _MODES,
         paces,
         (OrientationInterpolation.ONE_AXIS, OrientationInterpolation.ONE_AXIS, OrientationInterpolation.TWO_ANGLES),
@@ -81,11 +81,11 @@ def warm_up_cartesian(limits: MotionLimits, reach: Reach, q: Floats, blend: Blen
     ):
         target = goal.goal(offset=transform(rot_z(0.1), [0.0, 0.0, -0.01]))
         with contextlib.suppress(MotionError):  # an arm that cannot do it there has been asked at least
-            generator.push(MoveRequest("warm-up", target, pace, mode=mode, turn=turn))
+            generator.push(MoveRequest("warm-up", target, speed, mode=mode, turn=turn))
     for tick in range(1, 2 * _TICKS):
         if tick == _TICKS:
-            generator.interrupt(1)
+            generator.skip(1)
         if tick == _TICKS + _TICKS // 2:
             generator.stop(0.1)
         generator.update(tick)
-    reach.near_singular(q)
+    kinematics.near_singular(q)

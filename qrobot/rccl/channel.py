@@ -367,7 +367,7 @@ class Channel:
         if not isinstance(code, int) or code <= 0:
             raise MotionError(f"nextmove({code!r}): the code must be a positive whole number")
         with self._hold.task():
-            self._task.generator.interrupt(code)
+            self._task.generator.skip(code)
 
     @property
     def nbrequest(self) -> int:

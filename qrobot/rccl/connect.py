@@ -5,7 +5,7 @@ from __future__ import annotations
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkError
 from qrobot.model.arm import Arm
-from qrobot.motion import Blend, motion_limits, reach_of, warm_up, warm_up_cartesian, warm_up_force
+from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.parameters import sample_period_us
 from qrobot.rccl.task import TrajectoryTask
@@ -47,8 +47,8 @@ def _warm_up(robot: Robot, blend: Blend) -> None:
     """No sample may wait for the compiler."""
     warm_up(robot.n, blend)
     warm_up_force(robot)
-    if (reach := reach_of(Arm(robot))) is not None:
-        warm_up_cartesian(motion_limits(robot), reach, robot.poses["park"], blend)
+    if (kinematics := kinematics_of(Arm(robot))) is not None:
+        warm_up_cartesian(motion_limits(robot), kinematics, robot.poses["park"], blend)
 
 
 def _check_robot(robot: Robot, welcome: Welcome) -> None:

@@ -18,8 +18,8 @@ from qrobot.config import Robot, load_robot
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
-from qrobot.motion.external_torque import DriveFriction
-from qrobot.motion.setpoint_history import DEPTH, motion_of
+from qrobot.motion.force.external_torque import DriveFriction
+from qrobot.motion.path.setpoint_history import DEPTH, motion_of
 from qrobot.units import NS_PER_US
 from qrobot.wire import ClientRole, Command, Hello, JointMode, RobotFlag, RobotMode, RobotState, State, Welcome
 from qrobot.wire.packets import UNKNOWN_FORCE

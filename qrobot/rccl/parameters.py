@@ -37,7 +37,7 @@ from qrobot.rccl.position import Position
 from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS, US_PER_MS
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
-DEFAULT_PACE: Final = SpeedShare(0.3)
+DEFAULT_SPEED: Final = SpeedShare(0.3)
 _MODES: Final = {
     "joint": MotionMode.JOINT,
     "j": MotionMode.JOINT,
@@ -92,7 +92,7 @@ class Parameters:
 
     def __init__(self) -> None:
         self.once = NextMoveOptions()
-        self._pace: MotionSpeed = DEFAULT_PACE
+        self._speed: MotionSpeed = DEFAULT_SPEED
         self._mode = MotionMode.JOINT
         self._turn = OrientationInterpolation.ONE_AXIS
         self._branch: Branch | None = None
@@ -102,14 +102,14 @@ class Parameters:
     def setvel(self, tv: float, rv: float) -> None:
         """See `Channel.setvel`."""
         tv, rv = numbers("setvel", tv, rv)
-        self._pace = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
+        self._speed = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
 
     def setjvel(self, speed: float | None, share: float | None) -> None:
         """See `Channel.setjvel`."""
         if (speed is None) == (share is None):
             raise MotionError("setjvel takes either a speed or a share")
         (value,) = numbers("setjvel", share if speed is None else speed)
-        self._pace = SpeedShare(value) if speed is None else JointSpeed(value)
+        self._speed = SpeedShare(value) if speed is None else JointSpeed(value)
 
     def setmode(self, mode: str, turn: str) -> None:
         """See `Channel.setmode`."""
@@ -162,10 +162,10 @@ class Parameters:
     def order(self, position: Position) -> MoveOrder:
         """The motion that a call of `move` asks for; what was said for one motion is used up."""
         once, self.once = self.once, NextMoveOptions()
-        pace, ta = (self._pace, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
+        speed, ta = (self._speed, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
         goal = _goal(position, once.distance, self._compliance)
         request = MoveRequest(
-            position.name, goal, pace, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
+            position.name, goal, speed, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
         )
         return MoveOrder(request, position, once.updates)
 

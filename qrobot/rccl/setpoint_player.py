@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion.limits import MotionLimits
+from qrobot.motion.world.limits import MotionLimits
 
 
 class Player:

@@ -22,7 +22,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, MotionError
-from qrobot.motion.limits import MotionLimits
+from qrobot.motion.world.limits import MotionLimits
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 FIRST_LINE: Final = "# qrobot setpoints 1"

@@ -29,8 +29,8 @@ from qrobot.motion import (
     ForceControl,
     Generator,
     Goal,
+    kinematics_of,
     motion_limits,
-    reach_of,
 )
 from qrobot.rccl.callback_timing import Slot
 from qrobot.rccl.event import Level
@@ -99,7 +99,7 @@ class TrajectoryTask:
         self._robot = robot
         self._limits = motion_limits(robot)
         arm = Arm(robot)
-        self._reach = reach_of(arm)
+        self._kinematics = kinematics_of(arm)
         self._blend = blend
         self.orders = Orders(arm)
         self._player: Player | None = None  # whose setpoints go out instead of the generator's
@@ -109,7 +109,7 @@ class TrajectoryTask:
         """Take the arm with this sample period; anew, when it was taken before."""
         self.phase = Phase.POWERING
         self.period_s = period_s
-        self.force = ForceControl(self._robot, period_s, self._reach)
+        self.force = ForceControl(self._robot, period_s, self._kinematics)
         self.slot = Slot(period_s * 1e3)
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
@@ -135,7 +135,7 @@ class TrajectoryTask:
     @property
     def eventful(self) -> bool:
         """Events of motions are still to come; in the next sample also when a stop has left nothing to be done."""
-        return self.busy or (self._generator is not None and self._generator.has_news)
+        return self.busy or (self._generator is not None and self._generator.has_events)
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.
@@ -251,7 +251,7 @@ class TrajectoryTask:
             self._play(self._player, self.how)
             return
         seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
-        self.force.look(seen, self.generator, self.tick)
+        self.force.observe(seen, self.generator, self.tick)
         output = self.generator.update(self.tick, self.force.standing)
         drive = self.force.drive(output.q, seen, self.generator, self.tick)
         self.chg.drive(drive.setpoints, drive.torque)
@@ -277,4 +277,4 @@ class TrajectoryTask:
 
     def _stand_at(self, q: Floats) -> None:
         """A generator that is at rest at `q`."""
-        self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, reach=self._reach)
+        self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, kinematics=self._kinematics)

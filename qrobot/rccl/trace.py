@@ -27,7 +27,7 @@ class TracedRequest:
         number: from 1, in the order in which the program asked.
         name: of its position.
         mode: "joint" or "cartesian".
-        pace: how long it was to take, as it was asked for.
+        speed: how long it was to take, as it was asked for.
         code: a `Termination`, or the program's own number; 0 as long as it is under way.
         lost: time at which the arm, having arrived, could not follow its goal any further, and why.
     """
@@ -35,7 +35,7 @@ class TracedRequest:
     number: int
     name: str
     mode: str
-    pace: str
+    speed: str
     asked_s: float
     begun_s: float | None = None
     ended_s: float | None = None
@@ -83,7 +83,7 @@ class Trace:
     def asked(self, request: MoveRequest) -> None:
         """The program queued a motion."""
         mode = "joint" if isinstance(request.target, np.ndarray) else request.mode.value
-        traced = TracedRequest(len(self.requests) + 1, request.name, mode, str(request.pace), self._now_s)
+        traced = TracedRequest(len(self.requests) + 1, request.name, mode, str(request.speed), self._now_s)
         self.requests.append(traced)
         self._open[request] = traced
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from qrobot.motion.path_piece import evaluate
+from qrobot.motion.path.path_piece import evaluate
 from qrobot.rccl.connect import compile_motion
 from qrobot.realtime.jit import jit_disabled
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.motion import HERE, Blend, MotionMode, MoveRequest, SpeedShare, Termination, ToolSpeed
-from qrobot.motion.blend import Correction
+from qrobot.motion.path.blend import Correction
 from tests.support.motion import ended, run
 from tests.support.puma import LIMITS, PARK, TOOL, Conveyor, arm, at_park, puma_generator, shift
 
@@ -26,7 +26,7 @@ SLACK = 1.06
 
 def moves(*frames):
     return st.lists(
-        st.builds(lambda at, mode, pace: MoveRequest("there", at_park(*frames, at).goal(), pace, mode=mode),
+        st.builds(lambda at, mode, speed: MoveRequest("there", at_park(*frames, at).goal(), speed, mode=mode),
                   SHIFTS, MODES, SPEED),
         min_size=1, max_size=4,
     )  # fmt: skip
@@ -65,9 +65,9 @@ def test_every_cartesian_program_ends_exactly_at_its_last_goal_within_the_limits
 
 @given(SHIFTS, SPEED)
 @settings(max_examples=15)
-def test_the_controlled_frame_moves_on_a_straight_line_and_turns_about_a_fixed_axis(there, pace) -> None:
+def test_the_controlled_frame_moves_on_a_straight_line_and_turns_about_a_fixed_axis(there, speed) -> None:
     gen = puma_generator()
-    gen.push(MoveRequest("there", at_park(there).goal(), pace, mode=MotionMode.CARTESIAN))
+    gen.push(MoveRequest("there", at_park(there).goal(), speed, mode=MotionMode.CARTESIAN))
     start = tool_at(PARK)
     line = start[:3, :3] @ there.value[:3, 3]
     for output in run(gen):
@@ -93,8 +93,8 @@ def test_interference_at_any_instant_leaves_no_jump(requests, when, interference
         gen.push(MoveRequest("here", HERE, SpeedShare(0.5)))
 
     deeds = {
-        "interrupt": (lambda: gen.interrupt(1),),
-        "next": (push, lambda: gen.interrupt(1)),
+        "interrupt": (lambda: gen.skip(1),),
+        "next": (push, lambda: gen.skip(1)),
         "here": (here,),
         "stop": (gen.stop,),
         "push": (push,),
@@ -117,14 +117,14 @@ def test_moving_frames_are_joined_followed_and_left_without_a_jump(mode, other, 
     belt = Conveyor(lambda t: (0.04 * np.sin(t), 0.06 * np.cos(1.3 * t), 0.0, 0.2 * np.sin(0.7 * t)))
     moving, fixed = at_park(belt.trsf, there, name="moving"), at_park(shift(z=-0.05), name="fixed")
     gen = puma_generator(correction=correction)
-    pace = ToolSpeed(0.15, 0.6)
-    gen.push(MoveRequest("moving", moving.goal(), pace, mode=mode))
+    speed = ToolSpeed(0.15, 0.6)
+    gen.push(MoveRequest("moving", moving.goal(), speed, mode=mode))
     path, followed = [PARK], 0
     for tick in range(1, 400):
         belt.tick = tick
         if tick == when:
-            gen.push(MoveRequest("fixed", fixed.goal(), pace, mode=other))
-            gen.push(MoveRequest("again", moving.goal(), pace, mode=other))
+            gen.push(MoveRequest("fixed", fixed.goal(), speed, mode=other))
+            gen.push(MoveRequest("again", moving.goal(), speed, mode=other))
         output = gen.update(tick)
         assert not any(code < Termination.COMPLETED for _, code in ended([output]))
         path.append(output.q)
@@ -162,7 +162,7 @@ def test_replanning_from_every_intermediate_state_of_a_cartesian_motion_keeps_th
         gen = with_moves(first)
         path = [PARK, *(gen.update(tick).q for tick in range(1, when))]
         gen.push(second)
-        gen.interrupt(5)
+        gen.skip(5)
         for tick in range(when, when + 2000):
             output = gen.update(tick)
             path.append(output.q)

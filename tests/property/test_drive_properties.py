@@ -11,7 +11,7 @@ from qrobot import rccl
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse, rot_z, rpy, so3_exp, so3_log, transform
 from qrobot.motion import MotionMode, MoveRequest, OrientationInterpolation, Termination, ToolSpeed
-from qrobot.motion.drive_transform import drive, drive_parameters
+from qrobot.motion.world.drive_transform import drive, drive_parameters
 from qrobot.rccl.offline import OfflineLink
 from tests.support.puma import PARK, TOOL, Conveyor, arm, at_park, const, puma_generator
 from tests.unit.motion.test_generator import ended, run

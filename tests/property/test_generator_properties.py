@@ -62,7 +62,7 @@ def test_interference_at_any_instant_leaves_position_velocity_and_acceleration_c
     for move in moves:
         gen.push(move)
     deed = {
-        "interrupt": lambda: gen.interrupt(1),
+        "interrupt": lambda: gen.skip(1),
         "stop": gen.stop,
         "push": lambda: gen.push(MoveRequest("late", np.zeros(2), SpeedShare(0.5))),
     }[interference]
@@ -95,7 +95,7 @@ def test_start_interruption_stop_and_resumption_are_requests_in_one_queue(first,
             last = second
             gen.push(MoveRequest("stand", HERE, SpeedShare(0.5)))
             gen.push(second)
-            gen.interrupt(7)
+            gen.skip(7)
 
     before = gen.state()
     for output in run(gen, at_tick=interfere):
@@ -117,7 +117,7 @@ def test_replanning_from_every_intermediate_state_of_a_motion_keeps_the_limits(f
         for tick in range(1, when):
             gen.update(tick)
         gen.push(second)
-        gen.interrupt(5)
+        gen.skip(5)
         before = gen.state()
         for tick in range(when, when + length + 2000):
             output = gen.update(tick)

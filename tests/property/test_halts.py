@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from qrobot.motion.blend import Blend
-from qrobot.motion.joint_stop import haltable, halting_s
-from qrobot.motion.path_piece import BlendSettings, piece_from_state
+from qrobot.motion.path.blend import Blend
+from qrobot.motion.path.path_piece import BlendSettings, piece_from_state
+from qrobot.motion.planning.joint_stop import can_stop, joint_stop_s
 from tests.support.halts import halted
 from tests.support.motion import LIMITS
 
@@ -45,11 +45,11 @@ def test_no_program_that_moves_to_goals_at_rest_is_ended_by_the_watch(seeds) -> 
 def test_a_halt_keeps_the_limits_from_every_state_that_may_be_halted(speeds, accelerations, blend) -> None:
     v, a = np.array(speeds) * LIMITS.v_max, np.array(accelerations) * LIMITS.a_max
     for joint in range(2):
-        assume(haltable(v[joint], a[joint], LIMITS.v_max[joint], LIMITS.a_max[joint]))
+        assume(can_stop(v[joint], a[joint], LIMITS.v_max[joint], LIMITS.a_max[joint]))
     state = np.vstack((np.zeros(2), v, a))
-    length_s, fading_s = halting_s(state, LIMITS, blend)
-    leg = piece_from_state(state, np.zeros(2), 0.0, length_s, fading_s / length_s)
-    states = np.array([leg.state(t, BlendSettings(1.0, blend)) for t in np.linspace(0.0, length_s, 400)])
+    length_s, fading_s = joint_stop_s(state, LIMITS, blend)
+    piece = piece_from_state(state, np.zeros(2), 0.0, length_s, fading_s / length_s)
+    states = np.array([piece.state(t, BlendSettings(1.0, blend)) for t in np.linspace(0.0, length_s, 400)])
     assert (np.abs(states[:, 1]) <= LIMITS.v_max * (1.0 + 1e-6)).all()
     assert (np.abs(states[:, 2]) <= LIMITS.a_max * (1.0 + 1e-6)).all()
     assert not states[-1, 1:].round(9).any()
@@ -57,4 +57,4 @@ def test_a_halt_keeps_the_limits_from_every_state_that_may_be_halted(speeds, acc
 
 def test_what_is_no_number_cannot_be_halted() -> None:
     for v, a in ((np.nan, 0.0), (0.0, np.nan)):
-        assert not haltable(v, a, 1.0, 10.0)
+        assert not can_stop(v, a, 1.0, 10.0)

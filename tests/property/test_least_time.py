@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from qrobot.motion import ForceLimits, MoveRequest, SpeedShare
-from qrobot.motion.blend import PEAK, Blend
+from qrobot.motion.path.blend import PEAK, Blend
 from tests.support.motion import run
 from tests.support.puma import LIMITS, PARK, PERIOD_S, puma_generator
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from qrobot.model.transform import inverse, so3_exp, transform
 from qrobot.motion import Blend, MotionLimits, Termination
-from qrobot.motion.blend import PEAK
-from qrobot.motion.joint_stop import BULGE, SHORTEST_HALT_S, halting_s
-from qrobot.motion.product import multiply_chain
-from qrobot.motion.setpoint_check import judge_next
-from qrobot.motion.setpoint_history import motion_of
+from qrobot.motion.path.blend import PEAK
+from qrobot.motion.path.setpoint_history import motion_of
+from qrobot.motion.planning.joint_stop import BULGE, SHORTEST_STOP_S, joint_stop_s
+from qrobot.motion.trajectory.setpoint_check import judge_next
+from qrobot.motion.world.product import multiply_chain
 from tests.support.motion import LIMITS
 
 numbers = st.floats(-3.0, 3.0)
@@ -78,7 +78,7 @@ def test_what_still_gathers_speed_is_told_while_that_can_fade_out_below_the_limi
     """In the time of the shortest halt, as a share of what the joint accelerates at most."""
     v, a = np.zeros(2), np.zeros(2)
     a[joint] = 0.8 * sign * LIMITS.a_max[joint]
-    reserve = BULGE * SHORTEST_HALT_S * 0.8 * abs(a[joint])
+    reserve = BULGE * SHORTEST_STOP_S * 0.8 * abs(a[joint])
     for spare, code in ((1.001, Termination.NONE), (0.999, Termination.TOO_FAST)):
         v[joint] = sign * (LIMITS.v_max[joint] - spare * reserve)
         assert judged(MIDDLE, v, a) is code
@@ -90,8 +90,8 @@ def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) 
     """It needs half the time of its halt, which lasts PEAK v / a_stop and at least a tenth of a second."""
     limit, v = getattr(LIMITS, side)[joint], np.zeros(2)
     v[joint] = np.sign(limit) * 0.9 * LIMITS.v_max[joint]
-    halt = max(SHORTEST_HALT_S, PEAK[Blend.QUARTIC] * abs(v[joint]) / LIMITS.a_stop[joint])
-    assert halting_s(np.vstack((MIDDLE, v, NOTHING)), LIMITS, Blend.QUARTIC)[0] == pytest.approx(halt)
+    halt = max(SHORTEST_STOP_S, PEAK[Blend.QUARTIC] * abs(v[joint]) / LIMITS.a_stop[joint])
+    assert joint_stop_s(np.vstack((MIDDLE, v, NOTHING)), LIMITS, Blend.QUARTIC)[0] == pytest.approx(halt)
     for share, code in ((1.001, Termination.NONE), (0.999, Termination.JOINT_LIMIT)):
         q = MIDDLE.copy()
         q[joint] = limit - share * 0.5 * halt * v[joint]

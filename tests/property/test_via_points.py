@@ -94,7 +94,7 @@ HASTY = st.tuples(
 def test_at_no_via_point_the_arm_is_slower_than_both_segments_ask_for(hasty, late) -> None:
     """However hasty: the velocity goes straight from the one to the other. Some requests come one by one."""
     gen = generator()
-    moves = [MoveRequest(str(i), np.array(to), pace, ta) for i, (to, pace, ta) in enumerate(hasty)]
+    moves = [MoveRequest(str(i), np.array(to), speed, ta) for i, (to, speed, ta) in enumerate(hasty)]
 
     def push(move: MoveRequest) -> None:
         try:

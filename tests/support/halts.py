@@ -84,16 +84,16 @@ def do(deed: str, gen: Generator, rng: np.random.Generator, belt: Conveyor) -> N
     if deed in ("stop", "stop slowly"):
         gen.stop(0.0 if deed == "stop" else rng.uniform(0.0, 0.8))
     elif deed == "lost":
-        gen.give_up(Termination.FORCE_LIMIT)
+        gen.abort(Termination.FORCE_LIMIT)
     elif deed == "here":
         push(gen, MoveRequest("here", HERE, SpeedShare(0.5)))
-        gen.interrupt(3)
+        gen.skip(3)
     elif deed != "nothing":
         if deed == "next":
             push(gen, request(rng, belt, bool(rng.random() < 0.5)))
         if deed == "joints next":
             push(gen, MoveRequest("joints", PARK + rng.uniform(-0.5, 0.5, 6), SpeedShare(rng.uniform(0.1, 1.0))))
-        gen.interrupt(3)
+        gen.skip(3)
 
 
 def halted(seed: int, seconds: float = 3.0, fixed_share: float = 0.3, deeds: tuple[str, ...] = DEEDS) -> Run:

@@ -11,17 +11,17 @@ from qrobot.model.arm import Arm
 from qrobot.model.transform import rot_z, transform
 from qrobot.motion import (
     T6,
+    ArmKinematics,
     Blend,
     Equation,
     Generator,
     MotionLimits,
-    Reach,
     TransformKind,
     Trsf,
+    kinematics_of,
     motion_limits,
-    reach_of,
 )
-from qrobot.motion.blend import Correction
+from qrobot.motion.path.blend import Correction
 
 PERIOD_S = 0.028
 ROBOT = load_robot("puma560")
@@ -34,8 +34,8 @@ def arm() -> Arm:
     return Arm(ROBOT)
 
 
-def reach() -> Reach:
-    found = reach_of(arm())
+def kinematics() -> ArmKinematics:
+    found = kinematics_of(arm())
     assert found is not None
     return found
 
@@ -43,7 +43,7 @@ def reach() -> Reach:
 def puma_generator(
     q=PARK, period_s: float = PERIOD_S, blend: Blend = Blend.QUARTIC, correction: Correction = Correction.SMOOTH
 ) -> Generator:
-    return Generator(LIMITS, period_s, np.array(q), blend=blend, reach=reach(), correction=correction)
+    return Generator(LIMITS, period_s, np.array(q), blend=blend, kinematics=kinematics(), correction=correction)
 
 
 def const(name: str, x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation=None) -> Trsf:

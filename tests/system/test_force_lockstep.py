@@ -15,7 +15,7 @@ import pytest
 from qrobot import rccl
 from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
-from qrobot.motion.joint_matching import JointIndices
+from qrobot.motion.force.joint_matching import JointIndices
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rig.lockstep import LockstepRig, link_factory

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qrobot.motion.blend import PEAK, Blend, Correction, absorb, beta, fade
-from qrobot.motion.path_piece import BlendSettings, piece_from_state, piece_joining_line
+from qrobot.motion.path.blend import PEAK, Blend, Correction, absorb, beta, fade
+from qrobot.motion.path.path_piece import BlendSettings, piece_from_state, piece_joining_line
 
 A, B, C, T1, TA = 8.0, 10.0, 40.0, 1.0, 0.1
 TICK = 0.01
@@ -34,8 +34,8 @@ def paul_1981(h: float) -> tuple[float, float, float]:
 def worked_example(h: float) -> tuple[float, ...]:
     """The same transition as a leg: D = 2 Ta, in samples of 10 ms."""
     start = np.array([[A], [(B - A) / TA], [0.0]])
-    leg = piece_from_state(start, np.array([(C - B) / T1]), 0.0, 2 * TA / TICK)
-    return tuple(leg.state(h * 2 * TA / TICK, BlendSettings(TICK))[:, 0])
+    piece = piece_from_state(start, np.array([(C - B) / T1]), 0.0, 2 * TA / TICK)
+    return tuple(piece.state(h * 2 * TA / TICK, BlendSettings(TICK))[:, 0])
 
 
 @pytest.mark.parametrize(("h", "q"), [(0, 8.0), (0.25, 9.02734375), (0.5, 10.1875), (0.75, 11.52734375), (1, 13.0)])
@@ -114,6 +114,6 @@ def test_the_correction_of_the_papers_is_a_cubic_whose_acceleration_jumps_and_ou
 def test_a_transition_that_starts_too_fast_still_ends_on_the_line_that_leaves_the_corner() -> None:
     start = np.array([[A], [35.0], [-60.0]])
     v1 = np.array([(C - B) / T1])
-    leg = piece_joining_line(start, np.array([B]), TA / TICK, v1, 0.0, 2 * TA / TICK, TICK)
-    assert leg.state(0.0, BlendSettings(TICK)) == pytest.approx(start)
-    assert leg.state(leg.end, BlendSettings(TICK))[:, 0] == pytest.approx([B + v1[0] * TA, v1[0], 0.0])
+    piece = piece_joining_line(start, np.array([B]), TA / TICK, v1, 0.0, 2 * TA / TICK, TICK)
+    assert piece.state(0.0, BlendSettings(TICK)) == pytest.approx(start)
+    assert piece.state(piece.end, BlendSettings(TICK))[:, 0] == pytest.approx([B + v1[0] * TA, v1[0], 0.0])

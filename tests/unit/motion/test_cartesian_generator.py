@@ -30,8 +30,8 @@ DONE = Termination.COMPLETED
 RUN = branch_of("run")
 
 
-def to(equation: Equation, mode: MotionMode = MotionMode.CARTESIAN, pace=SLOW, **more) -> MoveRequest:
-    return MoveRequest(equation.name, equation.goal(), pace, mode=mode, **more)
+def to(equation: Equation, mode: MotionMode = MotionMode.CARTESIAN, speed=SLOW, **more) -> MoveRequest:
+    return MoveRequest(equation.name, equation.goal(), speed, mode=mode, **more)
 
 
 def served(output, name: str) -> bool:
@@ -79,7 +79,7 @@ def test_with_velocities_the_distance_of_the_tool_frame_sets_the_time(mode, ther
 
 def test_a_given_time_is_kept() -> None:
     gen = puma_generator()
-    gen.push(to(at_park(shift(y=0.1)), pace=Duration(1.4), transition_s=0.28))
+    gen.push(to(at_park(shift(y=0.1)), speed=Duration(1.4), transition_s=0.28))
     assert len(list(run(gen))) == 1 + 50 + 2 * 10
 
 
@@ -99,7 +99,7 @@ def test_a_configuration_is_changed_in_joint_mode_alone() -> None:
     assert arm().branch(PARK).letters == "lun"
     with pytest.raises(MotionError, match="move to P: no straight line changes configuration from 'lun' to 'ruf'"):
         gen.push(to(at_park(shift(y=0.1)), branch=flip))
-    gen.push(to(at_park(shift(y=0.1)), MotionMode.JOINT, pace=SpeedShare(0.5), branch=flip))
+    gen.push(to(at_park(shift(y=0.1)), MotionMode.JOINT, speed=SpeedShare(0.5), branch=flip))
     gen.push(to(at_park(shift(y=0.15))))
     outputs = list(run(gen))
     assert [code for _, code in ended(outputs)] == [DONE, DONE]
@@ -137,7 +137,7 @@ def test_a_repeated_move_to_a_moving_position_stands_still_relative_to_it() -> N
     equation = at_park(belt.trsf)
     gen = puma_generator()
     gen.push(to(equation))
-    gen.push(to(equation, pace=Duration(0.4)))
+    gen.push(to(equation, speed=Duration(0.4)))
     outputs = run_on(gen, belt, 80)
     assert ended(outputs) == [("P", DONE), ("P", DONE)]
     for tick in range(60, 80):
@@ -156,7 +156,7 @@ def test_in_joint_mode_a_goal_of_constant_joint_speed_is_met_by_linear_extrapola
 
     equation = Equation("P", [T6], [Trsf("G", TransformKind.FUNCTION, function=follow)], T6)
     gen = puma_generator()
-    gen.push(to(equation, MotionMode.JOINT, pace=Duration(1.4), transition_s=0.28))
+    gen.push(to(equation, MotionMode.JOINT, speed=Duration(1.4), transition_s=0.28))
     path = []
     for tick_now in range(1, 80):
         path.append(gen.update(tick_now).q)
@@ -247,7 +247,7 @@ def test_an_interruption_into_what_turns_out_impossible_stops_the_arm_with_the_c
     def interfere(tick: int) -> None:
         if tick == 20:
             gen.push(to(at_park(belt.trsf, name="far"), MotionMode.JOINT))
-            gen.interrupt(9)
+            gen.skip(9)
 
     outputs = run_on(gen, belt, 60, interfere)
     assert ended(outputs) == [("far", Termination.UNREACHABLE), ("first", 9)]
@@ -266,8 +266,8 @@ def test_an_interruption_into_what_turns_out_impossible_stops_the_arm_with_the_c
             JointLimit,
             "move to P: .*'run'.* would be at",
         ),
-        (lambda: to(at_park(shift(y=0.3)), pace=Duration(0.2)), MotionError, "rad/s.*give it .* ms or more"),
-        (lambda: to(at_park(shift(y=0.1)), pace=Duration(0.4), transition_s=0.0), MotionError, "give the transition"),
+        (lambda: to(at_park(shift(y=0.3)), speed=Duration(0.2)), MotionError, "rad/s.*give it .* ms or more"),
+        (lambda: to(at_park(shift(y=0.1)), speed=Duration(0.4), transition_s=0.0), MotionError, "give the transition"),
     ],
 )
 def test_what_the_arm_cannot_do_in_cartesian_space_is_refused_with_the_reason(request_, error, words) -> None:
@@ -282,7 +282,7 @@ def test_a_straight_line_from_a_singular_pose_is_refused_and_joint_mode_is_not()
     equation = at_park()
     with pytest.raises(Singular, match="joints 4 and 6 are in line"):
         gen.push(to(equation))
-    gen.push(to(equation, MotionMode.JOINT, pace=SpeedShare(0.5)))
+    gen.push(to(equation, MotionMode.JOINT, speed=SpeedShare(0.5)))
     assert list(run(gen))[-1].q == pytest.approx(PARK, abs=1e-9)
 
 

@@ -11,8 +11,8 @@ import pytest
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse, is_transform, so3_exp, transform
 from qrobot.motion import T6, Equation, TransformKind, Trsf
-from qrobot.motion.drive_transform import drive, drive_parameters
-from qrobot.motion.trsf import rigid
+from qrobot.motion.world.drive_transform import drive, drive_parameters
+from qrobot.motion.world.trsf import rigid
 
 RNG = np.random.default_rng(4)
 TICK = 7

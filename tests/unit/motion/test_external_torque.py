@@ -7,7 +7,7 @@ import pytest
 
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.model.stiction_compensation import PUSH_SHARE, REST_SHARE
-from qrobot.motion.external_torque import MOVING_SHARE, ArmSample, DriveFriction, ExternalTorque
+from qrobot.motion.force.external_torque import MOVING_SHARE, ArmSample, DriveFriction, ExternalTorque
 from tests.support.puma import PARK, PERIOD_S, ROBOT
 
 N = ROBOT.n
@@ -25,7 +25,7 @@ def carried(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 def test_at_rest_what_gravity_does_not_explain_is_exerted() -> None:
     estimate = ExternalTorque(ROBOT, PERIOD_S)
     assert estimate.estimate() is None
-    estimate.look(ArmSample(PARK, STILL, carried(PARK, STILL) + PUSH, PARK), 1)
+    estimate.observe(ArmSample(PARK, STILL, carried(PARK, STILL) + PUSH, PARK), 1)
     found = estimate.estimate()
     assert found is not None
     assert found.torque == pytest.approx(PUSH)
@@ -36,7 +36,7 @@ def test_in_motion_friction_and_rigid_body_torques_are_taken_out() -> None:
     for tick in range(1, 7):
         q = PARK + SPEED * tick * PERIOD_S
         tau = carried(q, SPEED) + friction.torque(SPEED) + PUSH
-        estimate.look(ArmSample(q, SPEED, tau, q), tick)
+        estimate.observe(ArmSample(q, SPEED, tau, q), tick)
     found = estimate.estimate()
     assert found is not None
     assert found.torque == pytest.approx(PUSH, abs=1e-9)

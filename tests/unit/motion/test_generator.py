@@ -20,7 +20,7 @@ from qrobot.motion import (
     Termination,
     motion_limits,
 )
-from qrobot.motion.queue import QUEUE_SIZE
+from qrobot.motion.planning.request_queue import QUEUE_SIZE
 from qrobot.motion.request import whole_samples
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 
@@ -28,8 +28,8 @@ SLOW = SpeedShare(0.5)
 DONE = Termination.COMPLETED
 
 
-def move(name: str, *q: float, pace=SLOW, ta=None) -> MoveRequest:
-    return MoveRequest(name, np.array(q), pace, ta)
+def move(name: str, *q: float, speed=SLOW, ta=None) -> MoveRequest:
+    return MoveRequest(name, np.array(q), speed, ta)
 
 
 @pytest.mark.parametrize(("ms", "samples"), [(100, 2), (300, 5), (0, 1), (10, 1), (140, 3)])
@@ -57,7 +57,7 @@ def test_the_triple_speed_leg_of_the_papers_experiment_lasts_a_third_to_a_sample
 
 def test_a_motion_alone_lasts_its_time_and_one_transition() -> None:
     gen = generator()
-    gen.push(move("p", 1.0, 0.2, pace=Duration(2.8), ta=0.28))
+    gen.push(move("p", 1.0, 0.2, speed=Duration(2.8), ta=0.28))
     outputs = list(run(gen))
     assert len(outputs) == 1 + 100 + 2 * 10  # the sample at which it begins is still at rest
 
@@ -117,7 +117,7 @@ def test_scal_runs_from_zero_to_one_during_a_segment() -> None:
 def test_a_dwell_lasts_its_time() -> None:
     gen = generator()
     gen.push(move("p", 0.5, 0.0))
-    gen.push(move("p", 0.5, 0.0, pace=Duration(0.7), ta=0.0))
+    gen.push(move("p", 0.5, 0.0, speed=Duration(0.7), ta=0.0))
     outputs = list(run(gen))
     dwell = [output for output in outputs[1:] if output.request and np.allclose(output.q, [0.5, 0.0])]
     assert len(dwell) * PERIOD_S == pytest.approx(0.7, abs=3 * PERIOD_S)
@@ -127,7 +127,7 @@ def test_an_interruption_ends_the_request_with_the_programs_code_and_goes_on_to_
     gen = generator()
     gen.push(move("a", 2.0, 0.0))
     gen.push(move("b", 0.0, 0.3))
-    outputs = list(run(gen, at_tick=lambda tick: gen.interrupt(42) if tick == 20 else None))
+    outputs = list(run(gen, at_tick=lambda tick: gen.skip(42) if tick == 20 else None))
     assert ended(outputs) == [("a", 42), ("b", DONE)]
     assert max(output.q[0] for output in outputs) < 1.0
 
@@ -136,7 +136,7 @@ def test_an_interruption_ends_a_request_that_is_about_to_begin_and_the_next_one_
     gen = generator()
     gen.push(move("a", 2.0, 0.0))
     gen.push(move("b", 0.0, 0.3))
-    gen.interrupt(42)
+    gen.skip(42)
     outputs = list(run(gen))
     assert ended(outputs) == [("a", 42), ("b", DONE)]
     assert max(output.q[0] for output in outputs) == 0.0
@@ -145,7 +145,7 @@ def test_an_interruption_ends_a_request_that_is_about_to_begin_and_the_next_one_
 def test_an_interruption_with_nothing_to_follow_stops_on_the_path() -> None:
     gen = generator()
     gen.push(move("a", 2.0, 0.4))
-    outputs = list(run(gen, at_tick=lambda tick: gen.interrupt(42) if tick == 20 else None))
+    outputs = list(run(gen, at_tick=lambda tick: gen.skip(42) if tick == 20 else None))
     assert ended(outputs) == [("a", 42)]
     q = outputs[-1].q
     assert 0.1 < q[0] < 1.0
@@ -158,7 +158,7 @@ def test_a_stop_on_the_spot_behind_a_motion_lets_it_arrive_and_one_that_interrup
         gen = generator()
         gen.push(move("a", 2.0, 0.4))
         gen.push(stand)
-        outputs = list(run(gen, at_tick=lambda tick, gen=gen, when=when: gen.interrupt(42) if tick == when else None))
+        outputs = list(run(gen, at_tick=lambda tick, gen=gen, when=when: gen.skip(42) if tick == when else None))
         assert [code for _, code in ended(outputs)] == codes
         assert (outputs[-1].q == [2.0, 0.4]).all() == (when is None)
         assert outputs[-1].q[1] == pytest.approx(outputs[-1].q[0] * 0.2)
@@ -168,14 +168,14 @@ def test_what_has_to_be_given_up_ends_in_a_stop_with_its_code_and_nothing_follow
     gen = generator()
     gen.push(move("a", 2.0, 0.4))
     gen.push(move("b", 0.0, 0.0))
-    outputs = list(run(gen, at_tick=lambda tick: gen.give_up(Termination.SINGULAR) if tick == 20 else None))
+    outputs = list(run(gen, at_tick=lambda tick: gen.abort(Termination.SINGULAR) if tick == 20 else None))
     assert ended(outputs) == [("b", Termination.STOPPED), ("a", Termination.SINGULAR)]
     assert 0.0 < outputs[-1].q[0] < 1.0
 
 
 def test_a_stop_decelerates_no_harder_than_a_stop() -> None:
     gen = generator(period_s=0.001)
-    gen.push(move("a", 3.0, 0.0, pace=SpeedShare(1.0)))
+    gen.push(move("a", 3.0, 0.0, speed=SpeedShare(1.0)))
     states = []
     for _ in run(gen, at_tick=lambda tick: gen.stop() if tick == 1000 else None):
         states.append(gen.state())
@@ -184,7 +184,7 @@ def test_a_stop_decelerates_no_harder_than_a_stop() -> None:
 
 def test_a_stop_may_take_longer_when_asked() -> None:
     gen = generator()
-    gen.push(move("a", 3.0, 0.0, pace=SpeedShare(0.2)))
+    gen.push(move("a", 3.0, 0.0, speed=SpeedShare(0.2)))
     outputs = list(run(gen, at_tick=lambda tick: gen.stop(1.4) if tick == 30 else None))
     assert len(outputs) == 29 + 50
 
@@ -204,7 +204,7 @@ def test_after_a_stop_new_requests_are_served() -> None:
 
 def test_an_interruption_at_rest_does_nothing() -> None:
     gen = generator()
-    gen.interrupt(3)
+    gen.skip(3)
     gen.stop()
     assert not gen.update(1).events
 
@@ -216,9 +216,9 @@ def test_an_interruption_at_rest_does_nothing() -> None:
         (move("out", 0.0, 0.6), JointLimit, r"joint 2 \(slide\) at 0.6000 m is outside -0.5000 m to 0.5000 m"),
         (move("odd", 0.0), MotionError, "2 finite joint positions needed"),
         (move("nan", np.nan, 0.0), MotionError, "2 finite joint positions needed"),
-        (move("p", 2.0, 0.0, pace=Duration(1.0)), MotionError, r"1.984 rad/s, 1.5 allowed; give it 1344 ms or more"),
+        (move("p", 2.0, 0.0, speed=Duration(1.0)), MotionError, r"1.984 rad/s, 1.5 allowed; give it 1344 ms or more"),
         (
-            move("p", 0.0, 0.5, pace=JointSpeed(0.5)),
+            move("p", 0.0, 0.5, speed=JointSpeed(0.5)),
             MotionError,
             r"joint 2 \(slide\) would need 0.4\d* m/s, 0.4 allowed",
         ),
@@ -233,7 +233,7 @@ def test_what_the_arm_cannot_do_is_refused_with_the_reason(request_, error, word
 
 
 def test_what_the_refusal_advises_is_granted() -> None:
-    generator().push(move("p", 2.0, 0.0, pace=Duration(1.344)))
+    generator().push(move("p", 2.0, 0.0, speed=Duration(1.344)))
     with pytest.raises(MotionError, match="give the transition") as refusal:
         generator().push(move("p", 2.0, 0.0, ta=0.0))
     advised_ms = float(str(refusal.value).split("give the transition ")[1].split()[0])

@@ -8,9 +8,9 @@ import pytest
 from qrobot.errors import Singular
 from qrobot.model.differential import wrench_to_parent
 from qrobot.model.transform import inverse, transform
-from qrobot.motion.controlled_frame import contact
-from qrobot.motion.joint_matching import drift_step, fitness, match
-from tests.support.puma import PARK, ROBOT, TOOL, arm, reach
+from qrobot.motion.force.controlled_frame import controlled_frame
+from qrobot.motion.force.joint_matching import drift_step, fitness, match
+from tests.support.puma import PARK, ROBOT, TOOL, arm, kinematics
 
 TIP = inverse(TOOL.value)
 DOWN = (2,)
@@ -21,28 +21,28 @@ def over_the_table() -> np.ndarray:
     from qrobot.model.transform import rot_y
 
     frame = transform(rot_y(np.pi), [0.55, 0.0, -0.4])
-    return reach().inverse(frame @ TIP, reach().branch(PARK), PARK)
+    return kinematics().inverse(frame @ TIP, kinematics().branch(PARK), PARK)
 
 
 def gains() -> tuple[np.ndarray, np.ndarray]:
     """The Jacobian over the table, and its inverse."""
-    here = contact(arm(), over_the_table(), TIP)
+    here = controlled_frame(arm(), over_the_table(), TIP)
     return here.jacobian, here.inverse
 
 
 def test_the_jacobian_of_the_controlled_frame_is_that_of_its_motion() -> None:
     q = over_the_table() + np.array([0.2, -0.1, 0.1, 0.3, 0.2, -0.4])
-    here = contact(arm(), q, TIP)
+    here = controlled_frame(arm(), q, TIP)
     step = 1e-6
     for j in range(6):
-        moved = contact(arm(), q + step * np.eye(6)[j], TIP)
+        moved = controlled_frame(arm(), q + step * np.eye(6)[j], TIP)
         D = inverse(here.frame) @ moved.frame
         motion = np.array([*D[:3, 3], D[2, 1], D[0, 2], D[1, 0]]) / step
         assert here.jacobian[:, j] == pytest.approx(motion, abs=1e-5)
 
 
 def test_a_wrench_is_found_again_in_the_torques_that_balance_it() -> None:
-    here = contact(arm(), over_the_table(), TIP)
+    here = controlled_frame(arm(), over_the_table(), TIP)
     wrench = np.array([3.0, -4.0, 20.0, 0.5, -0.2, 0.1])
     tau = here.jacobian.T @ wrench
     assert here.wrench(tau) == pytest.approx(wrench)
@@ -80,13 +80,15 @@ def test_a_joint_that_cannot_move_along_the_axis_is_unfit() -> None:
 
 
 def test_nothing_matches_at_a_singular_pose() -> None:
-    there = contact(arm(), ROBOT.poses["ready"], TIP)
+    there = controlled_frame(arm(), ROBOT.poses["ready"], TIP)
     with pytest.raises(Singular, match="singular"):
         match(there.jacobian, there.inverse, DOWN)
 
 
 def test_the_drift_explains_the_error_of_the_joint_when_all_else_is_held() -> None:
     q, push = over_the_table(), 0.002
-    frame = contact(arm(), q, TIP).frame @ transform(None, [0.0, 0.0, push])
-    held = reach().inverse(frame @ TIP, reach().branch(q), q)  # all joints for a motion along the axis alone
-    assert drift_step(contact(arm(), q, TIP).inverse, DOWN, (1,), (held - q)[[1]]) == pytest.approx([push], rel=0.02)
+    frame = controlled_frame(arm(), q, TIP).frame @ transform(None, [0.0, 0.0, push])
+    held = kinematics().inverse(frame @ TIP, kinematics().branch(q), q)  # all joints for a motion along the axis alone
+    assert drift_step(controlled_frame(arm(), q, TIP).inverse, DOWN, (1,), (held - q)[[1]]) == pytest.approx(
+        [push], rel=0.02
+    )

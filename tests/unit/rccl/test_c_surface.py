@@ -11,13 +11,13 @@ import pytest
 from qrobot.cli import toolchain
 from qrobot.config import load_robot
 from qrobot.motion import Blend, TransformKind, motion_limits
-from qrobot.motion.blend import PEAK
-from qrobot.motion.limits import PLANNED_SHARE
-from qrobot.motion.timing import DEFAULT_TRANSITION_S
+from qrobot.motion.path.blend import PEAK
+from qrobot.motion.planning.timing import DEFAULT_TRANSITION_S
+from qrobot.motion.world.limits import PLANNED_SHARE
 from qrobot.rccl.c import message
 from qrobot.rccl.c.message import CallMessage, Op, decode
 from qrobot.rccl.c.shared import SharedTransform, numbers_of, value_of
-from qrobot.rccl.parameters import DEFAULT_PACE
+from qrobot.rccl.parameters import DEFAULT_SPEED
 from qrobot.rccl.transforms import gentr_rpy
 from qrobot.wire.vocabulary import MAX_JOINTS
 
@@ -55,7 +55,7 @@ def test_the_accelerations_on_the_page_are_those_of_the_arm() -> None:
     assert f"{limits.v_max[0] * peak / DEFAULT_TRANSITION_S:.1f} rad/s² on the waist of the PUMA 560" in text
     assert f"{PLANNED_SHARE:.0%} of the `a_max`".replace("%", " %") in text
     assert f"{limits.a_planned[0]:.1f} rad/s² on the waist |" in text
-    assert f"at {DEFAULT_PACE.share:.0%} of its own full speed".replace("%", " %") in text
+    assert f"at {DEFAULT_SPEED.share:.0%} of its own full speed".replace("%", " %") in text
 
 
 def test_engine_and_library_number_their_messages_alike() -> None:

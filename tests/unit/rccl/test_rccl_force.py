@@ -12,8 +12,9 @@ from qrobot import rccl
 from qrobot.errors import MotionError, Singular, Unreachable
 from qrobot.model.dynamics import dynamics_params, dynamics_work, gravity_torque
 from qrobot.model.stiction_compensation import PUSH_SHARE, REST_SHARE
-from qrobot.motion import TransformKind, force
-from qrobot.motion.joint_matching import JointIndices
+from qrobot.motion import TransformKind
+from qrobot.motion.force import force_control as force
+from qrobot.motion.force.joint_matching import JointIndices
 from qrobot.rccl import EQ, TL, Transform, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rci import VirtualLink
 from qrobot.wire import JointMode, RobotState

@@ -22,37 +22,21 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion.blend import PEAK, Blend
-from qrobot.motion.coordinates import JOINTS, DriveCoordinates
-from qrobot.motion.geometric_path import GeometricPath
-from qrobot.motion.limits import MotionLimits
-from qrobot.motion.queued_motion import NOTHING, Following
+from qrobot.motion.path.blend import PEAK, Blend
+from qrobot.motion.path.coordinates import JOINTS, DriveCoordinates
+from qrobot.motion.path.segment import Schedule
+from qrobot.motion.planning.geometric_path import GeometricPath
+from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following
 from qrobot.motion.request import MoveRequest, enough_samples, whole_samples
+from qrobot.motion.world.limits import MotionLimits
 
 DEFAULT_TRANSITION_S: Final = 0.2  # the transition time of the crank example, Hayward & Paul 1986
 OPEN_SHARE: Final = 1.0 / 7.0  # [A] of T; the ways of the QRobot paper's experiment keep the 0.2 s
 OPEN_RAMP_S: Final = 0.2  # [A] half a transition from rest to full speed, at least
-NO_WAY: Final = 1e-3  # [A] rad or m: so near the goal an arm at rest is where it was asked to be
+NO_DISPLACEMENT: Final = 1e-3  # [A] rad or m: so near the goal an arm at rest is where it was asked to be
 
 
 MANY: Final = 1 << 30  # samples; more than any transition takes
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Times of one segment, in samples.
-
-    Attributes:
-        transition: Ta of the transition into the segment.
-        length: T, from the corner it leaves to the corner it reaches.
-        braking: least Ta of a transition out of it to rest.
-        resting: Ta of that transition when nothing follows.
-    """
-
-    transition: int
-    length: int
-    braking: int
-    resting: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +53,7 @@ class Scheduler:
     period_s: float
     blend: Blend
 
-    def check(self, request: MoveRequest, course: GeometricPath) -> None:
+    def check(self, request: MoveRequest, geometry: GeometricPath) -> None:
         """Judge a request that begins and ends at rest.
 
         Raises:
@@ -78,10 +62,10 @@ class Scheduler:
         """
         what = f"move to {request.name}"
         ta = self.preferred(request)
-        length = max(self._asked(request, course), 2 * ta)
-        v = np.abs(course.rates).max(axis=0) / (length * self.period_s)
-        a = np.abs(course.bends).max(axis=0) / (length * self.period_s) ** 2
-        remedy = f"give it {self._ms(self._least(course))} or more"
+        length = max(self._asked(request, geometry), 2 * ta)
+        v = np.abs(geometry.dq_ds).max(axis=0) / (length * self.period_s)
+        a = np.abs(geometry.ddq_dds).max(axis=0) / (length * self.period_s) ** 2
+        remedy = f"give it {self._ms(self._least(geometry))} or more"
         self.limits.check_velocity(v, what, remedy)
         self.limits.check_acceleration(a, what, remedy)
         if request.transition_s is not None:
@@ -92,58 +76,61 @@ class Scheduler:
     def plan(
         self,
         request: MoveRequest,
-        course: GeometricPath,
+        geometry: GeometricPath,
         v0: Floats,
         least: int = 1,
         most: int = MANY,
-        following: Following = NOTHING,
+        following: Following = NO_FOLLOWER,
         rest: int = 1,
     ) -> Schedule:
         """A schedule that keeps the limits, stretching times where needed.
 
         Args:
             request: what was asked.
-            course: the way from corner to corner.
+            geometry: the way from corner to corner.
             v0: joint velocity before the transition. Shape (n,).
             least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
             following: what the request behind it asks for, when there is one.
             rest: least Ta of the transition to rest, samples.
         """
-        asked = max(self._asked(request, course), self._least(course))
+        asked = max(self._asked(request, geometry), self._least(geometry))
         if request.transition_s is None:
-            share = self._open_share(request, course)
-            return _shortest(asked, partial(self._open, course, v0, least, most, following, rest, share))
+            share = self._open_share(request, geometry)
+            return _shortest(asked, partial(self._open, geometry, v0, least, most, following, rest, share))
         resting, turning = max(self.preferred(request), rest), following.transition
         transition = max(min(resting, most), least)
         while True:  # all transitions only grow, and what they need is bounded by the speed asked for
             length = max(asked, transition + max(resting, turning))
             seconds = length * self.period_s
-            entering, braking = self.needed(course.leaving(seconds) - v0), self.needed(course.arriving(seconds))
-            turn = self._turning(course.arriving(seconds), following)
-            if entering <= transition and braking <= resting and turn <= turning:
-                return Schedule(transition, length, braking, resting)
-            transition, resting, turning = max(transition, entering), max(resting, braking), max(turning, turn)
+            entering, least_resting = (
+                self.needed(geometry.leaving(seconds) - v0),
+                self.needed(geometry.arriving(seconds)),
+            )
+            turn = self._turning(geometry.arriving(seconds), following)
+            if entering <= transition and least_resting <= resting and turn <= turning:
+                return Schedule(transition, length, least_resting, resting)
+            transition, resting, turning = max(transition, entering), max(resting, least_resting), max(turning, turn)
 
     def _open(
-        self, course: GeometricPath, v0: Floats, least: int, most: int, following: Following, rest: int, share: float,
+        self, geometry: GeometricPath, v0: Floats, least: int, most: int, following: Following, rest: int, share: float,
         length: int,
     ) -> Schedule | None:  # fmt: skip
         """The times of a request of `length` samples that leaves Ta open, None when they are too short."""
         seconds = length * self.period_s
-        arriving, dv = course.arriving(seconds), course.leaving(seconds) - v0
+        arriving, dv = geometry.arriving(seconds), geometry.leaving(seconds) - v0
         wished = max(self._default(share * seconds), self._ramp(dv))
-        braking, turning = self.needed(arriving), max(following.transition, self._turning(arriving, following))
+        least_resting, turning = self.needed(arriving), max(following.transition, self._turning(arriving, following))
         transition = max(min(wished, most), least, self.needed(dv))
-        resting = max(self._default(share * seconds), self._ramp(arriving), braking, rest)
-        enough = self._least(course, transition) <= length
+        resting = max(self._default(share * seconds), self._ramp(arriving), least_resting, rest)
+        enough = self._least(geometry, transition) <= length
         fits = transition + max(resting, turning) <= length
-        return Schedule(transition, length, braking, resting) if enough and fits else None
+        return Schedule(transition, length, least_resting, resting) if enough and fits else None
 
-    def _open_share(self, request: MoveRequest, course: GeometricPath) -> float:
+    def _open_share(self, request: MoveRequest, geometry: GeometricPath) -> float:
         """Ta over T where it is left open; without end where it is to be DEFAULT_TRANSITION_S."""
-        nowhere = float(np.abs(course.way.joints).max()) <= NO_WAY
-        near_things = request.limits is not None or isinstance(course.chart, DriveCoordinates)
-        return inf if nowhere or near_things or not course.chart.fixed else OPEN_SHARE
+        nowhere = float(np.abs(geometry.displacement.joints).max()) <= NO_DISPLACEMENT
+        near_things = request.limits is not None or isinstance(geometry.coordinates, DriveCoordinates)
+        return inf if nowhere or near_things or not geometry.coordinates.fixed else OPEN_SHARE
 
     def _default(self, seconds: float) -> int:
         """An open Ta of `seconds`, in samples: DEFAULT_TRANSITION_S at most."""
@@ -158,11 +145,11 @@ class Scheduler:
         """Least Ta, in samples, of the transition into what follows."""
         return 0 if following.leaving is None else self.needed(following.leaving - arriving)
 
-    def alone(self, request: MoveRequest, course: GeometricPath) -> Following:
+    def alone(self, request: MoveRequest, geometry: GeometricPath) -> Following:
         """What a request asks of the one before it, from the times it would have from rest to rest."""
-        schedule = self.plan(request, course, np.zeros(self.limits.n))
+        schedule = self.plan(request, geometry, np.zeros(self.limits.n))
         ta = schedule.transition if request.transition_s is None else self.preferred(request)
-        return Following(ta, course.leaving(schedule.length * self.period_s))
+        return Following(ta, geometry.leaving(schedule.length * self.period_s))
 
     def preferred(self, request: MoveRequest) -> int:
         """Ta as asked for, in samples; where it is open the longest it may be."""
@@ -174,18 +161,18 @@ class Scheduler:
         seconds = float((np.abs(dv) / self.limits.a_planned).max()) * PEAK[self.blend] / 2.0
         return enough_samples(seconds, self.period_s)
 
-    def _asked(self, request: MoveRequest, course: GeometricPath) -> int:
-        return request.pace.samples(course.way, self.limits, self.period_s)
+    def _asked(self, request: MoveRequest, geometry: GeometricPath) -> int:
+        return request.speed.samples(geometry.displacement, self.limits, self.period_s)
 
-    def _least(self, course: GeometricPath, transition: int = MANY) -> int:
+    def _least(self, geometry: GeometricPath, transition: int = MANY) -> int:
         """Samples in which no joint passes its speed, nor, where the way bends, its acceleration.
 
         Where each setpoint is judged its speed is that of the parabola through three of them, which at the end of a
         transition of 2 Ta samples is too high by 2 / (2 Ta)^2 of the change.
         """
-        lag = 0.0 if course.chart is JOINTS else 0.5 / transition**2
-        speed = float((np.abs(course.rates) / self.limits.v_max).max()) * (1.0 + lag)
-        bend = float((np.abs(course.bends) / self.limits.a_planned).max())
+        lag = 0.0 if geometry.coordinates is JOINTS else 0.5 / transition**2
+        speed = float((np.abs(geometry.dq_ds) / self.limits.v_max).max()) * (1.0 + lag)
+        bend = float((np.abs(geometry.ddq_dds) / self.limits.a_planned).max())
         return enough_samples(max(speed, bend**0.5), self.period_s)
 
     def _ms(self, samples: int) -> str:

@@ -13,40 +13,40 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion.geometric_path import GeometricPath
-from qrobot.motion.path import Segment, segment_of
-from qrobot.motion.path_piece import BlendSettings, piece_from_state
-from qrobot.motion.queued_motion import Following
+from qrobot.motion.path.path_piece import BlendSettings, piece_from_state
+from qrobot.motion.path.segment import Segment
+from qrobot.motion.planning.geometric_path import GeometricPath, segment_of
+from qrobot.motion.planning.queued_motion import Following
+from qrobot.motion.planning.timing import Scheduler
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.timing import Scheduler
 
-_LOOKS: Final = 32
+_PROBES: Final = 32
 _TRIES: Final = 16
 _LONGER: Final = 1.4
 
 
-def divert(
+def replan(
     request: MoveRequest,
-    lay: Callable[[Floats], GeometricPath],
+    plan_geometry: Callable[[Floats], GeometricPath],
     state: Floats,
     clock: float,
     scheduler: Scheduler,
-    shape: BlendSettings,
+    settings: BlendSettings,
     following: Following,
 ) -> Segment | None:
     """The segment that takes the arm from `state` (3, n: q, v, a) at path time `clock` into `request`.
 
-    `lay` gives the joint course that begins at a corner (n,). Longer and longer transitions are tried; None when
-    none of them keeps the limits.
+    `plan_geometry` gives the joint path that begins at a via point (n,). Longer and longer transitions are tried; None
+    when none of them keeps the limits.
     """
     q, v, _ = state
     transition = 1
     for _ in range(_TRIES):
-        course = lay(q + v * (transition * scheduler.period_s))
-        schedule = scheduler.plan(request, course, v, least=transition, following=following)
+        geometry = plan_geometry(q + v * (transition * scheduler.period_s))
+        schedule = scheduler.plan(request, geometry, v, least=transition, following=following)
         if schedule.transition == transition:  # else the corner lies elsewhere
-            segment = segment_of(request, course, schedule, clock + transition, scheduler.period_s)
-            if _safe(state, segment.velocity, transition, scheduler, shape):
+            segment = segment_of(request, geometry, schedule, clock + transition, scheduler.period_s)
+            if _safe(state, segment.velocity, transition, scheduler, settings):
                 return segment
             transition = int(_LONGER * transition) + 1
         else:
@@ -54,7 +54,10 @@ def divert(
     return None
 
 
-def _safe(state: Floats, velocity: Floats, transition: int, scheduler: Scheduler, shape: BlendSettings) -> bool:
+def _safe(state: Floats, velocity: Floats, transition: int, scheduler: Scheduler, settings: BlendSettings) -> bool:
     """True when the transition keeps the limits wherever it is looked at."""
-    leg = piece_from_state(state, velocity, 0.0, 2.0 * transition)
-    return all(scheduler.limits.allow(leg.state(look, shape)) for look in np.linspace(0.0, leg.length, _LOOKS + 1)[1:])
+    piece = piece_from_state(state, velocity, 0.0, 2.0 * transition)
+    return all(
+        scheduler.limits.allow(piece.state(probe, settings))
+        for probe in np.linspace(0.0, piece.length, _PROBES + 1)[1:]
+    )

@@ -17,8 +17,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion.drive_transform import drive
-from qrobot.motion.trsf import TransformKind, Trsf
+from qrobot.motion.world.drive_transform import drive
+from qrobot.motion.world.trsf import TransformKind, Trsf
 
 N_AXES: Final = 6
 AXES: Final = ("x", "y", "z", "about x", "about y", "about z")

@@ -26,7 +26,7 @@ from qrobot.model.dynamics import (
 )
 from qrobot.model.stiction_compensation import PUSH_SHARE, added_at_rest, push_for
 from qrobot.model.transmission import motor_to_torque, torque_to_motor, transmission_params
-from qrobot.motion.setpoint_history import DEPTH, motion_of
+from qrobot.motion.path.setpoint_history import DEPTH, motion_of
 
 # Share of its friction by which a moving joint may be wrong [A]: sources differ by more, one arm over a day by less.
 MOVING_SHARE: Final = 0.2
@@ -83,10 +83,10 @@ class DriveFriction:
 
     def uncertainty(self, v: Floats) -> Floats:
         """By how much `torque(v)` may be wrong. Shapes (n,)."""
-        rates = self._rates(v)
+        dq_ds = self._rates(v)
         motor = np.empty(v.size)
-        friction_torque(rates, self._params, motor)
-        stands = np.abs(rates) < self._params.velocity
+        friction_torque(dq_ds, self._params, motor)
+        stands = np.abs(dq_ds) < self._params.velocity
         largest = np.maximum(self._params.coulomb_pos, self._params.coulomb_neg)
         return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
 
@@ -109,9 +109,9 @@ class DriveFriction:
         A tenth of Coulomb friction, from which on the servo adds what it adds on a joint that stands.
         """
         p = self._params
-        way = np.clip(_HINTED * self._rates(planned) / p.velocity, -1.0, 1.0)
-        coulomb = np.where(way > 0.0, p.coulomb_pos, p.coulomb_neg)
-        return self._joints(PUSH_SHARE * way * coulomb * (1.0 - self._moving(v)))
+        displacement = np.clip(_HINTED * self._rates(planned) / p.velocity, -1.0, 1.0)
+        coulomb = np.where(displacement > 0.0, p.coulomb_pos, p.coulomb_neg)
+        return self._joints(PUSH_SHARE * displacement * coulomb * (1.0 - self._moving(v)))
 
     def _moving(self, v: Floats) -> Floats:
         """How far the servo's friction of motion has come up on the motors, 0 to 1. Shapes (n,)."""
@@ -123,8 +123,8 @@ class DriveFriction:
         return motor
 
     def _rates(self, v: Floats) -> Floats:
-        rates: Floats = self._transmission.motor_per_joint @ v
-        return rates
+        dq_ds: Floats = self._transmission.motor_per_joint @ v
+        return dq_ds
 
     def _joints(self, motor: Floats) -> Floats:
         joints = np.empty(motor.size)
@@ -145,7 +145,7 @@ class ExternalTorque:
         self._work = dynamics_work(robot.n)
         self.friction = DriveFriction(robot)
         self._period_s = period_s
-        self._seen: deque[tuple[int, ArmSample]] = deque(maxlen=DEPTH + _AVERAGED - 1)
+        self._samples: deque[tuple[int, ArmSample]] = deque(maxlen=DEPTH + _AVERAGED - 1)
         self._torques: dict[int, Floats] = {}  # of the samples averaged last
         self._known: Exerted | None = None  # of the newest sample, once somebody has asked
 
@@ -155,15 +155,15 @@ class ExternalTorque:
         gravity_torque(q, self._dynamics, self._work, tau)
         return tau
 
-    def look(self, seen: ArmSample, tick: int) -> None:
+    def observe(self, sample: ArmSample, tick: int) -> None:
         """Keep what was seen at sample `tick`; nothing is computed before somebody asks."""
-        self._seen.append((tick, seen))
+        self._samples.append((tick, sample))
         self._known = None
 
     def estimate(self) -> Exerted | None:
         """The estimate at the newest sample, over three of them; None before the first."""
-        if self._known is None and self._seen:
-            samples = list(self._seen)
+        if self._known is None and self._samples:
+            samples = list(self._samples)
             self._torques = {samples[k][0]: self._torque_at(samples, k) for k in range(len(samples))[-_AVERAGED:]}
             _, v, _ = self._motion(samples[-DEPTH:])
             self._known = Exerted(np.mean(list(self._torques.values()), axis=0), self.friction.uncertainty(v))
@@ -176,12 +176,12 @@ class ExternalTorque:
 
     def _motion(self, samples: list[tuple[int, ArmSample]]) -> Floats:
         """Position, velocity and acceleration of the reference at the newest of a few samples. Shape (3, n)."""
-        return motion_of([(tick, seen.reference) for tick, seen in samples], self._period_s)
+        return motion_of([(tick, sample.reference) for tick, sample in samples], self._period_s)
 
     def _exerted(self, samples: list[tuple[int, ArmSample]]) -> Floats:
         """tau - ID - F at the newest of a few samples. Shape (n,)."""
         _, v, a = self._motion(samples)
-        seen, model = samples[-1][1], np.empty(self._work.shape[0] // 4)
-        inverse_dynamics(seen.q, v, a, self._dynamics, self._work, model)
-        torque: Floats = seen.tau - model - self.friction.torque(v)
+        sample, model = samples[-1][1], np.empty(self._work.shape[0] // 4)
+        inverse_dynamics(sample.q, v, a, self._dynamics, self._work, model)
+        torque: Floats = sample.tau - model - self.friction.torque(v)
         return torque

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from qrobot.arrays import Floats
 from qrobot.motion.event import MotionEvent
-from qrobot.motion.path import Segment
+from qrobot.motion.path.segment import Segment
 from qrobot.motion.request import MoveRequest
 
 

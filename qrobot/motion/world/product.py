@@ -11,7 +11,7 @@ import numpy as np
 from qrobot.arrays import Bools, Floats
 from qrobot.model.row_ops import store_row, times, times_inverse, unit_row
 from qrobot.model.transform import inverse
-from qrobot.motion.trsf import TransformKind, Trsf
+from qrobot.motion.world.trsf import TransformKind, Trsf
 from qrobot.realtime.jit import lean_kernel
 
 _STANDS: Final = (TransformKind.CONST, TransformKind.HOLD)

@@ -7,11 +7,11 @@ from typing import Final
 
 from qrobot.arrays import Floats
 from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
-from qrobot.motion.blend import PEAK, Blend
 from qrobot.motion.event import Termination
-from qrobot.motion.joint_stop import LIFT, SHORTEST_HALT_S, haltable, stopping_s
-from qrobot.motion.limits import MotionLimits
-from qrobot.motion.setpoint_history import History, parabola, rows_of, spacing
+from qrobot.motion.path.blend import PEAK, Blend
+from qrobot.motion.path.setpoint_history import History, parabola, rows_of, spacing
+from qrobot.motion.planning.joint_stop import LIFT, SHORTEST_STOP_S, can_stop, stopping_s
+from qrobot.motion.world.limits import MotionLimits
 from qrobot.realtime.jit import lean_kernel
 
 NONE: Final = int(Termination.NONE)
@@ -44,20 +44,23 @@ def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Bl
 def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: float) -> int:
     """`judge_next` of what `rows_of` gives, with `MotionLimits.table` and the PEAK of the transitions."""
     between = spacing(near_s, far_s)
-    halt_s, jumps, too_fast = SHORTEST_HALT_S, False, False
+    stop_s, jumps, too_fast = SHORTEST_STOP_S, False, False
     for j in range(rows.shape[1]):
         v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
         jumps = jumps | (abs(rows[0, j] - rows[1, j]) > math.pi)
-        too_fast = too_fast | (not haltable(v, a, limits[2, j], limits[3, j]))
-        halt_s = max(halt_s, stopping_s(v, a, limits[3, j], limits[4, j], peak))
+        too_fast = too_fast | (not can_stop(v, a, limits[2, j], limits[3, j]))
+        stop_s = max(stop_s, stopping_s(v, a, limits[3, j], limits[4, j], peak))
     if jumps:
         return JOINT_LIMIT
     if too_fast:
         return TOO_FAST
     for j in range(rows.shape[1]):
         v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
-        way, lift = 0.5 * halt_s * v, LIFT * SHORTEST_HALT_S * SHORTEST_HALT_S * a
-        low, high = rows[0, j] + min(way, 0.0) + min(lift, 0.0), rows[0, j] + max(way, 0.0) + max(lift, 0.0)
+        displacement, lift = 0.5 * stop_s * v, LIFT * SHORTEST_STOP_S * SHORTEST_STOP_S * a
+        low, high = (
+            rows[0, j] + min(displacement, 0.0) + min(lift, 0.0),
+            rows[0, j] + max(displacement, 0.0) + max(lift, 0.0),
+        )
         if not (limits[0, j] <= low and high <= limits[1, j]):
             return JOINT_LIMIT
     return NONE

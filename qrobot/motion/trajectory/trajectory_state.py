@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion.coordinates import JOINTS
-from qrobot.motion.joint_stop import halting_s
-from qrobot.motion.limits import MotionLimits
-from qrobot.motion.path import Path, Segment
-from qrobot.motion.path_piece import BlendSettings
-from qrobot.motion.path_stop import Brake, fitting_brake
-from qrobot.motion.planner import SegmentEntry
-from qrobot.motion.setpoint_history import History, SetpointHistory, true_joints
-from qrobot.motion.timing import Scheduler
+from qrobot.motion.path.coordinates import JOINTS
+from qrobot.motion.path.path import Path
+from qrobot.motion.path.path_piece import BlendSettings
+from qrobot.motion.path.segment import Segment
+from qrobot.motion.path.setpoint_history import History, SetpointHistory, true_joints
+from qrobot.motion.planning.joint_stop import joint_stop_s
+from qrobot.motion.planning.path_stop import PathStop, plan_path_stop
+from qrobot.motion.planning.planner import SegmentEntry
+from qrobot.motion.planning.timing import Scheduler
+from qrobot.motion.world.limits import MotionLimits
 
 
 class TrajectoryState:
@@ -25,7 +26,7 @@ class TrajectoryState:
     Args:
         q: setpoint to begin at, at rest. Shape (n,).
         tick: number of that sample.
-        shape: of the legs.
+        settings: of the legs.
 
     Attributes:
         path: where the arm is to be, as a function of path time.
@@ -33,17 +34,17 @@ class TrajectoryState:
         clock: path time.
     """
 
-    def __init__(self, q: Floats, tick: int, shape: BlendSettings) -> None:
-        self.path = Path(q, shape)
+    def __init__(self, q: Floats, tick: int, settings: BlendSettings) -> None:
+        self.path = Path(q, settings)
         self.tick = tick
         self.clock = 0.0
-        self._shape = shape
-        self._told_clock = 0.0  # path time of the newest setpoint given out
-        self._brake: Brake | None = None
-        self._brake_tick = 0
+        self._settings = settings
+        self._given_clock = 0.0  # path time of the newest setpoint given out
+        self._path_stop: PathStop | None = None
+        self._path_stop_tick = 0
         self._halting = False
-        self._trail = SetpointHistory(tick, q)
-        self._truth = SetpointHistory(
+        self._setpoints = SetpointHistory(tick, q)
+        self._actual = SetpointHistory(
             tick, q
         )  # as the trail, but of joints that follow no setpoints where they really are
         self._standing: Floats | None = None
@@ -53,19 +54,19 @@ class TrajectoryState:
     @property
     def newest(self) -> Floats:
         """The newest setpoint given out. Shape (n,)."""
-        return self._trail.newest
+        return self._setpoints.newest
 
     @property
     def on_joint_path(self) -> bool:
         """The joints move on straight lines of their own, or rest."""
-        return self.path.chart is JOINTS
+        return self.path.coordinates is JOINTS
 
     @property
     def stopped(self) -> bool:
         """A stop that was begun is over."""
-        if self._brake is not None:
-            return self.tick - self._brake_tick >= self._brake.length
-        return self._halting and self.clock >= self.path.leg.end
+        if self._path_stop is not None:
+            return self.tick - self._path_stop_tick >= self._path_stop.length
+        return self._halting and self.clock >= self.path.piece.end
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
@@ -73,10 +74,10 @@ class TrajectoryState:
         Exact on joint paths; else of the parabola through the newest three setpoints.
         """
         if not self.on_joint_path:
-            return self._trail.state(self._shape.period_s)
-        if self._brake is None:
+            return self._setpoints.state(self._settings.period_s)
+        if self._path_stop is None:
             return self.path.state(self.clock)
-        return self.path.state(*self._brake.at(self.tick - self._brake_tick))
+        return self.path.state(*self._path_stop.at(self.tick - self._path_stop_tick))
 
     def setpoint(self) -> Floats:
         """Joint positions of this sample. Shape (n,). Raises Unreachable, JointLimit or Singular."""
@@ -88,11 +89,11 @@ class TrajectoryState:
 
     def points(self) -> History:
         """Where the arm was at the newest samples, this one included."""
-        return self._truth.with_now(self.tick, true_joints(self.setpoint(), self._standing))
+        return self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
 
     def setpoints_with(self, q: Floats) -> History:
         """The newest setpoints, as if `q` (n,) were that of this sample."""
-        return self._trail.with_now(self.tick, q)
+        return self._setpoints.with_now(self.tick, q)
 
     # ------------------------------------------------------------------------------------------ once per sample
 
@@ -100,47 +101,49 @@ class TrajectoryState:
         """Time has come to sample `tick`; `standing` as in `Generator.update`. Raises MotionError: not later."""
         if tick <= self.tick:
             raise MotionError(f"sample {tick} asked for after sample {self.tick}")
-        if self._brake is None:
+        if self._path_stop is None:
             self.clock += tick - self.tick
         else:
-            self.clock = self._brake.at(tick - self._brake_tick)[0]
+            self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
         self.tick = tick
         self._standing = standing
 
     def give_out(self, q: Floats) -> None:
         """The setpoint (n,) of this sample is `q`."""
-        self._trail.append(self.tick, q)
-        self._truth.append(self.tick, true_joints(q, self._standing))
-        self._told_clock = self.clock
+        self._setpoints.append(self.tick, q)
+        self._actual.append(self.tick, true_joints(q, self._standing))
+        self._given_clock = self.clock
 
     # ------------------------------------------------------------------------------------------- other legs
 
-    def enter(self, departure: SegmentEntry, begin: float) -> None:
+    def enter(self, entry: SegmentEntry, begin: float) -> None:
         """Turn into another segment, beginning at path time `begin`."""
-        self._trail = self._truth.copy()
-        self.path.enter(departure.segment, begin, departure.state)
+        self._setpoints = self._actual.copy()
+        self.path.enter(entry.segment, begin, entry.state)
 
     def hold(self, x: Floats) -> None:
         """Stand at `x` (m,), in the coordinates of the path."""
         self.path.hold(x, self.clock)
-        self._brake, self._halting = None, False
+        self._path_stop, self._halting = None, False
 
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
-        self.path.end_segment(segment, max(segment.rest_begin, self._told_clock))
+        self.path.end_segment(segment, max(segment.rest_begin, self._given_clock))
 
-    def brake(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
+    def path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
         if not self.path.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
-        self._brake = fitting_brake(self.path, self.clock, seconds, scheduler)
-        self._brake_tick = self.tick
+        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler)
+        self._path_stop_tick = self.tick
 
-    def halt(self, seconds: float, limits: MotionLimits) -> None:
+    def joint_stop(self, seconds: float, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
-        state = self.path.state(self._told_clock) if self.on_joint_path else self._truth.state(self._shape.period_s)
-        shortest_s, fading_s = halting_s(state, limits, self._shape.blend)
+        state = (
+            self.path.state(self._given_clock) if self.on_joint_path else self._actual.state(self._settings.period_s)
+        )
+        shortest_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
         length_s = max(seconds, shortest_s)
-        self._trail = self._truth.copy()
-        self._brake, self._halting = None, True
-        self.path.halt(state, self._told_clock, length_s / self._shape.period_s, fading_s / length_s)
+        self._setpoints = self._actual.copy()
+        self._path_stop, self._halting = None, True
+        self.path.joint_stop(state, self._given_clock, length_s / self._settings.period_s, fading_s / length_s)

@@ -6,7 +6,7 @@ from collections import deque
 from typing import Final
 
 from qrobot.errors import MotionError
-from qrobot.motion.queued_motion import QueuedMotion
+from qrobot.motion.planning.queued_motion import QueuedMotion
 
 QUEUE_SIZE: Final = 64
 
@@ -21,13 +21,13 @@ class RequestQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def push(self, errand: QueuedMotion) -> None:
+    def push(self, queued: QueuedMotion) -> None:
         """Append. Raises MotionError when the queue is full."""
         if len(self._waiting) >= self._size:
             raise MotionError(
-                f"move to {errand.request.name}: {self._size} motions are waiting already, no room for more"
+                f"move to {queued.request.name}: {self._size} motions are waiting already, no room for more"
             )
-        self._waiting.append(errand)
+        self._waiting.append(queued)
 
     def pop(self) -> QueuedMotion:
         """Take the oldest."""

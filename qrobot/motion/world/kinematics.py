@@ -18,7 +18,7 @@ NEAR_SINGULAR: Final = (
 )
 
 
-class Reach(Protocol):
+class ArmKinematics(Protocol):
     """Kinematics of one arm. Joint positions have shape (n,), poses of T6 shape (4, 4)."""
 
     def forward(self, q: Floats) -> Floats:
@@ -44,7 +44,7 @@ class Reach(Protocol):
         """Some motion of T6 would need joints far faster than others."""
 
 
-class ClosedFormReach:
+class ClosedFormKinematics:
     """An arm whose inverse has a closed form."""
 
     def __init__(self, arm: Arm) -> None:
@@ -52,15 +52,15 @@ class ClosedFormReach:
         self._q = np.empty(arm.robot.n)
 
     def forward(self, q: Floats) -> Floats:
-        """See `Reach.forward`."""
+        """See `ArmKinematics.forward`."""
         return self._arm.forward(q)
 
     def branch(self, q: Floats) -> Branch:
-        """See `Reach.branch`."""
+        """See `ArmKinematics.branch`."""
         return Branch(self._form.branch(np.array(q), self._arm.params))
 
     def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
-        """See `Reach.inverse`."""
+        """See `ArmKinematics.inverse`."""
         pose, around = np.array(T), np.array(near)  # the one type for which the kernel is compiled
         status = self._form.inverse(pose, self._arm.params, int(branch), around, self._q)
         if status != InverseStatus.OK and not (singular and status in SINGULAR and self._inside()):
@@ -68,7 +68,7 @@ class ClosedFormReach:
         return self._q.copy()
 
     def near_singular(self, q: Floats) -> bool:
-        """See `Reach.near_singular`."""
+        """See `ArmKinematics.near_singular`."""
         return float(np.linalg.svd(self._arm.jacobian(q), compute_uv=False)[-1]) < NEAR_SINGULAR
 
     def _inside(self) -> bool:
@@ -84,6 +84,6 @@ class ClosedFormReach:
         return Singular(f"{where}: {SINGULAR[status]}")
 
 
-def reach_of(arm: Arm) -> Reach | None:
+def kinematics_of(arm: Arm) -> ArmKinematics | None:
     """The closed form for `arm`, None when there is none."""
-    return ClosedFormReach(arm) if arm.robot.geometry.family in CLOSED_FORMS else None
+    return ClosedFormKinematics(arm) if arm.robot.geometry.family in CLOSED_FORMS else None

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.motion.blend import Blend, Correction, absorb, beta, fade
+from qrobot.motion.path.blend import Blend, Correction, absorb, beta, fade
 from qrobot.realtime.jit import kernel
 
 
@@ -85,11 +85,11 @@ class PathPiece:
         """Path time at which the transition is over."""
         return self.start + self.length
 
-    def state(self, clock: float, shape: BlendSettings, rate: float = 1.0, slope: float = 0.0) -> Floats:
+    def state(self, clock: float, settings: BlendSettings, rate: float = 1.0, slope: float = 0.0) -> Floats:
         """Position, velocity and acceleration at path time `clock`. Shape (3, m)."""
         out = np.empty((3, self.rows.shape[1]))
-        elapsed_s, length_s = (clock - self.start) * shape.period_s, self.length * shape.period_s
-        evaluate(self.rows, int(shape.blend), int(shape.correction), length_s, elapsed_s, rate, slope, out)
+        elapsed_s, length_s = (clock - self.start) * settings.period_s, self.length * settings.period_s
+        evaluate(self.rows, int(settings.blend), int(settings.correction), length_s, elapsed_s, rate, slope, out)
         return out
 
 
@@ -102,19 +102,19 @@ def piece_from_state(state: Floats, v1: Floats, start: float, length: float, fad
 
 
 def piece_joining_line(
-    state: Floats, corner: Floats, corner_clock: float, v1: Floats, start: float, length: float, period_s: float
+    state: Floats, via: Floats, via_clock: float, v1: Floats, start: float, length: float, period_s: float
 ) -> PathPiece:
-    """The leg that begins with `state` (3, m) and is, at its end, on the line that leaves `corner` with `v1`.
+    """The leg that begins with `state` (3, m) and is, at its end, on the line that leaves `via` with `v1`.
 
     Args:
         state: x, v, a at the start.
-        corner: where the line begins. Shape (m,).
-        corner_clock: path time at which it does.
+        via: where the line begins. Shape (m,).
+        via_clock: path time at which it does.
         v1: velocity on the line. Shape (m,).
         start, length: path time of the start, length of the transition; samples.
         period_s: sample period.
     """
-    end = corner + v1 * (start + length - corner_clock) * period_s
+    end = via + v1 * (start + length - via_clock) * period_s
     u0 = 2.0 * (end - state[0]) / (length * period_s) - v1
     return PathPiece(np.vstack((state, u0, v1, np.ones_like(v1))), start, length)
 

@@ -22,14 +22,14 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import MotionError, Singular
 from qrobot.model.arm import Arm
-from qrobot.motion.compliance import N_AXES, Compliance
-from qrobot.motion.controlled_frame import Contact, contact
-from qrobot.motion.equation import Goal
 from qrobot.motion.event import Termination
-from qrobot.motion.external_torque import ArmSample, Exerted, ExternalTorque
+from qrobot.motion.force.controlled_frame import ControlledFrame, controlled_frame
+from qrobot.motion.force.external_torque import ArmSample, Exerted, ExternalTorque
+from qrobot.motion.force.joint_matching import KEPT_FITNESS, JointIndices, drift_step, fitness, match
 from qrobot.motion.generator import Generator
-from qrobot.motion.joint_matching import KEPT_FITNESS, JointIndices, drift_step, fitness, match
-from qrobot.motion.kinematics import Reach
+from qrobot.motion.world.compliance import N_AXES, Compliance
+from qrobot.motion.world.equation import Goal
+from qrobot.motion.world.kinematics import ArmKinematics
 
 LEAD: Final = 2.5  # samples from a state to the setpoint that answers it: half in the queue, two in the interpolator
 FADE_S: Final = 0.4  # in which a joint's torque goes over from what its servo gave to what it shall be [A]
@@ -53,20 +53,20 @@ class JointCommand:
 
 
 class ForceControl:
-    """Force control of one arm beside its trajectory generator: `look` before each sample of it, `drive` after.
+    """Force control of one arm beside its trajectory generator: `probe` before each sample of it, `drive` after.
 
     Args:
         robot: the arm.
         period_s: sample period.
-        reach: its inverse kinematics, None when they are not known.
+        kinematics: its inverse kinematics, None when they are not known.
 
     Attributes:
         standing: for `Generator.update`: where the joints that give way are, NaN on the others. Shape (n,), or None.
         joints: those that give way.
     """
 
-    def __init__(self, robot: Robot, period_s: float, reach: Reach | None) -> None:
-        self._arm, self._reach = Arm(robot), reach
+    def __init__(self, robot: Robot, period_s: float, kinematics: ArmKinematics | None) -> None:
+        self._arm, self._kinematics = Arm(robot), kinematics
         self._period_s = period_s
         self._external = ExternalTorque(robot, period_s)
         self._uncarried = ~robot.control.gravity_joints
@@ -75,8 +75,10 @@ class ForceControl:
         self.standing: Floats | None = None
         self.joints: JointIndices = ()
         self._compliance: Compliance | None = None
-        self._contact: Contact | None = None
-        self._met: tuple[int, Goal | None, Contact] | None = None  # the newest contact, and what it was asked for
+        self._frame: ControlledFrame | None = None
+        self._newest_frame: tuple[int, Goal | None, ControlledFrame] | None = (
+            None  # the newest contact, and what it was asked for
+        )
         self._asked: Floats | None = None  # setpoints of the sample before
         self._stood: Floats | None = None  # where the arm was then, foreseen to the time of those setpoints
         self._exerted = np.zeros(robot.n)  # by a joint when it began to give way
@@ -102,10 +104,10 @@ class ForceControl:
         compliance = goal.compliance
         if compliance is None:
             return
-        if self._reach is None:
+        if self._kinematics is None:
             raise MotionError(f"{goal.name}: this arm has no inverse kinematics, so it cannot comply")
-        q = self._reach.inverse(goal.pose(tick), self._reach.branch(near), near, singular=True)
-        there = contact(self._arm, q, goal.tool(tick))
+        q = self._kinematics.inverse(goal.pose(tick), self._kinematics.branch(near), near, singular=True)
+        there = controlled_frame(self._arm, q, goal.tool(tick))
         try:
             joints = match(there.jacobian, there.inverse, compliance.axes)
         except Singular as error:
@@ -120,24 +122,24 @@ class ForceControl:
 
     # ---------------------------------------------------------------------------------------------- once per sample
 
-    def look(self, seen: ArmSample, generator: Generator, tick: int) -> None:
+    def observe(self, sample: ArmSample, generator: Generator, tick: int) -> None:
         """Take in what the robot says, carry COMPLY along, and end the motion where a limit is passed."""
-        self._external.look(seen, tick)
+        self._external.observe(sample, tick)
         self._carried = np.zeros(N_AXES)
         if self._compliance is not None and generator.goal is not None:
             self._carry_along(self._compliance)
         if self._failed:
-            generator.give_up(self._failed)
-        elif code := self._limit_passed(seen, generator, tick):
-            generator.interrupt(code)
+            generator.abort(self._failed)
+        elif code := self._limit_passed(sample, generator, tick):
+            generator.skip(code)
         self._failed = Termination.NONE
-        self._stood = seen.q + LEAD * self._period_s * seen.v
+        self._stood = sample.q + LEAD * self._period_s * sample.v
         self.standing = None
         if self.joints:
-            self.standing = np.full(seen.q.size, np.nan)
+            self.standing = np.full(sample.q.size, np.nan)
             self.standing[list(self.joints)] = self._stood[list(self.joints)]
 
-    def drive(self, q: Floats, seen: ArmSample, generator: Generator, tick: int) -> JointCommand:
+    def drive(self, q: Floats, sample: ArmSample, generator: Generator, tick: int) -> JointCommand:
         """What the servo gets when the generator wants the joints at `q` (n,)."""
         goal = generator.goal
         compliance = None if goal is None else goal.compliance
@@ -146,33 +148,33 @@ class ForceControl:
         if goal is None or compliance is None:
             self._let_go()
             return JointCommand(tuple(q.tolist()), (False,) * q.size)
-        self._contact = self._contact_at(seen, goal, tick)
-        planned -= self._contact.inverse @ self._carried / self._period_s  # to drift is not the plan
+        self._frame = self._frame_at(sample, goal, tick)
+        planned -= self._frame.inverse @ self._carried / self._period_s  # to drift is not the plan
         if compliance is not self._compliance:
             compliance.drift.keep(self._kept_axes(compliance))
             self._compliance = compliance
-        self._take_joints(compliance, self._contact, seen.v)
+        self._take_joints(compliance, self._frame, sample.v)
         setpoints = q.copy()
         S = list(self.joints)
-        setpoints[S] = self._torque(compliance, self._contact, seen, planned)[S]
+        setpoints[S] = self._torque(compliance, self._frame, sample, planned)[S]
         return JointCommand(tuple(setpoints.tolist()), tuple(j in self.joints for j in range(q.size)))
 
     # ------------------------------------------------------------------------------------------------------ inside
 
-    def _contact_at(self, seen: ArmSample, goal: Goal | None, tick: int) -> Contact:
+    def _frame_at(self, sample: ArmSample, goal: Goal | None, tick: int) -> ControlledFrame:
         """The controlled frame of `goal`, T6 without one; the limits and the torques of a sample ask for the same."""
-        if self._met is None or self._met[:2] != (tick, goal):
+        if self._newest_frame is None or self._newest_frame[:2] != (tick, goal):
             tool = np.eye(4) if goal is None else goal.tool(tick)
-            self._met = tick, goal, contact(self._arm, seen.q, tool)
-        return self._met[2]
+            self._newest_frame = tick, goal, controlled_frame(self._arm, sample.q, tool)
+        return self._newest_frame[2]
 
     def _carry_along(self, compliance: Compliance) -> None:
         """Update COMPLY from the errors of the joints that give way."""
-        if self._contact is None or self._asked is None or self._stood is None or not self.joints:
+        if self._frame is None or self._asked is None or self._stood is None or not self.joints:
             return
         S = list(self.joints)
         error = self._stood[S] - self._asked[S]
-        step = drift_step(self._contact.inverse, compliance.axes, self.joints, error)
+        step = drift_step(self._frame.inverse, compliance.axes, self.joints, error)
         self._carried[list(compliance.axes)] = _SHARE * step
         compliance.drift.values += self._carried
 
@@ -183,9 +185,9 @@ class ForceControl:
     def _let_go(self) -> None:
         if self._compliance is not None:
             self._compliance.drift.keep(())
-        self._compliance, self._contact, self.joints = None, None, ()
+        self._compliance, self._frame, self.joints = None, None, ()
 
-    def _take_joints(self, compliance: Compliance, there: Contact, v: Floats) -> None:
+    def _take_joints(self, compliance: Compliance, there: ControlledFrame, v: Floats) -> None:
         """Keep the joints that give way while they serve, else match anew."""
         J, G, axes = there.jacobian, there.inverse, compliance.axes
         if len(self.joints) == len(axes) and fitness(J, G, axes, self.joints) >= KEPT_FITNESS:
@@ -202,12 +204,12 @@ class ForceControl:
         self._since[taken] = 0
         self.joints = joints
 
-    def _torque(self, compliance: Compliance, there: Contact, seen: ArmSample, planned: Floats) -> Floats:
+    def _torque(self, compliance: Compliance, there: ControlledFrame, sample: ArmSample, planned: Floats) -> Floats:
         """Torque setpoints, of which those of the joints that give way count. Shape (n,)."""
-        gravity, elapsed_s = self._external.gravity(seen.q), self._since * self._period_s
+        gravity, elapsed_s = self._external.gravity(sample.q), self._since * self._period_s
         friction = self._external.friction
         tau = self._settling(there.jacobian.T @ compliance.wrench, elapsed_s)
-        tau += friction.hint(seen.v, planned) - self._damping * (seen.v - planned)
+        tau += friction.hint(sample.v, planned) - self._damping * (sample.v - planned)
         share = np.clip(elapsed_s / FADE_S, 0.0, 1.0)
         self._since += 1
         tau = share * tau + (1.0 - share) * self._first
@@ -226,15 +228,15 @@ class ForceControl:
         settled = friction.setpoint(wanted + friction.added(wanted - left * self._exerted), standing)
         return np.where((left > 0.0) & (wanted != 0.0), settled, wanted)
 
-    def _limit_passed(self, seen: ArmSample, generator: Generator, tick: int) -> Termination:
+    def _limit_passed(self, sample: ArmSample, generator: Generator, tick: int) -> Termination:
         request = generator.serving
         if request is None or request.limits is None or (exerted := self.exerted) is None:
             return Termination.NONE
-        there = self._contact_at(seen, request.target if isinstance(request.target, Goal) else None, tick)
+        there = self._frame_at(sample, request.target if isinstance(request.target, Goal) else None, tick)
         sure = np.abs(there.wrench(exerted.torque)) - there.wrench_bound(exerted.uncertainty)
         if (sure > request.limits.force).any():
             return Termination.FORCE_LIMIT
-        off = there.jacobian @ (seen.q - seen.reference)
+        off = there.jacobian @ (sample.q - sample.reference)
         if self._compliance is not None:
             off = off + self._compliance.drift.values
         return Termination.MOTION_LIMIT if (np.abs(off) > request.limits.motion).any() else Termination.NONE

@@ -9,10 +9,10 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion.equation import Goal
-from qrobot.motion.goal_tracker import GoalTracker
-from qrobot.motion.kinematics import Reach
+from qrobot.motion.path.goal_tracker import GoalTracker
 from qrobot.motion.request import HERE, MotionMode, MoveRequest
+from qrobot.motion.world.equation import Goal
+from qrobot.motion.world.kinematics import ArmKinematics
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Following:
     leaving: Floats | None = None
 
 
-NOTHING: Final = Following()
+NO_FOLLOWER: Final = Following()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +37,17 @@ class QueuedMotion:
 
     Attributes:
         request: what was asked.
-        aim: the goal of an equation, followed; None for joint positions and for HERE.
+        tracker: the goal of an equation, followed; None for joint positions and for HERE.
         target: joint positions of a goal that stands still and is gone to in joint mode. Shape (n,).
         end: where the joints will be in the end, as far as that can be known. Shape (n,).
         asks: what it asks of the far end of the request before it.
     """
 
     request: MoveRequest
-    aim: GoalTracker | None = None
+    tracker: GoalTracker | None = None
     target: Floats | None = None
     end: Floats | None = None
-    asks: Following = NOTHING
+    asks: Following = NO_FOLLOWER
 
     @property
     def here(self) -> bool:
@@ -57,15 +57,15 @@ class QueuedMotion:
     @property
     def settled(self) -> bool:
         """It can begin: the velocity of its goal is known."""
-        return self.aim is None or self.aim.settled
+        return self.tracker is None or self.tracker.settled
 
     def sample(self, tick: int) -> None:
         """Look where the goal is."""
-        if self.aim is not None:
-            self.aim.sample(tick)
+        if self.tracker is not None:
+            self.tracker.sample(tick)
 
 
-def prepare_motion(request: MoveRequest, start: Floats, reach: Reach | None, tick: int) -> QueuedMotion:
+def prepare_motion(request: MoveRequest, start: Floats, kinematics: ArmKinematics | None, tick: int) -> QueuedMotion:
     """Prepare `request` for an arm that will come from about `start` (n,).
 
     Raises:
@@ -76,12 +76,12 @@ def prepare_motion(request: MoveRequest, start: Floats, reach: Reach | None, tic
         return QueuedMotion(request)
     if isinstance(request.target, np.ndarray):
         return QueuedMotion(request, target=request.target, end=request.target)
-    if reach is None or not isinstance(request.target, Goal):
+    if kinematics is None or not isinstance(request.target, Goal):
         raise MotionError("this arm has no inverse kinematics, so name joint positions")
-    aim = GoalTracker(request.target)
+    tracker = GoalTracker(request.target)
     if not request.target.fixed:
-        return QueuedMotion(request, aim)
-    aim.sample(tick)
-    branch = reach.branch(start) if request.branch is None else request.branch
-    q = reach.inverse(aim.newest.pose, branch, start, singular=True)
-    return QueuedMotion(request, aim, q if request.mode is MotionMode.JOINT else None, q)
+        return QueuedMotion(request, tracker)
+    tracker.sample(tick)
+    branch = kinematics.branch(start) if request.branch is None else request.branch
+    q = kinematics.inverse(tracker.newest.pose, branch, start, singular=True)
+    return QueuedMotion(request, tracker, q if request.mode is MotionMode.JOINT else None, q)

@@ -10,12 +10,12 @@ from qrobot.arrays import Floats
 from qrobot.model.arm import Arm
 from qrobot.model.row_ops import row_of, store_row, times_inverse
 from qrobot.model.vec3 import add, cross, dot
-from qrobot.motion.joint_matching import inverse_of
+from qrobot.motion.force.joint_matching import inverse_of
 from qrobot.realtime.jit import lean_kernel
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class ControlledFrame:
     """The controlled frame at one sample.
 
     Attributes:
@@ -39,12 +39,12 @@ class Contact:
         return bound
 
 
-def contact(arm: Arm, q: Floats, tool: Floats) -> Contact:
+def controlled_frame(arm: Arm, q: Floats, tool: Floats) -> ControlledFrame:
     """The controlled frame at joint positions `q` (n,); `tool` (4, 4) is T6 in it."""
     J, frame = arm.jacobian(q), np.empty((4, 4))
     jacobian = np.empty_like(J)
     carry_to_frame(arm.forward(q), tool, J, frame, jacobian)
-    return Contact(frame, jacobian, inverse_of(jacobian))
+    return ControlledFrame(frame, jacobian, inverse_of(jacobian))
 
 
 @lean_kernel

@@ -16,9 +16,9 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse
-from qrobot.motion.compliance import Compliance
-from qrobot.motion.product import Factor, Product, inverted
-from qrobot.motion.trsf import T6, Trsf
+from qrobot.motion.world.compliance import Compliance
+from qrobot.motion.world.product import Factor, Product, inverted
+from qrobot.motion.world.trsf import T6, Trsf
 
 
 class Equation:

@@ -12,17 +12,17 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.motion.blend import PEAK, Blend, beta
-from qrobot.motion.path import Path
-from qrobot.motion.timing import Scheduler
+from qrobot.motion.path.blend import PEAK, Blend, beta
+from qrobot.motion.path.path import Path
+from qrobot.motion.planning.timing import Scheduler
 
-_LOOKS: Final = np.linspace(0.0, 1.0, 33)
+_PROBES: Final = np.linspace(0.0, 1.0, 33)
 _LONGER: Final = 1.15
 _LONGEST_S: Final = 10.0
 
 
 @dataclass(frozen=True)
-class Brake:
+class PathStop:
     """A stop that begins at path time `clock` and takes `length` samples.
 
     Attributes:
@@ -41,7 +41,7 @@ class Brake:
         return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
 
 
-def fitting_brake(path: Path, clock: float, seconds: float, scheduler: Scheduler) -> Brake:
+def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Scheduler) -> PathStop:
     """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
 
     On a straight line it decelerates with a_stop; where the path itself accelerates it takes longer.
@@ -52,11 +52,11 @@ def fitting_brake(path: Path, clock: float, seconds: float, scheduler: Scheduler
         speed = np.maximum(speed, np.abs(path.segment.velocity))
     shortest = PEAK[blend] * float((speed / limits.a_stop).max())
     length = max(1.0, seconds / period_s, shortest / period_s)
-    while not _fits(brake := Brake(clock, length, blend), path, scheduler) and length * period_s < _LONGEST_S:
+    while not _fits(path_stop := PathStop(clock, length, blend), path, scheduler) and length * period_s < _LONGEST_S:
         length *= _LONGER
-    return brake
+    return path_stop
 
 
-def _fits(brake: Brake, path: Path, scheduler: Scheduler) -> bool:
-    moments = (brake.at(look * brake.length) for look in _LOOKS)
+def _fits(path_stop: PathStop, path: Path, scheduler: Scheduler) -> bool:
+    moments = (path_stop.at(probe * path_stop.length) for probe in _PROBES)
     return all(scheduler.limits.allow(state) for state in path.states_ahead(moments))

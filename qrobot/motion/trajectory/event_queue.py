@@ -13,16 +13,16 @@ class EventQueue:
 
     def __init__(self) -> None:
         self._events: list[MotionEvent] = []
-        self._told_idle = True
+        self._idle_told = True
 
     @property
     def pending(self) -> bool:
         """Something has happened, or was asked for, that the next samples tell."""
-        return bool(self._events) or not self._told_idle
+        return bool(self._events) or not self._idle_told
 
     def expect(self) -> None:
         """Something was asked for: tell when all is done."""
-        self._told_idle = False
+        self._idle_told = False
 
     def begun(self, request: MoveRequest) -> None:
         """The transition into its segment begins."""
@@ -45,10 +45,10 @@ class EventQueue:
         for request in requests:
             self.ended(request, Termination.STOPPED)
 
-    def take(self, busy: bool) -> tuple[MotionEvent, ...]:
+    def drain(self, busy: bool) -> tuple[MotionEvent, ...]:
         """All there is, once; with the end of all motions if that came."""
-        if not busy and not self._told_idle:
-            self._told_idle = True
+        if not busy and not self._idle_told:
+            self._idle_told = True
             self._events.append(MotionEvent(EventKind.IDLE))
         events, self._events = tuple(self._events), []
         return events

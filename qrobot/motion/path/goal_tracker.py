@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from qrobot.arrays import Floats
 from qrobot.model.transform import inverse
-from qrobot.motion.equation import Goal
-from qrobot.motion.setpoint_history import DEPTH
+from qrobot.motion.path.setpoint_history import DEPTH
+from qrobot.motion.world.equation import Goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,26 +37,26 @@ class GoalTracker:
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
-        self._seen: deque[tuple[int, GoalSample]] = deque(maxlen=DEPTH)
+        self._samples: deque[tuple[int, GoalSample]] = deque(maxlen=DEPTH)
 
     @property
     def settled(self) -> bool:
         """Its velocity is known: it stands still, or was seen often enough."""
-        return self.goal.fixed or len(self._seen) == DEPTH
+        return self.goal.fixed or len(self._samples) == DEPTH
 
     @property
     def newest(self) -> GoalSample:
         """As it was sampled last."""
-        return self._seen[-1][1]
+        return self._samples[-1][1]
 
     def sample(self, tick: int) -> None:
         """Evaluate the goal for sample `tick`; a second call for the same sample does nothing."""
-        if self._seen and (self.goal.fixed or self._seen[-1][0] >= tick):
+        if self._samples and (self.goal.fixed or self._samples[-1][0] >= tick):
             return
-        self._seen.append((tick, GoalSample(self.goal.left.at(tick), self.goal.carried(tick))))
+        self._samples.append((tick, GoalSample(self.goal.left.at(tick), self.goal.carried(tick))))
 
-    def frames(self, tick: int) -> GoalSample | None:
+    def sample_at(self, tick: int) -> GoalSample | None:
         """As it was at sample `tick`; None when nobody looked."""
         if self.goal.fixed:
             return self.newest
-        return next((frames for seen, frames in self._seen if seen == tick), None)
+        return next((goal for sample, goal in self._samples if sample == tick), None)

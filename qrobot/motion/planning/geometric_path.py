@@ -1,0 +1,131 @@
+"""The straight way of one segment before it has its times: from corner to goal, and what it asks of the joints.
+
+Everything is per whole way: with s from 0 at the corner to 1 at the goal and T the time it takes, joint velocities are
+rates / T and joint accelerations bends / T^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
+from qrobot.model.branch import Branch
+from qrobot.model.transform import inverse
+from qrobot.motion.path.coordinates import JOINTS, Coordinates, DriveCoordinates, GoalRelativeJoints
+from qrobot.motion.path.segment import Schedule, Segment
+from qrobot.motion.planning.queued_motion import QueuedMotion
+from qrobot.motion.request import Displacement, MotionMode, MoveRequest
+from qrobot.motion.world.drive_transform import OrientationInterpolation, drive_parameters
+from qrobot.motion.world.kinematics import ArmKinematics
+
+PROBES: Final = 17  # where a Cartesian way is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class GeometricPath:
+    """A way in the coordinates (m,) of a chart.
+
+    Attributes:
+        coordinates: the coordinates.
+        via, target: its ends. Shape (m,).
+        displacement: how far it is.
+        dq_ds, ddq_dds: first and second derivative of the joints by s at places along it. Shapes (k, n).
+    """
+
+    coordinates: Coordinates
+    via: Floats
+    target: Floats
+    displacement: Displacement
+    dq_ds: Floats
+    ddq_dds: Floats
+
+    def velocity(self, length_s: float) -> Floats:
+        """Velocity on the way. Shape (m,)."""
+        velocity: Floats = (self.target - self.via) / length_s
+        return velocity
+
+    def leaving(self, length_s: float) -> Floats:
+        """Joint velocity at its beginning. Shape (n,)."""
+        velocity: Floats = self.dq_ds[0] / length_s
+        return velocity
+
+    def arriving(self, length_s: float) -> Floats:
+        """Joint velocity at its end. Shape (n,)."""
+        velocity: Floats = self.dq_ds[-1] / length_s
+        return velocity
+
+
+def segment_of(
+    request: MoveRequest, geometry: GeometricPath, schedule: Schedule, begin: float, period_s: float
+) -> Segment:
+    """The segment that leaves its corner at path time `begin`."""
+    seconds = schedule.length * period_s
+    velocity, arriving = geometry.velocity(seconds), geometry.arriving(seconds)
+    return Segment(request, geometry.coordinates, begin, geometry.via, geometry.target, schedule, velocity, arriving)
+
+
+def joint_geometry(via: Floats, target: Floats, tool: Floats | None = None) -> GeometricPath:
+    """Straight in joint space. Shapes (n,); `tool` (6,) is what the controlled frame does."""
+    return _linear(JOINTS, via, target, tool)
+
+
+def plan_geometric_path(queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None) -> GeometricPath:
+    """The way of `queued` from the joint positions `via` (n,), with its goal where it was seen last.
+
+    Raises:
+        Unreachable, JointLimit, Singular: at the goal or on a Cartesian way.
+        MotionError: a Cartesian way would have to change the configuration.
+    """
+    tool = _tool(queued, via, kinematics)
+    if queued.target is not None:
+        return joint_geometry(via, queued.target, tool)
+    if queued.tracker is None or kinematics is None or tool is None:
+        raise MotionError("there is no goal")
+    present, request = kinematics.branch(via), queued.request
+    if request.mode is MotionMode.CARTESIAN:
+        _same_branch(request, present)
+        return _straight(DriveCoordinates(queued.tracker, kinematics, present, via, request.turn), tool, via)
+    branch = present if request.branch is None else request.branch
+    q = kinematics.inverse(queued.tracker.newest.pose, branch, via, singular=True)
+    return _linear(GoalRelativeJoints(queued.tracker, kinematics, branch, q), via - q, np.zeros_like(q), tool)
+
+
+def _same_branch(request: MoveRequest, present: Branch) -> None:
+    if request.branch is not None and request.branch != present:
+        change = f"from {present.letters!r} to {request.branch.letters!r}"
+        raise MotionError(f"no straight line changes configuration {change}; use joint mode")
+
+
+def _tool(queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None) -> Floats | None:
+    """DRIVE at the corner, shape (6,)."""
+    if kinematics is None:
+        return None
+    if queued.tracker is not None:
+        turn = queued.request.turn if queued.request.mode is MotionMode.CARTESIAN else OrientationInterpolation.ONE_AXIS
+        return drive_parameters(queued.tracker.newest.drive_to(kinematics.forward(via)), turn=turn)
+    if queued.target is None:
+        return None
+    return drive_parameters(inverse(kinematics.forward(queued.target)) @ kinematics.forward(via))
+
+
+def _linear(coordinates: Coordinates, via: Floats, target: Floats, tool: Floats | None) -> GeometricPath:
+    distance = target - via
+    return GeometricPath(
+        coordinates, via, target, Displacement(distance, tool), distance[None, :], np.zeros((1, distance.size))
+    )
+
+
+def _straight(coordinates: DriveCoordinates, via: Floats, q: Floats) -> GeometricPath:
+    """Look at the joints all along the line from `via` (6,), where they are `q` (n,)."""
+    places = np.linspace(1.0, 0.0, PROBES)
+    joints = np.empty((PROBES, q.size))
+    for i, place in enumerate(places):
+        joints[i] = q = coordinates.solve_at(place * via, q)
+    step = 1.0 / (PROBES - 1)
+    dq_ds = np.array(np.gradient(joints, step, axis=0, edge_order=2))
+    ddq_dds = np.array(np.gradient(dq_ds, step, axis=0))
+    return GeometricPath(coordinates, via, np.zeros(6), Displacement(joints[-1] - joints[0], via), dq_ds, ddq_dds)

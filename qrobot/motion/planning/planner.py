@@ -1,0 +1,203 @@
+"""From a queued request and the state of the arm to the segment that serves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
+from qrobot.motion.path.coordinates import JOINTS, measured
+from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
+from qrobot.motion.path.segment import Schedule, Segment
+from qrobot.motion.path.setpoint_history import History, motion_of
+from qrobot.motion.planning.geometric_path import GeometricPath, plan_geometric_path, segment_of
+from qrobot.motion.planning.joint_stop import all_can_stop
+from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
+from qrobot.motion.planning.replan import replan
+from qrobot.motion.planning.timing import MANY, Scheduler
+from qrobot.motion.request import MoveRequest
+from qrobot.motion.world.kinematics import ArmKinematics
+from qrobot.motion.world.limits import MotionLimits
+
+_PROBES: Final = 16
+_EARLY: Final = np.linspace(0.0, 1.0, _PROBES + 1)[1:] ** 2  # most of them where what was left over fades out
+_TRIES: Final = 12
+_LONGER: Final = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentEntry:
+    """How a segment is entered.
+
+    Attributes:
+        segment: to be served.
+        state: of the arm at its start, in the segment's coordinates. Shape (3, m).
+    """
+
+    segment: Segment
+    state: Floats
+
+
+@dataclass(frozen=True)
+class TransitionBounds:
+    """Bounds of a transition.
+
+    Attributes:
+        least, most: samples; the second is a wish.
+        following: what the request behind asks for.
+        at_any_rate: from rest there is no other way; its setpoints are judged one by one.
+    """
+
+    least: int = 1
+    most: int = MANY
+    following: Following = NO_FOLLOWER
+    at_any_rate: bool = False
+
+
+class Planner:
+    """Plans for one arm.
+
+    Args:
+        limits: of the arm.
+        settings: of the legs.
+        kinematics: kinematics, None when they are not known.
+
+    Attributes:
+        scheduler: of times.
+    """
+
+    def __init__(self, limits: MotionLimits, settings: BlendSettings, kinematics: ArmKinematics | None) -> None:
+        self.scheduler = Scheduler(limits, settings.period_s, settings.blend)
+        self._limits = limits
+        self._settings = settings
+        self._kinematics = kinematics
+
+    def prepare(self, request: MoveRequest, start: Floats | None, near: Floats, tick: int) -> QueuedMotion:
+        """Judge a request as a motion from rest at `start` (n,) to rest, as far as both are known.
+
+        Args:
+            request: what was asked.
+            start: where the arm will be before it; None when that moves.
+            near: where it is now. Shape (n,).
+            tick: newest sample.
+
+        Raises:
+            JointLimit, Unreachable, Singular: the goal, or the way there, is not for this arm.
+            MotionError: the arm cannot do it in that time.
+        """
+        what = f"move to {request.name}"
+        with _naming(what):
+            queued = prepare_motion(request, near if start is None else start, self._kinematics, tick)
+        if queued.end is not None:
+            self._limits.check_position(queued.end, what)
+        if queued.here:
+            return queued
+        if queued.end is None or start is None:
+            return replace(queued, asks=Following(self.scheduler.preferred(request)))
+        with _naming(what):
+            geometry = self.plan_geometry(queued, start)
+        self.scheduler.check(request, geometry)
+        return replace(queued, asks=self.scheduler.alone(request, geometry))
+
+    def plan_geometry(self, queued: QueuedMotion, via: Floats) -> GeometricPath:
+        """The way from the joint positions `via` (n,); raises what `plan_geometric_path` raises."""
+        return plan_geometric_path(queued, via, self._kinematics)
+
+    def plan_entry(
+        self, queued: QueuedMotion, via: Floats, points: History, clock: float, bounds: TransitionBounds
+    ) -> SegmentEntry | None:
+        """Into `queued` now, at path time `clock`; None when no transition that was tried keeps the limits.
+
+        Args:
+            queued: what comes next.
+            via: joint positions from which its straight way leads. Shape (n,).
+            points: the newest setpoints, that of now included.
+            clock: path time.
+            bounds: for the transition.
+
+        Raises:
+            MotionError: see `plan_geometric_path`.
+        """
+        geometry = self.plan_geometry(queued, via)
+        state, v = self._measured(geometry, points), motion_of(points, self._settings.period_s)[1]
+        least, rest, segment = bounds.least, 1, None
+        for _ in range(_TRIES):
+            schedule = self.scheduler.plan(queued.request, geometry, v, least, bounds.most, bounds.following, rest)
+            segment = self.segment(queued, geometry, schedule, clock + schedule.transition)
+            if self._fits(segment, state, clock, points[-1][1]):
+                return SegmentEntry(segment, state)
+            least = rest = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
+        return SegmentEntry(segment, state) if bounds.at_any_rate and segment is not None else None
+
+    def replan(self, queued: QueuedMotion, state: Floats, clock: float, following: Following) -> SegmentEntry | None:
+        """Out of a joint path, at `state` (3, n), into the joint path of `queued`; None when no such way is safe."""
+        plan_geometry = partial(self.plan_geometry, queued)
+        segment = replan(queued.request, plan_geometry, state, clock, self.scheduler, self._settings, following)
+        return None if segment is None else SegmentEntry(segment, state)
+
+    def ahead(self, request: MoveRequest, points: History) -> Floats:
+        """Where the joints will be, at their present speed, half a transition later: the corner of a diversion.
+
+        Shape (n,).
+        """
+        q, v, _ = motion_of(points, self._settings.period_s)
+        ahead = q + v * (self.scheduler.preferred(request) * self._settings.period_s)
+        inside: Floats = np.clip(ahead, self._limits.q_min, self._limits.q_max)
+        return inside
+
+    def segment(self, queued: QueuedMotion, geometry: GeometricPath, schedule: Schedule, begin: float) -> Segment:
+        """The segment that leaves its corner at path time `begin`."""
+        return segment_of(queued.request, geometry, schedule, begin, self._settings.period_s)
+
+    def _measured(self, geometry: GeometricPath, points: History) -> Floats:
+        return measured(geometry.coordinates, points, self._settings.period_s)
+
+    def _fits(self, segment: Segment, state: Floats, clock: float, near: Floats) -> bool:
+        """True when the joints keep their limits in the transitions; not to be known when the goal moves."""
+        if not segment.coordinates.fixed:
+            return True
+        entering = piece_joining_line(
+            state, segment.via, segment.begin, segment.velocity, clock, 2.0 * segment.schedule.transition,
+            self._settings.period_s,
+        )  # fmt: skip
+        if segment.coordinates is JOINTS:  # whose end is planned within the limits
+            probes = entering.start + entering.length * _EARLY
+            states = np.array([entering.state(probe, self._settings) for probe in probes])
+            return all_can_stop(states[:, 1], states[:, 2], self._limits)
+        pieces = (entering, to_rest(segment, self._settings))
+        try:
+            return all(self._keeps_limits(segment, piece, near) for piece in pieces)
+        except MotionError:  # the turn leads where the straight lines do not
+            return False
+
+    def _keeps_limits(self, segment: Segment, piece: PathPiece, near: Floats) -> bool:
+        step_s = piece.length * self._settings.period_s / _PROBES
+        joints = np.empty((_PROBES + 1, near.size))
+        for i, probe in enumerate(np.linspace(piece.start, piece.end, _PROBES + 1)):
+            joints[i] = near = segment.coordinates.solve_at(piece.state(probe, self._settings)[0], near)
+        v = np.array(np.gradient(joints, step_s, axis=0, edge_order=2))
+        a = np.diff(joints, 2, axis=0)[[0, *range(_PROBES - 1), -1]] / step_s**2
+        return all_can_stop(v, a, self._limits)
+
+
+@contextmanager
+def _naming(what: str) -> Iterator[None]:
+    """Say with every refusal what was asked."""
+    try:
+        yield
+    except MotionError as error:
+        raise type(error)(f"{what}: {error}") from error
+
+
+def to_rest(segment: Segment, settings: BlendSettings) -> PathPiece:
+    """The transition to rest at the end of a segment."""
+    length = 2.0 * segment.schedule.resting
+    behind = segment.velocity * (segment.schedule.resting * settings.period_s)
+    state = np.vstack((segment.target - behind, segment.velocity, np.zeros_like(behind)))
+    return piece_from_state(state, np.zeros_like(behind), segment.rest_begin, length)
