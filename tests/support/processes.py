@@ -44,6 +44,7 @@ from tests.support.patience import PATIENCE_S, wait_until
 
 GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it
 BOARD_MS = 500.0
+FIRST_START_S = 3.0 * PATIENCE_S  # of a process that compiles everything
 UNHURRIED_MS = 100.0  # the longest sample period, for tests that do not measure it
 LEG_RAD_S = 1.05
 REST_S, REST_COUNTS = 0.1, 2

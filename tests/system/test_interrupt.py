@@ -6,11 +6,7 @@ import signal
 import subprocess
 import sys
 
-import pytest
-
 from tests.support.patience import PATIENCE_S
-
-pytestmark = pytest.mark.realtime
 
 CAUGHT = """
 import numba, numpy

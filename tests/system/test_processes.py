@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -24,25 +23,9 @@ from qrobot.rig.processes import board_ready, bridge_ready, guardian_ready, serv
 from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
 from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, give_time, wait_until
-from tests.support.processes import left_behind, processes_of, qrobot, write_deployment
+from tests.support.processes import FIRST_START_S, left_behind, processes_of, qrobot, write_deployment
 
 pytestmark = pytest.mark.realtime
-
-FIRST_START_S = 180.0  # compiles everything
-
-RUN_KEYS = {
-    "rate_hz": int,
-    "clock": str,
-    "plant": str,
-    "law": str,
-    "max_abs_error_rad": list,
-    "rms_error_rad": list,
-    "cycles": int,
-    "late_cycles": int,
-    "wakeup_us": dict,
-    "realtime_factor": float,
-    "fault": type(None),
-}
 
 
 class Up:
@@ -199,47 +182,11 @@ def test_up_ends_the_rest_when_one_process_dies_and_says_which(up: Up) -> None:
     assert left_behind(up.name) == []
 
 
-# ---------------------------------------------------------------------------------------------------------------- demo
-
-
-def demo(directory: Path, *options: str) -> subprocess.Popen[str]:
-    return qrobot("demo", *options, "--out-dir", directory / "demo")
-
-
-def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -> None:
-    summary = tmp_path / "summary.json"
-    with demo(tmp_path, "--lockstep", "--rate", "1000", "--json", str(summary)) as process:
-        _, said = process.communicate(timeout=FIRST_START_S)
-    assert process.returncode == 0, said
-    (run,) = json.loads(summary.read_text())["runs"]
-    assert {key: type(run[key]) for key in RUN_KEYS} == RUN_KEYS
-    assert (run["rate_hz"], run["clock"], run["plant"], run["law"]) == (1000, "lockstep", "nominal", "qrobot")
-    assert len(run["max_abs_error_rad"]) == len(run["rms_error_rad"]) == 6
-    pairs = zip(run["rms_error_rad"], run["max_abs_error_rad"], strict=True)
-    assert all(0.0 < rms < largest < 0.005 for rms, largest in pairs)
-    assert set(run["wakeup_us"]) == {"p50", "p99", "max"}
-    assert run["cycles"] > 6000
-    assert read_log(run["log"]).rows.size == run["cycles"]
-    assert {path.name for path in (tmp_path / "demo").glob("*.png")} == {"positions.png", "errors.png"}
-
-
-@pytest.mark.parametrize("run", [1, 2])
-def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
-    """In its first run, when there is nothing to show, and in a later one."""
-    with demo(tmp_path, "--lockstep") as process:
-        assert process.stderr is not None
-        while f"run {run} of" not in (line := process.stderr.readline()):
-            assert line, "it has ended"
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 130
-    assert "Traceback" not in said
-
-
 @pytest.mark.parametrize("command", ["servo", "program"])
 def test_ctrl_c_ends_a_demo_on_the_wall_clock(up: Up, command: str) -> None:
     """While its processes start, and while the program moves the arm."""
-    with demo(up.directory, "--deployment", str(up.deployment), "--rate", "1000") as process:
+    options = ("--deployment", up.deployment, "--rate", "1000", "--out-dir", up.directory / "demo")
+    with qrobot("demo", *options) as process:
         output = up.directory / "demo" / "processes" / f"{up.name}-{command}.txt"
         wait_until(output.exists, f"{command} is being started", FIRST_START_S)
         if command == "program":

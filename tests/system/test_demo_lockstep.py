@@ -1,0 +1,62 @@
+"""`qrobot demo --lockstep` from outside: what it writes, and that Ctrl-C ends it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from qrobot.log.read import read_log
+from tests.support.patience import PATIENCE_S
+from tests.support.processes import FIRST_START_S, qrobot
+
+RUN_KEYS = {
+    "rate_hz": int,
+    "clock": str,
+    "plant": str,
+    "law": str,
+    "max_abs_error_rad": list,
+    "rms_error_rad": list,
+    "cycles": int,
+    "late_cycles": int,
+    "wakeup_us": dict,
+    "realtime_factor": float,
+    "fault": type(None),
+}
+
+
+def demo(directory: Path, *options: str) -> subprocess.Popen[str]:
+    return qrobot("demo", *options, "--out-dir", directory / "demo")
+
+
+def test_a_demo_in_lockstep_writes_its_summary_log_and_figures(tmp_path: Path) -> None:
+    summary = tmp_path / "summary.json"
+    with demo(tmp_path, "--lockstep", "--rate", "1000", "--json", str(summary)) as process:
+        _, said = process.communicate(timeout=FIRST_START_S)
+    assert process.returncode == 0, said
+    (run,) = json.loads(summary.read_text())["runs"]
+    assert {key: type(run[key]) for key in RUN_KEYS} == RUN_KEYS
+    assert (run["rate_hz"], run["clock"], run["plant"], run["law"]) == (1000, "lockstep", "nominal", "qrobot")
+    assert len(run["max_abs_error_rad"]) == len(run["rms_error_rad"]) == 6
+    pairs = zip(run["rms_error_rad"], run["max_abs_error_rad"], strict=True)
+    assert all(0.0 < rms < largest < 0.005 for rms, largest in pairs)
+    assert set(run["wakeup_us"]) == {"p50", "p99", "max"}
+    assert run["cycles"] > 6000
+    assert read_log(run["log"]).rows.size == run["cycles"]
+    assert {path.name for path in (tmp_path / "demo").glob("*.png")} == {"positions.png", "errors.png"}
+
+
+@pytest.mark.parametrize("run", [1, 2])
+def test_ctrl_c_ends_a_demo_in_lockstep(tmp_path: Path, run: int) -> None:
+    """In its first run, when there is nothing to show, and in a later one."""
+    with demo(tmp_path, "--lockstep") as process:
+        assert process.stderr is not None
+        while f"run {run} of" not in (line := process.stderr.readline()):
+            assert line, "it has ended"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "Traceback" not in said
