@@ -8,6 +8,7 @@ rounding; `tests/golden/test_estimation_page.py` measures some of them again. A 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -17,12 +18,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from tables import table
 
 from qrobot.config import Robot, load_robot
 from qrobot.log.plot import COLOURS, STYLE
 from qrobot.rig.experiment import PlantName, program_path, run_program
-from qrobot.rig.witness import Witnessed, WitnessRig
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.interpolation_polynomials import FORMS, Form
 from qrobot.servo.stages.interpolator import reference, shift_in
@@ -32,6 +31,12 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 
 DOCS: Final = Path(__file__).parent
+sys.path[:0] = [str(DOCS), str(DOCS.parent)]
+
+from tables import table  # noqa: E402 (found through the line above)
+
+from tests.support.ground_truth import GroundTruthRig, TrackedTruth  # noqa: E402
+
 PAGE: Final = DOCS / "explanation/estimation-and-interpolation.md"
 IMAGES: Final = DOCS / "images"
 RATES_HZ: Final = (1000, 2000, 4000)
@@ -48,14 +53,14 @@ def robot() -> Robot:
 
 
 @cache
-def measure(rate_hz: int, plant: PlantName, velocity: str, interpolation: str, law: str = "qrobot") -> Witnessed:
+def measure(rate_hz: int, plant: PlantName, velocity: str, interpolation: str, law: str = "qrobot") -> TrackedTruth:
     """The paper's experiment with these choices."""
     n = robot().n
     wrong = PlantMismatch.mismatched(n) if plant == "mismatched" else PlantMismatch.nominal(n)
     settings = ServoSettings(rate_hz=rate_hz, law=law, velocity=velocity, interpolation=interpolation)
-    rig = WitnessRig(robot(), settings, Emulator(robot(), mismatch=wrong, physics="rigid"))
+    rig = GroundTruthRig(robot(), settings, Emulator(robot(), mismatch=wrong, physics="rigid"))
     run_program(rig, program_path())
-    return rig.witnessed()
+    return rig.tracked_truth()
 
 
 def velocity_errors() -> str:
@@ -164,7 +169,7 @@ def velocity_picture() -> Figure:
     return figure
 
 
-def _around_the_start(seen: Witnessed) -> tuple[np.ndarray[Any, Any], slice]:
+def _around_the_start(seen: TrackedTruth) -> tuple[np.ndarray[Any, Any], slice]:
     start = int(np.argmax(np.abs(seen.v_true[:, 0]) > 0.005))
     part = slice(max(0, start - round(0.04 / seen.dt)), start + round(0.12 / seen.dt))
     return np.arange(part.stop - part.start) * seen.dt, part

@@ -7,6 +7,7 @@ that changes anything at all in setpoints, torque words or positions is an error
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -14,22 +15,26 @@ from typing import Final
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from tables import table
 
 from qrobot.config import Robot, load_robot
 from qrobot.log.plot import COLOURS, STYLE
-from qrobot.rig.crossing import TRANSPORTS, Crossing, cross
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 
 DOCS: Final = Path(__file__).parent
+sys.path[:0] = [str(DOCS), str(DOCS.parent)]
+
+from tables import table  # noqa: E402 (found through the line above)
+
+from tests.support.transport_comparison import TRANSPORTS, TransportRun, run_over  # noqa: E402
+
 PAGE: Final = DOCS / "explanation/transports.md"
 PICTURE: Final = DOCS / "images/transports.png"
 RATES_HZ: Final = (4000, 2000, 1000, 500, 250, 125)
 FASTEST_HZ: Final = {"Modbus TCP": 500, "CAN": 500}  # what the transports are good for, see docs/performance.md
 DPI: Final = 100
-_PART: Final = re.compile(r"(<!-- measured: crossings -->\n).*?(<!-- end -->)", re.DOTALL)
+_PART: Final = re.compile(r"(<!-- measured: transports -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 @cache
@@ -39,20 +44,20 @@ def robot() -> Robot:
 
 
 @cache
-def measure(transport: str, rate_hz: int) -> Crossing:
+def measure(transport: str, rate_hz: int) -> TransportRun:
     """The paper's experiment over one transport."""
     emulator = Emulator(robot(), physics="rigid")
-    return cross(
+    return run_over(
         transport, robot(), ServoSettings(rate_hz=rate_hz), emulator, lambda rig: run_program(rig, program_path())
     )
 
 
-def measured(transport: str) -> list[Crossing]:
+def measured(transport: str) -> list[TransportRun]:
     """A transport at every rate it is good for, fastest first."""
     return [measure(transport, rate) for rate in RATES_HZ if rate <= FASTEST_HZ.get(transport, RATES_HZ[0])]
 
 
-def crossings() -> str:
+def transport_errors() -> str:
     """Largest tracking error of each joint by rate, and the transports over which it is the same."""
     joints = (f"joint {j + 1}" for j in range(robot().n))
     return table(("images a second", *joints, "the same to the last bit over"), _rows())
@@ -94,7 +99,7 @@ def picture() -> Figure:
 
 def rewrite(page: str) -> str:
     """The page with its table measured anew."""
-    return _PART.sub(lambda found: f"{found[1]}\n{crossings()}\n\n{found[2]}", page)
+    return _PART.sub(lambda found: f"{found[1]}\n{transport_errors()}\n\n{found[2]}", page)
 
 
 def main() -> None:

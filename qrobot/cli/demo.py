@@ -180,17 +180,19 @@ def _punctuality(result: Result) -> list[str]:
 
 
 def _draw(results: list[Result], directory: Path) -> list[Path]:
-    """The paper's two figures, of the first run; errors with those of PD below, where a run had that law."""
+    """The paper's two figures, of the first run; errors with those of PD below, where a run had that law.
+
+    They show the motion, which a run on the wall clock begins later than one in lock-step.
+    """
+    from qrobot.log.motion_span import around_motion
     from qrobot.log.plot import errors_of_runs_figure, positions_figure, save_figure
 
     if not results:
         return []
     first, *others = results
     with_pd = [other for other in others if other.run.law == COMPARED_LAW != first.run.law][:1]
-    figures = {
-        "positions": positions_figure(first.log),
-        "errors": errors_of_runs_figure([run.log for run in (first, *with_pd)]),
-    }
+    shown = around_motion([run.log for run in (first, *with_pd)])
+    figures = {"positions": positions_figure(shown[0]), "errors": errors_of_runs_figure(shown)}
     for name, figure in figures.items():
         save_figure(figure, directory / f"{name}.png")
     return [directory / f"{name}.png" for name in figures]

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from qrobot.hwif.isa.card import CARD_ILLEGAL, FAKE_WINDOW
-from qrobot.hwif.isa.fake import FakeCard, FakeCardBus
 from qrobot.hwif.registers import N_INPUT_WORDS
 from tests.contract.bus_contract import BusContract, Transport, Traveller
 from tests.support.bus import BenchEndpoint
+from tests.support.fake_card import FakeCard, FakeCardBus
 
 
 class PortTransport:

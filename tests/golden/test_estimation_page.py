@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from qrobot.rig.experiment import program_path, run_program
-from qrobot.rig.witness import WitnessRig
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from tests.support.ground_truth import GroundTruthRig
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
@@ -66,9 +66,11 @@ def test_the_observer_is_at_least_twice_as_good_everywhere_and_far_quieter() -> 
 
 @pytest.mark.parametrize("factor", [0.5, 4.0])
 def test_the_observer_forgives_a_payload_nobody_told_it_of_and_an_inertia_far_off(factor: float) -> None:
-    rig = WitnessRig(robot(), ServoSettings(velocity="observer"), Emulator(robot(), physics="rigid", payload_kg=2.5))
+    rig = GroundTruthRig(
+        robot(), ServoSettings(velocity="observer"), Emulator(robot(), physics="rigid", payload_kg=2.5)
+    )
     rig.params.inertia[:] *= factor
     run_program(rig, program_path())
-    seen = rig.witnessed()
+    seen = rig.tracked_truth()
     assert not seen.rows["fault"].any()
     assert np.all(seen.velocity_error < measure(1000, "nominal", "difference", "quintic").velocity_error)

@@ -18,17 +18,17 @@ from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.registers import DAC_ZERO
-from qrobot.rig.crossing import CardRig, MemoryRig
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.rig.lockstep_transport import TransportRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.drive_loop import PositionLoop
 from qrobot.sim_board.emulator import Emulator
 from tests.support.can_transport import TransportStack
+from tests.support.drive_loop import PositionLoop
 from tests.support.drives import Drives, loops_for, served, torque_for
 from tests.support.modbus_transport import Far
+from tests.support.transport_comparison import CardRig, MemoryRig
+from tests.support.transport_rig import TransportRig
 
 ROBOT = load_robot("puma560")
 SETTINGS = ServoSettings(rate_hz=500.0)

@@ -10,13 +10,13 @@ from qrobot.errors import LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.bus import Endpoint
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.rig.lockstep_transport import TransportRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import DirectBus
+from tests.support.transport_rig import TransportRig
 
 ROBOT = load_robot("puma560")
 SETTINGS = ServoSettings(rate_hz=1000.0)

@@ -16,9 +16,9 @@ from qrobot.hwif.board_memory import IMAGE_INPUTS
 from qrobot.hwif.bus import NO_OPERATIONS, Endpoint, make_image
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.registers import ENC_COUNT, STATUS
-from qrobot.sim_board.can_drives import EmulatedDrives
-from qrobot.sim_board.drive_loop import PositionLoop
 from tests.support.bus import Row, rows_of
+from tests.support.drive_loop import PositionLoop
+from tests.support.emulated_drives import EmulatedDrives
 from tests.support.patience import MOMENT_S, PATIENCE_S
 
 NODES = (1, 2, 3, 4, 5, 6)

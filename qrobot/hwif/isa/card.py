@@ -1,8 +1,8 @@
 """A card as compiled code sees it: one array of int64 words, and the accesses that make an exchange.
 
-The first words say where the card is and what may be done with it, the last ones belong to a card that is not there:
-a *fake* answers reads from its window and records every access, so that the code of the real card can be tested without
-one. What stands at `CARD_KIND` is all that differs.
+Its words say where the card is and what may be done with it. Behind those of a *fake* card, which the tests make
+(`tests/support/fake_card.py`), there are more: a window that answers reads, and a record of every access, so that the
+code of the real card can be tested without one. What stands at `CARD_KIND` is all that differs here.
 
 An exchange reads fourteen registers (six indexes, six counts, STATUS, ADC_VALUE) and applies what was posted. Each
 access takes about a microsecond on an ISA bus: 14 for the image, and eight more for six torques, DISCRETE and an index
@@ -53,8 +53,8 @@ _OPERATION: Final = 8
 _IMAGE: Final = _OPERATION + OP_FIELDS
 CARD_WORDS: Final = _IMAGE + IMAGE_WORDS
 
-# A fake's: what reads give, by offset / 2, and the record.
-FAKE_WINDOW: Final = 32
+# Of a fake card alone: what reads give, by offset / 2, and the record.
+FAKE_WINDOW: Final = CARD_WORDS
 FAKE_HEAD: Final = FAKE_WINDOW + WINDOW_BYTES // 2
 FAKE_RECORD: Final = FAKE_HEAD + 1
 RECORD_FIELDS: Final = 4  # OP_READ or OP_WRITE, offset, bits, value
@@ -68,7 +68,7 @@ _FIRST_LANES: Final = (int(Lane.SERVO), int(Lane.TOOL))
 
 def make_card(kind: int, base: int = DEFAULT_BASE, revision: str = "F", read_only: bool = False) -> Words:
     """A card's words; those of `NO_CARD` make every exchange below do nothing."""
-    card = np.zeros(FAKE_WORDS, np.int64)  # one size, one type for compiled code
+    card = np.zeros(FAKE_WORDS if kind == FAKE_CARD else CARD_WORDS, np.int64)
     card[CARD_KIND], card[CARD_BASE], card[CARD_REVISION], card[CARD_READ_ONLY] = kind, base, ord(revision), read_only
     return card
 

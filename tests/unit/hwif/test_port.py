@@ -44,7 +44,6 @@ from qrobot.hwif.isa.card import (
     serve_card,
     show_card,
 )
-from qrobot.hwif.isa.fake import FakeCard, FakeCardBus, PortAccess
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import LAST_SINGLE_PORT, allow_ports, require_ports
 from qrobot.hwif.registers import (
@@ -80,6 +79,7 @@ from qrobot.servo.stages.converter import make_adc_state, start_sample
 from qrobot.servo.state import make_state
 from tests.support.bench import Bench, post, read_word
 from tests.support.bus import BenchEndpoint
+from tests.support.fake_card import FakeCard, FakeCardBus, PortAccess
 
 CHANNEL = 6
 IMAGE_READS = [*range(ENC_INDEX, ENC_INDEX + 12, 2), STATUS, *range(ENC_COUNT, ENC_COUNT + 12, 2), ADC_VALUE]

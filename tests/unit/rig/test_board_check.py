@@ -13,7 +13,6 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkLost
 from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE, PANEL_ESTOP, PANEL_PUSH
 from qrobot.hwif.bus import BoardFacts, Operations
-from qrobot.hwif.isa.fake import FakeCard, FakeCardBus
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -29,8 +28,9 @@ from qrobot.rig.board_walk import Walk
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
-from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
 from tests.support.bus import DirectBus
+from tests.support.fake_card import FakeCard, FakeCardBus
+from tests.support.stepping_endpoint import SteppingEndpoint
 
 ROBOT = load_robot("puma560")
 EVERYTHING = Leave(power=True)

@@ -37,14 +37,14 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
-from qrobot.rig.lockstep_transport import TransportRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.sim_board.can_drives import EmulatedDrive
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import BenchEndpoint, Row
 from tests.support.drives import Drives, served
+from tests.support.emulated_drives import EmulatedDrive
+from tests.support.transport_rig import TransportRig
 
 ROBOT = load_robot("puma560")
 ON: Row = (OP_WRITE, DISCRETE, DISCRETE_POWER)
@@ -159,7 +159,7 @@ def test_a_drive_that_is_silent_is_named_with_what_it_complained_of(drives: Driv
 
 
 def test_a_node_that_is_no_drive_is_refused(drives: Drives, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("qrobot.sim_board.can_drives.PROFILE", 401)
+    monkeypatch.setattr("tests.support.emulated_drives.PROFILE", 401)
     with pytest.raises(RemoteProtocolError, match="node 1 is no drive"):
         drives.bus.connect()
 

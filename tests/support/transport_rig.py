@@ -11,7 +11,7 @@ from qrobot.hwif.gateway import Gateway
 from qrobot.rig.lockstep import START_NS, LockstepRig, run_blocks
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
+from tests.support.stepping_endpoint import SteppingEndpoint
 
 
 class TransportRig(LockstepRig):

@@ -43,7 +43,7 @@ from qrobot.hwif.registers import (
     DISCRETE_POWER,
     ENC_COUNT,
 )
-from qrobot.sim_board.drive_loop import PositionLoop
+from tests.support.drive_loop import PositionLoop
 
 NO_OBJECT: Final = 0x06020000  # abort codes of CiA 301, table 22
 WRONG_VALUE: Final = 0x06090030

@@ -18,14 +18,14 @@ from qrobot.config import Robot
 from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.bus import NO_OPERATIONS, Bus, Endpoint
 from qrobot.hwif.isa.card import serve_card, show_card
-from qrobot.hwif.isa.fake import FakeCard
 from qrobot.rig.lockstep import LockstepRig, run_blocks
-from qrobot.rig.lockstep_transport import TransportRig
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
-from qrobot.sim_board.lockstep_endpoint import SteppingEndpoint
+from tests.support.fake_card import FakeCard
+from tests.support.stepping_endpoint import SteppingEndpoint
+from tests.support.transport_rig import TransportRig
 
 COMPARED: Final = ("q_ref", "dac", "q", "mode")
 PATIENCE_S: Final = 60.0  # on the wall clock: a busy machine must not look like a cut
@@ -58,7 +58,7 @@ class CardRig(LockstepRig):
     answers.
 
     Attributes:
-        card: to be pulled and looked at.
+        card: the fake card, to be pulled out of its slot and looked at.
     """
 
     def __init__(self, robot: Robot, settings: ServoSettings, emulator: Emulator) -> None:
@@ -84,7 +84,7 @@ def _direct(robot: Robot, settings: ServoSettings, emulator: Emulator) -> Iterat
 
 @contextmanager
 def _memory(robot: Robot, settings: ServoSettings, emulator: Emulator) -> Iterator[LockstepRig]:
-    name = f"crossing{os.getpid()}"
+    name = f"transport{os.getpid()}"
     with create_board_memory(name) as far, attach_board_memory(name) as near:
         yield MemoryRig(robot, settings, emulator, near.words, far.words)
 
@@ -124,7 +124,7 @@ def _open_can(end: Endpoint, stack: ExitStack) -> Bus:
     from qrobot.hwif.canbus.interface import open_interface
     from qrobot.hwif.canbus.server import can_server
 
-    channel = f"crossing{os.getpid()}"
+    channel = f"transport{os.getpid()}"
     end.apply(NO_OPERATIONS)
     with open_interface("virtual", channel) as listener:
         stack.enter_context(
@@ -148,7 +148,7 @@ mapping each, behind a card that is not there, behind a Modbus server and behind
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class TransportRun:
     """What came of a motion over one transport.
 
     Attributes:
@@ -164,9 +164,9 @@ class Crossing:
     fault: int
 
 
-def cross(
+def run_over(
     transport: str, robot: Robot, settings: ServoSettings, emulator: Emulator, move: Callable[[LockstepRig], object]
-) -> Crossing:
+) -> TransportRun:
     """Let `move` move the arm over one of `TRANSPORTS`. Raises KeyError for another transport, LinkError when it is not
     there."""
     with TRANSPORTS[transport](robot, settings, emulator) as rig:
@@ -175,7 +175,7 @@ def cross(
     tracked = rows[rows["mode"] == Mode.TRACKING]
     error = np.abs(tracked["q_ref"] - tracked["q"]).max(axis=0)
     faults = rows["fault"][rows["fault"] != 0]
-    return Crossing(transport, settings.rate_hz, error, _digest(rows), int(faults[0]) if faults.size else 0)
+    return TransportRun(transport, settings.rate_hz, error, _digest(rows), int(faults[0]) if faults.size else 0)
 
 
 def _digest(rows: Rows) -> str:

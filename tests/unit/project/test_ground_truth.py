@@ -1,4 +1,4 @@
-"""What the witness makes of the truth: numbers with known answers."""
+"""tests/support/ground_truth.py: errors, lag and ripple of estimates whose answers are known."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.rig.witness import Witnessed, WitnessRig
 from qrobot.servo.memory.telemetry import TelemetryLayout
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from tests.support.ground_truth import GroundTruthRig, TrackedTruth
 
 DT = 1e-3
 
 
-def swinging(seconds: float = 4.0, lag_s: float = 0.0, offset: float = 0.0) -> Witnessed:
+def swinging(seconds: float = 4.0, lag_s: float = 0.0, offset: float = 0.0) -> TrackedTruth:
     """A swinging joint whose velocity is known late and off."""
     t = np.arange(round(seconds / DT)) * DT
     rows = TelemetryLayout(1).empty(t.size)
     rows["v"][:, 0] = np.sin(t - lag_s) + offset
     rows["a_ref"][:, 0] = np.where(t < 2.0, 1.0, 0.0)
     rows["tau"][:, 0] = 10.0 * t
-    return Witnessed(rows, np.sin(t)[:, None], DT)
+    return TrackedTruth(rows, np.sin(t)[:, None], DT)
 
 
 def test_a_constant_offset_is_the_rms_error() -> None:
@@ -53,9 +53,9 @@ def test_tracking_errors_are_rms_and_largest() -> None:
 
 def test_the_truth_is_that_of_the_image_the_servo_saw() -> None:
     robot = load_robot("puma560")
-    rig = WitnessRig(robot, ServoSettings(rate_hz=1000), Emulator(robot, physics="rigid"))
+    rig = GroundTruthRig(robot, ServoSettings(rate_hz=1000), Emulator(robot, physics="rigid"))
     rig.ticks(5)
-    assert rig.witnessed().rows.size == 0  # nothing was tracked
+    assert rig.tracked_truth().rows.size == 0  # nothing was tracked
     rig.state.mode = int(Mode.TRACKING)
     truth = rig.emulator.v
     rig.ticks(1)

@@ -24,7 +24,7 @@ CRUISE_RAD_S2: Final = 0.01  # smaller desired accelerations are cruise or rest
 
 
 @dataclass(frozen=True)
-class Witnessed:
+class TrackedTruth:
     """Tracking cycles of a run and the plant's true velocities at their images.
 
     Attributes:
@@ -75,7 +75,7 @@ class Witnessed:
         return np.asarray(np.abs(self.rows["q_ref"] - self.rows["q"]).max(axis=0))
 
 
-class WitnessRig(LockstepRig):
+class GroundTruthRig(LockstepRig):
     """A lock-step rig that knows the truth. Arguments as of `LockstepRig`; telemetry is always kept."""
 
     def __init__(self, robot: Robot, settings: ServoSettings, emulator: Emulator | None = None) -> None:
@@ -88,11 +88,11 @@ class WitnessRig(LockstepRig):
             self._seen.append(self.emulator.v)
             super().ticks(1)
 
-    def witnessed(self) -> Witnessed:
+    def tracked_truth(self) -> TrackedTruth:
         """Everything seen while the servo tracked setpoints."""
         rows = self.rows()
         tracking = rows["mode"] == Mode.TRACKING
-        return Witnessed(rows[tracking], np.array(self._seen)[tracking], self.period_ns * 1e-9)
+        return TrackedTruth(rows[tracking], np.array(self._seen)[tracking], self.period_ns * 1e-9)
 
 
 def _rms(values: Any) -> Floats:

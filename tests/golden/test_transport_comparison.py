@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
-from qrobot.rig.crossing import TRANSPORTS, Crossing, cross
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
+from tests.support.transport_comparison import TRANSPORTS, TransportRun, run_over
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
@@ -39,28 +39,28 @@ def fly(rig: LockstepRig) -> None:
         rig.run_for(FRAME_NS * 1e-9)
 
 
-def crossing(transport: str, rate_hz: float = RATE_HZ) -> Crossing:
-    return cross(transport, ROBOT, ServoSettings(rate_hz=rate_hz), Emulator(ROBOT, physics="rigid"), fly)
+def over(transport: str, rate_hz: float = RATE_HZ) -> TransportRun:
+    return run_over(transport, ROBOT, ServoSettings(rate_hz=rate_hz), Emulator(ROBOT, physics="rigid"), fly)
 
 
 @pytest.fixture(scope="module")
-def direct() -> Crossing:
-    return crossing("direct")
+def direct() -> TransportRun:
+    return over("direct")
 
 
 @pytest.mark.parametrize("transport", list(TRANSPORTS)[1:])
-def test_a_transport_changes_no_setpoint_no_torque_word_and_no_position(transport: str, direct: Crossing) -> None:
-    seen = crossing(transport)
+def test_a_transport_changes_no_setpoint_no_torque_word_and_no_position(transport: str, direct: TransportRun) -> None:
+    seen = over(transport)
     assert (seen.fault, seen.digest) == (0, direct.digest)
     np.testing.assert_array_equal(seen.error, direct.error)
 
 
-def test_another_rate_is_another_motion(direct: Crossing) -> None:
-    assert crossing("direct", 1000.0).digest != direct.digest
+def test_another_rate_is_another_motion(direct: TransportRun) -> None:
+    assert over("direct", 1000.0).digest != direct.digest
 
 
 def test_the_errors_on_the_page_are_those_measured_and_hardly_depend_on_the_rate() -> None:
-    part = re.search(r"<!-- measured: crossings -->\n(.*?)<!-- end -->", PAGE.read_text(), re.DOTALL)
+    part = re.search(r"<!-- measured: transports -->\n(.*?)<!-- end -->", PAGE.read_text(), re.DOTALL)
     assert part is not None
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in part[1].strip().splitlines()[2:]]
     errors = {int(rate): [float(cell) for cell in cells[:6]] for rate, *cells in rows}

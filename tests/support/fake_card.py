@@ -1,4 +1,4 @@
-"""A card that is not there: the port layer's own fake (card.py), answered by any endpoint in lock-step."""
+"""A fake ISA card (`qrobot/hwif/isa/card.py`), answered by any endpoint in lock-step."""
 
 from __future__ import annotations
 
