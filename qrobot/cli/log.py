@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -243,6 +241,7 @@ def record(
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
     from qrobot.log.writer import LogWriter
+    from qrobot.realtime.signals import set_on_signals
     from qrobot.realtime.startup_order import await_turn
 
     chosen = choose_arm(deployment, arm)
@@ -256,11 +255,9 @@ def record(
         header = recorded_header(robot, servo, pid, chosen.board.plant if plant is None else plant)
         return LogWriter(next(paths), header, attachments, round(max_megabytes * MEGABYTE), robot, tool)
 
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda _number, _frame: stop.set())
     note(f"waiting for the servo of {chosen.name}")
-    follow(ServoFollower(chosen.name, open_log, note), stop)
+    with set_on_signals() as stop:
+        follow(ServoFollower(chosen.name, open_log, note), stop)
 
 
 def recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> LogHeader:

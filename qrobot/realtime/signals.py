@@ -3,16 +3,54 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import select
 import signal
 import threading
 from collections.abc import Iterator
 from types import FrameType
 
+_FULL = BlockingIOError  # the pipe holds more than anybody needs to be woken
+
+
+class SignalEvent(threading.Event):
+    """An event that signal handlers may set, and that is not cleared. `close` gives its files back.
+
+    A handler runs in the main thread, wherever that is. Inside the `wait` of a plain `threading.Event` the main thread
+    holds the lock for which `set` then waits, for ever: now and then a process that was asked to end would not.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._happened = False
+        self._reads, self._writes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def set(self) -> None:
+        """It has happened: wake who waits."""
+        self._happened = True
+        with contextlib.suppress(_FULL):
+            os.write(self._writes, b"!")
+
+    def is_set(self) -> bool:
+        """Whether it has happened."""
+        return self._happened
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it happens, for `timeout` seconds at most; whether it has happened."""
+        if not self._happened:
+            select.select([self._reads], [], [], timeout)
+        return self._happened
+
+    def close(self) -> None:
+        """Nobody waits any more, and no handler sets it."""
+        os.close(self._reads)
+        os.close(self._writes)
+
 
 @contextlib.contextmanager
 def set_on_signals() -> Iterator[threading.Event]:
-    """The event; outside the block signals do what they did before. For the main thread."""
-    done = threading.Event()
+    """An event that SIGTERM and SIGINT set; outside the block they do what they did before. For the main thread."""
+    done = SignalEvent()
 
     def end(_number: int, _frame: FrameType | None) -> None:
         done.set()
@@ -23,6 +61,7 @@ def set_on_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        done.close()
 
 
 @contextlib.contextmanager

@@ -1,0 +1,52 @@
+"""A process that is asked to end ends, wherever the signal meets it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+from qrobot.realtime.signals import SignalEvent, set_on_signals
+from tests.support.patience import PATIENCE_S
+
+STORM = """
+import os, signal, threading
+from qrobot.realtime.signals import set_on_signals
+
+def storm():
+    for _ in range(20_000):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+with set_on_signals() as done:
+    thread = threading.Thread(target=storm)
+    thread.start()
+    while thread.is_alive():
+        done.wait(1e-5)
+print(done.is_set())
+"""
+
+
+def test_a_signal_that_comes_while_the_event_is_waited_for_never_hangs() -> None:
+    ended = subprocess.run([sys.executable, "-c", STORM], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (ended.stdout, ended.returncode) == ("True\n", 0), ended.stderr
+
+
+def test_either_signal_ends_a_wait_without_a_limit_and_then_does_what_it_did_before() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        with set_on_signals() as done:
+            assert not done.is_set()
+            assert not done.wait(0.0)
+            os.kill(os.getpid(), number)
+            assert done.wait()
+            assert done.is_set()
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_it_may_be_set_more_often_than_anybody_looks() -> None:
+    event = SignalEvent()
+    for _ in range(70_000):  # a pipe holds 65,536 bytes
+        event.set()
+    assert event.wait()
+    event.close()
