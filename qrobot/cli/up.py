@@ -19,7 +19,11 @@ POLL_S = 0.2
 
 
 def up(
-    deployment: str = DEFAULT_DEPLOYMENT, *, calibrate: bool = False, out_dir: OutputFolder = Path("out/processes")
+    deployment: str = DEFAULT_DEPLOYMENT,
+    *,
+    calibrate: bool = False,
+    reduced_speed: bool = False,
+    out_dir: OutputFolder = Path("out/processes"),
 ) -> int:
     """Start board, servo, guardian, bridge and log of every arm of a deployment file; end them with Ctrl-C.
 
@@ -34,6 +38,8 @@ def up(
     calibrate
         Calibrate each arm whose board has lost its counters, before programs may move it. THE ARM MOVES. The key
         `calibrate_at_start` of an arm's board asks for the same.
+    reduced_speed
+        Stop each arm when its tool would move faster than 250 mm/s, or than the file's reduced_speed_mm_s.
     out_dir
         Where the processes' messages go, one file each.
     """
@@ -44,14 +50,14 @@ def up(
     arms = load_deployment(deployment).arm
     for arm in arms:  # what is wrong with the last arm is told before the first one starts
         robot_of_arm(arm)
-        servo_settings(arm)
+        servo_settings(arm, reduced_speed=reduced_speed)
         require_free_port(arm)
         if arm.log.directory:
             checked_folder(Path(arm.log.directory))
     with ProcessRig(out_dir) as rig:
         for arm in arms:
             note(f"starting {arm.name} (a first start compiles for a minute or two)")
-            ArmProcesses(rig, deployment, arm).start_all()
+            ArmProcesses(rig, deployment, arm, ("--reduced-speed",) if reduced_speed else ()).start_all()
             if calibrate or arm.board.calibrate_at_start:
                 _calibrate(arm)
             note(f"{arm.name} is up: programs reach it at {arm.bridge.host}:{arm.bridge.port}")

@@ -31,11 +31,13 @@ class ArmProcesses:
     Attributes:
         deployment: file the processes read, as given on the command line.
         arm: which arm of it.
+        servo_options: of `qrobot servo`, for whoever chooses for a run and leaves the file as it is.
     """
 
     rig: ProcessRig
     deployment: str
     arm: DeployedArm
+    servo_options: tuple[str, ...] = ()
 
     def start_all(self) -> None:
         """Board, servo, guardian, bridge, log. Raises LinkError in the words of the process that failed.
@@ -65,7 +67,7 @@ class ArmProcesses:
 
     def servo(self, *options: str) -> ProcessPlan:
         """The servo; it refuses power until a guardian watches it."""
-        options = (*options, "--own-guardian")
+        options = (*self.servo_options, *options, "--own-guardian")
         return self._plan(("servo", self.deployment), options, lambda: servo_ready(self.arm.name), SERVO_RANK)
 
     def guardian(self, *options: str) -> ProcessPlan:

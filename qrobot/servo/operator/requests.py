@@ -77,6 +77,10 @@ LOOP_PATIENCE_S: Final = 0.5
 GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
 INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
+HANGS: Final = (
+    "the servo's loop does not run, as in a law that never comes back; the guardian has taken torque and power. "
+    "End the servo of {arm} (SIGTERM, or Ctrl-C of `qrobot up`) and start it again"
+)
 _POLL_S: Final = 0.002
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
@@ -249,7 +253,7 @@ class Controls:
                 self._power_on()
             case Clear():
                 self._servo.mailbox.request_clear()
-                self._wait_for_loop()
+                self._clear_by_loop()
             case Calibrate():
                 self._calibrate(request)
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
@@ -282,9 +286,23 @@ class Controls:
 
     def _wait_for_loop(self) -> None:
         """Until the loop has seen what was requested, so that the reply tells what it did."""
+        seen = self._seen_by_loop()
+        _poll(lambda: seen() or self._guardian_acts)
+
+    def _clear_by_loop(self) -> None:
+        """Likewise, beside a guardian too: it gives the board back to a loop that runs, and to no other."""
+        try:
+            _poll(self._seen_by_loop())
+        except LinkTimeout as error:
+            if self._guardian_acts:
+                raise LinkTimeout(HANGS.format(arm=self._servo.arm)) from error
+            raise
+
+    def _seen_by_loop(self) -> Callable[[], bool]:
+        """Tells whether the loop has seen what has been requested until now."""
         mailbox = self._servo.mailbox
         tick = mailbox.snapshot().tick
-        _poll(lambda: mailbox.snapshot().tick >= tick + _EDGE_TICKS or self._guardian_acts)
+        return lambda: bool(mailbox.snapshot().tick >= tick + _EDGE_TICKS)
 
     def _change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
         """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""

@@ -59,6 +59,17 @@ def test_an_arm_is_calibrated_once_its_processes_run_and_only_when_asked_for(
     assert ("keep clear, it moves" in said) == ("calibrate" in steps)
 
 
+@pytest.mark.parametrize("words", [(), ("--reduced-speed",)])
+def test_reduced_speed_is_asked_of_the_servo_and_of_nobody_else(words, tmp_path, monkeypatch) -> None:
+    plans = []
+    monkeypatch.setattr(command, "_watch", lambda _: None)
+    monkeypatch.setattr("qrobot.rig.processes.ProcessRig.start", lambda _, *started: plans.extend(started))
+    assert up(tmp_path, *words, board="") == 0
+    asked = [plan.arguments[0] for plan in plans if "--reduced-speed" in plan.arguments]
+    assert asked == (["servo"] if words else [])
+    assert len(plans) == 5
+
+
 def test_an_arm_whose_board_has_kept_its_counters_is_said_to(tmp_path, monkeypatch, capsys) -> None:
     Pretence(monkeypatch, ALREADY)
     assert up(tmp_path, "--calibrate") == 0
