@@ -149,6 +149,11 @@ def look_at_segments(directory: Path) -> Iterator[SetupStep]:
         yield SetupStep(path.name, living, detail, "" if living else f"rm {path}, or leave it")
 
 
+def running_servos(directory: Path) -> list[str]:
+    """Arms whose servo runs on this machine."""
+    return [path.name.removesuffix("-servo") for path in sorted(directory.glob("*-servo")) if _is_locked(path)]
+
+
 def _is_segment(path: Path) -> bool:
     return path.name.endswith(("-board", "-servo", "-commander"))
 

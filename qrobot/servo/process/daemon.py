@@ -15,7 +15,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import FrameType
 from typing import Any
@@ -63,13 +63,14 @@ from qrobot.servo.memory.mailbox import (
     local_servo_memory,
 )
 from qrobot.servo.memory.stop_record import Incident, read_incident
-from qrobot.servo.memory.telemetry import SMALLEST_RING, Rows, TelemetryLayout, TelemetryReader, fitting_capacity
+from qrobot.servo.memory.telemetry import SMALLEST_RING, Rows, TelemetryLayout, fitting_capacity
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters
-from qrobot.servo.process.loop import ENDED, MARGIN_MAX_NS, longest_margin, run
-from qrobot.servo.process.rate_test import RATE, RT_BUDGET, WINDOW_NS, judge_budget, judge_pace
+from qrobot.servo.process.loop import ENDED, run
+from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
+from qrobot.servo.process.rate_trial import first_margin, has_fifo, run_alone, spin_share
 from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
 from qrobot.servo.state import ServoState, make_state
 
@@ -135,7 +136,7 @@ class ServoProcess:
 
     def _run_once(self) -> int:
         memories = self.memory.words, self.board.words, self.card
-        return int(run(self.params, self.state, *memories, self._first_margin(), BOARD_AWAY_NS))
+        return int(run(self.params, self.state, *memories, first_margin(self.settings), BOARD_AWAY_NS))
 
     def _insist_on_the_rate(self) -> None:
         """Let the loop run by itself for a moment. Raises QRobotError on a real board whose rate is not kept."""
@@ -150,25 +151,13 @@ class ServoProcess:
                 raise QRobotError(_complaint(code, step))
 
     def _run_alone(self) -> Rows:
-        """Telemetry of the loop for a window, on memory of its own: it sees no board, and nothing can be powered."""
-        n, period_ns = self.robot.n, self.settings.period_ns
-        rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
-        mail = local_servo_memory(self.robot.name, law_label(self.law_name), n, period_ns, rows)
-        mail += 0  # touches every page: the loop shall not wait for them
-        params = servo_parameters(self.robot, replace(self.settings, board_slips=False))  # here is no board to wait for
-        state, info = make_state(params, self.law), ServoMailbox(mail).info
-        run(params, state, mail, local_board_memory(), make_card(NO_CARD), self._first_margin(), WINDOW_NS)
-        return TelemetryReader(mail, info.telemetry_base, info.telemetry_capacity, n).read(rows)
-
-    def _first_margin(self) -> int:
-        return MARGIN_MAX_NS // 2 if self.settings.spin else 0
+        return run_alone(self.robot, self.settings, self.law)
 
     def _spin_share(self) -> float:
-        """Most of a period that the loop spins."""
-        return int(longest_margin(self.settings.period_ns)) / self.settings.period_ns if self.settings.spin else 0.0
+        return spin_share(self.settings)
 
     def _has_fifo(self) -> bool:
-        return any(step.name == "scheduler" and step.ok for step in self.steps)
+        return has_fifo(self.steps)
 
     def _find_board_again(self) -> None:
         if self.board.is_current:

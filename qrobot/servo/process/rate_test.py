@@ -90,10 +90,9 @@ def judge_pace(run_window: Callable[[], Rows], rate_hz: float) -> SetupStep:
     name = "rate"
     if pace is None:
         return SetupStep(name, False, f"{rate_hz:g} Hz: the loop hardly ran", "free the processor of other work")
-    detail = f"{rate_hz:g} Hz: {pace.words(period_ns)}"
+    detail, fits = f"{rate_hz:g} Hz: {pace.words(period_ns)}", min(pace.highest_rate(), HIGHEST_RATE_HZ)
     if pace.keeps(period_ns):
-        return SetupStep(name, True, detail)
-    fits = min(pace.highest_rate(), HIGHEST_RATE_HZ)
+        return SetupStep(name, True, detail + (f"; there is room for {fits:g} Hz" if fits > rate_hz else ""))
     advice = f"this machine would keep {fits:g} Hz" if fits < rate_hz else "free the processor of other work"
     return SetupStep(name, False, detail, f"{advice}: lower rate_hz, or sign for yours with unchecked_rate = true")
 

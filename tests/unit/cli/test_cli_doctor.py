@@ -57,6 +57,32 @@ def test_the_ports_of_the_deployment_are_looked_at(monkeypatch: pytest.MonkeyPat
     assert all(host == "127.0.0.1" and port > 1024 for host, port in asked.values())
 
 
+def test_no_rate_is_tried_beside_a_running_arm(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("qrobot.cli.doctor.runtime_path", lambda: tmp_path)
+    (tmp_path / "gone-servo").touch()
+    with (tmp_path / "left-servo").open("w") as owner:
+        fcntl.flock(owner, fcntl.LOCK_EX)
+        run_app(make_app(), ["doctor", "two_arms", "--rate", "--json"])
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    rates = [finding for finding in findings if finding["group"].startswith("servo of ")]
+    assert len(rates) == 2
+    assert all(finding["ok"] and "not tried beside left:" in finding["detail"] for finding in rates)
+
+
+def test_the_rate_is_tried_when_it_is_asked_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    slow = SetupStep("rate", False, "1000 Hz: too slow", "lower it")
+    monkeypatch.setattr("qrobot.cli.doctor.runtime_path", lambda: tmp_path)
+    monkeypatch.setattr("qrobot.cli.doctor._tried", lambda _arm: [slow])
+    assert run_app(make_app(), ["doctor", "--rate", "--json"]) == 0
+    assert [f["detail"] for f in json.loads(capsys.readouterr().out)["findings"]].count(slow.detail) == 1
+    run_app(make_app(), ["doctor", "--json"])
+    assert slow.detail not in capsys.readouterr().out
+
+
 def test_an_unknown_deployment_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_app(make_app(), ["doctor", "emulater"]) == 1
     assert "emulator" in capsys.readouterr().err

@@ -1,0 +1,71 @@
+"""The servo's loop by itself for a moment, on memory of its own: it sees no board, and nothing can be powered.
+
+What the self-test of the rate judges (`servo.process.rate_test`), at the start of each servo and for `qrobot doctor`.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+from qrobot.config import Robot
+from qrobot.hwif.board_memory import local_board_memory
+from qrobot.hwif.isa.card import NO_CARD, make_card
+from qrobot.realtime.machine import throttled_to
+from qrobot.realtime.setup import SetupStep, hold_dma_latency, prepare_loop_thread
+from qrobot.servo.laws import law_label
+from qrobot.servo.laws.law import Law
+from qrobot.servo.memory.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.memory.telemetry import Rows, TelemetryReader
+from qrobot.servo.parameters import servo_parameters
+from qrobot.servo.process.loop import MARGIN_MAX_NS, longest_margin, run
+from qrobot.servo.process.rate_test import WINDOW_NS, judge_budget, judge_pace
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.state import make_state
+
+
+def run_alone(robot: Robot, settings: ServoSettings, law: Law) -> Rows:
+    """Telemetry of the loop for one window of the self-test, oldest row first."""
+    n, period_ns = robot.n, settings.period_ns
+    rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
+    mail = local_servo_memory(robot.name, law_label(settings.law), n, period_ns, rows)
+    mail += 0  # touches every page: the loop shall not wait for them
+    params = servo_parameters(robot, replace(settings, board_slips=False))  # here is no board to wait for
+    state, info = make_state(params, law), ServoMailbox(mail).info
+    run(params, state, mail, local_board_memory(), make_card(NO_CARD), first_margin(settings), WINDOW_NS)
+    return TelemetryReader(mail, info.telemetry_base, info.telemetry_capacity, n).read(rows)
+
+
+def first_margin(settings: ServoSettings) -> int:
+    """The spin margin that the loop begins with, ns."""
+    return MARGIN_MAX_NS // 2 if settings.spin else 0
+
+
+def spin_share(settings: ServoSettings) -> float:
+    """Most of a period that the loop spins."""
+    return int(longest_margin(settings.period_ns)) / settings.period_ns if settings.spin else 0.0
+
+
+def has_fifo(steps: list[SetupStep] | tuple[SetupStep, ...]) -> bool:
+    """The loop's thread runs under SCHED_FIFO, as its set-up tells."""
+    return any(step.name == "scheduler" and step.ok for step in steps)
+
+
+def try_rate(robot: Robot, settings: ServoSettings, law: Law) -> list[SetupStep]:
+    """Judge the rate as a servo started here would, in a thread that ends; the process stays set up for real time.
+
+    What was refused of the set-up is not told again: whoever asks has looked at that.
+    """
+    judged: list[SetupStep] = []
+
+    def attempt() -> None:
+        with hold_dma_latency():
+            steps = prepare_loop_thread(settings.cpu, settings.priority)
+            judged.append(judge_pace(lambda: run_alone(robot, settings, law), settings.rate_hz))
+            if has_fifo(steps):
+                judged.append(judge_budget(spin_share(settings), throttled_to()))
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    return judged
