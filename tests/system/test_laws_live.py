@@ -1,4 +1,4 @@
-"""Laws that turn bad only in the cycle, on the way, where no trial has seen them: the arm is safe, and can be asked for.
+"""Laws that turn bad only in the cycle, on the way, where no trial has seen them: the arm is made safe, and answers.
 
 Both laws are tried, taken, and then wait for two thousand cycles and for motion before they show what they are.
 """
@@ -17,12 +17,13 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator.client import ServoClient
-from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
+from tests.support.patience import STALL_MS, wait_until
 from tests.support.processes import GUARDIAN_MS, RunningArm
 
 pytestmark = pytest.mark.realtime
 
 SAFE_NS = round((1.2 * GUARDIAN_MS + STALL_MS) * 1e6)  # the guardian's bound, and what a busy machine adds
+BAD_FROM = 0.3  # rad/s of the waist, as in the laws
 LAWS = """
 from qrobot.servo.laws.law import law
 
@@ -59,7 +60,13 @@ def fail_on_the_way(arm: RunningArm, law: str, told: str) -> None:
         commander.power_on()
         tick = commander.change_law(law).tick
         wait_until(lambda: commander.status().tick > tick + 2500, "cycles with the law")
-    with pytest.raises((ServoFault, LinkError), match=told), arm.control() as channel:
+    with pytest.raises((ServoFault, LinkError), match=told):
+        go_to_the_end(arm)
+
+
+def go_to_the_end(arm: RunningArm) -> None:
+    """A leg in which the waist is faster than both laws bear."""
+    with arm.control() as channel:
         channel.setjvel(1.05)
         channel.move(channel.pose("end"))
         channel.waitfor(channel.completed)
@@ -71,7 +78,7 @@ def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_an
     fail_on_the_way(arm, f"{laws}:hangs", "the servo of .* does not run")
     wait_until(lambda: not arm.powered, "power off")
     last = arm.telemetry()[-1]
-    assert abs(last["v_ref"][0]) > 0.3 - 0.1  # it hung on the way: no cycle came after this one
+    assert abs(last["v_ref"][0]) > 0.9 * BAD_FROM  # it hung on the way: no cycle came after this one
     assert safe_ns(arm) - int(last["t_ns"]) < SAFE_NS
     with ServoClient(arm.name) as visitor:
         for ask in (visitor.stop, visitor.power_off, visitor.status):
@@ -106,7 +113,9 @@ def test_a_law_that_takes_several_periods_is_replaced_and_the_arm_stopped_on_its
     rows = arm.telemetry()
     stop = rows[np.flatnonzero(rows["mode"] == Mode.STOPPING)]
     assert stop.size
-    assert np.abs(stop["v_ref"]).max(axis=1)[-1] < 0.05 < 0.3 < np.abs(stop["v_ref"]).max()
+    speeds = np.abs(stop["v_ref"]).max(axis=1)
+    assert speeds.max() > BAD_FROM
+    assert speeds[-1] < BAD_FROM / 6
     assert np.abs(stop["q_ref"] - stop["q"]).max() < 0.1
     assert np.abs(stop["v"][-1]).max() < 0.1
     with ServoClient(arm.name) as commander:
