@@ -98,14 +98,14 @@ def run(
     def perform() -> int:
         if offline:
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
-            return _run_through(_offline_links(chosen), start, folder, ideal=True)
+            return _run_virtual(_offline_links(chosen), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
             return _run_through(_bridge_links(chosen), start, output)
         from qrobot.cli.run_lockstep import LockstepRun
 
         return LockstepRun(chosen, program, plant, scene, law, model, rate).perform(
-            partial(_run_through, start=start, output=output), deployment, log
+            partial(_run_virtual, start=start, output=output), deployment, log
         )
 
     return _told(perform, traceback)
@@ -148,6 +148,19 @@ def _told(perform: Callable[[], int], everything: bool) -> int:
         else:
             err.print(own_traceback(error), end="", markup=False, soft_wrap=True)
     return FAILURE
+
+
+def _run_virtual(
+    factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False
+) -> int:
+    """`_run_through` on virtual time, which tasks of RCI have to be told; they end with the program."""
+    from qrobot import rci
+
+    with rci.use(factory):
+        try:
+            return _run_through(factory, start, output, ideal)
+        finally:
+            rci.rci_close()
 
 
 def _run_through(

@@ -36,11 +36,11 @@ from qrobot.rccl.callback_timing import Slot
 from qrobot.rccl.event import Level
 from qrobot.rccl.orders import Orders
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.power import PowerDown, PowerUp, servo_fault
 from qrobot.rccl.setpoint_player import Player
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
+from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.wire import Command, RobotMode, RobotState, State
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list

@@ -96,6 +96,14 @@ class TcpLink:
             self._send(self._client.say(command))
         return self._await(self._client.pop_state)
 
+    def send(self, command: Command) -> None:
+        """Send without waiting. Raises LinkLost, or what the server refused by."""
+        self._send(self._client.say(command))
+
+    def fileno(self) -> int:
+        """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""
+        return self._open_socket.fileno()
+
     def now_ns(self) -> int:
         """The monotonic clock."""
         return time.monotonic_ns()

@@ -36,6 +36,12 @@ if jit_disabled():
     def release_fence() -> None:
         """No write after it moves before an access that stands before it; nothing to do for one interpreter thread."""
 
+    def exchange(array: Any, index: int, value: int) -> int:
+        """Put `value` into `array[index]` and return what stood there, in one step."""
+        before = int(array[index])
+        array[index] = value
+        return before
+
 else:
 
     def _element_pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
@@ -62,6 +68,16 @@ else:
             return context.get_dummy_value()
 
         return types.void(array, types.intp, types.int64), codegen
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def exchange(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
+        """Put `value` into `array[index]` and return what stood there, in one step that no access passes."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            pointer = _element_pointer(context, builder, signature.args[0], args[0], args[1])
+            return builder.atomic_rmw("xchg", pointer, args[2], "seq_cst")
+
+        return types.int64(array, types.intp, types.int64), codegen
 
     def _fence(ordering: str) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:

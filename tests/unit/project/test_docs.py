@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot import rccl
+from qrobot import rccl, rci
 from qrobot.config import load_robot
 from qrobot.rci import VirtualLink
+from qrobot.wire import Hello
 from tests.support.fake_robot import FakeRobot
 
 ROOT = Path(__file__).parents[3]
@@ -101,12 +102,16 @@ def test_every_part_is_on_a_page() -> None:
     assert [part for part in REFRESH["PARTS"] if f"<!-- generated: {part} -->" not in text] == []
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/how-to/write-a-program.md"])
+@pytest.mark.parametrize("name", ["README.md", "docs/how-to/write-a-program.md", "docs/how-to/write-an-rci-task.md"])
 def test_a_program_printed_on_a_page_runs_as_it_is(name: str) -> None:
     program = re.search(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
     assert program is not None
     robot = FakeRobot(tuple(load_robot("puma560").poses["park"]))
-    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+
+    def links(hello: Hello) -> VirtualLink:
+        return VirtualLink(hello, robot.transfer)
+
+    with rccl.use(links), rci.use(links):
         exec(compile(program[1], name, "exec"), {})
     assert robot.goodbyes
     assert np.ptp(robot.path, axis=0).max() > 0.5  # it did move

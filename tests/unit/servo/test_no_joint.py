@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
-from qrobot.rccl.power import servo_fault
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
+from qrobot.rci.power import servo_fault
 from qrobot.servo.event import note_event
 from qrobot.servo.memory.mailbox import STATE_JOINT, publish_state
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, note_incident, read_incident

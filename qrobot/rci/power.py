@@ -9,7 +9,7 @@ import numpy as np
 
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import NO_JOINT, explain
-from qrobot.rci import Chg
+from qrobot.rci.blackboard import Chg
 from qrobot.wire import RobotMode, RobotState
 
 PATIENCE_S: Final = 6.0  # twice what the servo itself waits for power

@@ -1,0 +1,62 @@
+"""How a program that uses RCI reaches its robots, and whether its time is real: given by whoever starts it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from qrobot.errors import ConfigError
+from qrobot.rci.link import Link, LinkFactory
+from qrobot.rci.robot_data import KnownRobot
+from qrobot.rci.tcp import TcpLink, bridge_address
+from qrobot.wire import Hello
+
+RobotLinks: TypeAlias = Callable[[KnownRobot, Hello], Link]
+
+
+def tcp_links(robot: KnownRobot, hello: Hello) -> Link:
+    """The way over TCP to the robot's own bridge, or else to the one that QROBOT_BRIDGE names."""
+    return TcpLink(hello, bridge_address(robot.bridge or None))
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What surrounds a program.
+
+    Attributes:
+        links: makes the way to a robot.
+        virtual_time: time passes only while the program waits, and everything happens in its own thread.
+    """
+
+    links: RobotLinks = tcp_links
+    virtual_time: bool = False
+
+
+_REAL_TIME: Final = Environment()
+_environment: ContextVar[Environment] = ContextVar("environment", default=_REAL_TIME)
+
+
+def environment() -> Environment:
+    """That of the program that calls."""
+    return _environment.get()
+
+
+@contextmanager
+def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True) -> Iterator[None]:
+    """Programs run in this context reach their robots by the links of `factory`, by name when there are several."""
+
+    def links(robot: KnownRobot, hello: Hello) -> Link:
+        if not isinstance(factory, dict):
+            return factory(hello)
+        if robot.name not in factory:
+            raise ConfigError(f"no way to robot {robot.name!r} is given here; there is one to {', '.join(factory)}")
+        return factory[robot.name](hello)
+
+    token = _environment.set(Environment(links, virtual_time))
+    try:
+        yield
+    finally:
+        _environment.reset(token)

@@ -1,0 +1,144 @@
+"""The monitor of one processor: it calls the tasks that are ready to run, one after the other (section 5.3.2).
+
+Each runnable task gets one run a round, those of higher priority first, until none is runnable. The monitor owns no
+clock: whoever does tells it how far time has come, and which robots and devices have something to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from qrobot.errors import ConfigError
+from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.descriptor import TaskDescriptor
+from qrobot.rci.schedule import ClockEntry, TaskScheduler
+from qrobot.rci.task_runner import ControlFunctions, OpenLink, TaskRunner
+
+
+class Monitor:
+    """The tasks of one processor.
+
+    Args:
+        name: of the processor.
+        clock: the common one.
+    """
+
+    def __init__(self, name: str, clock: CommonClock) -> None:
+        self.name = name
+        self._clock = clock
+        self._runners: dict[int, TaskRunner] = {}  # by bit
+        self._triggers: dict[int, Callable[[TaskDescriptor], object]] = {}
+        self._scheduler = TaskScheduler()  # the key of a trigger is the bit made negative
+
+    # ------------------------------------------------------------------------------------------- orders of the parent
+
+    def add(self, td: TaskDescriptor, open_link: OpenLink | None) -> None:
+        """Run a task of this descriptor."""
+        self._runners[td.bit] = TaskRunner(td, self._clock, open_link)
+        ranked = sorted(self._runners.items(), key=lambda item: -item[1].td.priority)  # creation decides between equals
+        self._runners = dict(ranked)
+
+    def obey(self, order: str, *arguments: Any) -> None:
+        """Do one of the following by name."""
+        getattr(self, order)(*arguments)
+
+    def set_functions(self, bit: int, functions: ControlFunctions) -> None:
+        """Give a task its functions; they change between two runs."""
+        self._runners[bit].functions = functions
+
+    def set_clock(self, bit: int, interval: int, offset: int) -> None:
+        """Wake a task by the clock. Raises ConfigError for one that holds a robot."""
+        runner = self._runners[bit]
+        if runner.attached:
+            raise ConfigError(f"task {runner.td.name} holds its robot, whose sample period is fixed: release it first")
+        runner.entry, runner.wakeup = ClockEntry(interval, offset), None
+        if runner.td.robot is None:
+            self._scheduler.set(bit, interval, offset)
+
+    def set_wakeup(self, bit: int, wakeup: Callable[[], object]) -> None:
+        """Wake a task by a function."""
+        self._scheduler.remove(bit)
+        self._runners[bit].entry, self._runners[bit].wakeup = None, wakeup
+
+    def set_trigger(self, bit: int, interval: int, offset: int, trigger: Callable[[TaskDescriptor], object]) -> None:
+        """Call a function for a task by the clock."""
+        self._triggers[bit] = trigger
+        self._scheduler.set(-bit, interval, offset)
+
+    def attach(self, bits: int) -> None:
+        """Start tasks up, and take their robots."""
+        for runner in self._of(bits):
+            runner.attach()
+
+    def activate(self, bits: int, after: int) -> None:
+        """Run tasks from the first wake-up behind tick `after` on."""
+        for runner in self._of(bits):
+            runner.activate(after)
+            for key in (runner.td.bit, -runner.td.bit):
+                self._scheduler.activate(key, after)
+
+    def release(self, bits: int, power_off: bool) -> None:
+        """Let tasks rest, and let go of their robots."""
+        for runner in self._of(bits):
+            for key in (runner.td.bit, -runner.td.bit):
+                self._scheduler.deactivate(key)
+            runner.release(power_off)
+
+    def _of(self, bits: int) -> list[TaskRunner]:
+        return [runner for bit, runner in self._runners.items() if bit & bits]
+
+    # -------------------------------------------------------------------------------------------------- as time passes
+
+    @property
+    def attached(self) -> list[TaskRunner]:
+        """Tasks that hold a robot."""
+        return [runner for runner in self._runners.values() if runner.attached]
+
+    @property
+    def next_tick(self) -> int | None:
+        """The next tick at which something is due, None when nothing is."""
+        return self._scheduler.next_tick
+
+    @property
+    def waits_for_functions(self) -> bool:
+        """An active task is woken by a function, which wants to be called at every tick."""
+        return any(runner.wakeup is not None and runner.td.active for runner in self._runners.values())
+
+    def pass_ticks(self, tick: int) -> None:
+        """The clock has come to `tick`: wake what is due, call triggers."""
+        for key, times in self._scheduler.due(tick):
+            runner = self._runners[abs(key)]
+            if key < 0:
+                self._call_trigger(runner)
+            elif runner.td.active:
+                runner.wake(times)
+
+    def _call_trigger(self, runner: TaskRunner) -> None:
+        with runner.guarded():
+            self._triggers[runner.td.bit](runner.td)
+
+    def ask_functions(self) -> None:
+        """Wake the tasks whose wake-up functions say so."""
+        for runner in self._runners.values():
+            if runner.wakeup is not None and runner.td.active and not runner.td.run_count:
+                with runner.guarded():
+                    if runner.wakeup():
+                        runner.wake()
+
+    def wake_sampled(self, now_ns: int) -> None:
+        """On virtual time: wake the tasks whose robots have a sample at this instant."""
+        for runner in self.attached:
+            if runner.next_ns == now_ns:
+                runner.wake()
+                runner.plan_sample()
+
+    def run_ready(self) -> None:
+        """Run tasks in rounds until none is runnable."""
+        ready = True
+        while ready:
+            ready = False
+            for runner in list(self._runners.values()):
+                if runner.runnable:
+                    runner.run()
+                    ready = True

@@ -1,0 +1,258 @@
+"""A program of RCI: the planning task, its control tasks, and what they share."""
+
+from __future__ import annotations
+
+import atexit
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Final, Protocol
+
+import numpy as np
+
+from qrobot.arrays import Words
+from qrobot.errors import ConfigError, QRobotError
+from qrobot.rci.common_clock import CommonClock, checked_rate
+from qrobot.rci.descriptor import AREA_WORDS, MOST_TASKS, PARENT, TaskDescriptor, TaskState
+from qrobot.rci.environment import Environment
+from qrobot.rci.link import Link, hello_for
+from qrobot.rci.robot_data import KnownRobot, RobotData, RobotTable
+from qrobot.rci.schedule import check_interval
+from qrobot.rci.task_runner import ControlFunction, ControlFunctions, OpenLink
+from qrobot.rci.task_table import ALL, Bytes, SharedArea, TaskTable
+from qrobot.rci.virtual_time import VirtualProcessors
+
+HOST: Final = "host"
+_RUNNING: Final = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
+
+
+class Processors(Protocol):
+    """Where the tasks of a program run, and by which clock.
+
+    Attributes:
+        clock: the common one.
+        start_lead: ticks from now to the first at which tasks that are activated together run.
+    """
+
+    clock: CommonClock
+    start_lead: int
+
+    @property
+    def ticks(self) -> int:
+        """The newest tick that has passed."""
+
+    def stamp(self) -> int:
+        """A number for each message, in their order."""
+
+    def add(self, processor: str) -> None:
+        """Have a processor of that name. Raises ConfigError when it cannot be had."""
+
+    def order(self, processor: str, order: str, *arguments: object) -> None:
+        """Let its monitor do something."""
+
+    def wait(self, predicate: Callable[[], object], look: Callable[[], object]) -> None:
+        """Return when `predicate` is true, calling `look` as time passes. Raises what they raise."""
+
+    def close(self) -> None:
+        """End them."""
+
+
+class RciProgram:
+    """One program: the calls of the papers as methods.
+
+    Args:
+        environment: its robots and its time.
+
+    Attributes:
+        parent: descriptor of the planning task.
+        table: what its tasks share.
+        robots: names that connect a task to a robot.
+    """
+
+    def __init__(self, environment: Environment) -> None:
+        self._environment = environment
+        if not environment.virtual_time:
+            raise ConfigError("tasks of RCI run on virtual time: `qrobot run --lockstep` or `--offline`")
+        self._processors: Processors = VirtualProcessors()
+        self.table = TaskTable(self._processors.stamp)
+        self.robots = RobotTable()
+        self.parent = TaskDescriptor("parent", PARENT, HOST, self._words(AREA_WORDS))
+        self.table.add(self.parent)
+        self._tasks: list[TaskDescriptor] = []
+        self._functions: dict[int, ControlFunctions] = {}
+        self._sealed = False
+        self._told: set[int] = set()  # tasks whose end the program has heard of
+        atexit.register(self._at_exit)
+
+    # -------------------------------------------------------------------------------------------------------- creation
+
+    def create(self, name: str, processor: str | None, priority: int) -> TaskDescriptor:
+        """A task, not active yet; see `rci_create`."""
+        self._check_not_sealed(f"task {name!r}")
+        if not name or not name.isprintable() or name == self.parent.name:
+            raise ConfigError(f"{name!r} cannot name a task")
+        if any(td.name == name for td in self._tasks) or len(self._tasks) == MOST_TASKS:
+            raise ConfigError(f"task {name!r}: there is one of that name, or there are {MOST_TASKS} already")
+        known, where = self.robots.find(name), processor or HOST
+        data = None if known is None else known.data()
+        self._processors.add(where)
+        bit = PARENT << (len(self._tasks) + 1)
+        td = TaskDescriptor(name, bit, where, self._words(AREA_WORDS), data, priority)
+        self._tasks.append(td)
+        self.table.add(td)
+        self._processors.order(where, "add", td, self._link_to(known, data))
+        return td
+
+    def _link_to(self, known: KnownRobot | None, data: RobotData | None) -> OpenLink | None:
+        if known is None or data is None:
+            return None
+        return partial(_greeting_link, self._environment, known, data.robot.name)
+
+    def _words(self, n: int) -> Words:
+        return np.zeros(n, np.int64)
+
+    def _check_not_sealed(self, what: str) -> None:
+        if self._sealed:
+            raise ConfigError(f"{what}: create all tasks and shared memory before the first rci_start()")
+
+    def share_memory(self, label: str, size: int, host: TaskDescriptor | None, access: int) -> Bytes:
+        """A region of memory; see `rci_shared_memory`."""
+        self._check_not_sealed(f"shared memory {label!r}")
+        if not isinstance(size, int) or isinstance(size, bool) or not 0 < size <= 1 << 30:
+            raise ConfigError(f"shared memory {label!r}: 1 to {1 << 30} bytes, not {size!r}")
+        self.table.of(access, f"shared memory {label!r}")
+        memory = self._words(-(-size // 8)).view(np.uint8)[:size]
+        self.table.share(SharedArea(label, memory, access | PARENT | (0 if host is None else host.bit)))
+        return memory
+
+    def set_clock_rate(self, rate_hz: int) -> None:
+        """Ticks a second of the common clock; see `rci_clock`."""
+        self._check_not_sealed("the clock's rate")
+        self._processors.clock.rate_hz = checked_rate(rate_hz)
+
+    # ------------------------------------------------------------------------------------------- attributes of a task
+
+    def control(self, td: TaskDescriptor, functions: ControlFunctions) -> None:
+        """What it runs; see `rci_control`."""
+        for function in (functions.control1, functions.control2, functions.startup):
+            if not callable(function):
+                raise ConfigError(f"task {td.name}: {function!r} is no function of its descriptor")
+        self._order(td, "set_functions", functions)
+        self._functions[td.bit] = functions
+
+    def on_clock(self, td: TaskDescriptor, interval: int, offset: int) -> None:
+        """Wake it by the clock; see `rci_onclock`."""
+        check_interval(f"task {td.name}", interval, offset)
+        self._order(td, "set_clock", interval, offset)
+
+    def on_function(self, td: TaskDescriptor, wakeup: Callable[[], object]) -> None:
+        """Wake it by a function; see `rci_onfunction`."""
+        if td.robot is not None:
+            raise ConfigError(f"task {td.name} is woken by its robot: give a task without one the function")
+        if not callable(wakeup):
+            raise ConfigError(f"task {td.name}: {wakeup!r} is no function")
+        self._order(td, "set_wakeup", wakeup)
+
+    def trigger(self, td: TaskDescriptor, interval: int, offset: int, function: ControlFunction) -> None:
+        """Call a function for it by the clock; see `rci_trigger`."""
+        check_interval(f"trigger of task {td.name}", interval, offset)
+        if not callable(function):
+            raise ConfigError(f"trigger of task {td.name}: {function!r} is no function")
+        self._order(td, "set_trigger", interval, offset, function)
+
+    def _order(self, td: TaskDescriptor, order: str, *arguments: object) -> None:
+        if self.table.find(td.name) is not td or td is self.parent:
+            raise ConfigError(f"task {td.name} is none of this program's control tasks")
+        self._processors.order(td.processor, order, td.bit, *arguments)
+
+    # ------------------------------------------------------------------------------------------------ start and release
+
+    def start(self, mask: int) -> None:
+        """Activate tasks together; see `rci_start`."""
+        chosen = self._chosen(mask, "start")
+        for td in chosen:
+            if td.bit not in self._functions:
+                raise ConfigError(f"task {td.name} has no functions: call rci_control() first")
+            if td.state in _RUNNING:
+                raise ConfigError(f"task {td.name} is active already")
+            td.error = None
+            self._told.discard(td.bit)
+        self._sealed = True
+        try:
+            self._each(chosen, "attach")
+            self._wait_for(lambda: all(td.state is not TaskState.ATTACHING for td in chosen))
+            self._raise_error(chosen)
+        except BaseException:
+            self._let_go(chosen, power_off=False)
+            raise
+        self._each(chosen, "activate", self._processors.ticks + self._processors.start_lead)
+        self._wait_for(lambda: all(td.state is not TaskState.READY for td in chosen))
+
+    def release(self, mask: int, power_off: bool) -> None:
+        """Let tasks rest; see `rci_release`."""
+        self._let_go(self._chosen(mask, "release"), power_off)
+
+    def _let_go(self, chosen: list[TaskDescriptor], power_off: bool) -> None:
+        held = [td for td in chosen if td.state in _RUNNING]
+        self._each(held, "release", power_off)
+        self._wait_for(lambda: all(td.state not in _RUNNING for td in held))
+
+    def _chosen(self, mask: int, what: str) -> list[TaskDescriptor]:
+        chosen = [td for td in self.table.of(mask, what) if td is not self.parent]
+        if not chosen:
+            raise ConfigError(f"{what}: mask {mask!r} names no control task")
+        return chosen
+
+    def _each(self, chosen: list[TaskDescriptor], order: str, *arguments: object) -> None:
+        """Give an order for several tasks, one to each processor."""
+        for processor in dict.fromkeys(td.processor for td in chosen):
+            bits = sum(td.bit for td in chosen if td.processor == processor)
+            self._processors.order(processor, order, bits, *arguments)
+
+    # --------------------------------------------------------------------------------------------------------- waiting
+
+    @property
+    def ticks(self) -> int:
+        """The newest tick of the common clock."""
+        return self._processors.ticks
+
+    def wait(self, predicate: Callable[[], object]) -> None:
+        """Return when `predicate` is true; see `rci_wait`."""
+        self._raise_error(self._tasks)
+        self._processors.wait(predicate, lambda: self._raise_error(self._tasks))
+
+    def _wait_for(self, predicate: Callable[[], object]) -> None:
+        self._processors.wait(predicate, lambda: None)
+
+    def _raise_error(self, tasks: list[TaskDescriptor]) -> None:
+        """Raise what ended a task, once."""
+        for td in tasks:
+            if td.error is not None and td.bit not in self._told:
+                self._told.add(td.bit)
+                raise td.error
+
+    # ------------------------------------------------------------------------------------------------------------- end
+
+    def close(self) -> None:
+        """Release all tasks and end; see `rci_close`."""
+        atexit.unregister(self._at_exit)
+        try:
+            self._let_go(self._tasks, power_off=False)
+        finally:
+            self._processors.close()
+        self._raise_error(self._tasks)
+
+    def _at_exit(self) -> None:
+        try:
+            self.close()
+        except QRobotError as error:
+            with suppress(OSError):
+                print(f"rci: {error}", file=sys.stderr)
+
+
+def _greeting_link(environment: Environment, known: KnownRobot, robot: str, period_us: int) -> Link:
+    return environment.links(known, hello_for(robot, period_us))
+
+
+__all__ = ["ALL", "HOST", "Processors", "RciProgram"]

@@ -1,0 +1,263 @@
+"""One control task on its processor: woken, run once for each wake-up, stopped when something goes wrong.
+
+A task is a pair of functions. Without a robot they are called back to back; with one they stand around its I/O, as
+`robot_cycle` says. They run to their end: nothing of the same processor comes between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from qrobot.errors import ConfigError, LinkError
+from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
+from qrobot.rci.link import Link
+from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
+from qrobot.rci.robot_data import RobotData
+from qrobot.rci.schedule import ClockEntry
+from qrobot.rci.tcp import TcpLink
+from qrobot.units import NS_PER_US
+from qrobot.wire import Command, State, Welcome
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+
+ControlFunction: TypeAlias = Callable[[TaskDescriptor], object]
+OpenLink: TypeAlias = Callable[[int], Link]
+"""The way to the robot of a task, greeted with a sample period in us, 0 for the bridge's."""
+
+_current: ContextVar[TaskDescriptor | None] = ContextVar("current_task", default=None)
+
+
+def current_task() -> TaskDescriptor | None:
+    """The task whose function runs here, None in the planning program."""
+    return _current.get()
+
+
+def nothing(_td: TaskDescriptor) -> None:
+    """A control function that has nothing to do."""
+
+
+@dataclass(frozen=True)
+class ControlFunctions:
+    """The two control functions of a task and its start-up function."""
+
+    control1: ControlFunction = nothing
+    control2: ControlFunction = nothing
+    startup: ControlFunction = nothing
+
+
+class RobotExchange:
+    """Robot I/O with a read before the control function and a send behind it, over any link."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self._command: Command | None = None  # on virtual time, until the next read
+
+    def read(self) -> State:
+        """The newest STATE. Raises LinkError."""
+        command, self._command = self._command, None
+        return self.link.exchange(command)
+
+    def send(self, command: Command) -> None:
+        """Answer it. Raises LinkError."""
+        if isinstance(self.link, TcpLink):
+            self.link.send(command)
+        else:
+            self._command = command
+
+
+class TaskRunner:
+    """Runs one task.
+
+    Args:
+        td: its descriptor.
+        clock: the common one.
+        open_link: makes the way to its robot; None for a task without one.
+
+    Attributes:
+        functions: what it runs.
+        entry: interval and offset on the clock, None without.
+        wakeup: wakes it when it returns true, None without.
+        next_ns: on virtual time, when its robot's next sample is.
+    """
+
+    def __init__(self, td: TaskDescriptor, clock: CommonClock, open_link: OpenLink | None = None) -> None:
+        self.td, self._clock, self._open_link = td, clock, open_link
+        self.functions = ControlFunctions()
+        self.entry: ClockEntry | None = None
+        self.wakeup: Callable[[], object] | None = None
+        self.next_ns: int | None = None
+        self.port: RobotExchange | None = None
+        self._cycle: RobotCycle | None = None
+        self._active_from = 0
+        self._started_up = False
+        self._state: State | None = None  # the newest, to be answered when something goes wrong
+
+    # ----------------------------------------------------------------------------------------------------- attachment
+
+    @property
+    def attached(self) -> bool:
+        """It holds a robot."""
+        return self.port is not None
+
+    def attach(self) -> None:
+        """Call its start-up function, once in its life, and take its robot, if it has one."""
+        self._enter(TaskState.ATTACHING)
+        with self.guarded():
+            if not self._started_up:
+                self.functions.startup(self.td)
+                self._started_up = True
+            if self._open_link is None or self.td.robot is None:
+                self._enter(TaskState.READY)
+            else:
+                self._take_robot(self.td.robot, self._open_link(self._period_us()))
+
+    def _period_us(self) -> int:
+        if self.entry is None:
+            return 0
+        period_us = self._clock.whole_us(self.entry.interval)
+        if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
+            raise ConfigError(f"task {self.td.name}: a robot is sampled every 1 to 100 ms, not {period_us / 1e3:g} ms")
+        return period_us
+
+    def _take_robot(self, data: RobotData, link: Link) -> None:
+        self.port = RobotExchange(link)
+        welcome = link.open()
+        if (welcome.robot, welcome.n) != (data.robot.name, data.n):
+            here = f"{welcome.robot!r} with {welcome.n} joints"
+            raise LinkError(f"task {self.td.name} wants {data.robot.name!r} with {data.n}, the bridge drives {here}")
+        self._cycle = RobotCycle(self.td, data, welcome.period_us * 1e-6)
+        self._set_next_sample(welcome)
+
+    def _set_next_sample(self, welcome: Welcome) -> None:
+        self._period_ns = welcome.period_us * NS_PER_US
+        self.next_ns = self._clock.now_ns()
+        self.plan_sample()
+
+    def plan_sample(self) -> None:
+        """Work out when the robot is sampled next, on virtual time."""
+        if self.next_ns is None:
+            return
+        if self.entry is None:
+            self.next_ns += self._period_ns
+        else:
+            self.next_ns = self._clock.time_of(self.entry.first_after(self._clock.tick_at(self.next_ns)))
+
+    # ------------------------------------------------------------------------------------------------------------ runs
+
+    def activate(self, after: int) -> None:
+        """Run its control functions from the first wake-up behind tick `after` on."""
+        self.td.words[TaskWord.SERVED] = self.td.words[TaskWord.WOKEN]
+        self._active_from = after + 1
+        self._enter(TaskState.ACTIVE)
+
+    def release(self, power_off: bool) -> None:
+        """Run them no more; a robot comes to a controlled stop and is let go."""
+        if self._cycle is not None:
+            self._cycle.stop(power_off)
+            self._enter(TaskState.RELEASING)
+        elif self.td.state is not TaskState.ENDED:
+            self._enter(TaskState.RELEASED)
+
+    def wake(self, times: int = 1) -> None:
+        """Count wake-ups."""
+        words = self.td.words
+        words[TaskWord.MISSED] += times if self.td.run_count else times - 1
+        words[TaskWord.WOKEN] += times
+
+    @property
+    def runnable(self) -> bool:
+        """It has been woken, and may run."""
+        return self.td.run_count > 0 and (self.attached or self.td.active)
+
+    def run(self) -> None:
+        """Answer one wake-up; with a robot all of them, for a sample is answered once."""
+        words = self.td.words
+        began_ns = self._clock.now_ns()
+        words[TaskWord.BEGAN_NS] = began_ns
+        with self.guarded():
+            if self._cycle is None:
+                self._call_both()
+            else:
+                self._sample(self._cycle)
+        words[TaskWord.LONGEST_NS] = max(words[TaskWord.LONGEST_NS], self._clock.now_ns() - began_ns)
+        words[TaskWord.BEGAN_NS] = 0
+        words[TaskWord.SERVED] = words[TaskWord.WOKEN] if self.attached else words[TaskWord.SERVED] + 1
+
+    def _call_both(self) -> None:
+        self.functions.control1(self.td)
+        self.functions.control2(self.td)
+        self.td.words[TaskWord.RUNS] += 1
+
+    def _sample(self, cycle: RobotCycle) -> None:
+        if self.port is None:
+            return
+        self._state = state = self.port.read()
+        self._count_left_out(cycle)
+        runs = self.td.active and self._clock.ticks >= self._active_from
+        control = (lambda: self.functions.control1(self.td)) if runs else None
+        self.port.send(cycle.step(state, self.port.link.now_ns(), control))
+        self._state = None
+        self._see(cycle.phase)
+        if runs and self.td.active:
+            self.functions.control2(self.td)
+            self.td.words[TaskWord.RUNS] += 1
+
+    def _count_left_out(self, cycle: RobotCycle) -> None:
+        """Samples of the robot that nobody took are wake-ups that were missed."""
+        if left_out := cycle.left_out:
+            self.td.words[TaskWord.MISSED] += left_out
+            self.td.words[TaskWord.WOKEN] += left_out
+            cycle.left_out = 0
+
+    def _see(self, phase: CyclePhase) -> None:
+        if phase is CyclePhase.FOLLOWING and self.td.state is TaskState.ATTACHING:
+            self._enter(TaskState.READY)
+        elif phase is CyclePhase.LEFT:
+            self._let_go(f"task {self.td.name} was released")
+
+    # ---------------------------------------------------------------------------------------------------- its bad end
+
+    @contextmanager
+    def guarded(self) -> Iterator[None]:
+        """What is raised inside ends the task, and its robot comes to a controlled stop."""
+        token = _current.set(self.td)
+        try:
+            yield
+        except (Exception, SystemExit) as error:
+            self.end(error)
+        finally:
+            _current.reset(token)
+
+    def end(self, error: BaseException) -> None:
+        """End it before its time: stop its robot, remember why."""
+        if self.td.error is None:
+            self.td.error = error
+        if self._cycle is None or isinstance(error, LinkError):
+            self._let_go(str(error))  # a bridge that hears a goodbye, or nothing any more, stops the arm
+            return
+        self._enter(TaskState.RELEASING)
+        self._cycle.stop()
+        self._send_stop(self._cycle)
+
+    def _send_stop(self, cycle: RobotCycle) -> None:
+        state, self._state = self._state, None
+        if state is None or self.port is None:
+            return  # the sample was answered; the next answer says it
+        try:
+            self.port.send(cycle.answer(state, self.port.link.now_ns()))
+            self._see(cycle.phase)
+        except Exception as error:  # the link as well
+            self._let_go(str(error))
+
+    def _let_go(self, reason: str) -> None:
+        if self.port is not None:
+            self.port.link.close(reason)
+        self.port = self._cycle = self.next_ns = None
+        self._enter(TaskState.RELEASED if self.td.error is None else TaskState.ENDED)
+
+    def _enter(self, state: TaskState) -> None:
+        self.td.words[TaskWord.STATE] = state

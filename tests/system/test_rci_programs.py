@@ -1,0 +1,65 @@
+"""Programs of RCI as a user runs them: off line, in lock-step."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.modes import Mode
+from qrobot.servo.settings import ServoSettings
+from tests.support.puma import PARK, ROBOT
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TABLE = """\
+ tick  task    run count
+    0  first           1
+    2  second          1
+    4  first           1
+    6  second          1
+    8  first           1
+   10  second          1
+   12  first           1
+   14  second          1
+   16  first           1
+first: 5 runs, 0 missed
+second: 4 runs, 0 missed
+"""
+
+
+def test_the_table_of_two_tasks_is_the_same_every_time_s10(capsys: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):
+        assert run_app(make_app("run"), ["run", "--offline", str(EXAMPLES / "15_rci_tasks.py")]) == 0
+        assert capsys.readouterr().out == TABLE
+
+
+def test_a_task_that_swings_a_joint_in_lockstep_reads_the_very_counts_and_dac_words_of_the_servo() -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
+    seen: list[tuple[int, rci.RawWords]] = []
+
+    def swing(td: rci.TaskDescriptor) -> None:
+        q = np.array(PARK)
+        q[0] += 0.2 * (1.0 - np.cos(2.0 * np.pi * td.runs / 50))
+        td.chg.go_to(tuple(q.tolist()))
+        assert td.robot is not None
+        seen.append((td.how.t_ns, td.robot.raw(td.how)))
+
+    with rci.use(partial(link_factory, rig, 28_000)):
+        td = rci.rci_create("puma560")
+        rci.rci_control(td, swing)
+        rci.rci_start(td.bit)
+        rci.rci_wait(lambda: td.runs == 100)
+        rci.rci_close()
+    rig.run_for(0.5)
+    rows = rig.rows()
+    at = {int(t): i for i, t in enumerate(rows["t_ns"])}
+    assert [(rows["counts"][at[t]] == raw.encoder_counts).all() for t, raw in seen] == [True] * 100
+    assert [(rows["dac"][at[t]] == raw.dac).all() for t, raw in seen] == [True] * 100
+    assert np.ptp([raw.encoder_counts[0] for _, raw in seen]) > 3000
+    assert (rows[-1]["mode"], rows["fault"].any()) == (Mode.HOLDING, False)
