@@ -81,7 +81,7 @@ class Singular(MotionError):
 
 
 class IdentificationError(QRobotError):
-    """What was recorded does not determine the parameters of a model, or contradicts it."""
+    """Recorded data do not determine the parameters of a model, or contradict it."""
 
 
 class LogError(QRobotError):

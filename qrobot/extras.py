@@ -26,7 +26,7 @@ EXTRAS: Final = {
 
 
 def missing_extra(error: ModuleNotFoundError) -> str | None:
-    """What to install for a module that was not found; None for one that no extra brings."""
+    """The extra to install for a module that was not found; None for a module that no extra brings."""
     library = (error.name or "").partition(".")[0]
     if (extra := EXTRAS.get(library)) is None:
         return None

@@ -13,7 +13,7 @@ NO_JOINT: Final = -1
 
 
 class FaultCode(IntEnum):
-    """Why the servo stopped, or refused to start."""
+    """Reasons for which the servo stopped, or refused to start."""
 
     NONE = 0
     # feedback
@@ -74,7 +74,7 @@ class FaultCode(IntEnum):
 
 
 class Quantity(Enum):
-    """What the value and the limit of a code measure."""
+    """Meaning and unit of the value and the limit of a code."""
 
     NOTHING = "nothing"
     POSITION = "position"
@@ -246,12 +246,12 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
 
 
 def quantity_of(code: int) -> Quantity:
-    """What value and limit of a code measure."""
+    """Meaning and unit of the value and the limit of a code."""
     return _QUANTITY.get(code, Quantity.NOTHING)  # type: ignore[call-overload, no-any-return]
 
 
 def of_joint(joint: int) -> str:
-    """How a line for people about `joint` (from 0) begins: "joint 3: "; empty for NO_JOINT."""
+    """Beginning of a line for people about `joint` (from 0): "joint 3: "; empty for NO_JOINT."""
     return "" if joint == NO_JOINT else f"joint {joint + 1}: "
 
 

@@ -1,4 +1,4 @@
-"""How a part of the program tells people what happens: one line of text at a time, to whoever it was given."""
+"""Reports to people: one line of text at a time, to a function that each part is given."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a deployment file and command-line options to one arm and its settings."""
+"""One arm of a deployment file, with its settings, out of command-line options."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def servo_settings(
 
 
 def force_calibration_of(arm: DeployedArm) -> ForceCalibration | None:
-    """How the servo of an arm makes forces of volts; an emulated sensor tells of itself when the file does not.
+    """Calibration of an arm's force sensor, volts to forces; an emulated sensor gives its own when the file has none.
 
     Raises ConfigError when one of its channels carries a potentiometer.
     """

@@ -54,7 +54,7 @@ def check(
     json
         Print JSON.
     """
-    from qrobot.rig.board_check import Leave, check_board
+    from qrobot.rig.board_check import Permissions, check_board
     from qrobot.rig.board_walk import Walk
 
     if not yes and not read_only and not sys.stdin.isatty():
@@ -67,7 +67,7 @@ def check(
         (lambda _question: True) if yes else _ask,
     )
     findings = []
-    for finding in check_board(walk, Leave(read_only, power, hands=not yes and not read_only)):
+    for finding in check_board(walk, Permissions(read_only, power, hands=not yes and not read_only)):
         findings.append(finding)
         if not json:
             _tell(finding)

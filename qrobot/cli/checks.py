@@ -1,4 +1,4 @@
-"""What `qrobot doctor` looks at. Each look is a small function that gives findings; none changes anything for good."""
+"""Checks of `qrobot doctor`: each is a small function that yields findings, and none changes anything for good."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OLDEST_PYTHON: Final = (3, 11)
 
 
 class Weight(Enum):
-    """What a finding that is not ok means."""
+    """Consequence of a finding that is not in order."""
 
     NEEDED = "needed"  # nothing runs without it
     TIMING = "timing"  # it runs, with longer or rarer late cycles
@@ -88,7 +88,7 @@ def look_at_library(name: str, remedy: str) -> SetupStep:
 
 
 def look_at_compile_cache() -> SetupStep:
-    """Where Numba keeps compiled code: NUMBA_CACHE_DIR, or beside the source, or in the user's cache directory."""
+    """Check where Numba keeps compiled code: NUMBA_CACHE_DIR, beside the source, or in the user's cache directory."""
     name = "compile cache"
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     package = Path(__file__).resolve().parent.parent
@@ -195,7 +195,7 @@ def look_at_card(base: int) -> SetupStep:
 
 
 def realtime_rights() -> list[SetupStep]:
-    """What servo and guardian started now would get; tried in a thread that ends at once."""
+    """Try the real-time rights that servo and guardian would get, in a thread that ends at once."""
     steps: list[SetupStep] = []
 
     def attempt() -> None:

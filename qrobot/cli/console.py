@@ -1,4 +1,4 @@
-"""How the command talks: results on stdout, one line per error on stderr, an exit status that means something."""
+"""Output of the command: results on stdout, one line per error on stderr, and an exit status that means something."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _sentence(error: CycloptsError) -> str:
 
 
 def _refused_value(error: ValidationError) -> str:
-    """What a check of `option_types.py` says, which tells the value itself; of a default Cyclopts knows no option."""
+    """The message of a check of `option_types.py`, which names the value; Cyclopts knows no option of a default."""
     option = f"{error.argument.name}: " if error.argument is not None else ""
     return f"{option}{error.exception_message}"
 

@@ -30,7 +30,7 @@ app = App(name="ctl", help=HELP, help_format="plaintext", group_commands="Comman
 
 @Parameter(name="*")
 class Where:
-    """Which servo, and how to answer."""
+    """The servo to talk to, and the form of the answer."""
 
     def __init__(
         self,

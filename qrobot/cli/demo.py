@@ -132,7 +132,7 @@ def _run_on_the_wall_clock(runs: list[ExperimentRun], deployment: str, directory
 
 
 def _tried_twice(attempt: Callable[[], Result], tell: Callable[[str], None]) -> Result:
-    """What `attempt` returns, at the second try where the machine stalled at the first; the result says so."""
+    """Result of `attempt`, at the second try where the machine stalled at the first; the result says so."""
     try:
         return attempt()
     except Stalled as stall:

@@ -325,7 +325,7 @@ def _report(robot: Robot, model: IdentifiedModel, as_json: bool) -> None:
 
 
 def _errors(model: IdentifiedModel) -> dict[str, Floats]:
-    """Of each joint, by what predicts it; in fast motion the robot file has gravity and friction of the model."""
+    """Rms errors of each joint, by predictor; in fast motion the robot file has the model's gravity and friction."""
     quality = model.quality
     columns = {"model": quality.held_back_rms, "robot file": quality.before_rms}
     if quality.motion_rms is not None and quality.motion_before_rms is not None:

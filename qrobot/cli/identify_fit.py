@@ -1,4 +1,4 @@
-"""What `qrobot identify fit` and `report` have in common: from logs and options to what was identified."""
+"""The common part of `qrobot identify fit` and `report`: from logs and options to an identified model."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ DATE_FORMAT: Final = "%Y-%m-%d"
 
 @dataclass(frozen=True)
 class IdentificationTask:
-    """What somebody asked for."""
+    """Logs and options of one identification."""
 
     logs: tuple[Path, ...]
     options: FitOptions
 
     def identified(self) -> tuple[Identified, IdentifiedModel]:
-        """What the logs tell, and the model of it.
+        """Identify the arm from its logs: the result, and the model made of it.
 
         Raises:
             ConfigError: options contradict each other or the logs.

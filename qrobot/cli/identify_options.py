@@ -18,7 +18,7 @@ KnownTorque = Annotated[bool, Parameter(help="The robot file's torques were meas
 @Parameter(name="*")
 @dataclass(frozen=True)
 class PlanOptions:
-    """What the arm is to do."""
+    """Options of a plan of swings."""
 
     poses: Annotated[
         PosesOption, Parameter(help="Poses to swing through, besides the sweeps. More take longer and tell more.")
@@ -35,7 +35,7 @@ class PlanOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class FitOptions:
-    """What a fit goes by, beside its logs."""
+    """Options of a fit, beside its logs."""
 
     robot: RobotFile = None
     loaded: Annotated[

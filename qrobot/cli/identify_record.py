@@ -150,7 +150,7 @@ def read_rows(logs: Sequence[Path], like: LogHeader | None = None) -> tuple[Rows
 
 
 def _difference(header: LogHeader, other: LogHeader) -> str:
-    """In what two logs do not belong together, with what the first has; empty when they do."""
+    """The first fact by which two logs do not belong together, with its value in the first; empty when they agree."""
     if header.robot != other.robot:
         return f"robot {header.robot!r}, not {other.robot!r} as"
     if header.joint_names != other.joint_names:

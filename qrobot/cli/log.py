@@ -102,7 +102,7 @@ def _facts(log: Log) -> dict[str, Any]:
 
 
 def _first_events(events: list[dict[str, Any]], file: Path) -> list[dict[str, Any]]:
-    """As many as a table should have, and where the others are."""
+    """The first TABLE_EVENTS events, and a line that says where the others are."""
     more = len(events) - TABLE_EVENTS
     return [*events[:TABLE_EVENTS], {"line": f"and {more} more: qrobot log events {file}"}] if more > 0 else events
 

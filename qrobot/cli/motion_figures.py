@@ -92,6 +92,6 @@ def farthest_off(asked: Floats, measured: Floats) -> float:
 
 
 def _distance(place: Floats, begin: Floats, along: Floats, square: Floats) -> float:
-    """Of one place (3,) from the nearest of the pieces `begin` + s `along`, 0 <= s <= 1. Shapes (m, 3)."""
+    """Distance of one place (3,) from the nearest of the pieces `begin` + s `along`, 0 <= s <= 1. Shapes (m, 3)."""
     s = np.clip(((place - begin) * along).sum(axis=1) / square, 0.0, 1.0)
     return float(np.linalg.norm(begin + s[:, None] * along - place, axis=1).min())

@@ -114,7 +114,7 @@ def _try_folder(folder: Path) -> None:
 
 
 def _each_path(require: Callable[[Path], None]) -> Callable[[Any, Path | None], None]:
-    """As Cyclopts calls it: with the type, and also with the value of an option that was left out."""
+    """Make a validator for Cyclopts, which passes the type, and also the value of an option that was left out."""
     return lambda _type, path: None if path is None else require(path)
 
 

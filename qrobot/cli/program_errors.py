@@ -1,4 +1,4 @@
-"""What goes wrong in a user's program, told by the user's own lines: those of files that nobody else installed."""
+"""Errors in a user's program, told by the user's own lines: those of files that nobody else installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a program in Python says of itself in its head, in the form that PEP 723 gives scripts:
+"""Settings in the head of a program in Python, in the form that PEP 723 gives scripts:
 
 # /// script
 # [tool.qrobot]
@@ -21,7 +21,7 @@ BLOCK: Final = re.compile(r"(?m)^# /// script$\s(?P<lines>(^#(| .*)$\s)+)^# ///$
 
 
 class ProgramSettings(Table):
-    """What a program needs besides an arm.
+    """Requirements of a program besides an arm.
 
     Attributes:
         scene: what has to stand around an emulated arm; a real one has what it has.

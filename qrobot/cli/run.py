@@ -192,7 +192,7 @@ def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
 
 
 def _bridge_links(arm: DeployedArm) -> LinkFactory:
-    """To the arm of the deployment file, unless the environment names another bridge."""
+    """Links to the arm of the deployment file, unless the environment names another bridge."""
     from qrobot.rci import TcpLink, bridge_address
     from qrobot.realtime.startup_order import await_turn
 
@@ -202,7 +202,7 @@ def _bridge_links(arm: DeployedArm) -> LinkFactory:
 
 
 def _offline_links(arm: DeployedArm) -> LinkFactory:
-    """To an ideal arm as in the deployment file; a program that names another packaged one gets that."""
+    """Links to an ideal arm as in the deployment file; a program that names another packaged one gets that."""
     from qrobot.rccl.offline import OfflineLink
 
     robot, period_us = robot_of_arm(arm), round(arm.bridge.period_ms * US_PER_MS)

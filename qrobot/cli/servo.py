@@ -86,7 +86,7 @@ def servo(
 
 
 def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
-    """Beside the arm's logs, in `incidents`."""
+    """Make the flight recorder; its files lie beside the arm's logs, in `incidents`."""
     from qrobot.cli.log import recorded_header
     from qrobot.log.flight import FlightRecorder
 

@@ -43,7 +43,7 @@ app = App(name="study", help=HELP, help_format="plaintext", group_commands="Comm
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Campaign:
-    """What every study is told."""
+    """Options that all studies have."""
 
     output: Annotated[OutputFile, Parameter(help="Results file: gone on with when it exists (.jsonl).")]
     robot: Annotated[

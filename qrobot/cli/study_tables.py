@@ -21,7 +21,7 @@ from qrobot.study.results import Results
 
 @dataclass(frozen=True)
 class View:
-    """How a kind of study is shown."""
+    """Tables and words by which a kind of study is shown."""
 
     summarise: Callable[[Results], Any]
     tables: Callable[[Any], Iterator[Table]]
@@ -83,7 +83,7 @@ def _pair_row(pair: PairSummary) -> Iterator[str]:
 
 
 def gain_lines(summary: GainSummary) -> Iterator[str]:
-    """Which pair is proposed."""
+    """Lines that propose a pair of gains."""
     best = summary.best
     if best is None:
         yield "every pair made the servo stop some arm: try a smaller bandwidth"

@@ -64,25 +64,26 @@ def compiler() -> list[str]:
 
 
 def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
-    """How legacy sources are compiled; in silence, unless `arguments` ask for warnings."""
+    """Compiler options for legacy sources, silent unless `arguments` ask for warnings."""
     asked = any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments)
     return [*LEGACY, *(_as_warnings() if asked else _unsaid()), f"-I{INCLUDE}", f"-I{WIRE}"]
 
 
 def _unsaid() -> list[str]:
-    """Nothing is said; every compiler takes a -Wno- that it does not know."""
+    """Options that silence the warnings; every compiler takes a -Wno- that it does not know."""
     return [QUIET, PERMISSIVE, *(f"-Wno-{name}" for name in TOLERATED)]
 
 
 def _as_warnings() -> list[str]:
-    """What is said is no error; to gcc, which does not take unknown names here, that is said in one word."""
+    """Options that turn the errors of today's compilers into warnings; gcc refuses unknown names here and has one for
+    all."""
     if "clang" not in _answer_of([*compiler(), "--version"]):
         return [PERMISSIVE] * (int(_answer_of([*compiler(), "-dumpversion"]).partition(".")[0]) >= PERMISSIVE_SINCE)
     return ["-Wno-unknown-warning-option", *(f"-Wno-error={name}" for name in TOLERATED)]
 
 
 def link_flags(arguments: Sequence[str] = ()) -> list[str]:
-    """What they are linked with; the library is compiled if need be. Raises ConfigError when that fails."""
+    """Linker options for legacy programs; the library is compiled if need be. Raises ConfigError when that fails."""
     return [f"-L{library(compiler(), arguments).parent}", f"-l{LIBRARY}", "-pthread", "-lm"]
 
 

@@ -1,4 +1,4 @@
-"""From a CasADi function to a kernel: its source in a cache folder, compiled by Numba, which caches beside it.
+"""Compiler of CasADi functions to kernels: the source goes to a cache folder, and Numba caches its code beside it.
 
 The file is named by a digest of its contents, so a changed expression is another file, an unchanged one is compiled
 once per machine, and kernels that call it stay cacheable. The folder is `$QROBOT_CACHE`, else `qrobot` in the user's

@@ -1,4 +1,4 @@
-"""From a function of symbols to the CasADi function of a control law.
+"""Control laws as CasADi functions, out of Python functions of symbols.
 
 Importing this module does not load CasADi; building a law does.
 """

@@ -48,7 +48,7 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class SerialArm:
-    """What the equations need of an arm of n joints.
+    """Constants of an arm of n joints in the equations of motion.
 
     Attributes:
         alpha, a, d, theta: modified DH rows, rad and m; the joint adds to theta, or to d if it slides. Shape (n,).

@@ -9,7 +9,7 @@ from qrobot.config.values import ExchangePeriod
 
 
 class CanTransport(Table):
-    """Where the board's CANopen node is, and how often the image is exchanged with it.
+    """Address of the board's CANopen node, and the period at which the image is exchanged with it.
 
     `interface` and `channel` are names of python-can: `socketcan` and `can0`, or `udp_multicast` and a group such as
     `239.74.163.2`, which QRobot keeps on this machine. An exchange of a servo that moves is about ten frames: 1.2 ms at

@@ -198,7 +198,7 @@ class ServoChoice(Table):
 
 
 class BridgeChoice(Table):
-    """Where programs connect, and the default sample period."""
+    """Address at which programs connect, and the default sample period."""
 
     host: str = "127.0.0.1"
     port: int = Field(ge=FIRST_PORT, le=65535)
@@ -206,7 +206,7 @@ class BridgeChoice(Table):
 
 
 class LogChoice(Table):
-    """Where logs go; an empty directory name switches them off.
+    """Folder of the logs; an empty directory name switches them off.
 
     The servo keeps the last `black_box_s` seconds of every cycle in shared memory, recorded or not: 49 MB at 1 kHz and
     195 MB at 4 kHz for six joints and a minute. Less is kept where there is room for less.

@@ -13,7 +13,7 @@ Nonzero = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class DrivesTransport(Table):
-    """Instead of a board, a drive of CiA 402 for each joint, in cyclic synchronous `mode`: torque or position.
+    """A drive of CiA 402 for each joint in place of a board, in cyclic synchronous `mode`: torque or position.
 
     `nodes` are their numbers, joint by joint. `torque_permille` is the target torque at a converter's +10 V, in
     thousandths of the rated torque; in position mode there is none. `increments_per_count` is the drive's position

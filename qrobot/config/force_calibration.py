@@ -1,4 +1,4 @@
-"""From the volts of a wrist's force sensor to force and torque, in a deployment file."""
+"""Calibration of a wrist's force sensor in a deployment file: volts to force and torque."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ForceCalibration(Table):
 
 
 def calibration_of_emulated(sensor: ForceSensor) -> ForceCalibration:
-    """What the calibration sheet of an emulated sensor says."""
+    """The calibration sheet of an emulated sensor."""
     channels = tuple(sensor.channels.values())
 
     def row(axis: str) -> tuple[float, ...]:

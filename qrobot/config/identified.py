@@ -57,7 +57,7 @@ class IdentifiedFriction(Table):
 
 
 class IdentifiedDrives(Table):
-    """What each motor has to be commanded, with the robot file's `dac_per_Nm`, for a torque of 1 N·m (N) of the links.
+    """Torque that each motor has to be commanded, with the robot file's `dac_per_Nm`, for 1 N·m (N) of the links.
 
     The links' own unit is one motor's commanded torque, or the true N·m where a known load was carried.
     """

@@ -1,4 +1,4 @@
-"""What kind of file one is, told by its contents: for complaints about a file that was given in another one's place."""
+"""Kind of a file, told by its contents: for complaints about a file that was given in another one's place."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FileKind(Enum):
 
     @property
     def wanted_at(self) -> str:
-        """What to do with it."""
+        """Advice where to give a file of this kind."""
         return str(self.value[1])
 
 

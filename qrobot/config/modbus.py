@@ -9,7 +9,7 @@ from qrobot.config.values import ExchangePeriod
 
 
 class ModbusTransport(Table):
-    """Where the Modbus server of the board is, and how often the image is exchanged with it.
+    """Address of the board's Modbus server, and the period at which the image is exchanged with it.
 
     One exchange is one request. One that has no answer after `timeout_ms` has failed. `device_id` matters only behind a
     gateway to other devices.

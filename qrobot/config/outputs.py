@@ -25,7 +25,7 @@ class OutputLine(Table):
 
     @property
     def label(self) -> str:
-        """What people call it."""
+        """Name of the output for people."""
         return self.name or f"output_{self.output}"
 
 

@@ -115,7 +115,7 @@ class Poses(Section, extra="allow"):
 
 
 class Transmission(Section):
-    """From motor and encoder to joint, and from joint torque to DAC.
+    """Ratios and scales from motor and encoder to joint, and from joint torque to DAC.
 
     `gear` is motor radians per joint unit. `coupling` is C of r = C (q - q_offset): motor displacements in joint units.
     `dac_per_Nm` is signed; on a prismatic joint it is DAC counts per newton. `count_offset` is what the host adds to a
@@ -196,7 +196,7 @@ class Control(Section):
 
 
 class Guard(Section):
-    """What the guard allows: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint.
+    """Limits of the checks: torque, speed over `v_max`, following error, travel beyond the limits, first setpoint.
 
     `unexplained_torque` is what a joint may be pushed by that neither its command nor its model accounts for (N·m, N);
     left out it is 70 % of `tau_max`. `runaway_share` of `v_max` is how much faster than its reference a joint so
@@ -219,7 +219,7 @@ class Guard(Section):
 
     @property
     def unknown_load_or_default(self) -> Floats:
-        """What nobody knows of the load on each joint. Shape (n,), N·m (N)."""
+        """Bound of the load on each joint that nobody told of. Shape (n,), N·m (N)."""
         given = self.unknown_load
         return frozen(UNKNOWN_LOAD_SHARE * self.tau_max) if given is None else given
 
@@ -231,7 +231,7 @@ class Guard(Section):
 
 
 class BoardSection(Section):
-    """Which interface board drives the arm."""
+    """The interface board that drives the arm."""
 
     revision: Literal["E", "F"]
 
@@ -280,7 +280,7 @@ class Robot(Table):
 
 
 def _disagreements(robot: Robot) -> Iterator[str]:
-    """What holds between sections and does not."""
+    """Contradictions between sections, one line each."""
     low, high = robot.limits.q_min, robot.limits.q_max
     for name, pose in robot.poses.items():
         if not ((low <= pose) & (pose <= high)).all():

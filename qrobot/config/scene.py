@@ -1,4 +1,4 @@
-"""What stands around an emulated arm, what its flange carries, and the force sensor between the two."""
+"""Surroundings of an emulated arm, the load of its flange, and the force sensor between the two."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Tool(Table):
 
 
 class Scene(Table):
-    """What stands around the emulated arm.
+    """Surroundings of the emulated arm.
 
     `floor` is a floor and nothing else; the others have one too. `table` is a table top; `peg` a plate with a hole,
     into which the tool fits with `clearance_m` all around; `crank` turns about a vertical axis and has such a hole at

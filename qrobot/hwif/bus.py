@@ -1,10 +1,10 @@
 """The contract of every transport to a board that is more than memory: a `Bus` at the near end, an `Endpoint` at the
 far.
 
-A bus carries the same two things as the board memory (memory.py): register operations out, strictly in the order given,
-and the whole image in. What it is made of - a socket, a CAN interface - is its own affair. `Gateway` (gateway.py)
-puts a bus behind the board memory, so that servo, guardian and tools never know; a server puts an `Endpoint` behind its
-protocol, so that the emulated board, or anything else with the register map, answers.
+A bus carries the same two things as the board memory (board_memory.py): register operations out, strictly in the
+order given, and the whole image in. What it is made of - a socket, a CAN interface - is its own affair. `Gateway`
+(gateway.py) puts a bus behind the board memory, so that servo, guardian and tools never know; a server puts an
+`Endpoint` behind its protocol, so that the emulated board, or anything else with the register map, answers.
 
 Operations are int64[k, OP_FIELDS]; an image is int64[IMAGE_WORDS]: time stamp, count, the sixteen input words.
 """

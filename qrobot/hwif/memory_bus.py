@@ -1,7 +1,7 @@
 """The transport to a board that is met through its memory: the emulated one, or whatever a gateway has found.
 
-A controller that lives in the cycle uses the board memory itself (memory.py). This is for those who want to wait for
-an answer: the walk through a new board, programs of other languages, a recorder.
+A controller that lives in the cycle uses the board memory itself (board_memory.py). This is for those who want to wait
+for an answer: the walk through a new board, programs of other languages, a recorder.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class BaseParameters:
         return tuple(name for name, used in zip(self.names, np.any(self.K != 0.0, axis=0), strict=True) if not used)
 
     def columns(self, Y: Floats) -> Floats:
-        """What multiplies the base parameters in a regressor of shape (..., p). Shape (..., b)."""
+        """Columns of the base parameters in a regressor of shape (..., p). Shape (..., b)."""
         return Y[..., list(self.leading)]
 
     def combination(self, index: int) -> str:

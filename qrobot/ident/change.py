@@ -16,6 +16,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.ident.model import Identified
 from qrobot.ident.observe import Observations
+from qrobot.ident.whitened import WhitenedFit, unexplained
 
 CLEARLY: Final = 100.0  # squares that a change explains, over the variance that it leaves [A]
 SMALLEST_KG: Final = 0.1  # less is not told: friction that drifts looks like some of it
@@ -27,7 +28,7 @@ _STEP: Final = 1e-4  # rad (m), of the derivative by position
 
 @dataclass(frozen=True)
 class LoadChange:
-    """From pass number `passed` on, at `time_s` of the recording, the hand carried `kg` more (negative: less)."""
+    """Change of the carried load by `kg`, from pass number `passed` on, at `time_s` of the recording."""
 
     passed: int
     time_s: float
@@ -36,20 +37,12 @@ class LoadChange:
 
 @dataclass(frozen=True)
 class CounterSlip:
-    """From pass number `passed` on, at `time_s`, the counter of `motor` was off by `counts`."""
+    """Slip of the counter of `motor` by `counts`, from pass number `passed` on, at `time_s` of the recording."""
 
     passed: int
     time_s: float
     motor: int
     counts: float
-
-
-class Whitened(NamedTuple):
-    """What a fit leaves in deviations, its orthonormal columns (m, p), and the inverse of the deviations (m,)."""
-
-    fitted: Floats
-    left: Floats
-    inverse: Floats
 
 
 class Suspect(NamedTuple):
@@ -100,33 +93,28 @@ def _suspected_load(found: Identified) -> Suspect:
     return _suspect(_whitened(found), seen, found.scale[seen.motor, None] * seen.load, SMALLEST_KG, LARGEST_KG)
 
 
-def _whitened(found: Identified) -> Whitened:
+def _whitened(found: Identified) -> WhitenedFit:
     seen, unknowns, values = found.observations, found.unknowns, found.fit.values
     count = np.sqrt(found.fit.weight[: len(seen)]) / np.hypot(found.fit.scatter[seen.motor], seen.doubt)
     fitted, _ = np.linalg.qr(unknowns.jacobian(values, seen) * count[:, None])
-    left = _beside(fitted, (seen.torque - unknowns.predict(values, seen)) * count)
-    return Whitened(fitted, left, count)
+    left = unexplained(fitted, (seen.torque - unknowns.predict(values, seen)) * count)
+    return WhitenedFit(left, fitted, count)
 
 
-def _suspect(whitened: Whitened, seen: Observations, columns: Floats, smallest: float, largest: float) -> Suspect:
+def _suspect(whitened: WhitenedFit, seen: Observations, columns: Floats, smallest: float, largest: float) -> Suspect:
     """The change with columns (m, c) that explains most, of those whose first value is likely."""
-    fitted, left, inverse = whitened
+    left, fitted, inverse = whitened
     weighted, none = columns * inverse[:, None], Suspect(0, np.zeros(columns.shape[1]), 0.0, 0.0)
     freedom = max(len(left) - fitted.shape[1] - columns.shape[1], 1)
     best, before = none, float(left @ left)
     for k in np.unique(seen.passed)[1:]:
-        own = _beside(fitted, weighted * (seen.passed >= k)[:, None])
+        own = unexplained(fitted, weighted * (seen.passed >= k)[:, None])
         values = np.asarray(np.linalg.lstsq(own, left, rcond=1e-6)[0], np.float64)
         after = float(((left - own @ values) ** 2).sum())
         if before - after > best.explained and smallest <= abs(values[0]) <= largest:
             gain = (before - after) / max(after / freedom, 1e-12)
             best = Suspect(int(k), values, gain, before - after)
     return best
-
-
-def _beside(fitted: Floats, columns: Floats) -> Floats:
-    """What of columns (m, ...) the orthonormal columns `fitted` (m, p) cannot explain."""
-    return np.asarray(columns - fitted @ (fitted.T @ columns))
 
 
 def _begin(seen: Observations, passed: int) -> float:

@@ -23,7 +23,7 @@ _STEP: Final = 0.1  # rad or m of the joint that moves most, between two looks
 
 
 class Clearance:
-    """Looks at poses and ways of one robot."""
+    """Subsample at poses and ways of one robot."""
 
     def __init__(self, robot: Robot) -> None:
         self._geometry, self._skeleton = robot.geometry, Skeleton(robot)
@@ -32,7 +32,7 @@ class Clearance:
         self._pairs = [(j, k) for j, k in combinations(long, 2) if lengths[j + 1 : k].sum() > NEIGHBOURS]
 
     def of_poses(self, q: Floats) -> Bools:
-        """Which of the positions (m, n) are clear. Shape (m,)."""
+        """True for each of the positions (m, n) that is clear. Shape (m,)."""
         lines = self._skeleton.lines(q)
         clear = self._hand(lines[-1]) & self._above_floor(lines[2:])
         for j, k in self._pairs:
@@ -68,7 +68,7 @@ class Clearance:
 
 
 def _between(begin: Floats, end: Floats) -> Floats:
-    """Looks at a straight way, both ends included. Shape (looks, n)."""
+    """Subsample at a straight way, both ends included. Shape (looks, n)."""
     looks = 1 + int(np.ceil(np.abs(end - begin).max() / _STEP))
     return np.asarray(begin + np.linspace(0.0, 1.0, looks + 1)[:, None] * (end - begin))
 

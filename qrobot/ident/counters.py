@@ -27,7 +27,7 @@ _FEWEST_ROWS: Final = 16  # of the shortest stretch in which a counter is looked
 
 
 def counter_faults(robot: Robot, rows: Rows, period_s: float) -> list[str]:
-    """What is wrong with counters and positions of rows, shape (r,), one sentence for each joint.
+    """Errors of counters and positions in rows, shape (r,), one sentence for each joint.
 
     Of several kinds of faults the first: the others follow from it.
     """

@@ -1,4 +1,4 @@
-"""What the arm shall do to show its inertia: a few runs of Fourier motion, chosen for what they tell.
+"""Excitation of inertia: a few runs of Fourier motion, chosen for what they tell.
 
 Of many random runs within range, speed, acceleration and torque, clear of the floor and of the arm itself, those are
 chosen that together have the largest determinant of information of all base parameters (D-optimal, by exchange as the
@@ -31,7 +31,7 @@ HARMONICS: Final = 5
 SPEED_SHARE: Final = 0.7  # of each joint's greatest speed and acceleration
 RANGE_SHARE: Final = 0.9  # of a joint's range, about its middle
 FEWEST: Final = 3  # runs: two to fit and one to hold back
-LOOKS: Final = 65  # at a run, ends included: a dozen for each swing of the highest harmonic
+SUBSAMPLES: Final = 65  # at a run, ends included: a dozen for each swing of the highest harmonic
 _CANDIDATES: Final = 60
 _DRAWS: Final = 20  # for each candidate, at most
 _SMALLER: Final = (1.0, 0.7, 0.5)  # amplitudes that are tried
@@ -77,7 +77,7 @@ class Excitation:
 
     @property
     def moves(self) -> tuple[FourierRun, ...]:
-        """What is made one after the other."""
+        """Moves in the order in which they are made."""
         return self.runs
 
     def to_dict(self) -> dict[str, Any]:
@@ -146,7 +146,7 @@ class _Search:
                 return
 
     def columns(self, motion: Fourier) -> Floats:
-        """Of the base parameters along a run, as the plan's poses are judged. Shape (looks n, b)."""
+        """Columns of the base parameters along a run, judged as the plan's poses are. Shape (looks n, b)."""
         Y = self.regressor(*_states(motion))
         columns = motor_columns(self.robot, self.base.columns(Y))
         return columns.reshape(-1, columns.shape[-1])
@@ -210,11 +210,11 @@ def expected_torque(robot: Robot, regressor: Regressor, states: States) -> Float
 
 
 def _states(motion: Fourier) -> States:
-    return motion.at(np.linspace(0.0, motion.seconds, LOOKS))
+    return motion.at(np.linspace(0.0, motion.seconds, SUBSAMPLES))
 
 
 def _routed(robot: Robot, motions: list[Fourier]) -> Iterator[FourierRun]:
-    """By way of `ready` where the straight way to the next is not clear."""
+    """Moves by way of `ready` where the straight way to the next is not clear."""
     clearance, at = Clearance(robot), robot.poses[READY]
     for number, motion in enumerate(motions, 1):
         yield FourierRun(f"run {number}", motion, by_ready=not clearance.of_way(at, motion.start))

@@ -51,10 +51,10 @@ def residuals_figure(found: Identified) -> Figure:
 
 
 def structure_figure(found: Identified) -> Figure:
-    """What viscous and Coulomb friction leave, over position, speed and load, and what the terms found say of it."""
+    """Residuals beside viscous and Coulomb friction over position, speed and load, and the terms found in them."""
     seen, unknowns, robot = found.observations, found.unknowns, found.robot
-    beyond = unknowns.beyond(seen) @ unknowns.parts(found.fit.values).terms
-    plain, motor_q = residual(found) + beyond, seen.q @ robot.transmission.coupling.T
+    of_terms = unknowns.term_columns(seen) @ unknowns.parts(found.fit.values).terms
+    plain, motor_q = residual(found) + of_terms, seen.q @ robot.transmission.coupling.T
     coulomb = np.maximum(np.abs(found.friction[:, 1:]).mean(axis=1), 1e-9)
     borne = np.abs(unknowns.weights(seen) @ unknowns.parts(found.fit.values).weights)
     style: dict[Any, Any] = STYLE | {"axes.titlepad": 6.0, "axes.titlesize": 10.0}
@@ -67,7 +67,7 @@ def structure_figure(found: Identified) -> Figure:
             over = motor_q[mine, motor], np.abs(seen.rate[mine]), borne[mine]
             for axes, x in zip(row, over, strict=True):
                 axes.axhline(0.0, color="#888888", linewidth=0.8)
-                rings = axes.plot(x, along * beyond[mine], "o", color=ODD, markersize=6, label="fitted beside them")
+                rings = axes.plot(x, along * of_terms[mine], "o", color=ODD, markersize=6, label="fitted beside them")
                 rings[0].set_markerfacecolor("none")
                 axes.plot(x, along * plain[mine], ".", color=NEW, markersize=4, label="left by viscous and Coulomb")
             row[0].set_title(robot.joint_names[motor].replace("_", " "))

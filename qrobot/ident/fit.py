@@ -50,7 +50,7 @@ class Fit:
 
     @property
     def half_width(self) -> Floats:
-        """Of the 95 % interval of each value. Shape (p,)."""
+        """Half width of the 95 % interval of each value. Shape (p,)."""
         return np.asarray(NORMAL_95 * np.sqrt(np.diag(self.covariance)))
 
     @property
@@ -94,7 +94,7 @@ def fit_linear(A: Floats, b: Floats, row_class: Ints, names: Sequence[str], doub
 
 
 def _variance(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
-    """Of each row: its class's, and what is known of it; the last class is `KNOWN` and has none of its own."""
+    """Variance of each row: its class's and its own known one; the last class is `KNOWN` and has none of its own."""
     return np.asarray(scatter[row_class] ** 2 + known**2)
 
 
@@ -103,7 +103,7 @@ def _deviation(scatter: Floats, known: Floats, row_class: Ints) -> Floats:
 
 
 def _step(scaled: Floats, residual: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """What the weighted normal equations add to the values, and their standard deviations.
+    """Step of the values by the weighted normal equations, and their standard deviations.
 
     Columns have length 1. Steps that follow take back what rounding did.
     """
@@ -119,12 +119,12 @@ def _spread(residual: Floats, scatter: Floats, known: Floats, row_class: Ints) -
     in_deviations = np.abs(residual) / _deviation(scatter, known, row_class)
     found = scatter.copy()
     for c in np.unique(row_class[row_class != KNOWN]):
-        found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[_telling(row_class == c, known)])), floor)
+        found[c] = max(scatter[c] * _MAD * float(np.median(in_deviations[_certain_half(row_class == c, known)])), floor)
     return found
 
 
-def _telling(mine: NDArray[np.bool_], known: Floats) -> NDArray[np.bool_]:
-    """Of the rows of a class the half with less doubt, and all as good: the others say little of its scatter."""
+def _certain_half(mine: NDArray[np.bool_], known: Floats) -> NDArray[np.bool_]:
+    """The half of the rows of a class with less doubt, and all as good: the others say little of its scatter."""
     return np.asarray(mine & (known <= np.median(known[mine])))
 
 
@@ -135,7 +135,7 @@ def _judged(A: Floats, residual: Floats, weight: Floats, row_class: Ints, scatte
     leverage = (whitened @ np.linalg.inv(whitened.T @ whitened) * whitened).sum(axis=1)
     judged = scatter.copy()
     for c in np.unique(row_class[row_class != KNOWN]):
-        mine = _telling(row_class == c, known)
+        mine = _certain_half(row_class == c, known)
         freedom = float(weight[mine].sum() - leverage[mine].sum())
         if freedom > 1.0:
             judged[c] *= max(1e-3, np.sqrt((weight * residual**2 / variance)[mine].sum() / freedom))

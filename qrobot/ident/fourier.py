@@ -45,7 +45,7 @@ class Fourier:
         return cls(centre, _across(sine, order), _across(cosine, order**2), seconds)
 
     def at(self, t: Floats) -> States:
-        """Where it is at times of shape (m,), in seconds from its start."""
+        """Position, velocity and acceleration at times of shape (m,), in seconds from its start."""
         rate = 2.0 * np.pi / self.seconds * np.arange(1.0, self.sine.shape[1] + 1.0)
         sin, cos = np.sin(np.outer(t, rate)), np.cos(np.outer(t, rate))
         return States(
@@ -61,10 +61,10 @@ class Fourier:
 
     @property
     def start(self) -> Floats:
-        """Where it begins and ends. Shape (n,)."""
+        """Position at its begin and its end. Shape (n,)."""
         return np.asarray(self.centre + self.cosine.sum(axis=1))
 
 
 def _across(amplitudes: Floats, order: Floats) -> Floats:
-    """What of the amplitudes (n, harmonics) is orthogonal to `order`."""
+    """Part of the amplitudes (n, harmonics) that is orthogonal to `order`."""
     return np.asarray(amplitudes - np.outer(amplitudes @ order, order) / (order @ order))

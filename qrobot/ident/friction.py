@@ -23,7 +23,7 @@ BELIEVED: Final = 0.02  # v_s over a joint's greatest speed, until slow samples 
 
 
 def friction_columns(rate: Floats, transition: Floats) -> Floats:
-    """What multiplies viscous friction and the two of Coulomb.
+    """Columns of viscous friction and the two of Coulomb.
 
     Args:
         rate: of the motors in joint units, rad/s (m/s). Shape (m, n).
@@ -37,7 +37,7 @@ def friction_columns(rate: Floats, transition: Floats) -> Floats:
 
 
 def remainder_columns(rate: Floats, v_max: Floats) -> Floats:
-    """What multiplies the remainders of Stribeck's excess in either direction.
+    """Columns of the remainders of Stribeck's excess in either direction.
 
     Args:
         rate: of the motors in joint units, rad/s (m/s). Shape (m, n).

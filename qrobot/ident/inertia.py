@@ -36,7 +36,7 @@ HELD_BACK: Final = 3  # every third motion is not fitted at first, but predicted
 
 @dataclass(frozen=True, eq=False)
 class InertialModel:
-    """What was found out about an arm from motion that accelerates.
+    """Inertia of an arm identified from accelerated motion.
 
     Attributes:
         steady: what steady passes told before.
@@ -150,12 +150,12 @@ def _solved(
 ) -> Fit:
     """Everything, with rows and values of what is known `beforehand`: default all that steady passes tell."""
     scale = steady.scale[rows.motor]
-    A = np.column_stack([scale[:, None] * rows.columns, steady.unknowns.rubs(rows.motor, rows.rate)])
+    A = np.column_stack([scale[:, None] * rows.columns, steady.unknowns.friction_jacobian(rows.motor, rows.rate)])
     known, target = beforehand or _known_rows(steady, base)
     row_class = np.concatenate([rows.motor, np.full(len(target), KNOWN)])
     doubt = np.concatenate([rows.doubt, np.ones(len(target))])
     names = [description.name for description in _descriptions(steady.robot, regressor, base)]
-    apart = scale * rows.rotors + _sticks(steady, rows)
+    apart = scale * rows.rotors + _stribeck_torque(steady, rows)
     b = np.concatenate([rows.torque - apart, target])
     return fit_linear(np.vstack([A, known]), b, row_class, names, doubt)
 
@@ -184,7 +184,7 @@ def _known_rows(steady: Identified, base: BaseParameters, gravity_only: bool = F
 
 
 def _gravity_of(gravity: BaseParameters, whole: BaseParameters) -> Floats:
-    """What the base parameters of gravity are of all base parameters: the same combinations of links. Shape (g, b)."""
+    """Base parameters of gravity out of all base parameters: the same combinations of links. Shape (g, b)."""
     links = len(whole.names) // len(PER_LINK)
     K = np.zeros((len(gravity.leading), links, len(PER_LINK)))
     K[:, :, :OF_GRAVITY] = gravity.K.reshape(-1, links, OF_GRAVITY)
@@ -201,15 +201,17 @@ def _beta(robot: Robot, base: BaseParameters, regressor: Regressor, links: Links
 
 
 def _error(steady: Identified, rows: MotionRows, beta: Floats, friction: Floats) -> Floats:
-    """Of the torque predicted for rows, by motor. Shape (n,)."""
+    """Rms error of the predicted torque over rows, by motor. Shape (n,)."""
     moved = steady.scale[rows.motor] * (rows.columns @ beta + rows.rotors)
-    predicted = moved + steady.unknowns.rubs(rows.motor, rows.rate) @ friction + _sticks(steady, rows)
+    predicted = (
+        moved + steady.unknowns.friction_jacobian(rows.motor, rows.rate) @ friction + _stribeck_torque(steady, rows)
+    )
     return rms_by_motor(rows.torque - predicted, rows.motor, steady.robot.n)
 
 
-def _sticks(steady: Identified, rows: MotionRows) -> Floats:
-    """What of the torque is Stribeck's, as steady passes tell it. Shape (m,)."""
-    return steady.unknowns.sticks(rows.motor, rows.rate, steady.unknowns.parts(steady.fit.values).remainder)
+def _stribeck_torque(steady: Identified, rows: MotionRows) -> Floats:
+    """Torque of Stribeck's excess, as steady passes tell it. Shape (m,)."""
+    return steady.unknowns.stribeck_torque(rows.motor, rows.rate, steady.unknowns.parts(steady.fit.values).remainder)
 
 
 def _descriptions(robot: Robot, regressor: Regressor, base: BaseParameters) -> Iterator[Description]:

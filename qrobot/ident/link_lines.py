@@ -45,7 +45,7 @@ class Skeleton:
         return [pieces[0], *inner, pieces[-1]]
 
     def _corners(self, q: Floats) -> list[Floats]:
-        """Where the lines begin, bend and end. Shapes (m, 3)."""
+        """Begin, bend and end of the lines. Shapes (m, 3)."""
         robot, geometry, at = self._robot, self._robot.geometry, np.zeros((len(q), 3))
         x, y, z = (np.broadcast_to(axis, at.shape) for axis in np.eye(3))
         corners = [at - geometry.base_height_m * z, at]
@@ -61,6 +61,6 @@ class Skeleton:
 
 
 def _shares(length: float) -> Floats:
-    """Of the way from end to end, of points so many as a line of that length needs; one where it has none."""
+    """Shares of the way from end to end, as many points as a line of that length needs; one where it has none."""
     count = 1 + int(np.ceil(length / SPACING_M))
     return np.linspace(0.0, 1.0, count)[:, None] if count > 1 else np.zeros((1, 1))

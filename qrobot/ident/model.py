@@ -50,7 +50,7 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was found out about an arm.
+    """Model of an arm identified from steady passes.
 
     Attributes:
         unknowns: what was sought, in the order of the fit.
@@ -75,12 +75,12 @@ class Identified:
 
     @property
     def base(self) -> BaseParameters:
-        """What of gravity can be told."""
+        """Base parameters of gravity."""
         return self.unknowns.base
 
     @property
     def regressor(self) -> Regressor:
-        """Of the robot's gravity."""
+        """Regressor of the robot's gravity."""
         return self.unknowns.regressor
 
     @property
@@ -113,19 +113,21 @@ class Identified:
         terms, seen, n = self.unknowns.terms, self.observations, self.robot.n
         if terms is None:
             return {}
-        beyond, values = self.unknowns.beyond(seen), self.unknowns.parts(self.fit.values).terms
+        of_terms, values = self.unknowns.term_columns(seen), self.unknowns.parts(self.fit.values).terms
         coulomb = np.abs(self.friction[:, 1:]).mean(axis=1)
         found: dict[str, dict[FrictionTermKind, float]] = {}
         for number, (motor, kind, _) in enumerate(terms.sought):
             own = terms.owner == number
-            size = float(rms_by_motor(beyond[:, own] @ values[own], seen.motor, n)[motor] / max(coulomb[motor], 1e-12))
+            size = float(
+                rms_by_motor(of_terms[:, own] @ values[own], seen.motor, n)[motor] / max(coulomb[motor], 1e-12)
+            )
             if size > VARIES:
                 found.setdefault(self.robot.joint_names[motor], {})[kind] = size
         return found
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What whoever uses the result should know of it."""
+        """Warnings for whoever uses the result."""
         said = []
         if self.sticking:
             tells = "`record --slow` and `identify friction` tell more"
@@ -251,7 +253,7 @@ def _free(unknowns: Unknowns, observations: Observations, load_kg: float | None)
 
 
 def _load_told(observations: Observations, load_kg: float | None) -> BaseParameters | None:
-    """What of the load can be told from the passes that carried it; none when none did.
+    """Load parameters that the passes which carried it determine; none when none did.
 
     Raises:
         IdentificationError: a load was weighed, but its mass cannot be told from its first moments.

@@ -1,4 +1,4 @@
-"""From a log of fast motion to equations: means over short windows (`window`).
+"""Equations of fast motion out of a log: means over short windows (`window`).
 
 Measured positions are used, not the servo's references: an arm with unknown friction does not quite follow. A motor is
 left out of a window in which it is ever so slow that its friction is another.

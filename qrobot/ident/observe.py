@@ -1,4 +1,4 @@
-"""From a log to observations: the mean torque of every motor while it turned steadily.
+"""Observations out of a log: the mean torque of every motor while it turned steadily.
 
 At constant speed hardly anything accelerates: what a motor gives is gravity and friction, and a little inertial torque
 that the robot file knows well enough; an observation is told how much of it is in doubt. A motor is left out where it
@@ -20,7 +20,7 @@ from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import OF_GRAVITY, Regressor
-from qrobot.ident.window import Weights, looks_at, window_weights
+from qrobot.ident.window import Weights, subsample, window_weights
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
@@ -35,7 +35,7 @@ SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceler
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
 HARMONICS: Final = 12  # of a turn in joint units; those beyond are averaged away by most passes
-LOOKS: Final = 9  # at the inertial torque along a pass
+SUBSAMPLES: Final = 9  # at the inertial torque along a pass
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Observations:
         time_s: middle of the pass, from the first row of the first log. Shape (m,).
         q: mean position of the joints, rad (m). Shape (m, n).
         gravity: what multiplies the base parameters. Shape (m, b).
-        gravity_parts: that mean's parts along the pass, whose sum it is nearly. Shape (m, LOOKS, b).
+        gravity_parts: that mean's parts along the pass, whose sum it is nearly. Shape (m, SUBSAMPLES, b).
         load: what multiplies mass and first moment of a load on the last link. Shape (m, 4).
         loaded: whether it was carried. Shape (m,).
         rate: mean speed, rad/s (m/s). Shape (m,).
@@ -86,7 +86,7 @@ class Observations:
         return Observations(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def followed_by(self, others: Observations) -> Observations:
-        """These passes, then others of the same arm, whose time goes on where these end."""
+        """Join these passes and others of the same arm, whose time goes on where these end."""
         passed, time_s = 1 + self.passed.max(initial=-1), self.time_s.max(initial=0.0)
         later = replace(others, passed=others.passed + passed, time_s=others.time_s + time_s)
         parts = ((getattr(self, field.name), getattr(later, field.name)) for field in fields(self))
@@ -152,7 +152,7 @@ class Observer:
         turning = np.flatnonzero(np.abs(rows["v_ref"] @ transmission.coupling.T).min(axis=0) > self._slowest)
         q = 0.5 * (rows["q"][1:] + rows["q"][:-1])  # a torque acts from its own cycle's position to the next one's
         window = window_weights(len(q), period_s)
-        looks = looks_at(window, 1 + len(q) // EVERY)
+        looks = subsample(window, 1 + len(q) // EVERY)
         Y = self._to_motor @ np.tensordot(looks.share, self._regressor(q[looks.at]), 1)
         given = window.value @ (rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm
         v = window.slope @ q
@@ -174,16 +174,16 @@ class Observer:
         )
 
     def _parts(self, q: Floats, window: Weights) -> Floats:
-        """Of the mean over positions of shape (r, n) of what multiplies the base parameters. Shape (LOOKS, n, b)."""
-        looks = looks_at(window, LOOKS)
+        """Means of the base parameters' columns over positions of shape (r, n). Shape (SUBSAMPLES, n, b)."""
+        looks = subsample(window, SUBSAMPLES)
         return np.asarray(
             looks.share[:, None, None] * self._base.columns(self._to_motor @ self._regressor(q[looks.at]))
         )
 
     def _inertial(self, q: Floats, v: Floats, window: Weights) -> Floats:
         """Mean torque beside gravity of moving at `v` (n,) through positions of shape (r, n)."""
-        n, looks = v.size, looks_at(window, LOOKS)
-        a, tau, work = window.curvature @ q, np.zeros((LOOKS, n)), dynamics_work(n)
+        n, looks = v.size, subsample(window, SUBSAMPLES)
+        a, tau, work = window.curvature @ q, np.zeros((SUBSAMPLES, n)), dynamics_work(n)
         for at, torque in zip(q[looks.at], tau, strict=True):
             inverse_dynamics(at, v, a, self._params, work, torque)
         return np.asarray(looks.share @ tau)
@@ -192,7 +192,7 @@ class Observer:
 def none_of(n: int, n_base: int) -> Observations:
     """No observations, of an arm with so many joints and base parameters."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, LOOKS, n_base)), np.zeros((0, OF_GRAVITY))
+    columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, SUBSAMPLES, n_base)), np.zeros((0, OF_GRAVITY))
     waves = np.zeros((0, 2 * HARMONICS))
     return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, waves, nothing, nothing)
 

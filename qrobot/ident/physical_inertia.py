@@ -51,7 +51,7 @@ def nearest_bodies(robot: Robot, base: BaseParameters, beta: Floats, covariance:
 
 
 def _file(robot: Robot) -> Floats:
-    """What the robot file says of each link. Shape (n, 7)."""
+    """Inertial parameters of each link in the robot file. Shape (n, 7)."""
     links = robot.links
     second = 0.5 * links.inertia.sum(axis=1, keepdims=True) - links.inertia
     mass = np.maximum(links.mass, LEAST_KG)[:, None]

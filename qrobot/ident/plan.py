@@ -1,4 +1,4 @@
-"""What the arm shall do to be identified: swings through chosen poses, and sweeps of each joint at several speeds.
+"""Motions that identify the arm: swings through chosen poses, and sweeps of each joint at several speeds.
 
 A swing goes through its centre at constant speed, forwards and back. Poses are chosen for information: of many random
 ones that set for which the determinant of the information matrix of the base parameters is largest (D-optimal), by
@@ -39,7 +39,7 @@ _EXCHANGES: Final = 20
 
 @dataclass(frozen=True, eq=False)
 class Swing:
-    """From `centre - half` to `centre + half` and back, each in `seconds` and at constant speed.
+    """Motion from `centre - half` to `centre + half` and back, each in `seconds` and at constant speed.
 
     Attributes:
         name: for people.
@@ -57,12 +57,12 @@ class Swing:
 
     @property
     def low(self) -> Floats:
-        """Where it begins and ends. Shape (n,)."""
+        """Position at its begin and its end. Shape (n,)."""
         return self.centre - self.half
 
     @property
     def high(self) -> Floats:
-        """Where it turns. Shape (n,)."""
+        """Position at which it turns. Shape (n,)."""
         return self.centre + self.half
 
 
@@ -84,7 +84,7 @@ class ExcitationPlan:
 
     @property
     def moves(self) -> tuple[Swing, ...]:
-        """What is made one after the other."""
+        """Moves in the order in which they are made."""
         return self.swings
 
     def to_dict(self) -> dict[str, Any]:

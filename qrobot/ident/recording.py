@@ -45,7 +45,7 @@ def check_recording(robot: Robot, rows: Rows, period_s: float) -> None:
 
 
 def limited(rows: Rows) -> Bools:
-    """Where the torque of a joint was at its limit. Shape (r, n)."""
+    """True where the torque of a joint was at its limit. Shape (r, n)."""
     dac = rows["dac"]
     at_end = (dac <= DAC_MARGIN) | (dac >= 2 * DAC_ZERO - 1 - DAC_MARGIN)
     said = rows["flags"][:, None] >> (_LIMITED_BIT + np.arange(dac.shape[1])) & 1

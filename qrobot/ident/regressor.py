@@ -32,7 +32,7 @@ _NO_INERTIA: Final = casadi.SX(3, 3)
 
 @dataclass(frozen=True)
 class Regressor:
-    """What multiplies the parameters of the links.
+    """Matrix that multiplies the parameters of the links.
 
     Attributes:
         names: of the parameters, as `m1`, `hx1` ...: kg, kg m, kg m2.
@@ -61,12 +61,12 @@ def fill_rows(address: int, q: Floats, v: Floats, a: Floats, rows: Floats) -> No
 
 
 def gravity_regressor(robot: Robot) -> Regressor:
-    """Of the torques that hold the arm: mass and first moment of each link."""
+    """Make the regressor of the torques that hold the arm: mass and first moment of each link."""
     return _regressor(robot, OF_GRAVITY)
 
 
 def inertial_regressor(robot: Robot) -> Regressor:
-    """Of all torques but those of the rotors, which the robot file knows: ten parameters for each link."""
+    """Make the regressor of all torques but the rotors', which the robot file knows: ten parameters for each link."""
     return _regressor(robot, len(PER_LINK))
 
 

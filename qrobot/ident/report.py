@@ -83,8 +83,8 @@ def predicted_by(model: IdentifiedModel, found: Identified) -> Floats:
     beta = found.base.K @ known_parameters(robot.model_copy(update={"links": links}), found.regressor)
     friction = np.column_stack([getattr(model.friction, name) for name in FRICTION_NAMES])
     scale = np.ones(robot.n) if model.drives is None else model.drives.torque_scale
-    rubs = unknowns.rubs(seen.motor, seen.rate) @ friction.ravel()
-    rubs += unknowns.sticks(seen.motor, seen.rate, _remainder(model, robot))
+    rubs = unknowns.friction_jacobian(seen.motor, seen.rate) @ friction.ravel()
+    rubs += unknowns.stribeck_torque(seen.motor, seen.rate, _remainder(model, robot))
     return np.asarray(scale[seen.motor] * (seen.gravity @ beta) + rubs)
 
 

@@ -1,4 +1,4 @@
-"""From what was identified to the file that the servo loads."""
+"""Writer of the model file that the servo loads, out of an identified model."""
 
 from __future__ import annotations
 

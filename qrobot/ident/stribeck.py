@@ -35,7 +35,7 @@ _MAD: Final = 1.4826
 
 @dataclass(frozen=True, eq=False)
 class StribeckFit:
-    """What was found; half widths are those of 95 % intervals.
+    """Fitted friction near standstill; half widths are those of 95 % intervals.
 
     Attributes:
         linear, linear_half_width: of the columns given. Shape (p,).
@@ -73,7 +73,7 @@ class FrictionSamples:
     torque: Floats
 
     def columns(self, x: Floats) -> Floats:
-        """What multiplies the linear values at v_s = exp(x). Shape (m, p + 5 n)."""
+        """Columns of the linear values at v_s = exp(x). Shape (m, p + 5 n)."""
         share, direction = self._share(x), self._directions()
         own = np.column_stack([self.rate, direction, direction * share[:, None]])
         spread = np.zeros((len(own), x.size, _PER_MOTOR))
@@ -88,7 +88,7 @@ class FrictionSamples:
         return np.where(self.motor[:, None] == np.arange(x.size), by_own[:, None], 0.0)
 
     def _share(self, x: Floats) -> Floats:
-        """Of the excess that is there at each sample's speed. Shape (m,)."""
+        """Share of the excess that is there at each sample's speed. Shape (m,)."""
         speed = np.exp(np.clip(x, -_FADED, _FADED))
         return np.asarray(1.0 / (1.0 + (self.rate / speed[self.motor]) ** 2))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from qrobot.ident.fit import Fit
 from qrobot.ident.observe import Observations
 from qrobot.ident.terms import KINDS, FrictionTermKind, Term, Terms
 from qrobot.ident.unknowns import Unknowns
+from qrobot.ident.whitened import WhitenedFit, unexplained
 
 CHANCE: Final = 0.01  # of a false alarm in a whole recording, all motors and kinds together [A]
 SMALLEST: Final = 0.002  # of Coulomb friction, rms: less changes no interval that anybody looks at [A]
@@ -34,19 +35,6 @@ _NOTHING: Final = 1e-6  # of the longest column
 _SMALLEST_DEVIATION: Final = 1e-6
 
 
-class Left(NamedTuple):
-    """What a fit leaves, in deviations, its orthonormal columns (m, p), and the inverse of the deviations (m,)."""
-
-    residual: Floats
-    fitted: Floats
-    inverse: Floats
-
-    def with_columns(self, columns: Floats) -> Left:
-        """What is left once orthonormal columns beside the fitted ones are explained too."""
-        residual = self.residual - columns @ (columns.T @ self.residual)
-        return Left(residual, np.column_stack([self.fitted, columns]), self.inverse)
-
-
 def terms_seen(unknowns: Unknowns, fit: Fit, seen: Observations) -> Terms | None:
     """The terms of friction that the residuals of a fit without any show, with their deviations; none if none."""
     motors = np.unique(seen.motor).tolist()
@@ -57,7 +45,7 @@ def terms_seen(unknowns: Unknowns, fit: Fit, seen: Observations) -> Terms | None
 
 
 def _kinds_seen(unknowns: Unknowns, fit: Fit, seen: Observations, motor: int) -> list[FrictionTermKind]:
-    """Of one motor: the kind that explains most with each of its columns first, then what shows beside it."""
+    """Kinds of friction that one motor shows: first the one that explains most with each of its columns."""
     chosen: list[FrictionTermKind] = ["speed"] if _bends(unknowns, fit, motor) else []
     left = _left(unknowns, fit, seen)
     for kind in chosen:
@@ -82,7 +70,8 @@ def _bends(unknowns: Unknowns, fit: Fit, motor: int) -> bool:
 
 
 def terms_of(unknowns: Unknowns, fit: Fit, seen: Observations, sought: Sequence[tuple[int, FrictionTermKind]]) -> Terms:
-    """These terms, whether they show or not, with the deviations that the residuals of a fit without any give them."""
+    """The terms sought, whether they show or not, with the deviations that the residuals of a fit without any give
+    them."""
     terms, left = _terms(unknowns, fit, sought), _left(unknowns, fit, seen)
     found = _deviations(seen, left, _of_terms(unknowns, seen, left, terms), terms.owner)
     least = [BEND_DOUBT if term.kind == "speed" else 0.0 for term in terms.sought]
@@ -96,7 +85,7 @@ def _terms(unknowns: Unknowns, fit: Fit, sought: Sequence[tuple[int, FrictionTer
     return Terms(tuple(Term(motor, kind, 1.0) for motor, kind in sought), parts.weights, np.abs(parts.friction[:, 1:]))
 
 
-def _left(unknowns: Unknowns, fit: Fit, seen: Observations) -> Left:
+def _left(unknowns: Unknowns, fit: Fit, seen: Observations) -> WhitenedFit:
     """Observations first, then what is known beforehand, as rows of the same system."""
     inverse = np.sqrt(fit.weight[: len(seen)]) / np.hypot(fit.scatter[seen.motor], seen.doubt)
     doubt = unknowns.doubt()
@@ -105,17 +94,17 @@ def _left(unknowns: Unknowns, fit: Fit, seen: Observations) -> Left:
     fitted, _ = np.linalg.qr(rows)
     beforehand = (unknowns.start() - fit.values)[known] / doubt[known]
     residual = np.concatenate([(seen.torque - unknowns.predict(fit.values, seen)) * inverse, beforehand])
-    return Left(_beside(fitted, residual), fitted, inverse)
+    return WhitenedFit(unexplained(fitted, residual), fitted, inverse)
 
 
-def _of_terms(unknowns: Unknowns, seen: Observations, left: Left, terms: Terms) -> Floats:
-    """What of the columns of terms is not explained yet. Shape (m + known, c)."""
+def _of_terms(unknowns: Unknowns, seen: Observations, left: WhitenedFit, terms: Terms) -> Floats:
+    """Part of the columns of terms that is not explained yet. Shape (m + known, c)."""
     own = terms.columns(unknowns.robot, seen, unknowns.weights(seen)) * left.inverse[:, None]
-    return _beside(left.fitted, np.vstack([own, np.zeros((len(left.residual) - len(seen), own.shape[1]))]))
+    return unexplained(left.fitted, np.vstack([own, np.zeros((len(left.residual) - len(seen), own.shape[1]))]))
 
 
 def _whitened(
-    unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: FrictionTermKind
+    unknowns: Unknowns, fit: Fit, seen: Observations, left: WhitenedFit, motor: int, kind: FrictionTermKind
 ) -> Floats:
     """Orthonormal columns of one term beside what is explained already. Shape (m + known, c)."""
     terms = _terms(unknowns, fit, [(motor, kind)])
@@ -123,7 +112,9 @@ def _whitened(
     return np.asarray(directions[:, sizes > _NOTHING * max(float(sizes[0]), 1e-9)])
 
 
-def _gain(unknowns: Unknowns, fit: Fit, seen: Observations, left: Left, motor: int, kind: FrictionTermKind) -> float:
+def _gain(
+    unknowns: Unknowns, fit: Fit, seen: Observations, left: WhitenedFit, motor: int, kind: FrictionTermKind
+) -> float:
     """Squares that a term explains with each of its columns; 0 where chance does as much, or it is not worth a word."""
     mine = seen.motor == motor
     if mine.sum() < FEWEST:
@@ -152,8 +143,9 @@ def _chance(directions: Floats, residual: Floats, seen: Observations) -> float:
     return float((1.0 + int(np.count_nonzero(by_chance >= as_it_is))) / (1.0 + _DRAWS))
 
 
-def _deviations(seen: Observations, left: Left, columns: Floats, owner: Ints) -> Floats:
-    """Of the coefficients of each term, with the scatter of each motor beside them; what is known keeps its own."""
+def _deviations(seen: Observations, left: WhitenedFit, columns: Floats, owner: Ints) -> Floats:
+    """Deviation of the coefficients of each term, with the scatter of each motor beside them; known rows keep their
+    own."""
     r, many, m = left.residual, np.bincount(owner), len(seen)
     longest = max(float(np.sqrt(np.mean(columns[:m] ** 2))), 1e-12)
     deviation = np.full(len(many), float(np.sqrt(np.mean(r[:m] ** 2))) / longest)
@@ -168,8 +160,3 @@ def _deviations(seen: Observations, left: Left, columns: Floats, owner: Ints) ->
         per_motor = np.bincount(seen.motor, rest) / np.maximum(np.bincount(seen.motor), 1)
         scatter[:-1] = np.sqrt(np.maximum(per_motor, 1e-6))
     return deviation
-
-
-def _beside(fitted: Floats, columns: Floats) -> Floats:
-    """What of columns (m, ...) the orthonormal columns `fitted` (m, p) cannot explain."""
-    return np.asarray(columns - fitted @ (fitted.T @ columns))

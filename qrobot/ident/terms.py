@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.ident.observe import HARMONICS, LOOKS, Observations
+from qrobot.ident.observe import HARMONICS, SUBSAMPLES, Observations
 
 FrictionTermKind = Literal["position", "speed", "load"]
 KINDS: Final[tuple[FrictionTermKind, ...]] = get_args(FrictionTermKind)
@@ -64,7 +64,7 @@ class Terms:
 
     @property
     def deviation(self) -> Floats:
-        """Of each coefficient. Shape (c,)."""
+        """Deviation of each coefficient. Shape (c,)."""
         return np.concatenate([np.full(len(_NAMES[term.kind]), term.deviation) for term in self.sought])
 
     @property
@@ -73,14 +73,14 @@ class Terms:
         return np.repeat(np.arange(len(self.sought)), [len(_NAMES[term.kind]) for term in self.sought])
 
     def columns(self, robot: Robot, observations: Observations, weights: Floats) -> Floats:
-        """What multiplies the coefficients; `weights` (m, n_weights) multiplies `beta`. Shape (m, c)."""
+        """Columns of the coefficients; `weights` (m, n_weights) multiplies `beta`. Shape (m, c)."""
         borne = self._borne(observations, weights)
         return np.column_stack([self._columns(robot, term, observations, borne) for term in self.sought])
 
     def _borne(self, observations: Observations, weights: Floats) -> Floats:
         """Mean size of gravity's torque along each pass, in which it may change its sign. Shape (m,)."""
         b = observations.gravity.shape[1]
-        hand = weights[:, b:] @ self.beta[b:] / LOOKS
+        hand = weights[:, b:] @ self.beta[b:] / SUBSAMPLES
         return np.asarray(np.abs(observations.gravity_parts @ self.beta[:b] + hand[:, None]).sum(axis=1))
 
     def names(self, robot: Robot) -> Iterator[tuple[str, str, str]]:
@@ -91,7 +91,7 @@ class Terms:
                 yield f"{joint}.{name}", f"share of {of} by which friction of motor {joint} varies with {kind}", ""
 
     def _columns(self, robot: Robot, term: Term, observations: Observations, borne: Floats) -> Floats:
-        """Of one term; nothing in the rows of other motors. Shape (m, ...)."""
+        """Columns of one term; zero in the rows of other motors. Shape (m, ...)."""
         mine = (observations.motor == term.motor) * np.sign(observations.rate)
         if term.kind == "load":
             return np.asarray((mine * borne)[:, None])

@@ -1,4 +1,4 @@
-"""What an identification seeks, and in which order its fit has it.
+"""Unknowns of an identification, and their order in its fit.
 
 Motor i has to be commanded u_i = s_i (Y_i beta) + friction_i, in torque as the robot file's `dac_per_Nm` commands it:
 
@@ -62,7 +62,7 @@ class Parts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What is sought of an arm.
+    """Unknown parameters of an arm.
 
     Attributes:
         robot: the robot file before.
@@ -84,26 +84,26 @@ class Unknowns:
 
     @property
     def n_terms(self) -> int:
-        """How many coefficients the terms have."""
+        """Number of coefficients of the terms."""
         return 0 if self.terms is None else len(self.terms.deviation)
 
     @property
     def n_weights(self) -> int:
-        """How many base parameters there are, those of a load included."""
+        """Number of base parameters, those of a load included."""
         return len(self.base.leading) + (len(self.load.leading) if self.load else 0)
 
     @property
     def n_friction(self) -> int:
-        """How many parameters friction has."""
+        """Number of parameters of friction."""
         return self.robot.n * len(FRICTION_NAMES)
 
     @property
     def names(self) -> list[str]:
-        """Of everything, for complaints."""
+        """Names of all unknowns, for complaints."""
         return [description.name for description in self.descriptions()]
 
     def parts(self, values: Floats) -> Parts:
-        """What values (p,) there are of each kind; friction (n, 3), remainder (n, 2) and drift (n,) by motor."""
+        """Values (p,) by their kind; friction (n, 3), remainder (n, 2) and drift (n,) by motor."""
         n = self.robot.n
         sizes = self.n_weights, self.n_friction, len(self.free), n * len(REMAINDER_NAMES), n
         weights, friction, scales, remainder, drift, terms = np.split(values, np.cumsum(sizes))
@@ -116,14 +116,14 @@ class Unknowns:
         return scale
 
     def weights(self, observations: Observations) -> Floats:
-        """What multiplies the base parameters of arm and load. Shape (m, n_weights)."""
+        """Columns of the base parameters of arm and load. Shape (m, n_weights)."""
         if self.load is None:
             return observations.gravity
         carried = observations.load[:, list(self.load.leading)] * observations.loaded[:, None]
         return np.column_stack([observations.gravity, carried])
 
-    def rubs(self, motor: Ints, rate: Floats) -> Floats:
-        """What multiplies the friction of motors (m,) at speeds (m,). Shape (m, n_friction)."""
+    def friction_jacobian(self, motor: Ints, rate: Floats) -> Floats:
+        """Columns of the friction of motors (m,) at speeds (m,). Shape (m, n_friction)."""
         columns = friction_columns(self._own(motor, rate), self.robot.control.friction_velocity)
         return columns.reshape(len(motor), self.n_friction)
 
@@ -146,19 +146,19 @@ class Unknowns:
         """Commanded torque of each observation, motor side. Shape (m,)."""
         weight = self.weights(observations) @ self.parts(values).weights
         changed = self._changed(values, observations)
-        beyond = self.beyond(observations) @ self.parts(values).terms
+        of_terms = self.term_columns(observations) @ self.parts(values).terms
         return np.asarray(
-            self.scale(values)[observations.motor] * weight + changed * self._friction(values, observations) + beyond
+            self.scale(values)[observations.motor] * weight + changed * self._friction(values, observations) + of_terms
         )
 
-    def beyond(self, observations: Observations) -> Floats:
-        """What multiplies the coefficients of the terms. Shape (m, n_terms)."""
+    def term_columns(self, observations: Observations) -> Floats:
+        """Columns of the coefficients of the terms. Shape (m, n_terms)."""
         if self.terms is None:
             return np.zeros((len(observations), 0))
         return self.terms.columns(self.robot, observations, self.weights(observations))
 
-    def sticks(self, motor: Ints, rate: Floats, remainder: Floats) -> Floats:
-        """What motors (m,) with Stribeck's remainders (n, 2) rub more at speeds (m,). Shape (m,)."""
+    def stribeck_torque(self, motor: Ints, rate: Floats, remainder: Floats) -> Floats:
+        """Torque that Stribeck's remainders (n, 2) add to motors (m,) at speeds (m,). Shape (m,)."""
         return np.asarray(self._remainders(motor, rate) @ remainder.ravel())
 
     def jacobian(self, values: Floats, observations: Observations) -> Floats:
@@ -171,20 +171,20 @@ class Unknowns:
         return np.column_stack(
             [
                 scaled,
-                changed * self.rubs(motor, rate),
+                changed * self.friction_jacobian(motor, rate),
                 by_scale,
                 changed * self._remainders(motor, rate),
                 by_drift,
-                self.beyond(observations),
+                self.term_columns(observations),
             ]
         )
 
     def before(self) -> Floats:
-        """What the robot file says of each, and nothing of a load. Shape (p,)."""
+        """Values of the robot file, and zero for a load. Shape (p,)."""
         return np.array([description.before for description in self.descriptions()])
 
     def descriptions(self) -> Iterator[Description]:
-        """Of each unknown in turn."""
+        """Descriptions of the unknowns in turn."""
         yield from of_base(self.base, self.base.K @ known_parameters(self.robot, self.regressor))
         if self.load is not None:
             yield from of_base(self.load, np.zeros(len(self.load.leading)))
@@ -199,9 +199,10 @@ class Unknowns:
             yield Description(name, meaning, unit, 0.0)
 
     def _friction(self, values: Floats, observations: Observations) -> Floats:
-        """Of each observation, as it is in the middle of the recording. Shape (m,)."""
+        """Friction of each observation, as it is in the middle of the recording. Shape (m,)."""
         motor, rate, parts = observations.motor, observations.rate, self.parts(values)
-        return np.asarray(self.rubs(motor, rate) @ parts.friction.ravel() + self.sticks(motor, rate, parts.remainder))
+        steady = self.friction_jacobian(motor, rate) @ parts.friction.ravel()
+        return np.asarray(steady + self.stribeck_torque(motor, rate, parts.remainder))
 
     def _changed(self, values: Floats, observations: Observations) -> Floats:
         """Friction at the time of each observation over that in the middle. Shape (m,)."""
@@ -212,7 +213,7 @@ class Unknowns:
         return observations.time_s / self.seconds - 0.5
 
     def _remainders(self, motor: Ints, rate: Floats) -> Floats:
-        """What multiplies the remainders. Shape (m, n_remainder)."""
+        """Columns of the remainders. Shape (m, n_remainder)."""
         columns = remainder_columns(self._own(motor, rate), self.robot.limits.v_max)
         return columns.reshape(len(motor), self.robot.n * len(REMAINDER_NAMES))
 
@@ -224,14 +225,14 @@ class Unknowns:
 
 
 def of_base(base: BaseParameters, before: Floats) -> Iterator[Description]:
-    """Of base parameters, of which the robot file says `before` (b,)."""
+    """Descriptions of base parameters, of which the robot file says `before` (b,)."""
     for index, (name, value) in enumerate(zip(base.leaders, before.tolist(), strict=True)):
         symbol = name.rpartition(".")[2][0]
         yield Description(name, base.combination(index), _UNITS[symbol], value)
 
 
 def of_friction(robot: Robot) -> Iterator[Description]:
-    """Of the friction of all motors."""
+    """Descriptions of the friction of all motors."""
     preset = robot.friction[robot.control.friction_preset]
     for motor, (joint, slides) in enumerate(zip(robot.joint_names, robot.prismatic, strict=True)):
         force, speed = ("N", "m/s") if slides else ("N m", "rad/s")
@@ -242,7 +243,7 @@ def of_friction(robot: Robot) -> Iterator[Description]:
 
 
 def _of_remainders(robot: Robot) -> Iterator[Description]:
-    """Of what is left of Stribeck's excess at one speed."""
+    """Descriptions of the remainders of Stribeck's excess at one speed."""
     for joint, slides in zip(robot.joint_names, robot.prismatic, strict=True):
         for symbol in REMAINDER_NAMES:
             meaning = f"what friction of motor {joint} has more at {100 * REMAINDER_SPEED:.0f} % of its greatest speed"

@@ -112,7 +112,7 @@ class _Search:
         return change, float(change @ pull) / max(at.cost, 1e-300)
 
     def covariance(self, at: _Point) -> Floats:
-        """Of c and x together, rows having unit deviation. Shape (p + k, p + k)."""
+        """Covariance of c and x together, for rows with unit deviation. Shape (p + k, p + k)."""
         J = np.column_stack([at.A, self._slope(at)])
         information = J.T @ J
         k = at.x.size

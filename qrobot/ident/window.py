@@ -16,14 +16,14 @@ from qrobot.arrays import Floats, Ints
 
 
 class Weights(NamedTuple):
-    """Of the samples of a window, for means of value, slope and curvature. Each of shape (samples,)."""
+    """Weights of the samples of a window, for means of value, slope and curvature. Each of shape (samples,)."""
 
     value: Floats
     slope: Floats
     curvature: Floats
 
 
-class Looks(NamedTuple):
+class Subsample(NamedTuple):
     """Some samples of a window, and the share in which each counts in a mean. Both of shape (count,)."""
 
     at: Ints
@@ -31,7 +31,7 @@ class Looks(NamedTuple):
 
 
 def window_weights(samples: int, period_s: float) -> Weights:
-    """Of a window (1 - x^2)^2 and its derivatives; exact for parabolas."""
+    """Weights of a window (1 - x^2)^2 and its derivatives; exact for parabolas."""
     t = period_s * (np.arange(samples) - 0.5 * (samples - 1))
     x = 2.0 * t / (period_s * samples)
     value, slope, curvature = (1.0 - x**2) ** 2, x * (1.0 - x**2), 3.0 * x**2 - 1.0
@@ -39,12 +39,12 @@ def window_weights(samples: int, period_s: float) -> Weights:
     return Weights(value / value.sum(), slope / (slope @ t), 2.0 * curvature / (curvature @ t**2))
 
 
-def looks_at(weights: Weights, count: int) -> Looks:
-    """For means of what costs too much at every sample: the middles of equal parts.
+def subsample(weights: Weights, count: int) -> Subsample:
+    """Subsample a window at the middles of equal parts, for terms too expensive to evaluate at every sample.
 
     Half a cycle off would show as viscous friction.
     """
     samples = len(weights.value)
     at = ((np.arange(count) + 0.5) * samples / count - 0.5).round().astype(np.int64)
     share = weights.value[at]
-    return Looks(at, share / share.sum())
+    return Subsample(at, share / share.sum())

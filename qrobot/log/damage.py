@@ -37,7 +37,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class DamagedPlace:
-    """Somewhere in a file where records could not be read.
+    """A place in a file where records could not be read.
 
     Attributes:
         rows: rows of the file that were read before it.
@@ -62,7 +62,7 @@ def record_at(data: memoryview, at: int) -> Record:
 
 
 def _agrees(opcode: int, body: memoryview) -> bool:
-    """What stands in a record is as long as its frame says."""
+    """True when the contents of a record are as long as its frame says."""
     if opcode == Opcode.CHUNK:
         return _chunk_length(body) == len(body)
     if opcode in _SELF_TELLING:

@@ -1,4 +1,4 @@
-"""What happened in a log besides motion: modes, faults, laws and gains, in the order of time."""
+"""Events of a log besides motion: modes, faults, laws and gains, in the order of time."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def table_columns(log: Log) -> dict[str, NDArray[Any]]:
 
 
 def _suffixes(log: Log, name: str, length: int) -> tuple[str, ...]:
-    """What tells the columns of an array apart, with the unit."""
+    """Suffixes that tell the columns of an array apart, with the unit."""
     if name == "force":
         return tuple(f"{axis}_{'N' if axis.startswith('f') else 'Nm'}" for axis in FORCE_AXES)
     told = log.signal_names if name == "signals" else ()

@@ -71,7 +71,7 @@ class FlightRecorder:
 
     @property
     def _due_ns(self) -> int:
-        """When what follows the newest incident has been seen, and not much later than the first."""
+        """Time at which enough has followed the newest incident, and not much later than the first."""
         first, last = self._waiting[0], self._waiting[-1]
         return min(last.t_ns + AFTER_NS, first.t_ns + LONGEST_NS)
 
@@ -97,7 +97,7 @@ class FlightRecorder:
 
 
 def _rows_since(mailbox: ServoMailbox, t_ns: int) -> Rows:
-    """What the ring still has of the cycles from `t_ns` on."""
+    """Rows that the ring still has of the cycles from `t_ns` on."""
     info = mailbox.info
     reader = TelemetryReader(mailbox.words, info.telemetry_base, info.telemetry_capacity, info.n)
     rows_since = (
@@ -117,7 +117,8 @@ def _laws(mailbox: ServoMailbox) -> list[LawInForce]:
 
 
 def incidents_of(log: Log) -> list[Incident]:
-    """What a flight recorder's log was saved for; nothing for any other. Raises LogError when that is damaged."""
+    """Incidents for which a flight recorder's log was saved; none of any other. Raises LogError when that is
+    damaged."""
     try:
         return [Incident.from_dict(fields) for fields in json.loads(log.attachments.get(ATTACHMENT, b"[]"))]
     except (ValueError, TypeError, KeyError) as error:

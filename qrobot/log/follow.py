@@ -43,7 +43,7 @@ class _Session:
 
 
 def _reader(segment: SharedMemory, info: ServoInfo) -> TelemetryReader:
-    """From the oldest row that will still be there when the log is open."""
+    """A reader from the oldest row on that will still be there when the log is open."""
     reader = TelemetryReader(segment.words, info.telemetry_base, info.telemetry_capacity, info.n)
     most = info.telemetry_capacity - info.telemetry_capacity // LEFT_OUT
     reader.next_row += max(0, reader.waiting - most)
@@ -123,7 +123,7 @@ class ServoFollower:
         self._look_at_ns = 0
 
     def _complain(self, recorder: LogRecorder, now_ns: int) -> None:
-        """At most one line a second about a disk that refuses or rows that were lost."""
+        """Tell of a disk that refuses, or of lost rows, in at most one line a second."""
         status = recorder.status
         trouble = (status.lost, status.disk_errors) != (self._reported.lost, self._reported.disk_errors)
         if trouble and now_ns >= self._report_at_ns:

@@ -1,4 +1,4 @@
-"""What a log says about itself: which arm, which servo, which clock, on what kind of machine."""
+"""Facts at the head of a log: arm, servo, clock, and kind of machine."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class LogStream:
             self._view.log_rows(rows)
 
     def begin_part(self) -> None:
-        """What is logged from now on goes to another file."""
+        """Direct everything logged from now on to another file."""
         if self._view is not None:
             self._view.begin_part()
 

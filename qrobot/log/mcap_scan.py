@@ -51,7 +51,7 @@ _DAMAGE: Final = (McapError, ValueError, KeyError, OverflowError, struct.error, 
 
 @dataclass
 class Contents:
-    """What the records of one file have said so far.
+    """Contents of one file's records, as far as they were read.
 
     Attributes:
         header: None as long as the file has not told whose log it is.

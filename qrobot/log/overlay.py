@@ -79,6 +79,6 @@ def _both(comparison: LogComparison) -> tuple[tuple[str, Log, float, dict[str, A
 
 
 def _limit_time(axes: Axes, comparison: LogComparison) -> None:
-    """From the first tracking cycle to the end of the longer log."""
+    """Show the time from the first tracking cycle to the end of the longer log."""
     a, b = tracking_time(comparison.a), tracking_time(comparison.b) - comparison.shift_s
     axes.set_xlim(0.0, max(a[-1], b[-1]))

@@ -124,7 +124,7 @@ def read_log(path: Path | str) -> Log:
 
 
 def _lost_cycles(parts: Sequence[Contents], rows: Rows, header: LogHeader) -> tuple[LostCycles, ...]:
-    """What each damaged place has cost; nothing is told of one that cost no cycle."""
+    """Cycles that each damaged place has cost; a place that cost none is left out."""
     lost, before = [], 0
     for part in parts:
         lost += [_lost_at(place, before + place.rows, rows, header) for place in part.damage]
@@ -133,7 +133,7 @@ def _lost_cycles(parts: Sequence[Contents], rows: Rows, header: LogHeader) -> tu
 
 
 def _lost_at(place: DamagedPlace, at: int, rows: Rows, header: LogHeader) -> LostCycles:
-    """Between two rows their numbers tell it; before the first and after the last what the damaged chunk says."""
+    """Cycles lost at one place, by the numbers of the rows around it, or by what the damaged chunk says of itself."""
     period_ns, offset_ns = header.period_ns, header.wall_offset_ns
     if 0 < at < rows.size:
         gap = rows[at - 1 : at + 1]
@@ -150,7 +150,7 @@ def _lost_at(place: DamagedPlace, at: int, rows: Rows, header: LogHeader) -> Los
 
 
 def _laws_since(laws: Sequence[LawInForce], tick: int) -> tuple[LawInForce, ...]:
-    """Those of `laws` that were in force in or after cycle number `tick`."""
+    """Laws, out of `laws`, that were in force in or after cycle number `tick`."""
     return tuple(law for k, law in enumerate(laws) if not any(later.tick <= tick for later in laws[k + 1 :]))
 
 

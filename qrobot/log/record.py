@@ -1,4 +1,4 @@
-"""From the telemetry ring to log files: every cycle, or a count of those that were lost.
+"""Recorder of the telemetry ring: every cycle to log files, or a count of those that were lost.
 
 The recorder only reads the ring, so a full or hanging disk never reaches the servo: data wait in memory up to
 `BACKLOG_BYTES`, then in the ring, and what the ring overwrites is counted. Time is an argument.
@@ -39,12 +39,12 @@ class LogRecorder:
 
     @property
     def status(self) -> LogStatus:
-        """How complete the log is."""
+        """Counts of rows written and lost."""
         return self._writer.status
 
     @property
     def last_error(self) -> str:
-        """What the disk said when it last refused; empty when it never did."""
+        """The disk's last error, as text; empty when there was none."""
         return self._writer.last_error
 
     @property

@@ -1,4 +1,4 @@
-"""How complete a log is: a small message that the recorder writes with every flush."""
+"""Completeness of a log: a small message that the recorder writes with every flush."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCHEMA_NAME: Final = "qrobot_msgs/msg/LogStatus"
 
 @dataclass(frozen=True)
 class LogStatus:
-    """How complete a log is, from its beginning up to `t_ns`.
+    """Completeness of a log, from its beginning up to `t_ns`.
 
     Attributes:
         rows: written so far, over all parts.

@@ -1,4 +1,4 @@
-"""How well a run tracked, and how punctual its cycles were."""
+"""Tracking errors of a run, and the punctuality of its cycles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class WakeUp:
 
 @dataclass(frozen=True)
 class TrackingSummary:
-    """What the table of `qrobot demo` shows of one run.
+    """One run's row in the table of `qrobot demo`.
 
     Attributes:
         max_abs_error: per joint, largest |desired - measured| while tracking, rad or m; NaN when it never tracked.
@@ -102,7 +102,7 @@ def _wake_up(late_ns: NDArray[np.int64]) -> WakeUp:
 
 
 def wall_clock(log: Log) -> str:
-    """When the log began, UTC; empty when its time is virtual."""
+    """Begin of the log, UTC; empty when its time is virtual."""
     if not (log.rows.size and log.header.wall_offset_ns):
         return ""
     began_s = (int(log.rows["t_ns"][0]) + log.header.wall_offset_ns) / NS_PER_S

@@ -67,13 +67,13 @@ class LogWriter:
 
     @property
     def status(self) -> LogStatus:
-        """How complete the log is."""
+        """Counts of rows written and lost."""
         errors = self._earlier_errors + self._part.spool.errors
         return LogStatus(self._t_ns, self._rows, self._lost, errors, self.backlog)
 
     @property
     def last_error(self) -> str:
-        """What the disk said when it last refused; empty when it never did."""
+        """The disk's last error, as text; empty when there was none."""
         return self._part.spool.last_error or self._last_error
 
     def append(self, rows: Rows, lost: int = 0) -> None:

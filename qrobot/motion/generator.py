@@ -5,7 +5,7 @@
     while (output := generator.update(tick)).moving:
         tick += 1
 
-A request becomes a segment between two corners of the path, straight in the coordinates of its chart (chart.py). When
+A request becomes a segment between two corners of the path, straight in the motion coordinates (coordinates.py). When
 another request follows in time, the path turns round the corner in a transition and never reaches it; otherwise the arm
 comes to rest there, relative to the goal when the goal moves, and stays with it. Position, velocity and acceleration of
 the setpoints are continuous whatever happens. On joint paths they are planned within the limits; of other setpoints,

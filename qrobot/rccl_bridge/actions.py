@@ -1,4 +1,4 @@
-"""What a session wants done. Sessions decide, `carry_out` does it, for the server and for lock-step alike."""
+"""Actions that a session decides; `carry_out` performs them, for the server and for lock-step alike."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ Action: TypeAlias = SendBytes | Forward | BareRequest | StopArm | Close
 
 @dataclass(frozen=True, slots=True)
 class SessionOutcome:
-    """What is left for the owner of the connection: bytes to write, then, unless `closed` is "", to close it."""
+    """Rest for the owner of the connection: bytes to write, then, unless `closed` is "", to close it."""
 
     data: bytes
     closed: str

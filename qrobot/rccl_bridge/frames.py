@@ -1,4 +1,4 @@
-"""From a client's COMMANDs to frames for the servo: streams get lasting numbers, requests become edges."""
+"""Frames for the servo, out of a client's COMMANDs: streams get lasting numbers, requests become edges."""
 
 from __future__ import annotations
 

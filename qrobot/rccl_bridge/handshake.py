@@ -13,7 +13,7 @@ from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, ClientRole, Error
 
 @dataclass(frozen=True)
 class HandshakeRequest:
-    """Who greets, and whom: the HELLO, the address it came from, the robot that is here, and what lets one in.
+    """A greeting: the HELLO, the address it came from, the robot that is here, and the token that lets one in.
 
     An empty token lets everybody in who comes by loopback.
     """
@@ -26,7 +26,7 @@ class HandshakeRequest:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why not."""
+    """Reason and error code of a refused greeting."""
 
     code: ErrorCode
     text: str

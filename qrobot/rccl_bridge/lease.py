@@ -1,4 +1,4 @@
-"""Who commands. One lease per robot, shared by all sessions of its bridge."""
+"""The right to command: one lease per robot, shared by all sessions of its bridge."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ArmAuthority(Protocol):
 
 
 class Lease:
-    """At most one holder; whoever has it keeps it until they let go.
+    """Right to command with at most one holder, who keeps it until they let go.
 
     Args:
         authority: held for as long as the lease is; None where the bridge is the only way to the arm.

@@ -111,7 +111,7 @@ class ServoPort:
         return bool(words[INFO_READY]) and abs(self._silence_ns(words)) < STALE_NS
 
     def slipped_ns(self) -> int:
-        """How far the arm's time lies behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""
+        """Delay of the arm's time behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""
         with contextlib.suppress(LinkError):
             said = int(self._follow().words[BEAT_SLIPPED_NS])
             self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
@@ -213,7 +213,7 @@ def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
 
 
 def _pass_on_requests(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
-    """What is requested beside setpoints; power may be taken away, but not asked for."""
+    """Pass on the requests beside setpoints; power may be taken away, but not asked for."""
     if not frame.power:
         mailbox.request_power(False)
     mailbox.request_hand(frame.hand)

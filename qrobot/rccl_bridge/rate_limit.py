@@ -1,4 +1,4 @@
-"""So that a flood of trouble does not become a flood of messages."""
+"""Limit of the rate of messages, so that a flood of trouble does not become a flood of lines."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.realtime.bridge_token import offered_token
 from qrobot.wire import ErrorCode
 
-LOG: Final = logging.getLogger("qrobot.bridge")
+LOG: Final = logging.getLogger("qrobot.rccl_bridge")
 SOCKET_BUFFER_BYTES: Final = 16_384  # a slow reader finds at most this much of the past, doubled by the kernel
 WRITE_BUFFER_BYTES: Final = 8_192
 OVERSLEPT_S: Final = 0.02  # a timer that fires later found this process stopped [A]
@@ -58,7 +58,7 @@ class BridgeServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where it listens; the port is the one the system chose when the settings say 0."""
+        """Address that is listened at; the port is the one the system chose when the settings say 0."""
         if self._listener is None:
             raise LinkError("the bridge has not been started")
         return self._listener.address

@@ -12,7 +12,7 @@ __all__ = ["RobotPort", "RobotState", "SetpointFrame"]
 
 @dataclass(frozen=True, slots=True)
 class SetpointFrame:
-    """What the commander wants in one sample period.
+    """The commander's wishes for one sample period.
 
     Attributes:
         stream: names one run of setpoints; grows with every new one, also across sessions and restarts of the bridge.
@@ -62,7 +62,7 @@ class RobotPort(Protocol):
         """
 
     def slipped_ns(self) -> int:
-        """How far the arm's time lies behind CLOCK_MONOTONIC; only that of an emulated arm does."""
+        """Delay of the arm's time behind CLOCK_MONOTONIC; only an emulated arm has one."""
 
     def stalled(self) -> bool:
         """An emulated arm's servo has not run of late: `slipped_ns` may be about to change."""

@@ -51,7 +51,7 @@ class Peer:
 
 
 class Session:
-    """What one client may do, and what it gets.
+    """State machine of one client: its rights, its commands, and the answers to them.
 
     Args:
         robot_name, n: of the robot. lease: to command it. peer: the client's end. now_ns: the time.
@@ -198,7 +198,7 @@ class Session:
         return [Forward(frame)] if frame is not None else _stop_if_asked(command)
 
     def _take_invalid(self, event: InvalidSetpoint, now_ns: int) -> list[Action]:
-        """Of a COMMAND with an impossible setpoint the setpoints are dropped; what it requests is obeyed."""
+        """Drop the setpoints of a COMMAND that has an impossible one, and obey its requests."""
         self.invalid += 1
         self._heard_ns = now_ns
         actions = self._take_requests(event.command, now_ns)

@@ -1,4 +1,4 @@
-"""What a bridge may be told. The limits are those of the fault table: few clients, short patience, bounded memory."""
+"""Settings of a bridge. The limits are those of the fault table: few clients, short patience, bounded memory."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What compiled code needs from the machine: JIT options, atomics, shared memory, the clock, real-time set-up."""
+"""Services of the machine for compiled code: JIT options, atomics, shared memory, the clock, real-time set-up."""

@@ -47,7 +47,7 @@ def offered_token(port: int) -> Iterator[bytes]:
 
 
 def token_for(host: str, port: int) -> bytes:
-    """What to show the bridge at an address: `$QROBOT_TOKEN`, or its file, or nothing when there is neither.
+    """The token for the bridge at an address: `$QROBOT_TOKEN`, or its file's, or nothing when there is neither.
 
     Raises LinkError when the runtime folder or the file is not as it must be.
     """

@@ -1,4 +1,5 @@
-"""Which kernel of how many is being compiled, for who waits for a first start. Needs no Numba, which loads slowly."""
+"""Progress of compiling: which kernel of how many, for who waits for a first start. Needs no Numba, which loads
+slowly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long one process waits for another, which may have ended: the wall clock of code that has no other.
+"""Bound of a wait for another process, which may have ended: the wall clock of code that has no other.
 
 What is waited for is an event; the deadline only bounds the wait, and says nothing when the event comes.
 """
@@ -9,7 +9,7 @@ import time
 
 
 class Deadline:
-    """So many seconds from now, on CLOCK_MONOTONIC."""
+    """Instant a number of seconds from now, on CLOCK_MONOTONIC."""
 
     def __init__(self, seconds: float) -> None:
         self._end_s = time.monotonic() + seconds
@@ -21,7 +21,7 @@ class Deadline:
 
     @property
     def passed(self) -> bool:
-        """There is no more time."""
+        """True when no time is left."""
         return self.left_s == 0.0
 
 

@@ -1,4 +1,4 @@
-"""What this machine offers for real time, and what a running process got: looked at, never changed.
+"""Real-time features of this machine, and those a running process has got: looked at, never changed.
 
 Every look takes the root of the file system as an argument, so that tests can show it another machine.
 """
@@ -101,7 +101,7 @@ def look_at_quota(root: Path = ROOT) -> SetupStep:
 
 
 def look_at_limits() -> SetupStep:
-    """What an unprivileged user may ask for; root needs neither."""
+    """Read the limits of an unprivileged user; root needs neither."""
     name = "limits"
     rtprio, memlock = (resource.getrlimit(which)[0] for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK))
     unlimited = memlock == resource.RLIM_INFINITY
@@ -114,7 +114,7 @@ def look_at_limits() -> SetupStep:
 
 
 def observe_process(pid: int, root: Path = ROOT) -> list[SetupStep]:
-    """What process `pid` has in force: scheduler and CPU of its most urgent thread, locked memory, idle states.
+    """Read what process `pid` has in force: scheduler and CPU of its most urgent thread, locked memory, idle states.
 
     Empty when the process has ended or belongs to somebody else.
     """

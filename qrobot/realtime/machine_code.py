@@ -63,7 +63,7 @@ class LoadedCode:
 
     @cached_property
     def address(self) -> int:
-        """Where the function begins. Raises CodegenError when the code has none of that name."""
+        """Address of the function. Raises CodegenError when the code has none of that name."""
         address = int(self._engine.get_function_address(self._entry))
         if address == 0:
             raise CodegenError(f"machine code has no function {self._entry}")

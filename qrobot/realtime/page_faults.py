@@ -32,7 +32,7 @@ class FaultWatch:
         self._before = 0
 
     def begin(self, thread: int) -> None:
-        """From now on those of `thread` count."""
+        """Count the page faults of `thread` from now on."""
         self._before = page_faults(thread, self._tasks) or 0
         self._thread = thread
 

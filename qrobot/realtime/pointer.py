@@ -47,7 +47,8 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     @cached_property
     def address(self) -> int:
-        """Where the compiled code is, while the body lives. Raises TypeError or Numba's when the body does not fit."""
+        """Address of the compiled code, while the body lives. Raises TypeError or Numba's when the body does not
+        fit."""
         body: Any = self.body
         if jit_disabled():
             _BODIES[id(body)] = body
@@ -63,7 +64,8 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
 
 def function_at(signature: Any) -> Any:
-    """What turns the address of a `KernelPointer` of that signature back into a function, inside kernels."""
+    """Make the intrinsic that turns the address of a `KernelPointer` of that signature back into a function in
+    kernels."""
     if jit_disabled():
         return _BODIES.__getitem__
     function_type = types.FunctionType(signature)

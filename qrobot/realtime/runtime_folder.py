@@ -38,7 +38,7 @@ _TRIES: Final = 10  # whoever leaves last removes the folder, perhaps between ou
 
 
 def runtime_path() -> Path:
-    """Where the folder is, or would be made. Raises ConfigError when the variable names no absolute path."""
+    """Path of the folder, whether it exists or not. Raises ConfigError when the variable names no absolute path."""
     if chosen := os.environ.get(VARIABLE):
         if not os.path.isabs(chosen):
             raise ConfigError(f"{VARIABLE} is {chosen!r}; an absolute path is needed, as in {SHARED_FOLDER}")

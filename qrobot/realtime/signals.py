@@ -1,4 +1,4 @@
-"""How processes end on SIGTERM: by an event, those without a loop of their own; by an exception while they start."""
+"""Handlers of SIGTERM: an event ends processes without a loop of their own, an exception those that are starting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When compiled code in the cache is still that of the sources.
+"""Digest of a kernel's sources: compiled code in the cache is valid as long as it is the same.
 
 Numba looks only at the file a kernel stands in, but a kernel carries the code of every kernel it calls: after a change
 in `board.py` it would go on running the old board inside the cached loop of `server.py`. Here the stamp of a file

@@ -38,7 +38,8 @@ class Supervision:
         return ends
 
     def descriptors(self, rank: int) -> list[int]:
-        """What a process of this rank, 0 to RANKS - 1, inherits; its environment says so by SUPERVISOR_VARIABLE."""
+        """File descriptors that a process of this rank, 0 to RANKS - 1, inherits; SUPERVISOR_VARIABLE tells it of
+        them."""
         return [self._alive[0], self._ranks[rank][1], *(read for read, _ in self._ranks[rank + 1 :])]
 
     def environment(self, rank: int) -> dict[str, str]:
@@ -75,7 +76,7 @@ def _end_in_turn(supervisor: int, higher: Sequence[int]) -> None:
 
 
 def _await_close(descriptor: int, deadline: float) -> None:
-    """Until nobody holds the other end any more, or `deadline` of the monotonic clock."""
+    """Wait until nobody holds the other end any more, or until `deadline` of the monotonic clock."""
     closed = select.poll()
     closed.register(descriptor, 0)  # POLLHUP is always told
     closed.poll(max(0.0, deadline - time.monotonic()) * 1e3)

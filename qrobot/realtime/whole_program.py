@@ -77,7 +77,7 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
     @property
     def codegen(self) -> Any:
-        """Who is asked to set the environment of a function, which has no address here."""
+        """Receiver of the environment of a function, which has no address here."""
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
@@ -97,7 +97,7 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
         module.data_layout = self._codegen._data_layout
 
     def _get_module_for_linking(self) -> Any:
-        """With all it calls, for a function that is compiled by Numba alone."""
+        """Link with everything it calls a function that is compiled by Numba alone."""
         if self._shared_module is None:
             self._shared_module = self._final_module.clone()
             for library in _all_behind(self._linking_libraries):
@@ -146,7 +146,7 @@ def _keep_in(module: Any) -> None:
 
 
 def _all_behind(libraries: list[Any]) -> Iterator[Any]:
-    """These libraries and those they call, each once."""
+    """Yield the libraries and those that they call, each once."""
     seen, waiting = set(), list(reversed(libraries))
     while waiting:
         library = waiting.pop()
@@ -158,7 +158,7 @@ def _all_behind(libraries: list[Any]) -> Iterator[Any]:
 
 
 def _module_of(library: Any) -> Any:
-    """What to link of it: of a callee itself alone."""
+    """LLVM module of a library to link: of a callee itself alone."""
     return library._final_module if isinstance(library, _CalleeLibrary) else library._get_module_for_linking()
 
 
@@ -210,7 +210,7 @@ class _Callee(CPUDispatcher):  # type: ignore[misc]
         self.overloads[tuple(result.signature.args)] = result
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """What a call of these types gives. Raises Numba's errors."""
+        """Typing template of a call with these types. Raises Numba's errors."""
         signature, args = self._compiler.fold_argument_types(args, kws)
         try:
             self.compile(tuple(map(types.unliteral, args)))
@@ -239,7 +239,7 @@ def seldom_collected() -> Iterator[None]:
 
 
 def callees_below(function: Any) -> set[Any]:
-    """What a function calls, directly or not, as far as its names tell."""
+    """Functions that a function calls, directly or not, as far as their names tell."""
     found: set[Any] = set()
     waiting = [function]
     while waiting:

@@ -65,7 +65,7 @@ class Amiss(QRobotError):  # noqa: N818
 
 @dataclass(frozen=True)
 class StepResult:
-    """What a step found; `ok` is None for one that was left out."""
+    """Finding of a step; `ok` is None for one that was left out."""
 
     step: str
     ok: bool | None
@@ -85,8 +85,8 @@ class CheckStep(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Leave:
-    """What a walk may do.
+class Permissions:
+    """Permissions of a walk.
 
     Attributes:
         read_only: write nothing.
@@ -99,7 +99,7 @@ class Leave:
     hands: bool = True
 
 
-def check_board(walk: Walk, leave: Leave) -> Iterator[StepResult]:
+def check_board(walk: Walk, allowed: Permissions) -> Iterator[StepResult]:
     """Make the steps, one after the other. Raises nothing of ours: what goes wrong is a finding."""
     try:
         walk.begin()
@@ -110,19 +110,19 @@ def check_board(walk: Walk, leave: Leave) -> Iterator[StepResult]:
         return
     try:
         for step in STEPS:
-            finding = _make(step, walk, leave)
+            finding = _make(step, walk, allowed)
             yield finding
             if finding.ok is False:
                 return
     finally:
         with contextlib.suppress(QRobotError):  # a board that is gone cannot be made safe; its finding says that it is
-            if not leave.read_only:
+            if not allowed.read_only:
                 walk.make_safe()
         walk.bus.close()
 
 
-def _make(step: CheckStep, walk: Walk, leave: Leave) -> StepResult:
-    if why_not := _forbidden(step, leave):
+def _make(step: CheckStep, walk: Walk, allowed: Permissions) -> StepResult:
+    if why_not := _forbidden(step, allowed):
         return StepResult(step.name, None, f"left out: {why_not}")
     try:
         if step.question and not walk.ask(step.question):
@@ -134,12 +134,12 @@ def _make(step: CheckStep, walk: Walk, leave: Leave) -> StepResult:
         return StepResult(step.name, False, str(error), "look at the link to the board")
 
 
-def _forbidden(step: CheckStep, leave: Leave) -> str:
-    if step.writes and leave.read_only:
+def _forbidden(step: CheckStep, allowed: Permissions) -> str:
+    if step.writes and allowed.read_only:
         return "it writes"
-    if step.powers and not leave.power:
+    if step.powers and not allowed.power:
         return "it needs arm power (--power)"
-    return "it needs somebody's hands" if step.hands and not leave.hands else ""
+    return "it needs somebody's hands" if step.hands and not allowed.hands else ""
 
 
 def see_images(walk: Walk) -> str:

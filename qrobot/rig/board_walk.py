@@ -63,7 +63,7 @@ class Walk:
         self.do(*((OP_WRITE, offset, value) for offset, value in pairs))
 
     def do(self, *accesses: RegisterAccess) -> None:
-        """As `write`, with reads for their side effect among them: (kind, offset, value)."""
+        """Apply operations (kind, offset, value) as `write` does, with reads for their side effect among them."""
         self.bus.exchange(np.array(accesses, np.int64).reshape(-1, OP_FIELDS), self._image)
 
     def make_safe(self) -> None:
@@ -82,7 +82,7 @@ class Walk:
 
     @property
     def kept(self) -> int:
-        """What DISCRETE has to say for the scratch bits to stay, with the hand relaxed."""
+        """DISCRETE word that leaves the scratch bits as they are, with the hand relaxed."""
         return self.status & SCRATCH | DISCRETE_HAND_RELAXED
 
     @property

@@ -1,4 +1,4 @@
-"""What a program moves by, compiled by a second process while the first one compiles servo and board.
+"""Second process that compiles a program's motion kernels while the first one compiles servo and board.
 
 `python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. Whoever needs a kernel that it is just
 compiling waits for it (`realtime.compile_once`).

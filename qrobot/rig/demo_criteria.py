@@ -1,4 +1,4 @@
-"""What the experiment has to show in lock-step, run by run and between runs.
+"""Criteria of the experiment in lock-step, run by run and between runs.
 
 The numbers are ours, from simulation of the paper's test with these gains (wn = 30 rad/s on joints 1-3, 50 on the
 wrist); the paper's own figure is an image without numbers.

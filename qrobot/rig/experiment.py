@@ -97,7 +97,7 @@ class ExperimentRun:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a run.
+    """Outcome of a run.
 
     Attributes:
         realtime_factor: robot time over wall-clock time from the program's first packet to its last; writing the log is
@@ -211,7 +211,7 @@ def _result(run: ExperimentRun, log: Log, factor: float, digest: str = "") -> Re
 
 
 def _rows_with_fault(log: Log) -> Rows:
-    """From the first fault of the powered arm on."""
+    """Rows from the first fault of the powered arm on."""
     return np.asarray(log.rows[(log.rows["mode"] >= Mode.HOLDING) & (log.rows["fault"] != 0)])
 
 

@@ -83,12 +83,12 @@ class UnknownArm:
         return np.column_stack([getattr(preset, kind) for kind in FRICTION_NAMES])
 
     def scale(self, robot: Robot) -> Floats:
-        """What each motor has to be commanded, with the robot file `robot`, for a torque of 1. Shape (n,)."""
+        """Torque that each motor has to be commanded, with the robot file `robot`, for a torque of 1. Shape (n,)."""
         true = self.robot.transmission.dac_per_Nm / self.torque_gain
         return np.asarray(true / robot.transmission.dac_per_Nm)
 
     def gravity(self, found: Identified, q: Floats) -> Floats:
-        """What really has to be commanded to hold the arm; see `Identified.gravity`. Shape (m, n)."""
+        """Torques that really hold the arm; see `Identified.gravity`. Shape (m, n)."""
         held = found.regressor(q) @ self.parameters(found.regressor)
         coupling = found.robot.transmission.coupling
         return np.asarray(held @ np.linalg.inv(coupling) * self.scale(found.robot) @ coupling)

@@ -67,7 +67,7 @@ class Child:
 
     @property
     def name(self) -> str:
-        """Of the process in its rig."""
+        """Name of the process in its rig."""
         return self.plan.name
 
     @property
@@ -76,7 +76,7 @@ class Child:
         return self.process.poll() is None
 
     def complaint(self) -> str:
-        """What it said last, for an error message."""
+        """The last lines it printed, for an error message."""
         with contextlib.suppress(OSError):
             lines = [line for line in self.output.read_text(errors="replace").splitlines() if line.strip()]
             if lines:

@@ -41,7 +41,7 @@ class Restarts:
                 self._go_without(child, ended)
 
     def _count(self, name: str) -> int:
-        """How often it has ended within the window, this time included."""
+        """Number of times it has ended within the window, this time included."""
         ends, now_s = self._ends[name], self._now_s()
         ends.append(now_s)
         while now_s - ends[0] > WINDOW_S:

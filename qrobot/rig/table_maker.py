@@ -133,7 +133,7 @@ def make_table(emulator: Emulator, progress: TableProgress = _ignore) -> Calibra
 
 
 def _usable(columns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of columns (2, rows) those that tell one turn from the next: an 8-bit converter ends at 0 and 5 V.
+    """The rows of columns (2, rows) that tell one turn from the next: an 8-bit converter ends at 0 and 5 V.
 
     Without the first row: its turn is not whole, and the potentiometer's backlash has not been taken up.
     """

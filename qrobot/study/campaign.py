@@ -35,7 +35,7 @@ def carry_out(study: Study, arms: int, engine: Engine, path: Path, told: Told = 
 
 
 def _outcomes(study: Study, terms: ArmResult, seeds: Iterable[int], engine: Engine) -> Iterator[ArmResult]:
-    """As they come in."""
+    """Outcomes in the order in which they come in."""
     waiting = iter(seeds)
     running = {engine.executor.submit(attempt, study, terms, seed) for seed in islice(waiting, engine.at_once)}
     while running:

@@ -1,4 +1,4 @@
-"""Who does the work: this process, processes beside it, or the workers of a Dask scheduler on any hosts.
+"""Workers of a study: this process, processes beside it, or those of a Dask scheduler on any hosts.
 
 All are a `concurrent.futures.Executor`. Nothing listens on this machine; a Dask scheduler is somebody else's.
 """

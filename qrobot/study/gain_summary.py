@@ -1,4 +1,4 @@
-"""What a gain study found: every pair of gains over all arms, and the pair that serves the worst of them best."""
+"""Summary of a gain study: every pair of gains over all arms, and the pair that serves the worst of them best."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ class GainSummary:
 
     @property
     def best(self) -> PairSummary | None:
-        """Of pairs that stop no arm and chatter at most `QUIET` times the least, that whose worst arm errs least."""
+        """The pair whose worst arm errs least, of those that stop no arm and chatter at most `QUIET` times the
+        least."""
         safe = [pair for pair in self.pairs if not pair.faults]
         if not safe:
             return None

@@ -1,4 +1,4 @@
-"""Which gains serve all arms of a kind: each arm tries every pair of a grid."""
+"""Study of gains for all arms of a kind: each arm tries every pair of a grid."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.study.study import ArmResult, Study, kept
-from qrobot.study.tracking_run import journey
+from qrobot.study.tracking_run import track_experiment
 
 BANDWIDTHS: Final = (0.5, 0.7, 1.0, 1.4, 2.0)
 DAMPINGS: Final = (0.5, 1.0)
@@ -44,7 +44,7 @@ class GainStudy(Study):
             raise ConfigError(f"bandwidths {self.bandwidths} and dampings {self.dampings}: factors above 0 are wanted")
 
     def judge(self, seed: int) -> ArmResult:
-        """What each pair does.
+        """Try each pair on one arm.
 
         Returns:
             tried: of each pair `rms` and `largest` error, as shares of what the guard allows, and `chatter`, all of the
@@ -62,7 +62,7 @@ class GainStudy(Study):
     def _tried(self, believed: Robot, arm: UnknownArm) -> ArmResult:
         settings = ServoSettings(rate_hz=self.rate_hz, law=self.law, velocity=self.velocity)
         try:
-            tracked = journey(believed, self.robot_file, settings, arm.emulator())
+            tracked = track_experiment(believed, self.robot_file, settings, arm.emulator())
         except ServoFault as fault:
             return {"fault": explain(fault.code).partition(":")[0]}
         allowed = self.robot.guard.following_error

@@ -1,4 +1,4 @@
-"""How well arms are identified that nobody has been told of, and what their servos gain by it."""
+"""Study of identification: the errors of models of arms drawn at random, and their servos' gain by them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from qrobot.rig.perturbed_arm import UnknownArm
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.settings import ServoSettings
 from qrobot.study.study import ArmResult, Study, kept
-from qrobot.study.tracking_run import journey
+from qrobot.study.tracking_run import track_experiment
 
 TRIED: Final = 500  # poses that were not recorded, at which gravity is compared
 Torque = Literal["known", "unknown"]
@@ -81,13 +81,14 @@ class IdentificationStudy(Study):
         """Rms errors by joint, by what the servo believes."""
         settings = ServoSettings(rate_hz=self.rate_hz)
         return {
-            name: kept(journey(robot, self.robot_file, settings, arm.emulator()).rms) for name, robot in beliefs.items()
+            name: kept(track_experiment(robot, self.robot_file, settings, arm.emulator()).rms)
+            for name, robot in beliefs.items()
         }
 
 
 @cache
 def _plan(robot_file: str, poses: int) -> ExcitationPlan:
-    """What all arms of a study do; each process makes it once."""
+    """Plan of all arms of a study; each process makes it once."""
     robot = load_robot(robot_file)
     regressor = gravity_regressor(robot)
     return make_plan(robot, regressor, base_of_robot(robot, regressor), poses)
@@ -95,14 +96,14 @@ def _plan(robot_file: str, poses: int) -> ExcitationPlan:
 
 @cache
 def _runs(robot_file: str) -> Excitation:
-    """What all arms of a study do for their inertia."""
+    """Fast runs of all arms of a study; each process makes them once."""
     robot = load_robot(robot_file)
     regressor = inertial_regressor(robot)
     return make_excitation(robot, regressor, base_of_robot(robot, regressor))
 
 
 def compared(arm: UnknownArm, found: Identified, seed: int) -> ArmResult:
-    """What was found, against the truth.
+    """Compare a model with the true arm.
 
     Returns:
         gravity_before, gravity_rms: error of the robot file and of the model at random poses, N m (N), by joint.
@@ -127,7 +128,7 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> ArmResult:
 
 
 def inertia_compared(arm: UnknownArm, inertial: InertialModel, measured: bool) -> ArmResult:
-    """What fast runs told, against the truth.
+    """Compare the inertia found by fast runs with the true arm's.
 
     Where torque was not `measured`, nothing is in the unit of the truth, because of the rotors, and only errors tell.
 

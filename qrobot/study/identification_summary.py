@@ -1,4 +1,4 @@
-"""What an identification study found, over all its arms."""
+"""Summary of an identification study over all its arms."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class IdentificationSummary:
 
     @property
     def gain(self) -> Floats:
-        """How many times better each arm tracks with its model than before, when that was tried. Shape (a,)."""
+        """Tracking error without the model divided by that with it, of each arm that tried both. Shape (a,)."""
         return self._ratio("before", "after")
 
     @property
@@ -83,13 +83,13 @@ class IdentificationSummary:
         }
 
     def _inertia_quantiles(self) -> dict[str, Any]:
-        """Where torque was not known there are no deviations."""
+        """Quantiles of inertia; where torque was not known there are no deviations."""
         off = np.abs(self.inertia["deviations"])
         errors = {name: quantiles(self.inertia[name]) for name in ("before", "after")}
         return errors | {"inside_95": float((off <= NORMAL_95).mean()) if off.size else None}
 
     def _tracking_quantiles(self) -> dict[str, Any]:
-        """For a gain, the worst is the least."""
+        """Quantiles of the tracking gain, whose worst is the least."""
         lost = quantiles(-self.gain)
         return {"gain": {name: -value for name, value in lost.items()}, "over_exact": quantiles(self.over_exact)}
 

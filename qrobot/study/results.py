@@ -21,19 +21,19 @@ from qrobot.study.study import ArmResult
 
 @dataclass(frozen=True)
 class Results:
-    """What a file holds: the terms of its study, and an outcome for each arm, by seed."""
+    """Contents of a file: the terms of its study, and an outcome for each arm, by seed."""
 
     terms: ArmResult
     outcomes: tuple[ArmResult, ...]
 
     @property
     def good(self) -> list[ArmResult]:
-        """Of arms that did not end in an error."""
+        """Outcomes of arms that did not end in an error."""
         return [outcome for outcome in self.outcomes if "failed" not in outcome]
 
     @property
     def failed(self) -> list[ArmResult]:
-        """Of arms that did: `seed` and `failed`, the reason."""
+        """Outcomes of arms that did: `seed` and `failed`, the reason."""
         return [outcome for outcome in self.outcomes if "failed" in outcome]
 
 

@@ -1,4 +1,4 @@
-"""What a campaign does to each of its arms."""
+"""Interface of a study: what a campaign does to each of its arms."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ class Study(ABC):
 
     @abstractmethod
     def judge(self, seed: int) -> ArmResult:
-        """What comes of the arm drawn with `seed`. Raises QRobotError when nothing does."""
+        """Outcome of the arm drawn with `seed`. Raises QRobotError when there is none."""
 
     @property
     def robot(self) -> Robot:
-        """As its file says. Raises ConfigError."""
+        """The robot of the study's file. Raises ConfigError."""
         return _loaded(self.robot_file)
 
     @property
     def terms(self) -> ArmResult:
-        """What outcomes depend on beside the seed: only those of equal terms belong together."""
+        """Parameters on which outcomes depend beside the seed: only those of equal terms belong together."""
         robot = json.dumps(self.robot.model_dump(), default=np.ndarray.tolist, sort_keys=True)
         return {
             "study": self.kind,

@@ -1,4 +1,4 @@
-"""How well an arm tracks the experiment of the QRobot paper, by whichever robot file its servo believes."""
+"""Tracking errors of an arm in the experiment of the QRobot paper, under any robot file that its servo believes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SLOW: Final = 0.35  # rad/s of the fastest joint; the way back is three times as
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """Of one journey.
+    """Errors of one run.
 
     Attributes:
         rms: of desired less measured position, rad (m). Shape (n,).
@@ -36,8 +36,8 @@ class Tracked:
     chatter: Floats
 
 
-def journey(believed: Robot, robot_file: str, settings: ServoSettings, emulator: Emulator) -> Tracked:
-    """From park to the end position, and back at triple speed.
+def track_experiment(believed: Robot, robot_file: str, settings: ServoSettings, emulator: Emulator) -> Tracked:
+    """Move from park to the end position, and back at triple speed.
 
     Args:
         believed: the robot of the servo.

@@ -9,7 +9,7 @@ import numpy as np
 from qrobot.config import load_robot
 from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.friction import friction_columns
-from qrobot.ident.observe import LOOKS, Observations, harmonics
+from qrobot.ident.observe import SUBSAMPLES, Observations, harmonics
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, gravity_regressor, known_parameters
 from qrobot.sim_board.drive import STRIBECK_FRACTION
 
@@ -74,7 +74,7 @@ def generated(
         time_s=np.repeat(2.0 * np.arange(len(q)), N),
         q=np.repeat(q, N, axis=0),
         gravity=gravity.reshape(m, len(beta)),
-        gravity_parts=np.repeat(gravity.reshape(m, 1, len(beta)) / LOOKS, LOOKS, axis=1),
+        gravity_parts=np.repeat(gravity.reshape(m, 1, len(beta)) / SUBSAMPLES, SUBSAMPLES, axis=1),
         load=load.reshape(m, OF_GRAVITY),
         loaded=np.full(m, bool(np.all(load_kg)) and not np.ndim(load_kg)),
         rate=rate.ravel(),

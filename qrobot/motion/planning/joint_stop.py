@@ -12,7 +12,8 @@ than a. So the limits are kept when
     PEAK |v| / D <= a_stop                      which set D
     PEAK |v| / D + SWING |a| <= a_max
 
-What is beyond them is no state to go to: a setpoint from which no such halt is possible is never given out (watch.py).
+What is beyond them is no state to go to: a setpoint from which no such halt is possible is never given out
+(setpoint_check.py).
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ def reason(error: MotionError) -> Termination:
 def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> Termination:
     """What is wrong with the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
 
-    Right is one from which the arm can be halted (halt.py) without passing a limit of position, speed or acceleration.
-    A joint that could go on a whole turn away only is at its limit, too.
+    Right is one from which the arm can be halted (joint_stop.py) without passing a limit of position, speed or
+    acceleration. A joint that could go on a whole turn away only is at its limit, too.
     """
     rows, near_s, far_s = rows_of(points, period_s)
     return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))

@@ -1,7 +1,7 @@
 """How far an arm is: its path, the time on it, and the setpoints it was given last.
 
 Path time is counted in samples. It passes as the clock does, except in a stop on the path, where it slows down and
-stands still (brake.py).
+stands still (path_stop.py).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Every check answers with a fault code (0: all well), where it looks at joints with the first of them that fails too
 (`NO_JOINT`: all well), and is written `not (x <= limit)`, so that NaN fails. No check
-allocates, raises or prints. What follows from a code stands in `STOP_CATEGORY`.
+allocates, raises or prints. What follows from a code, `category_of` says.
 """
 
 from __future__ import annotations

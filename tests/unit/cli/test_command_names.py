@@ -14,13 +14,24 @@ from qrobot.faultcodes import EXPLANATION, FaultCode
 
 ROOT = Path(__file__).parents[3]
 NAMED = re.compile(r"`{1,2}qrobot ([^`]+)`")
-TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "qrobot").rglob("*.py"))]
+TYPED = re.compile(r"^(?:\$ )?(?:\.venv/bin/)?qrobot ((?:[^\n]*\\\n)*[^\n]*)", re.MULTILINE)  # a line of a console
+TEXTS = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "qrobot").rglob("*.py")),
+]
 APP = make_app()
 
 
 def commands_in(path: Path) -> list[str]:
-    """What follows `qrobot` between backticks, each once; a value that is filled in is an X."""
-    return sorted({" ".join(re.sub(r"\{[^}]*\}", "X", found).split()) for found in NAMED.findall(path.read_text())})
+    """Commands between backticks, and on pages those of a console, each once; a value to be filled in is an X."""
+    text = path.read_text()
+    found = NAMED.findall(text)
+    if path.suffix == ".md":
+        lines = [line.replace("\\\n", " ").strip() for line in TYPED.findall(text)]
+        found += [re.split(r" #|\s{2,}[a-z]", line)[0].rstrip(" &") for line in lines]  # remarks
+    return sorted({" ".join(re.sub(r"\{[^}]*\}", "X", words).split()) for words in found})
 
 
 NAMED_IN = [(path, command) for path in TEXTS for command in commands_in(path)]

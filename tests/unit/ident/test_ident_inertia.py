@@ -112,7 +112,7 @@ def test_every_motion_is_found_and_windows_in_which_a_motor_creeps_are_left_out(
 
 def test_the_equations_hold_for_the_true_parameters() -> None:
     seen, (_, base) = observed(), whole()
-    rubs = steady().unknowns.rubs(seen.motor, seen.rate) @ FRICTION.ravel()
+    rubs = steady().unknowns.friction_jacobian(seen.motor, seen.rate) @ FRICTION.ravel()
     left = seen.torque - seen.rotors - rubs - seen.columns @ (base.K @ theta())
     by_motor = [float(np.sqrt(np.mean(left[seen.motor == j] ** 2))) for j in range(N)]
     assert (np.array(by_motor) < 0.004 * PUMA.guard.tau_max).all()
@@ -218,5 +218,5 @@ def test_fast_motion_of_another_arm_is_refused() -> None:
 
 def test_fast_motion_of_the_same_arm_with_warmer_drives_is_taken() -> None:
     seen = observed()
-    warmer = -0.1 * (steady().unknowns.rubs(seen.motor, seen.rate) @ FRICTION.ravel())
+    warmer = -0.1 * (steady().unknowns.friction_jacobian(seen.motor, seen.rate) @ FRICTION.ravel())
     identify_inertia(steady(), *whole(), with_torque(warmer))

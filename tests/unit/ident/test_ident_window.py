@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qrobot.ident.window import looks_at, window_weights
+from qrobot.ident.window import subsample, window_weights
 
 PERIOD_S = 0.001
 
@@ -38,6 +38,6 @@ def test_what_decays_at_the_ends_of_a_pass_is_taken_off_as_acceleration() -> Non
 
 def test_looks_give_the_mean_that_all_samples_give() -> None:
     weights = window_weights(799, PERIOD_S)
-    looks, value = looks_at(weights, 40), np.cos(np.linspace(0.3, 1.5, 799))
+    looks, value = subsample(weights, 40), np.cos(np.linspace(0.3, 1.5, 799))
     assert looks.share.sum() == pytest.approx(1.0)
     assert looks.share @ value[looks.at] == pytest.approx(weights.value @ value, abs=1e-5)

@@ -23,7 +23,7 @@ from qrobot.hwif.registers import (
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
-from qrobot.rig.board_check import STEPS, Leave, StepResult, check_board
+from qrobot.rig.board_check import STEPS, Permissions, StepResult, check_board
 from qrobot.rig.board_walk import Walk
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
@@ -33,8 +33,8 @@ from tests.support.fake_card import FakeCard, FakeCardBus
 from tests.support.stepping_endpoint import SteppingEndpoint
 
 ROBOT = load_robot("puma560")
-EVERYTHING = Leave(power=True)
-UNATTENDED = Leave(power=True, hands=False)
+EVERYTHING = Permissions(power=True)
+UNATTENDED = Permissions(power=True, hands=False)
 
 
 class Desk:
@@ -65,7 +65,7 @@ class Desk:
         self.asked.append(question)
         return self.answer(question)
 
-    def check(self, leave: Leave = UNATTENDED) -> list[StepResult]:
+    def check(self, leave: Permissions = UNATTENDED) -> list[StepResult]:
         return list(check_board(self.walk, leave))
 
     def by_hand(self, side: int) -> Callable[[str], bool]:
@@ -99,7 +99,7 @@ def test_an_emulated_board_passes_every_step_at_whatever_levels_its_flags_idle(r
 def test_the_board_is_left_as_it_was_without_torque_and_power() -> None:
     desk = Desk(start="ready")
     counters, calibrated = desk.emulator.counters, desk.emulator.calibrated
-    assert all(finding.ok for finding in desk.check(Leave(hands=False)) if finding.ok is not None)
+    assert all(finding.ok for finding in desk.check(Permissions(hands=False)) if finding.ok is not None)
     assert (desk.emulator.counters == counters).all()
     assert desk.emulator.calibrated == calibrated
     assert not desk.emulator.powered
@@ -115,7 +115,7 @@ def test_a_board_that_is_not_calibrated_is_not_left_calibrated() -> None:
 
 def test_a_dry_run_writes_nothing() -> None:
     desk = Desk()
-    findings = desk.check(Leave(read_only=True, power=True, hands=False))
+    findings = desk.check(Permissions(read_only=True, power=True, hands=False))
     assert not desk.written
     assert [finding.ok for finding in findings[:2]] == [True, True]
     assert all(finding.ok is None for finding in findings[2:])
@@ -236,8 +236,8 @@ def test_a_card_in_this_machine_is_walked_through_as_well() -> None:
 def test_a_dry_run_of_a_card_writes_nothing() -> None:
     desk = Desk()
     walk = Walk(FakeCardBus(FakeCard(desk, read_only=True)), ROBOT, desk.answer)
-    findings = list(check_board(walk, Leave(power=True, hands=False)))
+    findings = list(check_board(walk, Permissions(power=True, hands=False)))
     assert [finding.step for finding in findings if finding.ok is False] == ["scratch bits"]  # the first to read back
-    findings = list(check_board(walk, Leave(read_only=True, hands=False)))
+    findings = list(check_board(walk, Permissions(read_only=True, hands=False)))
     assert {finding.ok for finding in findings} == {True, None}
     assert not desk.written
