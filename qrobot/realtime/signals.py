@@ -26,7 +26,7 @@ class SignalEvent(threading.Event):
         self._reads, self._writes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def set(self) -> None:
-        """It has happened: wake who waits."""
+        """Wake who waits: it has happened."""
         self._happened = True
         with contextlib.suppress(_FULL):
             os.write(self._writes, b"!")
