@@ -15,6 +15,7 @@ QRobotError
 │   ├── JointLimit         a joint would leave its range
 │   └── Singular           the pose is singular for this arm
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
+├── RogueTask              a control task of RCI took longer than it is allowed, and was ended
 ├── IdentificationError    recorded motion does not determine a model: names what is missing
 └── LogError               a log is missing, torn or of another format
 """
@@ -78,6 +79,10 @@ class JointLimit(MotionError):
 
 class Singular(MotionError):
     """The pose is singular for this arm, so the branch is not determined."""
+
+
+class RogueTask(QRobotError):
+    """A control task of RCI took longer than it is allowed."""
 
 
 class IdentificationError(QRobotError):

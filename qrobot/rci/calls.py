@@ -20,7 +20,7 @@ from qrobot.errors import ConfigError
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import environment
 from qrobot.rci.mail_lane import clear_word, set_word
-from qrobot.rci.program import RciProgram
+from qrobot.rci.program import HasFileno, RciProgram
 from qrobot.rci.robot_data import KnownRobot
 from qrobot.rci.task_runner import ControlFunction, ControlFunctions, current_task, nothing
 from qrobot.rci.task_table import ALL, Bytes, TaskTable, signal_parent
@@ -141,6 +141,28 @@ def rci_onfunction(td: TaskDescriptor, wakeup: Callable[[], object]) -> None:
         ConfigError: it is no function, or the task has a robot, which wakes it.
     """
     _running().on_function(td, wakeup)
+
+
+def rci_device_interrupt(td: TaskDescriptor, device: int | HasFileno) -> None:
+    """Wake a task when a device is readable: a file, socket, pipe or descriptor, which its functions have to read.
+
+    With `rci_onfunction` too, that function is asked then, and at no other time.
+
+    Raises:
+        ConfigError: it is nothing that can be waited for, or the task has a robot, which wakes it.
+    """
+    _running().on_device(td, device)
+
+
+def rci_timeout(td: TaskDescriptor, seconds: float) -> None:
+    """Choose how long each function of a task may take, 0.5 s without this call; one that takes longer is ended.
+
+    In real time only: on virtual time nothing waits for a task that takes its time.
+
+    Raises:
+        ConfigError: less than a millisecond, or more than an hour.
+    """
+    _running().allow(td, seconds)
 
 
 def rci_trigger(td: TaskDescriptor, interval: int, offset: int, trigger: ControlFunction) -> None:

@@ -12,9 +12,12 @@ from qrobot.errors import LinkError
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.mail_lane import LANE_WORDS
 from qrobot.rci.robot_data import RobotData
+from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
 
 PARENT: Final = 1  # the bit of the planning task
+HOST: Final = "host"  # its processor, and that of tasks that ask for none
+ALLOWED_S: Final = 0.5  # [A] for a control function; a robot stops by itself after two periods without a setpoint
 MOST_TASKS: Final = 30  # [A] the papers expect 1 to 5; masks fit 32 bits with the parent's
 
 
@@ -31,7 +34,7 @@ class TaskState(IntEnum):
 
 
 class TaskWord(IntEnum):
-    """Words of a descriptor in shared memory; each has one writer, the task's processor."""
+    """Words of a descriptor in shared memory; each has one writer, the task's processor, but ALLOWED_NS the program."""
 
     STATE = 0
     WOKEN = 1
@@ -40,6 +43,7 @@ class TaskWord(IntEnum):
     MISSED = 4
     BEGAN_NS = 5
     LONGEST_NS = 6
+    ALLOWED_NS = 7
 
 
 _LANES_AT: Final = 8
@@ -64,6 +68,7 @@ class TaskDescriptor:
         self.name, self.bit, self.processor, self.robot, self.priority = name, bit, processor, robot, priority
         self.words = words
         self.error: BaseException | None = None
+        words[TaskWord.ALLOWED_NS] = round(ALLOWED_S * NS_PER_S)
         self._how: RobotState | None = None
         self._chg = None if robot is None else Chg(robot.n)
 

@@ -6,10 +6,11 @@ clock: whoever does tells it how far time has come, and which robots and devices
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import select
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, LinkTimeout
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.schedule import ClockEntry, TaskScheduler
@@ -61,6 +62,10 @@ class Monitor:
         self._scheduler.remove(bit)
         self._runners[bit].entry, self._runners[bit].wakeup = None, wakeup
 
+    def set_device(self, bit: int, device: int) -> None:
+        """Wake a task, or ask its wake-up function, when a descriptor is readable."""
+        self._runners[bit].device = device
+
     def set_trigger(self, bit: int, interval: int, offset: int, trigger: Callable[[TaskDescriptor], object]) -> None:
         """Call a function for a task by the clock."""
         self._triggers[bit] = trigger
@@ -91,6 +96,11 @@ class Monitor:
     # -------------------------------------------------------------------------------------------------- as time passes
 
     @property
+    def runners(self) -> list[TaskRunner]:
+        """All tasks, in the order in which they run."""
+        return list(self._runners.values())
+
+    @property
     def attached(self) -> list[TaskRunner]:
         """Tasks that hold a robot."""
         return [runner for runner in self._runners.values() if runner.attached]
@@ -102,8 +112,19 @@ class Monitor:
 
     @property
     def waits_for_functions(self) -> bool:
-        """An active task is woken by a function, which wants to be called at every tick."""
-        return any(runner.wakeup is not None and runner.td.active for runner in self._runners.values())
+        """An active task is woken by a function alone, which wants to be called at every tick."""
+        return any(r.wakeup is not None and r.device is None and r.td.active for r in self._runners.values())
+
+    @property
+    def sources(self) -> dict[int, TaskRunner]:
+        """Descriptors that become readable when a task is to be woken: of robots and of devices."""
+        robots = {r.port.fileno(): r for r in self.attached if r.port is not None}
+        return robots | self.devices
+
+    @property
+    def devices(self) -> dict[int, TaskRunner]:
+        """Devices of active tasks by descriptor."""
+        return {r.device: r for r in self._runners.values() if r.device is not None and r.td.active}
 
     def pass_ticks(self, tick: int) -> None:
         """The clock has come to `tick`: wake what is due, call triggers."""
@@ -119,12 +140,35 @@ class Monitor:
             self._triggers[runner.td.bit](runner.td)
 
     def ask_functions(self) -> None:
-        """Wake the tasks whose wake-up functions say so."""
+        """Wake the tasks without a device whose wake-up functions say so."""
         for runner in self._runners.values():
-            if runner.wakeup is not None and runner.td.active and not runner.td.run_count:
-                with runner.guarded():
-                    if runner.wakeup():
-                        runner.wake()
+            if runner.wakeup is not None and runner.device is None:
+                self.wake_by_function(runner)
+
+    def wake_by_function(self, runner: TaskRunner) -> None:
+        """Wake a task that has answered every wake-up, unless its function says that there is nothing to do."""
+        if runner.td.active and not runner.td.run_count:
+            with runner.guarded():
+                if runner.wakeup is None or runner.wakeup():
+                    runner.wake()
+
+    def hear(self, descriptors: Iterable[int]) -> None:
+        """Wake the tasks whose robots or devices have something to say."""
+        sources = self.sources
+        for descriptor in descriptors:
+            runner = sources.get(descriptor)
+            if runner is None:
+                continue
+            if runner.device == descriptor:
+                self.wake_by_function(runner)
+            else:
+                runner.wake()
+
+    def end_silent(self, now_ns: int, patience_ns: int) -> None:
+        """End the tasks whose robots have not been heard for so long."""
+        for runner in self.attached:
+            if now_ns - runner.heard_ns > patience_ns:
+                runner.end(LinkTimeout(f"task {runner.td.name}: the bridge of its robot has fallen silent"))
 
     def wake_sampled(self, now_ns: int) -> None:
         """On virtual time: wake the tasks whose robots have a sample at this instant."""
@@ -142,3 +186,8 @@ class Monitor:
                 if runner.runnable:
                     runner.run()
                     ready = True
+
+
+def readable(devices: dict[int, TaskRunner]) -> dict[int, TaskRunner]:
+    """Those of some descriptors that can be read now."""
+    return {fd: devices[fd] for fd in select.select(devices, (), (), 0.0)[0]} if devices else {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import select
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,17 +15,26 @@ import numpy as np
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.rci.common_clock import CommonClock, checked_rate
-from qrobot.rci.descriptor import AREA_WORDS, MOST_TASKS, PARENT, TaskDescriptor, TaskState
+from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment
 from qrobot.rci.link import Link, hello_for
+from qrobot.rci.real_time import RealTimeProcessors
 from qrobot.rci.robot_data import KnownRobot, RobotData, RobotTable
 from qrobot.rci.schedule import check_interval
 from qrobot.rci.task_runner import ControlFunction, ControlFunctions, OpenLink
 from qrobot.rci.task_table import ALL, Bytes, SharedArea, TaskTable
 from qrobot.rci.virtual_time import VirtualProcessors
+from qrobot.units import NS_PER_S
 
-HOST: Final = "host"
+LONGEST_S: Final = 3600.0
 _RUNNING: Final = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
+
+
+class HasFileno(Protocol):
+    """A file, a socket, a pipe."""
+
+    def fileno(self) -> int:
+        """Its descriptor."""
 
 
 class Processors(Protocol):
@@ -32,11 +42,13 @@ class Processors(Protocol):
 
     Attributes:
         clock: the common one.
-        start_lead: ticks from now to the first at which tasks that are activated together run.
     """
 
     clock: CommonClock
-    start_lead: int
+
+    @property
+    def start_lead(self) -> int:
+        """Ticks from now to the first at which tasks that are activated together run."""
 
     @property
     def ticks(self) -> int:
@@ -72,9 +84,7 @@ class RciProgram:
 
     def __init__(self, environment: Environment) -> None:
         self._environment = environment
-        if not environment.virtual_time:
-            raise ConfigError("tasks of RCI run on virtual time: `qrobot run --lockstep` or `--offline`")
-        self._processors: Processors = VirtualProcessors()
+        self._processors: Processors = VirtualProcessors() if environment.virtual_time else RealTimeProcessors()
         self.table = TaskTable(self._processors.stamp)
         self.robots = RobotTable()
         self.parent = TaskDescriptor("parent", PARENT, HOST, self._words(AREA_WORDS))
@@ -153,6 +163,23 @@ class RciProgram:
         if not callable(wakeup):
             raise ConfigError(f"task {td.name}: {wakeup!r} is no function")
         self._order(td, "set_wakeup", wakeup)
+
+    def on_device(self, td: TaskDescriptor, device: int | HasFileno) -> None:
+        """Wake it, or ask its wake-up function, when a device is readable; see `rci_device_interrupt`."""
+        if td.robot is not None:
+            raise ConfigError(f"task {td.name} is woken by its robot: give a task without one the device")
+        try:
+            descriptor = device if isinstance(device, int) else device.fileno()
+            select.select([descriptor], (), (), 0)
+        except (OSError, ValueError, AttributeError, TypeError) as error:
+            raise ConfigError(f"task {td.name}: {device!r} is no device that can be waited for: {error}") from error
+        self._order(td, "set_device", descriptor)
+
+    def allow(self, td: TaskDescriptor, seconds: float) -> None:
+        """How long each of its functions may take; see `rci_timeout`."""
+        if not (isinstance(seconds, (int, float)) and 0.001 <= seconds <= LONGEST_S):
+            raise ConfigError(f"task {td.name}: 0.001 to {LONGEST_S:g} s may be allowed, not {seconds!r}")
+        td.words[TaskWord.ALLOWED_NS] = round(seconds * NS_PER_S)
 
     def trigger(self, td: TaskDescriptor, interval: int, offset: int, function: ControlFunction) -> None:
         """Call a function for it by the clock; see `rci_trigger`."""

@@ -6,13 +6,14 @@ A task is a pair of functions. Without a robot they are called back to back; wit
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from qrobot.errors import ConfigError, LinkError
+from qrobot.errors import ConfigError, LinkError, RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.link import Link
@@ -61,6 +62,12 @@ class RobotExchange:
         command, self._command = self._command, None
         return self.link.exchange(command)
 
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when a STATE comes. Raises LinkError, ConfigError on virtual time."""
+        if not isinstance(self.link, TcpLink):
+            raise ConfigError("a robot on virtual time cannot be had in real time")
+        return self.link.fileno()
+
     def send(self, command: Command) -> None:
         """Answer it. Raises LinkError."""
         if isinstance(self.link, TcpLink):
@@ -81,7 +88,9 @@ class TaskRunner:
         functions: what it runs.
         entry: interval and offset on the clock, None without.
         wakeup: wakes it when it returns true, None without.
+        device: becomes readable when the task, or its wake-up function, is to be called; None without.
         next_ns: on virtual time, when its robot's next sample is.
+        heard_ns: when its robot was heard last.
     """
 
     def __init__(self, td: TaskDescriptor, clock: CommonClock, open_link: OpenLink | None = None) -> None:
@@ -89,7 +98,10 @@ class TaskRunner:
         self.functions = ControlFunctions()
         self.entry: ClockEntry | None = None
         self.wakeup: Callable[[], object] | None = None
+        self.device: int | None = None
         self.next_ns: int | None = None
+        self.heard_ns = 0
+        self.ending = threading.Lock()  # held while a function ends, or is ended from outside
         self.port: RobotExchange | None = None
         self._cycle: RobotCycle | None = None
         self._active_from = 0
@@ -134,7 +146,7 @@ class TaskRunner:
 
     def _set_next_sample(self, welcome: Welcome) -> None:
         self._period_ns = welcome.period_us * NS_PER_US
-        self.next_ns = self._clock.now_ns()
+        self.next_ns = self.heard_ns = self._clock.now_ns()
         self.plan_sample()
 
     def plan_sample(self) -> None:
@@ -176,34 +188,42 @@ class TaskRunner:
     def run(self) -> None:
         """Answer one wake-up; with a robot all of them, for a sample is answered once."""
         words = self.td.words
-        began_ns = self._clock.now_ns()
-        words[TaskWord.BEGAN_NS] = began_ns
         with self.guarded():
             if self._cycle is None:
                 self._call_both()
             else:
                 self._sample(self._cycle)
-        words[TaskWord.LONGEST_NS] = max(words[TaskWord.LONGEST_NS], self._clock.now_ns() - began_ns)
-        words[TaskWord.BEGAN_NS] = 0
         words[TaskWord.SERVED] = words[TaskWord.WOKEN] if self.attached else words[TaskWord.SERVED] + 1
 
     def _call_both(self) -> None:
-        self.functions.control1(self.td)
-        self.functions.control2(self.td)
+        self._call(self.functions.control1)
+        self._call(self.functions.control2)
         self.td.words[TaskWord.RUNS] += 1
+
+    def _call(self, function: ControlFunction) -> None:
+        """Run a control function; as long as it runs, the descriptor tells since when."""
+        words, began_ns = self.td.words, self._clock.now_ns()
+        words[TaskWord.BEGAN_NS] = began_ns
+        try:
+            function(self.td)
+        finally:
+            with self.ending:
+                words[TaskWord.BEGAN_NS] = 0
+        words[TaskWord.LONGEST_NS] = max(words[TaskWord.LONGEST_NS], self._clock.now_ns() - began_ns)
 
     def _sample(self, cycle: RobotCycle) -> None:
         if self.port is None:
             return
         self._state = state = self.port.read()
+        self.heard_ns = self._clock.now_ns()
         self._count_left_out(cycle)
         runs = self.td.active and self._clock.ticks >= self._active_from
-        control = (lambda: self.functions.control1(self.td)) if runs else None
+        control = (lambda: self._call(self.functions.control1)) if runs else None
         self.port.send(cycle.step(state, self.port.link.now_ns(), control))
         self._state = None
         self._see(cycle.phase)
         if runs and self.td.active:
-            self.functions.control2(self.td)
+            self._call(self.functions.control2)
             self.td.words[TaskWord.RUNS] += 1
 
     def _count_left_out(self, cycle: RobotCycle) -> None:
@@ -228,9 +248,16 @@ class TaskRunner:
         try:
             yield
         except (Exception, SystemExit) as error:
-            self.end(error)
+            self.end(self._rogue() if isinstance(error, RogueTask) else error)
         finally:
             _current.reset(token)
+
+    def _rogue(self) -> RogueTask:
+        allowed_ms = self.td.words[TaskWord.ALLOWED_NS] * 1e-6
+        return RogueTask(
+            f"task {self.td.name} ran for more than the {allowed_ms:g} ms it is allowed and was ended: "
+            "make it shorter, or allow it more by rci_timeout()"
+        )
 
     def end(self, error: BaseException) -> None:
         """End it before its time: stop its robot, remember why."""
@@ -242,6 +269,13 @@ class TaskRunner:
         self._enter(TaskState.RELEASING)
         self._cycle.stop()
         self._send_stop(self._cycle)
+
+    def abandon(self, error: BaseException) -> None:
+        """End it from another thread, because its own never comes back: the bridge stops its robot."""
+        self.td.error = self.td.error or error
+        if self.port is not None:
+            self.port.link.close(str(error))
+        self._enter(TaskState.ENDED)
 
     def _send_stop(self, cycle: RobotCycle) -> None:
         state, self._state = self._state, None

@@ -11,7 +11,7 @@ from itertools import count
 
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
-from qrobot.rci.monitor import Monitor
+from qrobot.rci.monitor import Monitor, readable
 from qrobot.rci.task_runner import current_task
 
 
@@ -72,6 +72,8 @@ class VirtualProcessors:
         for monitor in monitors:
             monitor.pass_ticks(self._tick)
             monitor.ask_functions()
+            for runner in readable(monitor.devices).values():
+                monitor.wake_by_function(runner)
 
     def close(self) -> None:
         """Nothing runs by itself."""

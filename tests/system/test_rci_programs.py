@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from functools import partial
 from pathlib import Path
 
@@ -63,3 +64,12 @@ def test_a_task_that_swings_a_joint_in_lockstep_reads_the_very_counts_and_dac_wo
     assert [(rows["dac"][at[t]] == raw.dac).all() for t, raw in seen] == [True] * 100
     assert np.ptp([raw.encoder_counts[0] for _, raw in seen]) > 3000
     assert (rows[-1]["mode"], rows["fault"].any()) == (Mode.HOLDING, False)
+
+
+@pytest.mark.realtime
+def test_the_table_of_two_tasks_in_real_time_has_both_in_turn_s10(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(EXAMPLES / "15_rci_tasks.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    names = [line.split()[1] for line in lines[1:-2]]
+    assert abs(names.count("first") - names.count("second")) <= 1
+    assert len(names) >= 7

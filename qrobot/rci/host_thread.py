@@ -1,0 +1,114 @@
+"""The processor "host": a thread of the program beside the planning thread, with its interpreter and its memory."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+from qrobot.errors import RogueTask
+from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
+from qrobot.rci.monitor import Monitor
+from qrobot.rci.processor_loop import Order, ProcessorLoop
+from qrobot.realtime.setup import set_fifo
+from qrobot.units import NS_PER_S
+
+PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
+# How long a program that computes keeps the interpreter when a task is due, which asks several times.
+SWITCH_S: Final = 0.0005
+PATIENCE_S: Final = 1.0  # [A] with a task that was told to end and is inside a library that knows no exceptions
+
+
+class HostThread:
+    """One thread that runs tasks.
+
+    Args:
+        name: of the processor.
+        clock: the common one.
+        happened: called whenever tasks may have run.
+    """
+
+    def __init__(self, name: str, clock: CommonClock, happened: Callable[[], object]) -> None:
+        self._clock = clock
+        self._happened = happened
+        self._loop = ProcessorLoop(Monitor(name, clock), clock, happened)
+        self._thread = threading.Thread(target=self._run, name=f"rci-{name}", daemon=True)
+        self._hung = False
+        sys.setswitchinterval(min(SWITCH_S, sys.getswitchinterval()))
+        self._thread.start()
+
+    def _run(self) -> None:
+        set_fifo(PRIORITY)
+        self._loop.run()
+
+    def order(self, order: str, *arguments: Any) -> None:
+        """Let the monitor do something between two runs, and wait until it has. Raises what it raises."""
+        if threading.current_thread() is self._thread:  # a control function changes its own attributes
+            self._loop.monitor.obey(order, *arguments)
+            return
+        if self._hung:
+            return  # its tasks have ended
+        answer = Answer(lambda: self._loop.monitor.obey(order, *arguments))
+        self._loop.ring(answer.give)
+        answer.take(lambda: self._hung)
+
+    def end_rogues(self, now_ns: int) -> None:
+        """End a function that takes longer than it is allowed; all tasks, when it does not let itself be ended."""
+        for runner in self._loop.monitor.runners:
+            with runner.ending:
+                late_ns = lateness(runner.td, now_ns)
+                if late_ns > 0 and self._thread.ident is not None:
+                    # Python's own way to interrupt a thread: raised before its next instruction.
+                    ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                        ctypes.c_ulong(self._thread.ident), ctypes.py_object(RogueTask)
+                    )
+            if late_ns > PATIENCE_S * NS_PER_S and not self._hung:
+                self._give_up(runner.td)
+
+    def _give_up(self, rogue: TaskDescriptor) -> None:
+        """The thread never comes back: close the links of its robots, whose bridges then stop them."""
+        self._hung = True
+        for runner in self._loop.monitor.runners:
+            if runner.td.state not in (TaskState.CREATED, TaskState.RELEASED, TaskState.ENDED):
+                runner.abandon(RogueTask(f"task {rogue.name} does not return, and its processor with it"))
+        self._happened()
+
+    def close(self) -> None:
+        """End the thread, unless it never comes back."""
+        if not self._hung:
+            self._loop.end()
+            self._thread.join()
+            self._loop.close()
+
+
+class Answer:
+    """An order that one thread carries out and another one waits for."""
+
+    def __init__(self, order: Order) -> None:
+        self._order = order
+        self._done = threading.Event()
+        self._error: BaseException | None = None
+
+    def give(self) -> None:
+        """Carry it out."""
+        try:
+            self._order()
+        except Exception as error:  # it belongs to whoever waits
+            self._error = error
+        self._done.set()
+
+    def take(self, hopeless: Callable[[], bool]) -> None:
+        """Wait until it is carried out, or never will be. Raises what it raised."""
+        while not self._done.wait(0.1) and not hopeless():
+            pass
+        if self._error is not None:
+            raise self._error
+
+
+def lateness(td: TaskDescriptor, now_ns: int) -> int:
+    """By how much a function that runs now has exceeded its time, ns; 0 or less when none has."""
+    began_ns, allowed_ns = int(td.words[TaskWord.BEGAN_NS]), int(td.words[TaskWord.ALLOWED_NS])
+    return now_ns - began_ns - allowed_ns if began_ns else 0

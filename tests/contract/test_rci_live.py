@@ -1,0 +1,207 @@
+"""Tasks of RCI in real time, on the processor "host". What they do is judged by counts and events, never by instants."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.errors import ConfigError, LinkLost, RogueTask
+from qrobot.rci import TaskDescriptor, TaskState, TcpLink, host_thread
+from qrobot.wire import RobotMode
+from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.puma import PARK
+
+pytestmark = pytest.mark.realtime
+START = tuple(float(x) for x in PARK)
+
+
+@pytest.fixture(autouse=True)
+def program() -> Iterator[None]:
+    """A program in real time, of which nothing is left behind."""
+    rci.rci_clock(1000)
+    yield
+    rci.rci_close()
+
+
+@contextmanager
+def served(robot: FakeRobot) -> Iterator[SocketRobot]:
+    """A robot at the far end of a socket."""
+    with (
+        SocketRobot(robot) as server,
+        rci.use(lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket), virtual_time=False),
+    ):
+        rci.rci_close()  # the program of the fixture knows no robot
+        yield server
+
+
+def task(name: str, control, interval: int | None = None, offset: int = 0) -> TaskDescriptor:
+    td = rci.rci_create(name)
+    rci.rci_control(td, control)
+    if interval is not None:
+        rci.rci_onclock(td, interval, offset)
+    return td
+
+
+def endless(_: TaskDescriptor) -> None:
+    while True:
+        pass
+
+
+def test_tasks_on_one_clock_are_woken_in_step_however_late_they_run() -> None:
+    tds = [task(name, lambda _: None, interval, offset) for name, interval, offset in
+           (("a", 4, 0), ("b", 8, 2), ("c", 28, 5))]  # fmt: skip
+    mask = sum(td.bit for td in tds)
+    rci.rci_start(mask)
+    rci.rci_wait(lambda: tds[2].runs >= 10)
+    rci.rci_release(mask)
+    a, b, c = (td.runs for td in tds)
+    assert abs(a - 2 * b) <= 1
+    assert abs(a - 7 * c) <= 7
+    assert [td.run_count for td in tds] == [0, 0, 0]
+
+
+def test_a_program_that_computes_without_a_pause_lets_its_tasks_run() -> None:
+    td = task("a", lambda _: None, 10)
+    rci.rci_start(td.bit)
+    total = 0
+    while td.runs < 50:
+        total += sum(range(1000))
+    assert total
+
+
+def test_a_task_is_woken_by_a_device_and_reads_it() -> None:
+    source, sink = os.pipe()
+    heard: list[bytes] = []
+    td = task("sensor", lambda _: heard.append(os.read(source, 1)))
+    rci.rci_device_interrupt(td, source)
+    rci.rci_start(td.bit)
+    for letter in (b"a", b"b", b"c"):
+        os.write(sink, letter)
+    rci.rci_wait(lambda: len(heard) == 3)
+    assert (b"".join(heard), td.runs) == (b"abc", 3)
+    rci.rci_release(td.bit)
+    os.close(sink)
+    os.close(source)
+    for nothing in (source, -1, "tty", None):
+        with pytest.raises(ConfigError, match="no device"):
+            rci.rci_device_interrupt(td, nothing)
+
+
+def test_a_wakeup_function_with_a_device_is_asked_only_when_the_device_says_something() -> None:
+    source, sink = os.pipe()
+    asked: list[bytes] = []
+    heard: list[bytes] = []
+
+    def capital() -> bool:
+        asked.append(os.read(source, 1))
+        return asked[-1].isupper()
+
+    td = task("sensor", lambda _: heard.append(asked[-1]))
+    rci.rci_onfunction(td, capital)
+    rci.rci_device_interrupt(td, source)
+    rci.rci_start(td.bit)
+    os.write(sink, b"aBcD")
+    rci.rci_wait(lambda: len(asked) == 4 and td.run_count == 0)
+    assert (asked, heard) == ([b"a", b"B", b"c", b"D"], [b"B", b"D"])
+    rci.rci_release(td.bit)
+    os.close(sink)
+    os.close(source)
+
+
+def test_a_rogue_task_is_found_and_ended_and_others_of_its_processor_go_on() -> None:
+    good, rogue = task("good", lambda _: None, 5), task("rogue", endless, 5)
+    rci.rci_timeout(rogue, 0.1)
+    rci.rci_start(good.bit | rogue.bit)
+    with pytest.raises(RogueTask, match="task rogue ran for more than the 100 ms"):
+        rci.rci_wait(lambda: False)
+    assert (rogue.state, good.state) == (TaskState.ENDED, TaskState.ACTIVE)
+    runs = good.runs
+    rci.rci_wait(lambda: good.runs > runs + 5)
+
+
+def test_a_robot_is_stopped_when_its_task_turns_rogue() -> None:
+    robot = FakeRobot(START, period_us=4_000, patience=1 << 40)  # it stops only when it is told
+    with served(robot):
+        td = task("puma560", lambda td: td.chg.go_to(START))
+        rci.rci_timeout(td, 0.1)
+        rci.rci_start(td.bit)
+        rci.rci_wait(lambda: td.runs > 3)
+        rci.rci_control(td, endless)
+        with pytest.raises(RogueTask):
+            rci.rci_wait(lambda: False)
+        wait_until(lambda: robot.mode is RobotMode.HOLDING, "a controlled stop")
+        wait_until(lambda: td.state is TaskState.ENDED, "the end of the task")
+        assert any(command.stop for command in robot.commands)
+        rci.rci_close()
+
+
+def test_a_task_that_cannot_be_interrupted_is_given_up_and_its_robot_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host_thread, "PATIENCE_S", 0.2)
+    robot, forever = FakeRobot(START, period_us=4_000), threading.Event()
+    with served(robot):
+        td = task("puma560", lambda td: td.chg.go_to(START))
+        rci.rci_timeout(td, 0.1)
+        rci.rci_start(td.bit)
+        rci.rci_wait(lambda: td.runs > 3)
+        rci.rci_control(td, lambda _: forever.wait(PATIENCE_S))
+        with pytest.raises(RogueTask, match="does not return"):
+            rci.rci_wait(lambda: False)
+        wait_until(lambda: robot.mode is not RobotMode.TRACKING, "a stop")
+        rci.rci_close()
+        forever.set()
+
+
+def test_a_robot_follows_in_real_time_and_is_let_go() -> None:
+    robot = FakeRobot(START, period_us=4_000, patience=1 << 40)
+
+    def turn(td: TaskDescriptor) -> None:
+        q = np.array(td.how.q_setpoint)
+        q[0] += 0.002
+        td.chg.go_to(tuple(q.tolist()))
+
+    with served(robot):
+        td = task("puma560", turn)
+        rci.rci_start(td.bit)
+        rci.rci_wait(lambda: td.runs >= 30)
+        rci.rci_release(td.bit)
+        assert (td.state, robot.mode) == (TaskState.RELEASED, RobotMode.HOLDING)
+        assert robot.q[0] > START[0] + 0.04
+        rci.rci_close()
+
+
+def test_a_bridge_that_goes_away_ends_the_task_and_no_other() -> None:
+    robot = FakeRobot(START, period_us=4_000, patience=1 << 40)
+    with served(robot) as server:
+        rci.rci_clock(1000)
+        td, other = task("puma560", lambda td: td.chg.go_to(START)), task("filter", lambda _: None, 5)
+        rci.rci_start(td.bit | other.bit)
+        server.hang_up()
+        with pytest.raises(LinkLost):
+            rci.rci_wait(lambda: False)
+        runs = other.runs
+        rci.rci_wait(lambda: other.runs > runs + 5)
+        assert td.state is TaskState.ENDED
+        rci.rci_close()
+
+
+def test_a_task_changes_its_own_interval() -> None:
+    td = task("a", lambda td: rci.rci_onclock(td, 7), 3)
+    rci.rci_start(td.bit)
+    rci.rci_wait(lambda: td.runs >= 10)
+
+
+def test_an_error_in_a_task_and_a_processor_that_is_not_there_are_told() -> None:
+    td = task("bad", lambda _: 1 / 0, 1)
+    rci.rci_start(td.bit)
+    with pytest.raises(ZeroDivisionError):
+        rci.rci_wait(lambda: False)
+    rci.rci_close()
+    with pytest.raises(ConfigError, match="no processor 'cpu99'"):
+        rci.rci_create("a", "cpu99")
