@@ -1,4 +1,4 @@
-"""Tasks of RCI in real time, on the processor "host". What they do is judged by counts and events, never by instants."""
+"""Tasks of RCI in real time, on the processor "host", judged by counts and events and never by instants."""
 
 from __future__ import annotations
 
