@@ -30,6 +30,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "reactions": fault_facts.reactions,
     "breakable": tables.breakable,
     "modes": tables.mode_diagram,
+    "phases": tables.phase_diagram,
     "laws": tables.laws,
     "telemetry": tables.telemetry,
     "command-line": command_line.command_line,
@@ -64,6 +65,7 @@ PAGES: Final[dict[str, Callable[[str], str]]] = {
     "../examples/14_identify.ipynb": lambda _page: notebook.notebook("14_identify.py"),
     "../qrobot/wire/c/qrobot_wire.h": wire_header.refresh,
     "explanation/safety.md": rewrite,
+    "explanation/one-move.md": rewrite,
     "how-to/inject-faults.md": rewrite,
 }
 

@@ -9,6 +9,7 @@ from typing import Final
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import EXPLANATION, FaultCode
+from qrobot.motion.path import phase
 from qrobot.servo import modes
 from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.laws import DEFAULT_LAW, LAWS
@@ -66,6 +67,11 @@ def breakable() -> str:
 def mode_diagram() -> str:
     """The state machine of the servo."""
     return f"```mermaid\n{modes.mermaid()}```"
+
+
+def phase_diagram() -> str:
+    """The phases of a motion."""
+    return f"```mermaid\n{phase.mermaid()}```"
 
 
 def laws() -> str:

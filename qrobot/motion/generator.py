@@ -5,31 +5,32 @@
     while (output := generator.update(tick)).moving:
         tick += 1
 
-A request becomes a segment between two corners of the path, straight in the motion coordinates (coordinates.py). When
-another request follows in time, the path turns round the corner in a transition and never reaches it; otherwise the arm
-comes to rest there, relative to the goal when the goal moves, and stays with it. Position, velocity and acceleration of
-the setpoints are continuous whatever happens. On joint paths they are planned within the limits; of other setpoints,
-whose goals may move, each is judged before it goes out, and an absolute stop takes the place of one that must not be.
+A request becomes a segment from one via point to the next, straight in its coordinates (coordinates.py). When
+another request follows in time, the path turns round the via point in a transition and never reaches it; otherwise the
+arm comes to rest there, relative to the goal when the goal moves, and stays with it. Position, velocity and
+acceleration of the setpoints are continuous whatever happens. On joint paths they are planned within the limits; other
+setpoints, whose goals may move, are checked one by one before they go out, and a joint stop takes the place of one that
+fails.
+
+Stops: `skip` ends the present request and goes on to the next, `stop` drops all requests and comes to rest, on the path
+where it can (path stop), `abort` brings the joints to rest wherever they can (joint stop). The table is in phase.py.
 """
 
 from __future__ import annotations
 
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.errors import JointLimit, Singular, Unreachable
 from qrobot.motion.event import Termination
 from qrobot.motion.path.blend import Blend, Correction
-from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path_piece import BlendSettings
-from qrobot.motion.path.segment import Segment
-from qrobot.motion.planning.planner import Planner, SegmentEntry, TransitionBounds
-from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion
+from qrobot.motion.path.phase import Phase
+from qrobot.motion.planning.planner import Planner
 from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.request import MoveRequest
-from qrobot.motion.trajectory.event_queue import EventQueue
-from qrobot.motion.trajectory.output import Output, Passing, StopState
+from qrobot.motion.trajectory.output import Output
+from qrobot.motion.trajectory.sequencer import Sequencer
 from qrobot.motion.trajectory.setpoint_check import judge_next, reason
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
-from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition
 from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.kinematics import ArmKinematics
 from qrobot.motion.world.limits import MotionLimits
@@ -45,7 +46,7 @@ class Generator:
         tick: number of that sample.
         blend: polynomial of the transitions.
         queue_size: how many requests may wait.
-        kinematics: kinematics of the arm; without them only joint positions can be gone to.
+        kinematics: of the arm; without them only joint positions can be gone to.
         correction: polynomial that fades out a velocity the transition did not expect.
     """
 
@@ -61,22 +62,20 @@ class Generator:
         correction: Correction = Correction.SMOOTH,
     ) -> None:
         self.period_s = period_s
-        self._limits = limits
+        self._limits, self._kinematics = limits, kinematics
         self._settings = BlendSettings(period_s, blend, correction)
         self._planner = Planner(limits, self._settings, kinematics)
-        self._scheduler = self._planner.scheduler
-        self._kinematics = kinematics
         self._queue = RequestQueue(queue_size)
         self._trajectory = TrajectoryState(q, tick, self._settings)
         self._path = self._trajectory.path
-        self._stop: StopState | None = None
-        self._via = ViaPlanner(self._planner)
-        self._passing: Passing | None = None
-        self._skipped: tuple[Segment | None, int] | None = None  # what was under way then, and the code
-        self._arrived: MoveRequest | None = None
-        self._events = EventQueue()
+        self._sequencer = Sequencer(self._planner, limits, self._settings, self._trajectory, self._queue)
 
     # -------------------------------------------------------------------------------------------------- at any time
+
+    @property
+    def phase(self) -> Phase:
+        """How the arm is moved at the newest sample."""
+        return self._path.phase
 
     @property
     def waiting(self) -> int:
@@ -86,17 +85,17 @@ class Generator:
     @property
     def busy(self) -> bool:
         """A request is being served, or waits."""
-        return self._path.segment is not None or self._stop is not None or len(self._queue) > 0
+        return self._sequencer.busy
 
     @property
     def stopping(self) -> bool:
         """An absolute stop is under way."""
-        return self._stop is not None
+        return self._sequencer.stopping
 
     @property
     def has_events(self) -> bool:
         """Events are still to be told, if only that the arm is idle; also when nothing was left to be done for them."""
-        return self._events.pending
+        return self._sequencer.events.pending
 
     @property
     def goal(self) -> Goal | None:
@@ -106,7 +105,7 @@ class Generator:
     @property
     def serving(self) -> MoveRequest | None:
         """The request whose segment is under way; None at rest."""
-        return None if self._path.segment is None else self._path.segment.request
+        return self._sequencer.serving
 
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
@@ -116,40 +115,31 @@ class Generator:
             Unreachable, Singular: no configuration, or not this one, reaches the goal or a place on the way.
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
-        self._queue.push(
-            self._planner.prepare(request, self._last_end(), self._trajectory.newest, self._trajectory.tick)
-        )
-        self._events.expect()
+        start, near = self._sequencer.last_end(), self._trajectory.newest
+        self._queue.push(self._planner.prepare(request, start, near, self._trajectory.tick))
+        self._sequencer.events.expect()
 
     def skip(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 
-        A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop.
+        A request that is about to begin ends without having begun. Does nothing at rest, nor during a stop; a stop that
+        begins before the next sample takes its place.
         """
-        if self.busy and self._stop is None:
-            self._skipped = self._path.segment, code
+        self._sequencer.skip(code)
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all waiting requests and come to an absolute rest, in at least `seconds`.
 
         On a joint path the arm stays on it; else it stops where its joints can.
         """
-        self._drop_waiting()
-        stands = self._path.segment is None and self._path.coordinates.fixed
-        if self._stop is None and not stands:
-            self._begin_stop(self.serving, Termination.STOPPED, seconds)
+        self._sequencer.stop(seconds)
 
     def abort(self, code: int) -> None:
-        """What is under way must not go on: an absolute stop wherever the joints can, and nothing of what waits.
+        """Come to an absolute rest wherever the joints can, and drop all waiting requests: what is under way must end.
 
         The present request ends with `code`; at rest it is told that the goal which was followed is lost.
         """
-        if self._stop is not None:
-            return
-        if self._path.segment is None:
-            self._events.lost(self._arrived, code)
-        self._drop_waiting()
-        self._begin_joint_stop(self.serving, code)
+        self._sequencer.abort(code)
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
@@ -174,289 +164,45 @@ class Generator:
         """
         self._trajectory.advance(tick, standing)
         self._sample_goals()
-        q = self._follow()
-        if self._passing is not None and self._trajectory.clock >= self._passing.middle:
-            self._pass_via_point()
-        self._trajectory.give_out(q)
-        return self._output(q)
+        self._ask_monitor()
+        return self._sequencer.output(self._give_setpoint())
 
     def _sample_goals(self) -> None:
-        """Evaluate what moves, and ask the monitor."""
+        """Evaluate the goals that move: of the present segment, and of the request that comes next."""
         self._path.coordinates.sample(self._trajectory.tick)
         if (queued := self._queue.peek()) is not None:
             queued.sample(self._trajectory.tick)
+
+    def _ask_monitor(self) -> None:
         request = self.serving
         if request is not None and request.monitor is not None and (code := request.monitor()):
             self.skip(int(code))  # type: ignore[call-overload]
 
-    def _follow(self) -> Floats:
-        """The setpoint, kept from passing a limit."""
-        try:
-            q = self._next_setpoint()
-        except (JointLimit, Unreachable, Singular) as error:
-            self.abort(reason(error))
-            return self._trajectory.setpoint()
-        if not self._trajectory.on_joint_path and (code := self._judged(q)) is not Termination.NONE:
-            self.abort(code)
-            return self._trajectory.setpoint()
+    def _give_setpoint(self) -> Floats:
+        """The setpoint of this sample, which is given out. Shape (n,)."""
+        q = self._checked_setpoint()
+        self._sequencer.pass_via_points()
+        self._trajectory.give_out(q)
         return q
 
-    def _next_setpoint(self) -> Floats:
-        self._apply_skip()
-        while self._advance_segment():
-            pass
-        self._finish_stop()
+    def _checked_setpoint(self) -> Floats:
+        """The next setpoint, or that of a joint stop when it must not go out. Shape (n,)."""
+        try:
+            self._sequencer.advance()
+            q = self._trajectory.setpoint()
+        except (JointLimit, Unreachable, Singular) as error:
+            return self._abort_now(reason(error))
+        if not self._trajectory.on_joint_path and (code := self._judge(q)) is not Termination.NONE:
+            return self._abort_now(code)
+        return q
+
+    def _abort_now(self, code: int) -> Floats:
+        self.abort(code)
         return self._trajectory.setpoint()
 
-    def _judged(self, q: Floats) -> Termination:
+    def _judge(self, q: Floats) -> Termination:
+        """What is wrong with the setpoint `q` (n,)."""
         code = judge_next(self._trajectory.setpoints_with(q), self.period_s, self._limits, self._settings.blend)
-        if (
-            code is Termination.TOO_FAST
-            and self._kinematics is not None
-            and self._kinematics.near_singular(self._trajectory.newest)
-        ):
-            return Termination.SINGULAR
-        return code
-
-    def _output(self, q: Floats) -> Output:
-        events = self._events.drain(self.busy)
-        if self._stop is not None:
-            return Output(q, self._stop.request, self._stop.scal, events, True)
-        if (passing := self._passing) is None:
-            return Output(q, self.serving, self._scal(), events, self.busy)
-        passed = passing.segment.scal(self._trajectory.clock, self._settings.blend, ending=False)
-        return Output(q, self.serving, self._scal(), events, self.busy, passing.segment.request, passed)
-
-    # ---------------------------------------------------------------------------------------------- from leg to leg
-
-    def _advance_segment(self) -> bool:
-        """Begin the next leg if its time has come."""
-        segment = self._path.segment
-        if self._stop is not None and not self._stop.on_path:
-            return self._finish_stop()
-        if segment is None:
-            return self._start()
-        if self._path.ending:
-            return self._arrive(segment)
-        return self._leave_segment(segment)
-
-    def _start(self) -> bool:
-        """From rest, or from the goal that is being followed, into the oldest request."""
-        queued = self._queue.peek()
-        if queued is None or not queued.settled:
-            return False
-        if queued.here:
-            return self._begin_here()
-        bounds = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.coordinates.fixed)
-        if self._enter_from_state(queued, self._trajectory.goal_joints(), bounds):
-            return True
-        if (
-            self._queue.peek() is queued and not self._path.coordinates.fixed
-        ):  # too fast a goal to leave: from rest, then
-            self._begin_stop(None, Termination.COMPLETED)
-        return False
-
-    def _leave_segment(self, segment: Segment) -> bool:
-        """Into the transition to the request that follows, or to rest, once it is time for it."""
-        queued = self._queue.peek()
-        if self._stop is not None or queued is None or not queued.settled:
-            return self._approach_rest(segment)
-        if queued.here and not segment.coordinates.fixed:
-            return self._trajectory.clock >= segment.rest_begin and self._begin_here()
-        transition = (
-            None if queued.here else self._transition_to(segment, queued)
-        )  # where it stands still it rests anyhow
-        if transition is None:
-            return self._approach_rest(segment)
-        if self._trajectory.clock < segment.end - transition.schedule.transition:
-            return False
-        return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
-
-    def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
-        """How to turn into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
-        try:
-            return self._via.transition_to(segment, queued, self._trajectory, self._queue.peek(1))
-        except MotionError as error:
-            self._refuse(error)
-            return None
-
-    def _enter_transition(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
-        """Into the transition to `queued` now; False when there turned out to be no way."""
-        if transition.geometry.coordinates is JOINTS and segment.coordinates is JOINTS:
-            self._enter_on_time(segment, queued, transition)
-            return True
-        bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
-        return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED)
-
-    def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
-        """From one joint path into another, beginning when it should have, whichever samples were left out."""
-        begin = segment.end - transition.schedule.transition
-        there = self._planner.segment(queued, transition.geometry, transition.schedule, segment.end)
-        self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
-
-    def _approach_rest(self, segment: Segment) -> bool:
-        """Into the transition to rest, once it is time for it."""
-        if self._trajectory.clock < segment.rest_begin:
-            return False
-        self._trajectory.approach_rest(segment)
-        return True
-
-    def _arrive(self, segment: Segment) -> bool:
-        """Stand exactly at the target once the transition to rest is over."""
-        if self._trajectory.clock < self._path.piece.end:
-            return False
-        self._trajectory.hold(segment.target)
-        self._arrived = segment.request
-        ended = segment.request if self._stop is None else self._stop.request
-        self._stop = None
-        if ended is not None:
-            self._events.ended(ended, Termination.COMPLETED)
-        return True
-
-    def _enter_from_state(
-        self, queued: QueuedMotion, via: Floats, bounds: TransitionBounds, code: int | None = None
-    ) -> bool:
-        """Into `queued` now; the present request ends with `code`. False when there turned out to be no way."""
-        points = self._trajectory.points()
-        try:
-            entry = self._planner.plan_entry(queued, via, points, self._trajectory.clock, bounds)
-        except MotionError as error:
-            self._refuse(error)
-            return False
-        if entry is None:
-            return False
-        self._enter(entry, self._trajectory.clock, code)
-        return True
-
-    def _enter(self, entry: SegmentEntry, begin: float, code: int | None) -> None:
-        """Take the oldest request out of the queue and follow its segment."""
-        if code == Termination.COMPLETED and self._path.segment is not None:
-            self._passing = Passing(self._path.segment, entry.segment.begin)
-        else:
-            self._end_present(code)
-        self._via.forget()
-        self._trajectory.enter(entry, begin)
-        self._events.begun(self._queue.pop().request)
-
-    def _end_present(self, code: int | None) -> None:
-        """The present request, if there is one, ends with `code`."""
-        self._pass_via_point()
-        if self.serving is not None and code is not None:
-            self._events.ended(self.serving, code)
-
-    def _pass_via_point(self) -> None:
-        """The request whose via point the path turns round has ended: half way, or cut short like the next one."""
-        if self._passing is not None:
-            self._events.ended(self._passing.segment.request, Termination.COMPLETED)
-            self._passing = None
-
-    # --------------------------------------------------------------------------------- interruptions, stops, failures
-
-    def _apply_skip(self) -> None:
-        """End the present request if that was asked for, as soon as the next one can begin."""
-        if self._skipped is None or self._skipped[0] is not self._path.segment:
-            self._skipped = None
-            return
-        segment, code = self._skipped
-        queued = self._queue.peek()
-        if segment is not None and queued is not None and not queued.settled:
-            return
-        self._skipped = None
-        if segment is None:
-            self._drop_oldest(code)
-            return
-        if queued is None or not self._leave_for(queued, code):
-            self._begin_stop(segment.request, code)
-
-    def _drop_oldest(self, code: int) -> None:
-        """The request that was to begin in this sample ends with `code`."""
-        if self.waiting:
-            self._events.ended(self._queue.pop().request, code)
-
-    def _leave_for(self, queued: QueuedMotion, code: int) -> bool:
-        """From where the arm is now, at the speed it has, into `queued`; False when no such way is safe."""
-        if queued.here:
-            return self._begin_here(code)
-        if self._trajectory.on_joint_path and queued.target is not None:
-            return self._replan(queued, code)
-        via = self._planner.ahead(queued.request, self._trajectory.points())
-        return self._enter_from_state(queued, via, TransitionBounds(following=self._asked_behind()), code)
-
-    def _replan(self, queued: QueuedMotion, code: int) -> bool:
-        """As `_leave_for`, from one joint path to another."""
-        clock = self._trajectory.clock
-        entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
-        if entry is None:
-            return False
-        self._enter(entry, clock, code)
-        return True
-
-    def _begin_here(self, code: int = Termination.COMPLETED) -> bool:
-        """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
-        self._end_present(code)
-        request = self._queue.pop().request
-        self._events.begun(request)
-        self._begin_stop(request, Termination.COMPLETED)
-        return True
-
-    def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
-        """Come to an absolute rest, which ends `request`: on a joint path, or wherever the joints can."""
-        segment = self._path.segment
-        if not self._trajectory.on_joint_path or segment is None:
-            self._begin_joint_stop(request, code, seconds)
-            return
-        self._cut_short(request, code, on_path=True)
-        self._trajectory.path_stop(segment, seconds, self._scheduler)
-
-    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
-        """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
-        self._cut_short(request, code, on_path=False)
-        self._trajectory.joint_stop(seconds, self._limits)
-
-    def _cut_short(self, request: MoveRequest | None, code: int, on_path: bool) -> None:
-        """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
-        self._stop = StopState(request, code, self._scal(), on_path)
-        self._via.forget()
-        self._pass_via_point()
-        if request is not None and code != Termination.COMPLETED:
-            self._events.interrupted(request, code)
-
-    def _finish_stop(self) -> bool:
-        """Stand where the joints, or path time, have come to rest."""
-        stop = self._stop
-        if stop is None or not self._trajectory.stopped:
-            return False
-        self._trajectory.hold(self._path.state(self._trajectory.clock)[0])
-        self._stop = None
-        if stop.request is not None:
-            self._events.ended(stop.request, stop.code)
-        return True
-
-    def _refuse(self, error: MotionError) -> None:
-        """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
-        self._events.ended(self._queue.pop().request, reason(error))
-        self._drop_waiting()
-
-    def _drop_waiting(self) -> None:
-        self._via.forget()
-        self._events.dropped(queued.request for queued in self._queue.clear())
-
-    # ------------------------------------------------------------------------------------------------------- helpers
-
-    def _scal(self) -> float:
-        """How much of the present segment is done, 0 to 1; 1 at rest."""
-        segment = self._path.segment
-        return 1.0 if segment is None else segment.scal(self._trajectory.clock, self._settings.blend, self._path.ending)
-
-    def _asked_behind(self) -> Following:
-        """What the request behind the oldest asks for."""
-        queued = self._queue.peek(1)
-        return NO_FOLLOWER if queued is None else queued.asks
-
-    def _last_end(self) -> Floats | None:
-        """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
-        if (last := self._queue.last()) is not None:
-            return last.end
-        if not self._path.coordinates.fixed or (self._stop is not None and not self._stop.on_path):
-            return None
-        return self._trajectory.goal_joints()
+        if code is not Termination.TOO_FAST or self._kinematics is None:
+            return code
+        return Termination.SINGULAR if self._kinematics.near_singular(self._trajectory.newest) else code

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.motion import HERE, Blend, JointSpeed, MoveRequest, SpeedShare, Termination
+from qrobot.motion import HERE, Blend, EventKind, JointSpeed, MoveRequest, SpeedShare, Termination
 from tests.support.motion import LIMITS, ended, generator, run
 
 FINE_S = 0.005  # at this period differences of states say what the derivatives are
@@ -160,3 +160,43 @@ def test_a_lost_sample_does_not_change_the_path(move, lost) -> None:
         expected = whole.update(tick)
         if tick != lost:
             assert holed.update(tick).q == pytest.approx(expected.q, abs=1e-12)
+
+
+CALLS = st.lists(st.tuples(st.sampled_from(["skip", "stop", "abort", "push", "here"]), st.integers(0, 40)), max_size=8)
+
+
+@given(PROGRAMS, CALLS, st.lists(st.integers(1, 30), min_size=1, max_size=20))
+@settings(max_examples=50)
+def test_whatever_is_asked_and_left_out_every_motion_begins_once_at_most_and_ends_once(moves, calls, gaps) -> None:
+    """Calls come in any order, several between two samples, and samples are left out."""
+    gen = with_moves(*moves)
+    asked, events, tick = list(moves), [], 0
+    act = {
+        "skip": lambda: gen.skip(9),
+        "stop": gen.stop,
+        "abort": lambda: gen.abort(Termination.UNREACHABLE),
+        "push": lambda: push(MoveRequest("more", np.array([0.3, 0.1]), SpeedShare(0.5))),
+        "here": lambda: push(MoveRequest("stand", HERE, SpeedShare(0.5))),
+    }
+
+    def push(request: MoveRequest) -> None:
+        gen.push(request)
+        asked.append(request)
+
+    for what, sample in sorted(calls, key=lambda call: call[1]):
+        while tick < sample:
+            tick += gaps[tick % len(gaps)]
+            events += gen.update(tick).events
+        act[what]()
+    while gen.busy or gen.has_events:
+        tick += gaps[tick % len(gaps)]
+        events += gen.update(tick).events
+    for request in asked:
+        told = [event.kind for event in events if event.request is request]
+        assert told.count(EventKind.ENDED) == 1
+        assert told.count(EventKind.BEGUN) <= 1
+        assert told[-1] is EventKind.ENDED
+    completed = {event.request for event in events if event.kind is EventKind.ENDED and event.code == DONE}
+    ends = [event.request for event in events if event.kind is EventKind.ENDED and event.request in completed]
+    assert ends == [request for request in asked if request in completed]
+    assert events[-1].kind in (EventKind.IDLE, EventKind.LOST)

@@ -48,7 +48,7 @@ def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Schedule
     """
     limits, blend, period_s = scheduler.limits, scheduler.blend, scheduler.period_s
     speed = np.abs(path.state(clock)[1])
-    if path.segment is not None and not path.ending:
+    if path.segment is not None and not path.phase.ending:
         speed = np.maximum(speed, np.abs(path.segment.velocity))
     shortest = PEAK[blend] * float((speed / limits.a_stop).max())
     length = max(1.0, seconds / period_s, shortest / period_s)

@@ -18,13 +18,11 @@ class StopState:
         request: being ended, None when none was served.
         code: it ends with.
         scal: how much of it was done.
-        on_path: path time comes to a halt; otherwise the joints come to rest wherever they can.
     """
 
     request: MoveRequest | None
     code: int
     scal: float
-    on_path: bool
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from qrobot.errors import MotionError
 from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path import Path
 from qrobot.motion.path.path_piece import BlendSettings
+from qrobot.motion.path.phase import Phase
 from qrobot.motion.path.segment import Segment
 from qrobot.motion.path.setpoint_history import History, SetpointHistory, true_joints
 from qrobot.motion.planning.joint_stop import joint_stop_s
@@ -26,7 +27,7 @@ class TrajectoryState:
     Args:
         q: setpoint to begin at, at rest. Shape (n,).
         tick: number of that sample.
-        settings: of the legs.
+        settings: of the pieces.
 
     Attributes:
         path: where the arm is to be, as a function of path time.
@@ -42,11 +43,8 @@ class TrajectoryState:
         self._given_clock = 0.0  # path time of the newest setpoint given out
         self._path_stop: PathStop | None = None
         self._path_stop_tick = 0
-        self._halting = False
         self._setpoints = SetpointHistory(tick, q)
-        self._actual = SetpointHistory(
-            tick, q
-        )  # as the trail, but of joints that follow no setpoints where they really are
+        self._actual = SetpointHistory(tick, q)  # the same, with joints that follow no setpoints where they are
         self._standing: Floats | None = None
 
     # ------------------------------------------------------------------------------------------------ what there is
@@ -66,7 +64,7 @@ class TrajectoryState:
         """A stop that was begun is over."""
         if self._path_stop is not None:
             return self.tick - self._path_stop_tick >= self._path_stop.length
-        return self._halting and self.clock >= self.path.piece.end
+        return self.path.phase is Phase.JOINT_STOP and self.clock >= self.path.piece.end
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
@@ -114,7 +112,7 @@ class TrajectoryState:
         self._actual.append(self.tick, true_joints(q, self._standing))
         self._given_clock = self.clock
 
-    # ------------------------------------------------------------------------------------------- other legs
+    # ------------------------------------------------------------------------------------------- other pieces
 
     def enter(self, entry: SegmentEntry, begin: float) -> None:
         """Turn into another segment, beginning at path time `begin`."""
@@ -124,26 +122,25 @@ class TrajectoryState:
     def hold(self, x: Floats) -> None:
         """Stand at `x` (m,), in the coordinates of the path."""
         self.path.hold(x, self.clock)
-        self._path_stop, self._halting = None, False
+        self._path_stop = None
 
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
         self.path.end_segment(segment, max(segment.rest_begin, self._given_clock))
 
-    def path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
+    def begin_path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
-        if not self.path.ending and self.clock > segment.rest_begin:
+        if not self.path.phase.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
         self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler)
         self._path_stop_tick = self.tick
+        self.path.begin_path_stop()
 
-    def joint_stop(self, seconds: float, limits: MotionLimits) -> None:
+    def begin_joint_stop(self, seconds: float, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
-        state = (
-            self.path.state(self._given_clock) if self.on_joint_path else self._actual.state(self._settings.period_s)
-        )
+        period_s = self._settings.period_s
+        state = self.path.state(self._given_clock) if self.on_joint_path else self._actual.state(period_s)
         shortest_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
         length_s = max(seconds, shortest_s)
         self._setpoints = self._actual.copy()
-        self._path_stop, self._halting = None, True
-        self.path.joint_stop(state, self._given_clock, length_s / self._settings.period_s, fading_s / length_s)
+        self.path.begin_joint_stop(state, self._given_clock, length_s / period_s, fading_s / length_s)

@@ -261,3 +261,27 @@ def test_time_does_not_run_backwards() -> None:
 def test_a_pace_that_is_no_pace_is_refused(make, value) -> None:
     with pytest.raises(MotionError):
         make(value)
+
+
+def test_a_stop_takes_the_place_of_a_skip_and_what_is_asked_next_begins_from_rest() -> None:
+    gen = generator()
+    gen.push(move("a", 1.0, 0.0))
+
+    def skip_stop_and_ask(tick: int) -> None:
+        if tick == 20:
+            gen.skip(42)
+            gen.stop()
+            gen.push(move("b", 0.0, 0.5))
+
+    outputs = list(run(gen, at_tick=skip_stop_and_ask))
+    assert ended(outputs) == [("a", Termination.STOPPED), ("b", DONE)]
+    assert outputs[-1].q.tolist() == [0.0, 0.5]
+
+
+def test_motions_end_in_their_order_whichever_samples_are_left_out() -> None:
+    for gap in range(1, 120, 3):
+        gen = generator()
+        for name, q in zip("abc", (0.2, 0.4, 0.1), strict=True):
+            gen.push(move(name, q, 0.0, speed=Duration(1.0), ta=0.1))
+        outputs = [gen.update(tick) for tick in (*range(1, 21), *range(20 + gap, 300))]
+        assert ended(outputs) == [("a", DONE), ("b", DONE), ("c", DONE)]

@@ -1,0 +1,347 @@
+"""Which segment comes when: from rest into a request, round via points, into stops, and to rest again."""
+
+from __future__ import annotations
+
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
+from qrobot.motion.event import Termination
+from qrobot.motion.path.coordinates import JOINTS
+from qrobot.motion.path.path_piece import BlendSettings
+from qrobot.motion.path.phase import Phase
+from qrobot.motion.path.segment import Segment
+from qrobot.motion.planning.planner import Planner, SegmentEntry, TransitionBounds
+from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion
+from qrobot.motion.planning.request_queue import RequestQueue
+from qrobot.motion.request import MoveRequest
+from qrobot.motion.trajectory.event_queue import EventQueue
+from qrobot.motion.trajectory.output import Output, Passing, StopState
+from qrobot.motion.trajectory.setpoint_check import reason
+from qrobot.motion.trajectory.trajectory_state import TrajectoryState
+from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition
+from qrobot.motion.world.limits import MotionLimits
+
+
+class Sequencer:
+    """The sequence of segments of one arm.
+
+    Args:
+        planner: of the arm.
+        limits: of its joints.
+        settings: of the pieces of path.
+        trajectory: how far it is.
+        queue: requests that wait.
+
+    Attributes:
+        events: what happened, for the next output.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        limits: MotionLimits,
+        settings: BlendSettings,
+        trajectory: TrajectoryState,
+        queue: RequestQueue,
+    ) -> None:
+        self.events = EventQueue()
+        self._planner, self._limits, self._settings = planner, limits, settings
+        self._trajectory, self._path, self._queue = trajectory, trajectory.path, queue
+        self._via = ViaPlanner(planner)
+        self._stop: StopState | None = None  # what the stop under way ends
+        self._passing: Passing | None = None
+        self._skipped: tuple[Segment | None, int] | None = None  # what was under way then, and the code
+        self._arrived: MoveRequest | None = None
+
+    # -------------------------------------------------------------------------------------------------- at any time
+
+    @property
+    def busy(self) -> bool:
+        """A request is being served, or waits."""
+        return self._path.segment is not None or self.stopping or len(self._queue) > 0
+
+    @property
+    def stopping(self) -> bool:
+        """An absolute stop is under way."""
+        return self._path.phase.stopping
+
+    @property
+    def serving(self) -> MoveRequest | None:
+        """The request whose segment is under way; None at rest."""
+        return None if self._path.segment is None else self._path.segment.request
+
+    def skip(self, code: int) -> None:
+        """See `Generator.skip`."""
+        if self.busy and not self.stopping:
+            self._skipped = self._path.segment, code
+
+    def stop(self, seconds: float) -> None:
+        """See `Generator.stop`."""
+        self._drop_waiting()
+        stands = self._path.segment is None and self._path.coordinates.fixed
+        if not self.stopping and not stands:
+            self._begin_stop(self.serving, Termination.STOPPED, seconds)
+
+    def abort(self, code: int) -> None:
+        """See `Generator.abort`."""
+        if self.stopping:
+            return
+        if self._path.segment is None:
+            self.events.lost(self._arrived, code)
+        self._drop_waiting()
+        self._begin_joint_stop(self.serving, code)
+
+    def last_end(self) -> Floats | None:
+        """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
+        if (last := self._queue.last()) is not None:
+            return last.end
+        if not self._path.coordinates.fixed or self._path.phase is Phase.JOINT_STOP:
+            return None
+        return self._trajectory.goal_joints()
+
+    # ----------------------------------------------------------------------------------------------- once per sample
+
+    def advance(self) -> None:
+        """Begin whatever segment, transition or rest has its time come. Raises Unreachable, JointLimit or Singular."""
+        self._apply_skip()
+        while self._advance_segment():
+            pass
+        self._finish_stop()
+
+    def pass_via_points(self) -> None:
+        """Report the request whose via point is passed by now."""
+        if self._passing is not None and self._trajectory.clock >= self._passing.middle:
+            self._pass_via_point()
+
+    def output(self, q: Floats) -> Output:
+        """What is given out with the setpoint `q` (n,) of this sample."""
+        events = self.events.drain(self.busy)
+        if self._stop is not None:
+            return Output(q, self._stop.request, self._stop.scal, events, True)
+        if (passing := self._passing) is None:
+            return Output(q, self.serving, self._scal(), events, self.busy)
+        passed = passing.segment.scal(self._trajectory.clock, self._settings.blend, ending=False)
+        return Output(q, self.serving, self._scal(), events, self.busy, passing.segment.request, passed)
+
+    # ------------------------------------------------------------------------------------- from segment to segment
+
+    def _advance_segment(self) -> bool:
+        """Begin the next piece of path if its time has come."""
+        segment = self._path.segment
+        if self._path.phase is Phase.JOINT_STOP:
+            return self._finish_stop()
+        if segment is None:
+            return self._start()
+        if self._path.phase.ending:
+            return self._arrive(segment)
+        return self._leave_segment(segment)
+
+    def _start(self) -> bool:
+        """From rest, or from the goal that is being followed, into the oldest request."""
+        queued = self._queue.peek()
+        if queued is None or not queued.settled:
+            return False
+        if queued.here:
+            return self._begin_here()
+        bounds = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.coordinates.fixed)
+        if self._enter_from_state(queued, self._trajectory.goal_joints(), bounds):
+            return True
+        if self._queue.peek() is queued and not self._path.coordinates.fixed:
+            self._begin_stop(None, Termination.COMPLETED)  # too fast a goal to leave: from rest, then
+        return False
+
+    def _leave_segment(self, segment: Segment) -> bool:
+        """Into the transition to the request that follows, or to rest, once it is time for it."""
+        queued = self._queue.peek()
+        if self.stopping or queued is None or not queued.settled:
+            return self._approach_rest(segment)
+        if queued.here and not segment.coordinates.fixed:
+            return self._trajectory.clock >= segment.rest_begin and self._begin_here()
+        # where HERE stands still the arm comes to rest anyhow
+        transition = None if queued.here else self._transition_to(segment, queued)
+        if transition is None:
+            return self._approach_rest(segment)
+        if self._trajectory.clock < segment.end - transition.schedule.transition:
+            return False
+        return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
+
+    def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
+        """How to turn into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
+        try:
+            return self._via.transition_to(segment, queued, self._trajectory, self._queue.peek(1))
+        except MotionError as error:
+            self._refuse(error)
+            return None
+
+    def _enter_transition(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
+        """Into the transition to `queued` now; False when there turned out to be no way."""
+        if transition.geometry.coordinates is JOINTS and segment.coordinates is JOINTS:
+            self._enter_on_time(segment, queued, transition)
+            return True
+        bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
+        return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED)
+
+    def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
+        """From one joint path into another, beginning when it should have, whichever samples were left out."""
+        begin = segment.end - transition.schedule.transition
+        there = self._planner.segment(queued, transition.geometry, transition.schedule, segment.end)
+        self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
+
+    def _approach_rest(self, segment: Segment) -> bool:
+        """Into the transition to rest, once it is time for it."""
+        if self._trajectory.clock < segment.rest_begin:
+            return False
+        self._trajectory.approach_rest(segment)
+        return True
+
+    def _arrive(self, segment: Segment) -> bool:
+        """Stand exactly at the target once the transition to rest is over."""
+        if self._trajectory.clock < self._path.piece.end:
+            return False
+        self._pass_via_point()  # that before it, when samples were left out
+        self._trajectory.hold(segment.target)
+        self._arrived = segment.request
+        ended = segment.request if self._stop is None else self._stop.request
+        self._stop = None
+        if ended is not None:
+            self.events.ended(ended, Termination.COMPLETED)
+        return True
+
+    def _enter_from_state(
+        self, queued: QueuedMotion, via: Floats, bounds: TransitionBounds, code: int | None = None
+    ) -> bool:
+        """Into `queued` now; the present request ends with `code`. False when there turned out to be no way."""
+        points = self._trajectory.points()
+        try:
+            entry = self._planner.plan_entry(queued, via, points, self._trajectory.clock, bounds)
+        except MotionError as error:
+            self._refuse(error)
+            return False
+        if entry is None:
+            return False
+        self._enter(entry, self._trajectory.clock, code)
+        return True
+
+    def _enter(self, entry: SegmentEntry, begin: float, code: int | None) -> None:
+        """Take the oldest request out of the queue and follow its segment."""
+        if code == Termination.COMPLETED and self._path.segment is not None:
+            self._pass_via_point()  # that before it, when samples were left out
+            self._passing = Passing(self._path.segment, entry.segment.begin)
+        else:
+            self._end_present(code)
+        self._via.forget()
+        self._trajectory.enter(entry, begin)
+        self.events.begun(self._queue.pop().request)
+
+    def _end_present(self, code: int | None) -> None:
+        """The present request, if there is one, ends with `code`."""
+        self._pass_via_point()
+        if self.serving is not None and code is not None:
+            self.events.ended(self.serving, code)
+
+    def _pass_via_point(self) -> None:
+        """The request whose via point the path turns round has ended: half way, or cut short like the next one."""
+        if self._passing is not None:
+            self.events.ended(self._passing.segment.request, Termination.COMPLETED)
+            self._passing = None
+
+    # --------------------------------------------------------------------------------- interruptions, stops, failures
+
+    def _apply_skip(self) -> None:
+        """End the present request if that was asked for, as soon as the next one can begin."""
+        if self._skipped is None or self._skipped[0] is not self._path.segment:
+            self._skipped = None
+            return
+        segment, code = self._skipped
+        queued = self._queue.peek()
+        if segment is not None and queued is not None and not queued.settled:
+            return
+        self._skipped = None
+        if segment is None:
+            self._drop_oldest(code)
+            return
+        if queued is None or not self._leave_for(queued, code):
+            self._begin_stop(segment.request, code)
+
+    def _drop_oldest(self, code: int) -> None:
+        """The request that was to begin in this sample ends with `code`."""
+        if len(self._queue):
+            self.events.ended(self._queue.pop().request, code)
+
+    def _leave_for(self, queued: QueuedMotion, code: int) -> bool:
+        """From where the arm is now, at the speed it has, into `queued`; False when no such way is safe."""
+        if queued.here:
+            return self._begin_here(code)
+        if self._trajectory.on_joint_path and queued.target is not None:
+            return self._replan(queued, code)
+        via = self._planner.ahead(queued.request, self._trajectory.points())
+        return self._enter_from_state(queued, via, TransitionBounds(following=self._asked_behind()), code)
+
+    def _replan(self, queued: QueuedMotion, code: int) -> bool:
+        """As `_leave_for`, from one joint path to another."""
+        clock = self._trajectory.clock
+        entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
+        if entry is None:
+            return False
+        self._enter(entry, clock, code)
+        return True
+
+    def _begin_here(self, code: int = Termination.COMPLETED) -> bool:
+        """Serve HERE, the oldest request: an absolute stop. The present one ends with `code`."""
+        self._end_present(code)
+        request = self._queue.pop().request
+        self.events.begun(request)
+        self._begin_stop(request, Termination.COMPLETED)
+        return True
+
+    def _begin_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+        """Come to an absolute rest, which ends `request`: on a joint path, or wherever the joints can."""
+        segment = self._path.segment
+        if not self._trajectory.on_joint_path or segment is None:
+            self._begin_joint_stop(request, code, seconds)
+            return
+        self._cut_short(request, code)
+        self._trajectory.begin_path_stop(segment, seconds, self._planner.scheduler)
+
+    def _begin_joint_stop(self, request: MoveRequest | None, code: int, seconds: float = 0.0) -> None:
+        """Bring the joints to rest from the newest setpoint, whatever the path was, which ends `request`."""
+        self._cut_short(request, code)
+        self._trajectory.begin_joint_stop(seconds, self._limits)
+
+    def _cut_short(self, request: MoveRequest | None, code: int) -> None:
+        """An absolute stop begins which ends `request`: tell so, unless the stop is what it asked for."""
+        self._stop, self._skipped = StopState(request, code, self._scal()), None
+        self._via.forget()
+        self._pass_via_point()
+        if request is not None and code != Termination.COMPLETED:
+            self.events.interrupted(request, code)
+
+    def _finish_stop(self) -> bool:
+        """Stand where the joints, or path time, have come to rest."""
+        stop = self._stop
+        if stop is None or not self._trajectory.stopped:
+            return False
+        self._trajectory.hold(self._path.state(self._trajectory.clock)[0])
+        self._stop = None
+        if stop.request is not None:
+            self.events.ended(stop.request, stop.code)
+        return True
+
+    def _refuse(self, error: MotionError) -> None:
+        """The oldest request turned out to be impossible when its turn came; nothing behind it is tried."""
+        self.events.ended(self._queue.pop().request, reason(error))
+        self._drop_waiting()
+
+    def _drop_waiting(self) -> None:
+        self._via.forget()
+        self.events.dropped(queued.request for queued in self._queue.clear())
+
+    def _scal(self) -> float:
+        """How much of the present segment is done, 0 to 1; 1 at rest."""
+        segment = self._path.segment
+        ending = self._path.phase.ending
+        return 1.0 if segment is None else segment.scal(self._trajectory.clock, self._settings.blend, ending)
+
+    def _asked_behind(self) -> Following:
+        """What the request behind the oldest asks for."""
+        queued = self._queue.peek(1)
+        return NO_FOLLOWER if queued is None else queued.asks
