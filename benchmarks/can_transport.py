@@ -12,11 +12,12 @@ from typing import Final
 import can
 
 from benchmarks.transports import BARE, OURS, Desk
-from qrobot.hwif.bus import make_image, safe_operations
+from qrobot.hwif.bus import safe_operations
 from qrobot.hwif.canbus.client import CanBus
 from qrobot.hwif.canbus.frames import TPDO, encode_operations
 from qrobot.hwif.canbus.interface import open_interface
 from qrobot.hwif.canbus.node import BoardNode
+from qrobot.hwif.image import make_image
 
 GROUP: Final = "239.74.163.2"
 PATIENCE_S: Final = 60.0

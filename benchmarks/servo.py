@@ -11,14 +11,9 @@ from benchmarks.box import FRAME_NS
 from benchmarks.rows import Goal, Row, row
 from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
-from qrobot.hwif.board_memory import (
-    IMAGE_COUNT,
-    IMAGE_START,
-    IMAGE_T_NS,
-    Lane,
-    discard_operations,
-    take_operation,
-)
+from qrobot.hwif.board_memory import Lane
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS
+from qrobot.hwif.lanes import discard_operations, take_operation
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.mailbox import INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
@@ -47,8 +42,8 @@ def ticks(params: Any, state: Any, mail: Any, board: Any, frame: Any, now_ns: in
     """`n` servo ticks: each finds a new image, frames come in time, and what is written goes nowhere."""
     late_ns = now_ns - now_ns  # no constant, for which another cycle would be compiled than the one that runs
     for _ in range(n):
-        board[IMAGE_START + IMAGE_T_NS] = now_ns
-        board[IMAGE_START + IMAGE_COUNT] += 1
+        board.shown.image[IMAGE_T_NS] = now_ns
+        board.shown.image[IMAGE_COUNT] += 1
         if now_ns >= frame[FRAME_T_NS] + FRAME_NS:
             frame[FRAME_SEQ] += 1
             frame[FRAME_T_NS] = now_ns

@@ -23,7 +23,7 @@ import numpy as np
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import QRobotError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import BOARD_SLIPPED_NS, attach_board_memory
+from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
@@ -58,7 +58,7 @@ def snapshot_of(arm: str) -> ServoSnapshot:
 def slipped_s(arm: str) -> float:
     """How long the arm's time stood still so far."""
     with attach_board_memory(arm) as segment:
-        return int(segment.words[BOARD_SLIPPED_NS]) / NS_PER_S
+        return int(segment.memory.facts.slipped_ns) / NS_PER_S
 
 
 @dataclass

@@ -17,17 +17,11 @@ from numpy.typing import NDArray
 from benchmarks.rows import Row, against, row
 from benchmarks.timing import Effort
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_REVISION,
-    LANE_CAPACITY,
-    N_LANES,
-    OP_FIELDS,
-    local_board_memory,
-    publish_image,
-    take_all_operations,
-)
-from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, make_image, safe_operations
+from qrobot.hwif.board_memory import LANE_CAPACITY, N_LANES, local_board_memory, publish_image
+from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, safe_operations
+from qrobot.hwif.image import make_image
+from qrobot.hwif.lanes import take_all_operations
+from qrobot.hwif.operations import OP_FIELDS
 
 EXCHANGES: Final = 20_000
 WARM_UP: Final = 100
@@ -40,7 +34,7 @@ class Desk:
 
     def __init__(self) -> None:
         self._memory = local_board_memory()
-        self._memory[BOARD_REVISION], self._memory[BOARD_JOINTS] = ord("F"), 6
+        self._memory.facts.revision, self._memory.facts.joints = ord("F"), 6
         self._end = MemoryEndpoint(self._memory)
         self._taken = np.zeros((N_LANES * LANE_CAPACITY, OP_FIELDS), np.int64)
         self._image = make_image()

@@ -48,15 +48,15 @@
 #define TRC004_DISCRETE_ADC 0x4000
 #define TRC004_DAC_ZERO 0x800
 
-/* The board memory, in words of 64 bits; the numbers are those of qrobot/hwif/board_memory.py, and a test compares them. */
+/* The board memory, in words of 64 bits; they follow from the types in qrobot/hwif/board_memory.py, and a test compares them. */
 #define TRC004_MAGIC 0x51524F424F54
-#define TRC004_LAYOUT 4
-#define TRC004_IMAGE_SEQ 16
-#define TRC004_IMAGE_START 24
+#define TRC004_LAYOUT 5
+#define TRC004_IMAGE_SEQ 24
+#define TRC004_IMAGE_START 32
 #define TRC004_IMAGE_COUNT 1
 #define TRC004_IMAGE_INPUTS 2
 #define TRC004_IMAGE_WORDS 18
-#define TRC004_LANE 2112
+#define TRC004_LANE 2120
 #define TRC004_LANE_FORGET 1
 #define TRC004_LANE_TAIL 8
 #define TRC004_LANE_RING 16
@@ -65,6 +65,10 @@
 #define TRC004_OP_READ 0
 #define TRC004_OP_WRITE 1
 #define TRC004_LANE_FIELDS 4
+#define TRC004_OP_KIND 0
+#define TRC004_OP_OFFSET 1
+#define TRC004_OP_VALUE 2
+#define TRC004_OP_COUNTS_NS 3
 
 #define TRC004_TIMEOUT_NS 500000000 /* a board that shows nothing new for so long is gone */
 
@@ -102,7 +106,7 @@ static inline void trc004_close(struct trc004 *board)
     board->fd = -1;
 }
 
-/* Be the board's one controller until `fd` is closed: a record lock on the first byte, as `Segment.claim` takes it. */
+/* Be the board's one controller until `fd` is closed: a record lock on the first byte, as `SharedMemory.claim` takes it. */
 static inline int trc004_claim(int fd)
 {
     struct flock first;
@@ -245,10 +249,10 @@ static inline void trc004_post(struct trc004 *board, int kind, int offset, int v
         trc004_pause();
     }
     slot = TRC004_LANE + TRC004_LANE_RING + head % TRC004_LANE_CAPACITY * TRC004_LANE_FIELDS;
-    trc004_store(board, slot, kind);
-    trc004_store(board, slot + 1, offset);
-    trc004_store(board, slot + 2, value);
-    trc004_store(board, slot + 3, 0); /* counts at once */
+    trc004_store(board, slot + TRC004_OP_KIND, kind);
+    trc004_store(board, slot + TRC004_OP_OFFSET, offset);
+    trc004_store(board, slot + TRC004_OP_VALUE, value);
+    trc004_store(board, slot + TRC004_OP_COUNTS_NS, 0); /* at once */
     board->pending = 1;
     board->held = hold ? board->held + 1 : 0;
     if (!hold)

@@ -19,7 +19,7 @@ from qrobot.config.scene import SceneKind
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
-    from qrobot.arrays import Words
+    from qrobot.hwif.board_memory import BoardMemory
 
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
@@ -92,7 +92,7 @@ def board(
     emulator = emulator_of_arm(chosen, robot, plant=plant, calibrated=calibrated, scene=scene, faults=plan)
 
     @contextmanager
-    def beside(memory: Words) -> Iterator[None]:
+    def beside(memory: BoardMemory) -> Iterator[None]:
         with modules_beside(chosen.board, memory, note), servers(serve, MemoryEndpoint(memory), note):
             yield
 

@@ -12,7 +12,7 @@ from qrobot.cli.console import out, print_table, write_json
 from qrobot.errors import LinkError
 
 if TYPE_CHECKING:
-    from qrobot.arrays import Words
+    from qrobot.hwif.board_memory import BoardMemory
     from qrobot.sim_board.faults import FaultKind
     from qrobot.sim_board.injection import Injected
 
@@ -56,18 +56,16 @@ def inject(
 
     chosen, plan = choose_arm(deployment, arm), FaultPlan.parse(faults)
     with attach_board_memory(chosen.name) as segment:
-        _require_emulator(segment.words, chosen.name)
-        panel = FaultPanel(segment.words)
+        _require_emulator(segment.memory, chosen.name)
+        panel = FaultPanel(segment.memory)
         if clear:
             panel.clear()
         panel.extend(plan)
         _show(panel.reports(), json)
 
 
-def _require_emulator(memory: Words, arm: str) -> None:
-    from qrobot.hwif.board_memory import BOARD_NOW_NS
-
-    if memory[BOARD_NOW_NS] == 0:
+def _require_emulator(memory: BoardMemory, arm: str) -> None:
+    if memory.facts.now_ns == 0:
         raise LinkError(f"the board of {arm} is no emulated one: nothing can be broken in it from here")
 
 

@@ -2,17 +2,17 @@
 
 A machine that stops all processes of an emulated arm for a while stops its world as well: nobody could control the arm
 meanwhile, and no hardware went on without them. So the board's process lets the arm's time stand still for as long,
-and says so in BOARD_SLIPPED_NS, from which servo, guardian and bridge take the same time. A real board goes on whoever
-is stopped: on its arm nothing slips, and that word, whatever it holds, is not read.
+and says so in `facts.slipped_ns`, from which servo, guardian and bridge take the same time. A real board goes on
+whoever is stopped: on its arm nothing slips, and that field, whatever it holds, is not read.
 
 Who wakes up first after a stall cannot know yet what the board's process will say. `await_board` waits for it.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
-from qrobot.hwif.board_memory import BOARD_NOW_NS, BOARD_SLIPPED_NS
+from qrobot.hwif.board_memory import BoardMemory
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -23,21 +23,21 @@ PATIENCE_NS: Final = 50_000_000  # with a board that wakes up after its servo di
 
 
 @lean_kernel
-def slipped_ns(board: Any, slips: int) -> int:
+def slipped_ns(board: BoardMemory, slips: int) -> int:
     """Nanoseconds by which the arm's time lies behind CLOCK_MONOTONIC; 0 without `slips`, as with every real board."""
     if slips == 0:
         return 0
-    return max(0, load_acquire(board, BOARD_SLIPPED_NS))
+    return max(0, load_acquire(board.facts, "slipped_ns"))
 
 
 @lean_kernel
-def arm_time_ns(board: Any, slips: int) -> int:
+def arm_time_ns(board: BoardMemory, slips: int) -> int:
     """The arm's time now."""
     return monotonic_ns() - slipped_ns(board, slips)
 
 
 @lean_kernel
-def await_board(board: Any, slips: int, due_ns: int) -> int:
+def await_board(board: BoardMemory, slips: int, due_ns: int) -> int:
     """Nanoseconds slipped, once an emulated board's process runs again after a stall.
 
     Returns at once unless the caller comes more than `STALL_NS` after `due_ns`, the arm's time at which it wanted to
@@ -47,7 +47,7 @@ def await_board(board: Any, slips: int, due_ns: int) -> int:
     if slips == 0 or monotonic_ns() - slipped - due_ns <= STALL_NS:
         return slipped
     until_ns = monotonic_ns() + PATIENCE_NS
-    while monotonic_ns() - slipped - load_acquire(board, BOARD_NOW_NS) > STALL_NS and monotonic_ns() < until_ns:
+    while monotonic_ns() - slipped - load_acquire(board.facts, "now_ns") > STALL_NS and monotonic_ns() < until_ns:
         sleep_until_ns(monotonic_ns() + POLL_NS)
         slipped = slipped_ns(board, slips)
     return slipped

@@ -20,22 +20,10 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    IMAGE_INPUTS,
-    IMAGE_WORDS,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_READ,
-    OP_REFERENCE,
-    OP_WRITE,
-    Lane,
-    fetch_image,
-    post_operations,
-    put_write,
-)
+from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image
+from qrobot.hwif.image import IMAGE_INPUTS
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE, put_write
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -125,17 +113,17 @@ class MemoryEndpoint:
         lane: of the board; nobody else may post to it.
     """
 
-    def __init__(self, memory: Words, lane: Lane = Lane.TOOL) -> None:
+    def __init__(self, memory: BoardMemory, lane: Lane = Lane.TOOL) -> None:
         self._memory, self._lane = memory, int(lane)
 
     def facts(self) -> BoardFacts:
         """What the board has written into its memory. Raises LinkError before it has."""
-        revision, joints = int(self._memory[BOARD_REVISION]), int(self._memory[BOARD_JOINTS])
+        revision, joints = int(self._memory.facts.revision), int(self._memory.facts.joints)
         if not revision:
             raise LinkError("the board has not said yet what it is")
         if revision not in (ord("E"), ord("F")):
             raise LinkError(f"the board memory is damaged: {revision} is no revision of a board; restart the board")
-        return BoardFacts(chr(revision), joints, int(self._memory[BOARD_PERIOD_NS]))
+        return BoardFacts(chr(revision), joints, int(self._memory.facts.period_ns))
 
     def apply(self, operations: Operations) -> None:
         """Post them to the lane, all or none. Raises LinkBusy when the board does not take what was posted before."""
@@ -153,7 +141,7 @@ class MemoryEndpoint:
 
 def make_image() -> Words:
     """An image to be filled. Shape (IMAGE_WORDS,)."""
-    return np.zeros(IMAGE_WORDS, np.int64)
+    return make_image()
 
 
 def check_image(image: Words) -> None:

@@ -14,15 +14,14 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_F_MASK,
     ADC_F_VOLT_PER_COUNT,
     ADC_MUX,
-    ADC_VALUE,
-    STATUS,
     STATUS_ADC_BUSY,
 )
 
@@ -74,9 +73,9 @@ class RemoteChannels:
         """Put the result of the conversion that is going on here, if any, into an image."""
         if self._converting is None:
             return
-        word, status = self._maybe_word(self._converting, now_ns), IMAGE_INPUTS + STATUS // 2
+        word, status = self._maybe_word(self._converting, now_ns), IMAGE_STATUS
         if word is None:
             image[status] |= STATUS_ADC_BUSY
             return
         image[status] &= ~STATUS_ADC_BUSY
-        image[IMAGE_INPUTS + ADC_VALUE // 2] = word
+        image[IMAGE_ADC_VALUE] = word

@@ -14,27 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arrays import Words
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.board_memory import (
-    BOARD_DROPPED,
-    BOARD_ILLEGAL_OPS,
-    BOARD_JOINTS,
-    BOARD_LOSSES,
-    BOARD_MODULE_LOSSES,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    BOARD_TAKEN_NS,
-    IMAGE_INPUTS,
-    LANE_CAPACITY,
-    N_LANES,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_WRITE,
-    create_board_memory,
-    publish_image,
-    take_all_operations,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, N_LANES, BoardMemory, create_board_memory, publish_image
 from qrobot.hwif.bus import (
     NO_OPERATIONS,
     REGISTER_MASK,
@@ -42,11 +23,13 @@ from qrobot.hwif.bus import (
     Bus,
     Operations,
     for_the_transport,
-    make_image,
     safe_operations,
     sane_operations,
 )
-from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS
+from qrobot.hwif.image import IMAGE_STATUS, make_image
+from qrobot.hwif.lanes import take_all_operations
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_WRITE
+from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES
 from qrobot.realtime.signals import set_on_signals
 from qrobot.report import Report
 
@@ -68,7 +51,7 @@ class Gateway:
     def __init__(
         self,
         bus: Bus,
-        memory: Words,
+        memory: BoardMemory,
         period_ns: int,
         report: Report = lambda _line: None,
         module_losses: Callable[[], int] = lambda: 0,
@@ -88,39 +71,39 @@ class Gateway:
     @property
     def dropped(self) -> int:
         """Operations that may never have reached the board."""
-        return int(self._memory[BOARD_DROPPED])
+        return int(self._memory.facts.dropped)
 
     @property
     def losses(self) -> int:
         """How often the board was lost."""
-        return int(self._memory[BOARD_LOSSES])
+        return int(self._memory.facts.losses)
 
     def step(self, now_ns: int) -> bool:
         """One exchange, or one attempt to find the board; False when there is none."""
         taken = take_all_operations(self._memory, self._operations)
         self._remember_outputs(self._operations[:taken])
         if not self.connected:
-            self._memory[BOARD_DROPPED] += taken
+            self._memory.facts.dropped += taken
             return now_ns >= self._retry_ns and self._find(now_ns)
         try:
             self._bus.exchange(self._sane(taken), self._image)
         except (LinkError, ProtocolError) as error:
-            self._memory[BOARD_DROPPED] += taken
+            self._memory.facts.dropped += taken
             self._lose(error, now_ns)
             return False
-        self._memory[BOARD_MODULE_LOSSES] = self._module_losses()
+        self._memory.facts.module_losses = self._module_losses()
         self._publish(now_ns)
         return True
 
     def _publish(self, asked_ns: int) -> None:
         """Show the image, with the time at which it was asked for: the board's own clock is not ours."""
-        self._memory[BOARD_TAKEN_NS] = asked_ns
+        self._memory.facts.taken_ns = asked_ns
         publish_image(self._memory, self._image)
 
     def _sane(self, taken: int) -> Operations:
         """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
         operations = sane_operations(self._operations[:taken], self._references)
-        self._memory[BOARD_ILLEGAL_OPS] += taken - len(operations)
+        self._memory.facts.illegal_ops += taken - len(operations)
         return operations if self._outputs else for_the_transport(operations)
 
     def _remember_outputs(self, operations: Operations) -> None:
@@ -131,7 +114,7 @@ class Gateway:
             self._said_meanwhile = word & REGISTER_MASK
 
     def _safe(self) -> Operations:
-        return safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2]), self._lines)
+        return safe_operations(int(self._image[IMAGE_STATUS]), self._lines)
 
     def _welcome(self, facts: BoardFacts) -> Operations:
         """What a board that was found is told: to be safe, and its modules what they have missed."""
@@ -150,8 +133,8 @@ class Gateway:
             self._bus.close()
             self._tell(f"no board at {self._bus.name}: {error}")
             return False
-        self._memory[BOARD_PERIOD_NS] = max(self._period_ns, facts.period_ns)
-        self._memory[BOARD_JOINTS], self._memory[BOARD_REVISION] = facts.joints, ord(facts.revision)
+        self._memory.facts.period_ns = max(self._period_ns, facts.period_ns)
+        self._memory.facts.joints, self._memory.facts.revision = facts.joints, ord(facts.revision)
         self._references, self._outputs, self.connected = facts.references, facts.outputs, True
         self._publish(now_ns)
         self._tell(f"board found at {self._bus.name}: revision {facts.revision}, {facts.joints} joints")
@@ -159,7 +142,7 @@ class Gateway:
 
     def _lose(self, error: Exception, now_ns: int) -> None:
         self.connected, self._said_meanwhile = False, None
-        self._memory[BOARD_LOSSES] += 1
+        self._memory.facts.losses += 1
         self._retry_ns = now_ns  # at once, the first time
         self._bus.close()
         self._tell(f"board at {self._bus.name} lost: {error}")
@@ -206,4 +189,4 @@ def serve(
         LinkBusy: a board already serves that arm.
     """
     with set_on_signals() as stop, create_board_memory(arm) as memory:
-        run_gateway(Gateway(bus, memory.words, period_ns, report, module_losses, held_lines), period_ns, stop)
+        run_gateway(Gateway(bus, memory.memory, period_ns, report, module_losses, held_lines), period_ns, stop)

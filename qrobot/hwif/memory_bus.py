@@ -11,10 +11,11 @@ from typing import Final
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkLost, LinkTimeout
-from qrobot.hwif.board_memory import IMAGE_COUNT, Lane, command_board_memory, discard_operations, pending_operations
-from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image, make_image
+from qrobot.hwif.board_memory import BoardMemory, BoardSegment, Lane, command_board_memory
+from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations, check_image
+from qrobot.hwif.image import IMAGE_COUNT, make_image
+from qrobot.hwif.lanes import discard_operations, pending_operations
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
-from qrobot.realtime.shared_memory import SharedMemory
 
 TIMEOUT_S: Final = 0.1
 POLL_S: Final = 100e-6
@@ -32,11 +33,11 @@ class MemoryBus:
     """
 
     def __init__(
-        self, attach: Callable[[], SharedMemory], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
+        self, attach: Callable[[], BoardSegment], name: str, lane: Lane = Lane.TOOL, timeout_s: float = TIMEOUT_S
     ) -> None:
         self.name = name
         self._attach, self._lane, self.timeout_s = attach, lane, timeout_s
-        self._segment: SharedMemory | None = None
+        self._segment: BoardSegment | None = None
         self._newest = make_image()
 
     def connect(self) -> BoardFacts:
@@ -51,23 +52,23 @@ class MemoryBus:
         if not segment.owner_alive:
             self.close()
             raise LinkLost(f"the board at {self.name} has ended")
-        discard_operations(segment.words, int(self._lane))
-        return MemoryEndpoint(segment.words, self._lane).facts()
+        discard_operations(segment.memory, int(self._lane))
+        return MemoryEndpoint(segment.memory, self._lane).facts()
 
     def exchange(self, operations: Operations, image: Words) -> None:
         """As `Bus.exchange`: takes until the board has shown the second image after the operations were taken."""
-        words = self._words()
-        end = MemoryEndpoint(words, self._lane)
+        memory = self._memory()
+        end = MemoryEndpoint(memory, self._lane)
         deadline = Deadline(self.timeout_s)
         try:
             end.apply(operations)
-            self._wait(lambda: pending_operations(words, int(self._lane)) == 0, deadline, "takes no operations")
+            self._wait(lambda: pending_operations(memory, int(self._lane)) == 0, deadline, "takes no operations")
             end.read_image(self._newest)
             seen, fresh = int(self._newest[IMAGE_COUNT]), _FRESH if len(operations) else 1
             # a count that falls is that of a board started anew
             self._wait(lambda: not 0 <= self._count(end) - seen < fresh, deadline, "shows nothing new")
         except (LinkTimeout, LinkBusy):
-            discard_operations(words, int(self._lane))  # nobody may act on them later
+            discard_operations(memory, int(self._lane))  # nobody may act on them later
             raise
         check_image(self._newest)
         image[:] = self._newest
@@ -78,10 +79,10 @@ class MemoryBus:
             self._segment.close()
             self._segment = None
 
-    def _words(self) -> Words:
+    def _memory(self) -> BoardMemory:
         if self._segment is None:
             raise LinkLost(f"not connected to {self.name}")
-        return self._segment.words
+        return self._segment.memory
 
     def _count(self, end: MemoryEndpoint) -> int:
         end.read_image(self._newest)

@@ -23,8 +23,9 @@ from typing import Final, TextIO
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError, LogError, ProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
-from qrobot.hwif.bus import BoardFacts, Bus, Operations, make_image
+from qrobot.hwif.bus import BoardFacts, Bus, Operations
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
+from qrobot.hwif.operations import OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import N_INPUT_WORDS
 
 MAGIC: Final = "qrobot-registers 1"

@@ -12,17 +12,9 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, LocalProtocolError, LogError, RemoteProtocolError
-from qrobot.hwif.board_memory import (
-    IMAGE_COUNT,
-    IMAGE_INPUTS,
-    IMAGE_T_NS,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_READ,
-    OP_REFERENCE,
-    OP_WRITE,
-)
-from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport, make_image
+from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.recorder import MAGIC, TAKES, changes, operation_text
 from qrobot.hwif.registers import N_INPUT_WORDS, register_at
 

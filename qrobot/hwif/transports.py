@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from qrobot.arrays import Words
 from qrobot.config.deployment import BoardChoice
 from qrobot.errors import ConfigError
+from qrobot.hwif.board_memory import BoardMemory
 from qrobot.hwif.bus import Bus, Endpoint
 from qrobot.hwif.modbus.library import require_pymodbus
 from qrobot.report import Report
@@ -58,7 +58,7 @@ def _modules(board: BoardChoice, report: Report) -> list[RemoteModule]:
     return [RemoteModule(module, report) for module in board.io]
 
 
-def modules_beside(board: BoardChoice, memory: Words, report: Report) -> AbstractContextManager[object]:
+def modules_beside(board: BoardChoice, memory: BoardMemory, report: Report) -> AbstractContextManager[object]:
     """The remote modules of an emulated board work its panel while the block runs. Raises ConfigError as above."""
     modules = _modules(board, report)
     if not modules:

@@ -18,7 +18,7 @@ from qrobot.errors import LinkError
 from qrobot.log.record import LogRecorder
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
-from qrobot.realtime.shared_memory import GENERATION, OWNER_PID, SharedMemory
+from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoInfo, attach_servo_memory, journal_base, servo_info
@@ -79,7 +79,7 @@ class ServoFollower:
             if looking:
                 self._begin()
             return
-        taken_over = int(self._session.segment.words[GENERATION]) != self._session.generation
+        taken_over = int(self._session.segment.header.generation) != self._session.generation
         gone = looking and not (self._session.segment.is_current and self._session.segment.owner_alive)
         if taken_over or gone:
             self._end(drain=not taken_over)
@@ -101,7 +101,7 @@ class ServoFollower:
         if not (info.ready and segment.owner_alive):
             segment.close()
             return
-        writer = self._open_log(info, int(segment.words[OWNER_PID]))
+        writer = self._open_log(info, int(segment.header.owner_pid))
         reader = _reader(segment, info)
         journal = JournalReader(segment.words, journal_base(info.n), info.n)
         self._session = _Session(segment, info.generation, LogRecorder(reader, writer, journal), str(writer.path))

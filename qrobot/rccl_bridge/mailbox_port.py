@@ -11,7 +11,7 @@ from qrobot.arrays import Words
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
-from qrobot.realtime.shared_memory import GENERATION, SharedMemory
+from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.servo.memory.mailbox import (
     BEAT_SLIPPED_NS,
     BEAT_SLIPS,
@@ -158,7 +158,7 @@ class ServoPort:
                 segment.close()
                 self._segment = self._mailbox = None
             segment = self._segment = attach_servo_memory(self.arm)
-        generation = int(segment.words[GENERATION])
+        generation = int(segment.header.generation)
         if self._mailbox is None or generation != self._generation:
             mailbox, self._generation = ServoMailbox(segment.words), generation
             info = mailbox.info

@@ -1,4 +1,6 @@
-"""Acquire loads, release stores and fences on int64 arrays, for memory shared between threads and processes.
+"""Acquire loads, release stores and fences on int64 words, for memory shared between threads and processes.
+
+A word is an element of an array, `load_acquire(words, 3)`, or a field of a record, `load_acquire(lane, "head")`.
 
 Numba hoists plain array loads out of spin loops and has no fences, so a mailbox written with plain indexing reads stale
 or torn data. These intrinsics become single LLVM atomic instructions. With the JIT off they are plain accesses, which
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
@@ -22,13 +25,13 @@ WORD_BYTES = 8
 
 if jit_disabled():
 
-    def load_acquire(array: Any, index: int) -> int:
-        """Value of `array[index]`; no later read moves before it."""
-        return int(array[index])
+    def load_acquire(place: Any, key: int | str) -> int:
+        """Value of `place[key]`; no later read moves before it."""
+        return int(place[key])
 
-    def store_release(array: Any, index: int, value: int) -> None:
-        """Set `array[index]`; no earlier write moves after it."""
-        array[index] = value
+    def store_release(place: Any, key: int | str, value: int) -> None:
+        """Set `place[key]`; no earlier write moves after it."""
+        place[key] = value
 
     def acquire_fence() -> None:
         """No access after it moves before a read that stands before it; nothing to do for one interpreter thread."""
@@ -44,37 +47,52 @@ if jit_disabled():
 
 else:
 
-    def _element_pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
-        data = context.make_array(array_type)(context, builder, array).data
-        return builder.gep(data, [index])
+    def _pointer_to(context: Any, builder: Any, signature: Any, place: Any, key: Any) -> Any:
+        """The address of an element of an array, or of a field of a record."""
+        kind, key_type = signature.args[:2]
+        if isinstance(kind, types.Record):
+            data = builder.bitcast(place, ir.IntType(8).as_pointer())
+            field = builder.gep(data, [ir.Constant(ir.IntType(64), kind.offset(key_type.literal_value))])
+            return builder.bitcast(field, ir.IntType(64).as_pointer())
+        return builder.gep(context.make_array(kind)(context, builder, place).data, [key])
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def load_acquire(typing_context: Any, array: Any, index: Any) -> Any:
-        """Value of `array[index]`; no later read moves before it."""
+    def _key_type(place: Any, key: Any) -> Any:
+        """Type of a key; None, which refuses the call, for a field that is no int64, or an element that is none."""
+        if isinstance(place, types.Record):
+            named = isinstance(key, types.StringLiteral) and key.literal_value in place.fields
+            return key if named and place.typeof(key.literal_value) == types.int64 else None
+        return types.intp if isinstance(place, types.Array) and place.dtype == types.int64 else None
+
+    @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+    def load_acquire(typing_context: Any, place: Any, key: Any) -> Any:
+        """Value of `place[key]`; no later read moves before it."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            pointer = _element_pointer(context, builder, signature.args[0], args[0], args[1])
-            return builder.load_atomic(pointer, "acquire", WORD_BYTES)
+            return builder.load_atomic(
+                _pointer_to(context, builder, signature, args[0], args[1]), "acquire", WORD_BYTES
+            )
 
-        return types.int64(array, types.intp), codegen
+        key_type = _key_type(place, key)
+        return None if key_type is None else (types.int64(place, key_type), codegen)
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def store_release(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-        """Set `array[index]`; no earlier write moves after it."""
+    @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+    def store_release(typing_context: Any, place: Any, key: Any, value: Any) -> Any:
+        """Set `place[key]`; no earlier write moves after it."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            pointer = _element_pointer(context, builder, signature.args[0], args[0], args[1])
+            pointer = _pointer_to(context, builder, signature, args[0], args[1])
             builder.store_atomic(args[2], pointer, "release", WORD_BYTES)
             return context.get_dummy_value()
 
-        return types.void(array, types.intp, types.int64), codegen
+        key_type = _key_type(place, key)
+        return None if key_type is None else (types.void(place, key_type, types.int64), codegen)
 
     @intrinsic  # type: ignore[untyped-decorator]
     def exchange(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
         """Put `value` into `array[index]` and return what stood there, in one step that no access passes."""
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            pointer = _element_pointer(context, builder, signature.args[0], args[0], args[1])
+            pointer = _pointer_to(context, builder, signature, args[0], args[1])
             return builder.atomic_rmw("xchg", pointer, args[2], "seq_cst")
 
         return types.int64(array, types.intp, types.int64), codegen

@@ -5,7 +5,8 @@ arrays that dominates the time to compile and costs in every call (measured: a s
 `record_of` lays the same fields out in one NumPy record: kernels read `bundle.field` as before, lengths are part of the
 type, and loops over joints unroll.
 
-Floats that live in words of shared memory are moved bit by bit with `float_bits` and `bits_float`.
+Records in shared memory have the same kind of type (`realtime.structure`). `words_of` shows one as words,
+`copy_fields` copies by name, `float_bits` and `bits_float` move floats through words bit by bit.
 """
 
 # ruff: noqa: ARG001 (Numba fixes the signatures of intrinsics)
@@ -17,11 +18,17 @@ from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+from numba.np.numpy_support import as_dtype
 from numpy.typing import NDArray
 
+from qrobot.arrays import Words
 from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.structure import WORD_BYTES, view_words
 
 Bundle = TypeVar("Bundle")
 
@@ -88,6 +95,15 @@ if jit_disabled():
         """The float whose bit pattern an int64 holds."""
         return float(struct.unpack("<d", struct.pack("<q", word))[0])
 
+    def words_of(record: Any) -> Words:
+        """A record or part of one as an array of words, in the same memory."""
+        return view_words(record)
+
+    def copy_fields(source: Any, target: Any) -> None:
+        """Give each field of `target` the value of the field of `source` that has its name."""
+        for name in target.dtype.names:
+            target[name] = source[name]
+
 else:
 
     @intrinsic  # type: ignore[untyped-decorator]
@@ -107,3 +123,43 @@ else:
             return builder.bitcast(args[0], context.get_value_type(types.float64))
 
         return types.float64(types.int64), codegen
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def words_of(typing_context: Any, record: Any) -> Any:
+        """A record or part of one as an array of words, in the same memory."""
+        array_type = types.Array(types.int64, 1, "C")
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            array = context.make_array(array_type)(context, builder)
+            size, step = (
+                context.get_constant(types.intp, number) for number in (record.size // WORD_BYTES, WORD_BYTES)
+            )
+            populate_array(
+                array,
+                data=builder.bitcast(args[0], ir.IntType(64).as_pointer()),
+                shape=cgutils.pack_array(builder, [size]),
+                strides=cgutils.pack_array(builder, [step]),
+                itemsize=step,
+                meminfo=None,
+            )
+            return array._getvalue()
+
+        return array_type(record), codegen
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def copy_fields(typing_context: Any, source: Any, target: Any) -> Any:
+        """Give each field of `target` the value of the field of `source` that has its name."""
+        for name in target.fields:
+            assert source.typeof(name) == target.typeof(name), f"{name!r} differs between the two"
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            byte = ir.IntType(8).as_pointer()
+            start, end = (builder.bitcast(each, byte) for each in args)
+            for name in target.fields:
+                places = [(start, source.offset(name)), (end, target.offset(name))]
+                here, there = (builder.gep(data, [ir.Constant(ir.IntType(64), at)]) for data, at in places)
+                size = context.get_constant(types.intp, as_dtype(target.typeof(name)).itemsize)
+                cgutils.raw_memcpy(builder, there, here, size, 1)
+            return context.get_dummy_value()
+
+        return types.void(source, target), codegen

@@ -15,23 +15,32 @@ import struct
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import Final, Self, TypeVar
 
 import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
+from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
-WORD_BYTES: Final = 8
 _LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
 _LOCK_PAUSE_S: Final = 0.005
 
 _CLAIM: Final = struct.Struct("hhqqi4x")  # struct flock: type, whence, start, length, pid
 
-# The first words of every segment.
-MAGIC, LAYOUT, OWNER_PID, GENERATION = range(4)
-HEADER_WORDS: Final = 8
+
+class SegmentHeader:
+    """The first cache line of every segment; what the segment is for begins on the next one."""
+
+    magic: int = word(own_line=True)
+    layout: int = word()  # version of what the words mean
+    owner_pid: int = word()
+    generation: int = word()  # rises with every owner
+
+
+HEADER: Final = dtype_of(SegmentHeader)
+HEADER_WORDS: Final = HEADER.itemsize // WORD_BYTES
 MAGIC_VALUE: Final = 0x51524F424F54  # "QROBOT"
 
 
@@ -48,7 +57,7 @@ def checked_name(name: str) -> str:
 
 
 class SharedMemory:
-    """A mapped file of int64 words; `words` is the array, `owner` tells whether we hold the lock."""
+    """A mapped file of int64 words; `words` is the array, `header` its begin, `owner`: we hold the lock."""
 
     def __init__(self, path: Path, fd: int, n_words: int, owner: bool) -> None:
         self.path = path
@@ -57,9 +66,10 @@ class SharedMemory:
         populate = mmap.MAP_POPULATE if owner else 0  # the owner's loop shall not wait for pages
         self._map = mmap.mmap(fd, n_words * WORD_BYTES, flags=mmap.MAP_SHARED | populate)
         self.words: Words = np.frombuffer(self._map, dtype=np.int64)
+        self.header: SegmentHeader = record_in(self.words, HEADER)
 
     @classmethod
-    def create(cls, name: str, layout: int, n_words: int) -> SharedMemory:
+    def create(cls, name: str, layout: int, n_words: int) -> Self:
         """Own segment `name`, made or taken over from a dead owner, zeroed but for the header.
 
         Args:
@@ -74,16 +84,16 @@ class SharedMemory:
         path = segment_path(name)
         fd = _open_locked(path, n_words)
         segment = cls(path, fd, n_words, owner=True)
-        words = segment.words
-        generation = int(words[GENERATION]) if words[MAGIC] == MAGIC_VALUE else 0
-        if words[MAGIC] == MAGIC_VALUE:  # a new file is zero already
-            words[HEADER_WORDS:] = 0
-        words[LAYOUT], words[OWNER_PID], words[GENERATION] = layout, os.getpid(), generation + 1
-        words[MAGIC] = MAGIC_VALUE
+        header, generation = segment.header, 0
+        if header.magic == MAGIC_VALUE:  # a new file is zero already
+            generation = int(header.generation)
+            segment.words[HEADER_WORDS:] = 0
+        header.layout, header.owner_pid, header.generation = layout, os.getpid(), generation + 1
+        header.magic = MAGIC_VALUE
         return segment
 
     @classmethod
-    def attach(cls, name: str, layout: int, start: str = "the process that serves it") -> SharedMemory:
+    def attach(cls, name: str, layout: int, start: str = "the process that serves it") -> Self:
         """Map an existing segment; `start` tells what to start when there is none.
 
         Raises LinkError when it is missing, has another layout or is another account's.
@@ -99,8 +109,8 @@ class SharedMemory:
             os.close(fd)
             raise LinkError(f"shared memory {path.name!r} is empty: its owner is just starting or has failed")
         segment = cls(path, fd, n_words, owner=False)
-        if segment.words[MAGIC] != MAGIC_VALUE or segment.words[LAYOUT] != layout:
-            found = int(segment.words[LAYOUT])
+        if segment.header.magic != MAGIC_VALUE or segment.header.layout != layout:
+            found = int(segment.header.layout)
             segment.close()
             raise LinkError(f"shared memory {path.name!r} has layout {found}, this version expects {layout}")
         return segment
@@ -158,13 +168,16 @@ class SharedMemory:
         os.close(self._fd)  # the mapping lives as long as somebody holds `words`
         self._fd = None
 
-    def __enter__(self) -> SharedMemory:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close(unlink=self.owner)
+
+
+SegmentT = TypeVar("SegmentT", bound=SharedMemory)
 
 
 def discard_dead(name: str) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.errors import LinkTimeout
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
-from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, make_image, safe_operations
+from qrobot.hwif.bus import NO_OPERATIONS, BoardFacts, Bus, safe_operations
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, input_at, make_image
+from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_F_COMMAND,
@@ -73,7 +74,7 @@ class Walk:
 
     def word(self, offset: int) -> int:
         """An input word of the newest image."""
-        return int(self._image[IMAGE_INPUTS + offset // 2])
+        return int(self._image[input_at(offset)])
 
     @property
     def status(self) -> int:

@@ -12,10 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.arrays import Words
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import local_board_memory
+from qrobot.hwif.board_memory import BoardMemory, local_board_memory
 from qrobot.rccl_bridge.actions import carry_out
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
@@ -71,7 +70,7 @@ def run_blocks(
         emulator.board[0], emulator.drive[0], emulator.plant, emulator.wrist,
         emulator.counts_per_unit, emulator.q_offset, emulator.shaft, emulator.period_ns,
     )  # fmt: skip
-    return run_ticks(params[0], state[0], mail, board, bundle, now_ns, n_ticks, substeps)
+    return run_ticks(params[0], state[0], mail, board[0], bundle, now_ns, n_ticks, substeps)
 
 
 class LockstepRig:
@@ -101,7 +100,7 @@ class LockstepRig:
         settings: ServoSettings,
         emulator: Emulator | None = None,
         keep_telemetry: bool = True,
-        board: Words | None = None,
+        board: BoardMemory | None = None,
     ) -> None:
         self.robot = robot
         self.settings = settings
@@ -125,7 +124,7 @@ class LockstepRig:
         self._kept: list[Rows] | None = [] if keep_telemetry else None
         bundle: Any = self.emulator.bundle
         emulated = bundle._replace(board=block_of(bundle.board), drive=block_of(bundle.drive))
-        self._blocks = block_of(self.params), block_of(self.state), self.mail, self.board, emulated
+        self._blocks = block_of(self.params), block_of(self.state), self.mail, block_of(self.board), emulated
         self.emulator.connect(self.board, self.now_ns)
 
     @property

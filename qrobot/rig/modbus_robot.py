@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Generic
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkLost
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations
 from qrobot.hwif.modbus.map import encode_robot
-from qrobot.realtime.shared_memory import SharedMemory
+from qrobot.realtime.shared_memory import SegmentT
 from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
 
 
-class Follower:
+class Follower(Generic[SegmentT]):
     """Shared memory of somebody who may be started again.
 
     Args:
@@ -21,12 +22,12 @@ class Follower:
         who: for messages.
     """
 
-    def __init__(self, attach: Callable[[], SharedMemory], who: str) -> None:
+    def __init__(self, attach: Callable[[], SegmentT], who: str) -> None:
         self._attach, self._who = attach, who
-        self._segment: SharedMemory | None = None
+        self._segment: SegmentT | None = None
 
-    def words(self) -> Words:
-        """The memory of whoever serves it now. Raises LinkError when nobody does."""
+    def newest(self) -> SegmentT:
+        """The segment of whoever serves it now. Raises LinkError when nobody does."""
         if self._segment is not None and not self._segment.is_current:
             self.close()
         if self._segment is None:
@@ -34,7 +35,7 @@ class Follower:
         if not self._segment.owner_alive:
             self.close()
             raise LinkLost(f"{self._who} has ended")
-        return self._segment.words
+        return self._segment
 
     def close(self) -> None:
         """Unmap it."""
@@ -57,11 +58,11 @@ class RunningRobot:
 
     def facts(self) -> BoardFacts:
         """The board's. Raises LinkError when there is none."""
-        return MemoryEndpoint(self._board.words()).facts()
+        return MemoryEndpoint(self._board.newest().memory).facts()
 
     def read_image(self, image: Words) -> None:
         """The image the servo sees. Raises LinkError when there is none."""
-        MemoryEndpoint(self._board.words()).read_image(image)
+        MemoryEndpoint(self._board.newest().memory).read_image(image)
 
     def apply(self, operations: Operations) -> None:
         """Raises LinkBusy: the servo has the board."""
@@ -69,7 +70,7 @@ class RunningRobot:
 
     def registers(self) -> list[int]:
         """The servo's state as registers of the map. Raises LinkError when there is no servo."""
-        mailbox = ServoMailbox(self._servo.words())
+        mailbox = ServoMailbox(self._servo.newest().words)
         seen = mailbox.snapshot()
         words = (seen.mode, seen.fault, seen.event, seen.joint, seen.flags, seen.inputs, seen.hand, mailbox.info.n)
         return encode_robot(words, seen.t_ns, seen.tick, seen.outputs, (seen.q, seen.v, seen.tau, seen.q_ref))

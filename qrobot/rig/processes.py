@@ -22,7 +22,7 @@ from types import FrameType, TracebackType
 from typing import IO, Any
 
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError
-from qrobot.hwif.board_memory import BOARD_PERIOD_NS, IMAGE_SEQ, attach_board_memory
+from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.realtime.shared_memory import discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
@@ -225,7 +225,7 @@ def board_ready(arm: str) -> bool:
         segment = attach_board_memory(arm)
     except QRobotError:
         return False
-    ready = segment.owner_alive and bool(segment.words[BOARD_PERIOD_NS]) and segment.words[IMAGE_SEQ] > 0
+    ready = segment.owner_alive and bool(segment.memory.facts.period_ns) and segment.memory.shown.sequence > 0
     segment.close()
     return bool(ready)
 

@@ -17,19 +17,17 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    BOARD_REVISION,
+from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image, local_board_memory
+from qrobot.hwif.image import (
     IMAGE_COUNT,
-    IMAGE_INPUTS,
-    IMAGE_WORDS,
-    OP_FIELDS,
-    Lane,
-    fetch_image,
-    local_board_memory,
-    post_operations,
-    put_write,
+    IMAGE_ENC_COUNT,
+    IMAGE_ENC_INDEX,
+    IMAGE_STATUS,
+    make_image,
 )
-from qrobot.hwif.registers import DISCRETE, DISCRETE_ADC, ENC_COUNT, ENC_INDEX, INDEX_BIT_0, N_ADCS, STATUS
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_FIELDS, put_write
+from qrobot.hwif.registers import DISCRETE, DISCRETE_ADC, INDEX_BIT_0, N_ADCS
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
@@ -46,7 +44,7 @@ TableProgress = Callable[[int, float], None]
 
 
 @lean_kernel
-def lead_to(bundle: EmulatorBundle, memory: Words, q: Floats, t_ns: int) -> None:
+def lead_to(bundle: EmulatorBundle, memory: BoardMemory, q: Floats, t_ns: int) -> None:
     """Put the unpowered arm at `q` (n,) and let the board see it at `t_ns`."""
     accept_operations(bundle.board, memory, t_ns)
     for j in range(q.size):
@@ -60,8 +58,8 @@ class _Recorder:
     """The controller's side: one joint's index latch, its potentiometer, and the rows so far."""
 
     emulator: Emulator
-    memory: Words
-    image: Words = field(default_factory=lambda: np.zeros(IMAGE_WORDS, np.int64))
+    memory: BoardMemory
+    image: Words = field(default_factory=make_image)
     ops: Words = field(default_factory=lambda: np.zeros((8, OP_FIELDS), np.int64))
     volts: Floats = field(default_factory=lambda: np.zeros(N_ADCS))
     t_ns: int = 0
@@ -75,13 +73,13 @@ class _Recorder:
         bit, valid_at = INDEX_BIT_0 << joint, -1
         for number, q in enumerate(places):
             self._step(q)
-            raw = int(self.image[IMAGE_INPUTS + ENC_COUNT // 2 + joint])
+            raw = int(self.image[IMAGE_ENC_COUNT + joint])
             count = int(signed_word(raw)) - int(transmission.count_offset[joint])
-            if collect_sample(adc, self.volts, self.image, self.memory[BOARD_REVISION], PATIENCE) == channel:
+            if collect_sample(adc, self.volts, self.image, self.memory.facts.revision, PATIENCE) == channel:
                 residues.append(pot_units(self.volts[channel]) - slope * count)
-            n_ops, seen = 0, self.image[IMAGE_INPUTS + STATUS // 2] & bit == 0
+            n_ops, seen = 0, self.image[IMAGE_STATUS] & bit == 0
             if valid_at >= 0 and seen and self.image[IMAGE_COUNT] >= valid_at:
-                latched = int(self.image[IMAGE_INPUTS + ENC_INDEX // 2 + joint])
+                latched = int(self.image[IMAGE_ENC_INDEX + joint])
                 index = count + int(signed_word(latched - raw))
                 counts.append(index)
                 pots.append(round(float(np.mean(residues)) + slope * index))
@@ -93,7 +91,7 @@ class _Recorder:
                 valid_at = int(self.image[IMAGE_COUNT]) + IMAGES_TO_ANSWER
             word, wanted = DISCRETE_ADC | bit, 1 << channel
             n_ops = start_sample(
-                adc, self.ops, n_ops, word, wanted, self.image[IMAGE_COUNT], self.memory[BOARD_REVISION]
+                adc, self.ops, n_ops, word, wanted, self.image[IMAGE_COUNT], self.memory.facts.revision
             )
             post_operations(self.memory, int(Lane.SERVO), self.ops, n_ops)
         return pots, counts

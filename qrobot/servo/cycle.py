@@ -48,8 +48,8 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
 
     Args:
         params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
-            board, `IMAGE_OK` whether it was whole. mail: servo memory, see `servo.memory.mailbox`. now_ns: planned time
-            of this cycle. late_ns: how much later it really runs.
+            board, `state.image_ok` whether it was whole. mail: servo memory, see `servo.memory.mailbox`.
+        now_ns: planned time of this cycle. late_ns: how much later it really runs.
 
     Returns:
         Number of operations in `state.ops`, to be posted in order; zero when the guardian holds the board.

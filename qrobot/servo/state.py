@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.faultcodes import NO_JOINT
-from qrobot.hwif.board_memory import IMAGE_WORDS, OP_FIELDS
+from qrobot.hwif.image import make_image
+from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
 from qrobot.realtime.flat_record import record_of
@@ -159,7 +160,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     block = np.zeros(state_words(n), dtype=np.int64)
     row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     return record_of(ServoState(
-        image=np.zeros(IMAGE_WORDS, dtype=np.int64), raw=integers(), counts=integers(),
+        image=make_image(), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
         q=vector(), q_before=vector(), v=vector(), observed=vector(), unmodelled=vector(),
         v_seen=vector(), lag=vector(), lag_rate=vector(),

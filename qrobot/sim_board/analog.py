@@ -17,8 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.arrays import Words
-from qrobot.hwif.board_memory import PANEL_ANALOG, PANEL_MICRO
+from qrobot.hwif.board_memory import PANEL_MICRO, BoardMemory
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_MASK, ADC_F_VOLT_PER_COUNT, N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.fault_effects import POT_GAIN, POT_NOISE, POT_SHIFT, Knobs
@@ -94,12 +93,12 @@ def pot_units(analog: Analog, knob: Knobs, joint: int) -> float:
 
 
 @lean_kernel
-def input_volts(analog: Analog, memory: Words, knob: Knobs, channel: int) -> float:
+def input_volts(analog: Analog, memory: BoardMemory, knob: Knobs, channel: int) -> float:
     """Voltage at ADC channel 0..7: a potentiometer, or what panel and sensors set at a free channel."""
     joint = analog.pot_of[channel]
     if joint >= 0:
         return float(pot_units(analog, knob, joint) * ADC_F_VOLT_PER_COUNT + knob[POT_SHIFT, joint])
-    return float(memory[PANEL_ANALOG + channel] / PANEL_MICRO + analog.external[channel])
+    return float(memory.panel.analog[channel] / PANEL_MICRO + analog.external[channel])
 
 
 @lean_kernel

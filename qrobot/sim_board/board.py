@@ -27,33 +27,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
+from qrobot.hwif.board_memory import LANE_CAPACITY, N_LANES, BoardMemory, publish_image
+from qrobot.hwif.image import (
+    IMAGE_ADC_VALUE,
     IMAGE_COUNT,
-    IMAGE_INPUTS,
+    IMAGE_ENC_COUNT,
+    IMAGE_ENC_INDEX,
+    IMAGE_STATUS,
     IMAGE_T_NS,
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    N_LANES,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_READ,
-    OP_WRITE,
-    PANEL_DISCRETE,
-    PANEL_ESTOP,
-    PANEL_INPUTS,
-    PANEL_OUTPUTS,
-    PANEL_PRESSES,
-    operation_is_early,
-    publish_image,
-    take_operation,
-    trace_write,
+    make_image,
 )
+from qrobot.hwif.lanes import operation_is_early, take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
     ADC_START,
-    ADC_VALUE,
     DAC,
     DAC_MASK,
     DAC_ZERO,
@@ -61,13 +50,10 @@ from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
     DISCRETE_J6_OVERFLOW,
     DISCRETE_POWER,
-    ENC_COUNT,
-    ENC_INDEX,
     ENC_LOAD,
     INDEX_BIT_0,
     N_DACS,
     N_ENCODERS,
-    STATUS,
     STATUS_ADC_BUSY,
     STATUS_ESTOP_OK,
     STATUS_INDEX,
@@ -75,6 +61,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
     WINDOW_BYTES,
 )
+from qrobot.hwif.trace import trace_write
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wipers
@@ -157,7 +144,7 @@ def make_board(encoders: Encoders, analog: Analog, options: BoardOptions, seed: 
         brake=np.ones(N_ENCODERS),
         counted=np.zeros(N_ENCODERS),
         register=register,
-        image=np.zeros(IMAGE_WORDS, np.int64),
+        image=make_image(),
         operation=np.zeros(OP_FIELDS, np.int64),
         options=options,
     )
@@ -178,7 +165,7 @@ def _write_discrete(board: BoardState, value: int) -> None:
 
 
 @lean_kernel
-def _start_conversion(board: BoardState, memory: Words, t_ns: int) -> None:
+def _start_conversion(board: BoardState, memory: BoardMemory, t_ns: int) -> None:
     """Sample the selected channel; its code shows `conversion_ns` later."""
     register = board.register
     volts = input_volts(board.analog, memory, board.upset.knob, register[REG_ADC_CHANNEL])
@@ -187,7 +174,7 @@ def _start_conversion(board: BoardState, memory: Words, t_ns: int) -> None:
 
 
 @lean_kernel
-def _write_mux(board: BoardState, memory: Words, value: int, t_ns: int) -> None:
+def _write_mux(board: BoardState, memory: BoardMemory, value: int, t_ns: int) -> None:
     """Revision F: channel and start bit in one word; revision E: the channel only."""
     if board.options.revision_f:
         board.register[REG_ADC_CHANNEL] = value >> ADC_F_CHANNEL_SHIFT & 7
@@ -198,7 +185,7 @@ def _write_mux(board: BoardState, memory: Words, value: int, t_ns: int) -> None:
 
 
 @lean_kernel
-def _write(board: BoardState, memory: Words, offset: int, value: int, t_ns: int) -> None:
+def _write(board: BoardState, memory: BoardMemory, offset: int, value: int, t_ns: int) -> None:
     """A legal write: 0x20-0x3E."""
     if offset >= DAC:
         board.dac[(offset - DAC) // 2] = value & DAC_MASK
@@ -211,7 +198,7 @@ def _write(board: BoardState, memory: Words, offset: int, value: int, t_ns: int)
 
 
 @lean_kernel
-def _apply(board: BoardState, memory: Words, lane: int, t_ns: int) -> None:
+def _apply(board: BoardState, memory: BoardMemory, lane: int, t_ns: int) -> None:
     """Apply `board.operation`; one on an offset of the wrong direction is ignored and counted [A]."""
     kind, offset, value = board.operation[0], board.operation[1], board.operation[2]
     even = offset % 2 == 0
@@ -223,9 +210,9 @@ def _apply(board: BoardState, memory: Words, lane: int, t_ns: int) -> None:
         if offset == ADC_START and not board.options.revision_f:
             _start_conversion(board, memory, t_ns)
     elif kind == OP_OUTPUTS:
-        memory[PANEL_OUTPUTS] = value & _WORD
+        memory.panel.outputs = value & _WORD
     else:
-        memory[BOARD_ILLEGAL_OPS] += 1
+        memory.facts.illegal_ops += 1
 
 
 @lean_kernel
@@ -236,11 +223,11 @@ def _watch(register: Words, dac: Words, watchdog_ns: int, t_ns: int) -> None:
 
 
 @lean_kernel
-def _update_power(register: Words, switch: Words, options: BoardOptions, memory: Words, t_ns: int) -> None:
+def _update_power(register: Words, switch: Words, options: BoardOptions, memory: BoardMemory, t_ns: int) -> None:
     """Arm power from enable bit, panel and emergency stop; brakes follow with their delays."""
-    presses = load_acquire(memory, PANEL_PRESSES)
+    presses = load_acquire(memory.panel, "presses")
     pressed = register[REG_PRESSED] == 1 or presses != register[REG_PRESSES]
-    register[REG_ESTOP_OK] = 1 if load_acquire(memory, PANEL_ESTOP) == 0 and switch[ESTOP_PRESSED] == 0 else 0
+    register[REG_ESTOP_OK] = 1 if load_acquire(memory.panel, "estop") == 0 and switch[ESTOP_PRESSED] == 0 else 0
     healthy = register[REG_ESTOP_OK] == 1 and switch[POWER_OFF] == 0
     allowed = healthy and register[REG_DISCRETE] & DISCRETE_POWER != 0
     kept = register[REG_POWER] == 1 and register[REG_DROPPED] == 0
@@ -254,7 +241,7 @@ def _update_power(register: Words, switch: Words, options: BoardOptions, memory:
 
 
 @lean_kernel
-def accept_operations(board: BoardState, memory: Words, t_ns: int) -> None:
+def accept_operations(board: BoardState, memory: BoardMemory, t_ns: int) -> None:
     """Apply what was posted for times up to board time `t_ns`, lane by lane in order; then settle power and brakes."""
     for lane in range(N_LANES):
         for _ in range(LANE_CAPACITY):
@@ -262,7 +249,7 @@ def accept_operations(board: BoardState, memory: Words, t_ns: int) -> None:
                 break
             if board.upset.switch[DEAF] == 0:
                 _apply(board, memory, lane, t_ns)
-    memory[PANEL_DISCRETE] = board.register[REG_DISCRETE]
+    memory.panel.discrete = board.register[REG_DISCRETE]
     _watch(board.register, board.dac, board.options.watchdog_ns, t_ns)
     _update_power(board.register, board.upset.switch, board.options, memory, t_ns)
     settle_amplifiers(board.upset.knob, board.dac, board.amplified)
@@ -294,19 +281,19 @@ def _finish_conversion(register: Words, switch: Words, t_ns: int) -> None:
 
 
 @lean_kernel
-def _status(register: Words, options: BoardOptions, memory: Words) -> int:
+def _status(register: Words, options: BoardOptions, memory: BoardMemory) -> int:
     """The STATUS word: of each flip-flop its state where it is unmasked, its idle level where it is masked."""
     unmasked = register[REG_DISCRETE] & FLIP_FLOPS
     idle = (STATUS_ADC_BUSY if options.adc_idle else 0) | (STATUS_INDEX if options.index_idle else 0)
     flags = register[REG_FLAGS] & unmasked | idle & ~unmasked
-    inputs = memory[PANEL_INPUTS] & STATUS_INPUTS & ~STATUS_ESTOP_OK
+    inputs = memory.panel.inputs & STATUS_INPUTS & ~STATUS_ESTOP_OK
     estop = STATUS_ESTOP_OK if register[REG_ESTOP_OK] else 0
     power = STATUS_POWER if register[REG_POWER] else 0
     return int(power | flags | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
 
 
 @lean_kernel
-def publish_sample(board: BoardState, memory: Words, shaft: NDArray[np.float64], t_ns: int) -> None:
+def publish_sample(board: BoardState, memory: BoardMemory, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
     _count(board, shaft)
     _finish_conversion(board.register, board.upset.switch, t_ns)
@@ -314,9 +301,9 @@ def publish_sample(board: BoardState, memory: Words, shaft: NDArray[np.float64],
     register[REG_COUNT] += 1
     image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, register[REG_COUNT]
     for channel in range(N_ENCODERS):
-        image[IMAGE_INPUTS + ENC_INDEX // 2 + channel] = latch[channel]
-        image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = counter[channel]
-    image[IMAGE_INPUTS + STATUS // 2] = _status(register, board.options, memory)
-    image[IMAGE_INPUTS + ADC_VALUE // 2] = register[REG_ADC_VALUE]
+        image[IMAGE_ENC_INDEX + channel] = latch[channel]
+        image[IMAGE_ENC_COUNT + channel] = counter[channel]
+    image[IMAGE_STATUS] = _status(register, board.options, memory)
+    image[IMAGE_ADC_VALUE] = register[REG_ADC_VALUE]
     if spoil_image(board.upset, memory, image):
         publish_image(memory, image)

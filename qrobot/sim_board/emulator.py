@@ -7,19 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.arrays import Floats, Words
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_NOW_NS,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    PANEL_MICRO,
-    PANEL_PRESSES,
-    PANEL_PUSH,
-)
+from qrobot.hwif.board_memory import PANEL_MICRO, BoardMemory
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
@@ -84,7 +76,7 @@ def _come_to_rest(v: Floats) -> None:
 
 
 @lean_kernel
-def advance(bundle: EmulatorBundle, memory: Words, now_ns: int, sample_ns: int) -> None:
+def advance(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int, sample_ns: int) -> None:
     """One plant step: apply what was posted until `now_ns`, move the arm, publish the image of `sample_ns`."""
     board, plant = bundle.board, bundle.plant
     apply_faults(board, memory, now_ns)
@@ -93,22 +85,22 @@ def advance(bundle: EmulatorBundle, memory: Words, now_ns: int, sample_ns: int) 
     _come_to_rest(plant.v)
     drive_torque(bundle.drive, board.amplified, powered, board.brake, plant.v, plant.torque)
     for i in range(plant.torque.size):
-        plant.torque[i] += memory[PANEL_PUSH + i] / PANEL_MICRO + board.upset.knob[PUSH, i]
+        plant.torque[i] += memory.panel.push[i] / PANEL_MICRO + board.upset.knob[PUSH, i]
     step_plant(plant)
     sense_wrist(bundle.wrist, board.analog.external)
     turn_shafts(bundle)
     publish_sample(board, memory, bundle.shaft, sample_ns)
-    memory[BOARD_NOW_NS] = sample_ns
+    memory.facts.now_ns = sample_ns
 
 
 @lean_kernel
-def emulator_step(bundle: EmulatorBundle, memory: Words, t_ns: int) -> None:
+def emulator_step(bundle: EmulatorBundle, memory: BoardMemory, t_ns: int) -> None:
     """Lock-step: operations posted by virtual time `t_ns` act at once; the image is that of `t_ns` + one period."""
     advance(bundle, memory, t_ns, t_ns + bundle.period_ns)
 
 
 @lean_kernel
-def emulator_run(bundle: EmulatorBundle, memory: Words, t_ns: int, steps: int) -> int:
+def emulator_run(bundle: EmulatorBundle, memory: BoardMemory, t_ns: int, steps: int) -> int:
     """So many steps in a row from virtual time `t_ns`; returns the time reached."""
     for _ in range(steps):
         emulator_step(bundle, memory, t_ns)
@@ -197,13 +189,13 @@ class Emulator:
             board.encoders.counter[:n] = edge[:n] + self.robot.transmission.count_offset & COUNTER_MASK
             board.register[REG_DISCRETE] = DISCRETE_CALIBRATED
 
-    def connect(self, memory: Words, t_ns: int = 0) -> None:
+    def connect(self, memory: BoardMemory, t_ns: int = 0) -> None:
         """Meet controllers through `memory`: state the board's facts and publish the image of `t_ns`."""
-        memory[BOARD_PERIOD_NS] = self.bundle.period_ns
-        memory[BOARD_JOINTS] = self.robot.n
-        memory[BOARD_REVISION] = ord("F" if self.bundle.board.options.revision_f else "E")
-        self.bundle.board.register[REG_PRESSES] = memory[PANEL_PRESSES]  # presses of the past
-        memory[BOARD_NOW_NS] = t_ns
+        memory.facts.period_ns = self.bundle.period_ns
+        memory.facts.joints = self.robot.n
+        memory.facts.revision = ord("F" if self.bundle.board.options.revision_f else "E")
+        self.bundle.board.register[REG_PRESSES] = memory.panel.presses  # presses of the past
+        memory.facts.now_ns = t_ns
         self._panel = FaultPanel(memory)
         self._panel.extend(self._plan)
         publish_sample(self.bundle.board, memory, self.bundle.shaft, t_ns)

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import HISTORY_IMAGES, HISTORY_START, IMAGE_INPUTS, IMAGE_WORDS
-from qrobot.hwif.registers import DAC_ZERO, ENC_COUNT, N_DACS, N_ENCODERS, N_INPUT_WORDS
+from qrobot.hwif.board_memory import HISTORY_IMAGES, BoardMemory
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_WORDS
+from qrobot.hwif.registers import DAC_ZERO, N_DACS, N_ENCODERS, N_INPUT_WORDS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.random_lcg import first_state, uniform
 
@@ -115,14 +116,14 @@ def settle_brakes(knob: Knobs, closed: int, brake: NDArray[np.float64]) -> None:
 
 
 @lean_kernel
-def spoil_image(upset: Upset, memory: Words, image: NDArray[np.int64]) -> bool:
+def spoil_image(upset: Upset, memory: BoardMemory, image: NDArray[np.int64]) -> bool:
     """Make of the image (int64[IMAGE_WORDS]) what a controller gets to see; False when it sees nothing new."""
     knob, switch = upset.knob, upset.switch
     if switch[TOUCHED] == 0:
         return True
     for channel in range(N_ENCODERS):
         if knob[ENC_RANDOM, channel] != 0.0:
-            image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = int(uniform(upset.random) * 0x10000)
+            image[IMAGE_ENC_COUNT + channel] = int(uniform(upset.random) * 0x10000)
     if switch[IMAGE_WORD] != _WRITTEN:
         for word in range(N_INPUT_WORDS):
             image[IMAGE_INPUTS + word] = switch[IMAGE_WORD]
@@ -131,16 +132,14 @@ def spoil_image(upset: Upset, memory: Words, image: NDArray[np.int64]) -> bool:
 
 
 @lean_kernel
-def _delay(switch: Words, memory: Words, image: NDArray[np.int64]) -> None:
+def _delay(switch: Words, memory: BoardMemory, image: NDArray[np.int64]) -> None:
     """Replace the image by an older one; by the first one kept while there is none of that age."""
     if switch[IMAGE_DELAY] == 0:
         switch[DELAYED] = 0
         return
     newest = switch[DELAYED]
     oldest = max(0, newest - min(switch[IMAGE_DELAY], HISTORY_IMAGES - 1))
-    to = HISTORY_START + newest % HISTORY_IMAGES * IMAGE_WORDS
-    source = HISTORY_START + oldest % HISTORY_IMAGES * IMAGE_WORDS
     for word in range(IMAGE_WORDS):
-        memory[to + word] = image[word]
-        image[word] = memory[source + word]
+        memory.history[newest % HISTORY_IMAGES, word] = image[word]
+        image[word] = memory.history[oldest % HISTORY_IMAGES, word]
     switch[DELAYED] = newest + 1

@@ -10,18 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from qrobot.arrays import Words
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_NOW_NS,
-    BOARD_PERIOD_NS,
-    FAULT_FIELDS,
-    FAULT_SLOTS,
-    PANEL_FAULT_SLOTS,
-    PANEL_FAULTS,
-    PANEL_MICRO,
-)
+from qrobot.hwif.board_memory import FAULT_SLOTS, PANEL_MICRO, BoardMemory, FaultSlot
 from qrobot.hwif.registers import DAC_MASK, DISCRETE_POWER, N_ENCODERS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
@@ -66,10 +56,6 @@ from qrobot.sim_board.faults import Fault, FaultPlan, kind_of
 from qrobot.sim_board.random_lcg import uniform
 from qrobot.units import NS_PER_MS, NS_PER_S
 
-# Fields of a slot. STEPS counts the board's steps in which the fault was active, ACTED those in which that made a
-# difference; NOTE is what the fault has to remember.
-KIND, CHANNEL, START_NS, END_NS, VALUE, STEPS, ACTED, NOTE = range(FAULT_FIELDS)
-
 _FOREVER_NS: Final = 1 << 62
 _MOVES: Final = 0.01  # counts per step; a shaft that turns less stands still
 _ALL_ONES: Final = 0xFFFF
@@ -108,14 +94,14 @@ def _upset_encoder(board: BoardState, kind: int, channel: int, value: float, fir
 
 
 @lean_kernel
-def _upset_index(board: BoardState, memory: Words, at: int, channel: int) -> bool:
+def _upset_index(board: BoardState, slot: FaultSlot, channel: int) -> bool:
     """True when an index pulse was swallowed or added since the last step."""
     encoders = board.encoders
-    if memory[at + STEPS] == 0:
-        memory[at + NOTE] = encoders.odd[channel]
-    encoders.pulses[channel] = 2 if memory[at + KIND] == kinds.INDEX_DOUBLE else 0
-    happened = memory[at + NOTE] != encoders.odd[channel]
-    memory[at + NOTE] = encoders.odd[channel]
+    if slot.steps == 0:
+        slot.note = encoders.odd[channel]
+    encoders.pulses[channel] = 2 if slot.kind == kinds.INDEX_DOUBLE else 0
+    happened = slot.note != encoders.odd[channel]
+    slot.note = encoders.odd[channel]
     return bool(happened)
 
 
@@ -133,13 +119,13 @@ def _upset_pot(board: BoardState, kind: int, channel: int, value: float) -> bool
 
 
 @lean_kernel
-def _upset_dac(board: BoardState, memory: Words, at: int, channel: int, value: float) -> bool:
+def _upset_dac(board: BoardState, slot: FaultSlot, channel: int, value: float) -> bool:
     """True when, in the step before, an amplifier under power saw another word than the one written."""
-    knob, kind = board.upset.knob, memory[at + KIND]
-    if memory[at + STEPS] == 0:
-        memory[at + NOTE] = board.amplified[channel]
+    knob, kind = board.upset.knob, slot.kind
+    if slot.steps == 0:
+        slot.note = board.amplified[channel]
     if kind == kinds.DAC_STUCK:
-        knob[DAC_HOLD, channel] = memory[at + NOTE]
+        knob[DAC_HOLD, channel] = slot.note
     elif kind == kinds.DAC_FULL:
         knob[DAC_HOLD, channel] = 0.0 if value < 0.0 else DAC_MASK
     else:
@@ -181,13 +167,13 @@ def _upset_adc(board: BoardState) -> bool:
 
 
 @lean_kernel
-def _upset_bus(board: BoardState, memory: Words, kind: int, value: float) -> bool:
+def _upset_bus(board: BoardState, memory: BoardMemory, kind: int, value: float) -> bool:
     """True when the image differs, or operations are lost."""
     switch = board.upset.switch
     if kind == kinds.BOARD_FROZEN:
         switch[IMAGE_FROZEN] = 1
     elif kind == kinds.BOARD_SLOW:
-        switch[IMAGE_DELAY] = int(value * NS_PER_MS) // max(1, memory[BOARD_PERIOD_NS])
+        switch[IMAGE_DELAY] = int(value * NS_PER_MS) // max(1, memory.facts.period_ns)
         return bool(switch[IMAGE_DELAY] > 0)
     elif kind == kinds.BOARD_DEAF:
         switch[DEAF] = 1
@@ -202,22 +188,22 @@ def _upset_bus(board: BoardState, memory: Words, kind: int, value: float) -> boo
 
 
 @lean_kernel
-def _act(board: BoardState, memory: Words, at: int) -> bool:
-    """Let the fault in the slot at `at` act in this step; True when that makes a difference."""
-    kind, value = memory[at + KIND], memory[at + VALUE] / PANEL_MICRO
-    channel = min(max(0, memory[at + CHANNEL]), N_ENCODERS - 1)
-    first = memory[at + STEPS] == 0
+def _act(board: BoardState, memory: BoardMemory, slot: FaultSlot) -> bool:
+    """Let the fault in the slot act in this step; True when that makes a difference."""
+    kind, value = slot.kind, slot.value / PANEL_MICRO
+    channel = min(max(0, slot.channel), N_ENCODERS - 1)
+    first = slot.steps == 0
     component, acts = kind // 10, True
     if component == kinds.ENC_STUCK // 10:
         acts = _upset_encoder(board, kind, channel, value, first)
     elif component == kinds.INDEX_MISSING // 10:
-        acts = _upset_index(board, memory, at, channel)
+        acts = _upset_index(board, slot, channel)
     elif component == kinds.POT_NOISY // 10:
         acts = _upset_pot(board, kind, channel, value)
     elif component == kinds.ADC_STOPPED // 10:
         acts = _upset_adc(board)
     elif component == kinds.DAC_STUCK // 10:
-        acts = _upset_dac(board, memory, at, channel, value)
+        acts = _upset_dac(board, slot, channel, value)
     elif component == kinds.POWER_DROP // 10:
         acts = _upset_power(board, kind, first)
     elif component == kinds.BRAKE_STUCK // 10:
@@ -232,26 +218,26 @@ def _act(board: BoardState, memory: Words, at: int) -> bool:
 
 
 @lean_kernel
-def apply_faults(board: BoardState, memory: Words, now_ns: int) -> None:
+def apply_faults(board: BoardState, memory: BoardMemory, now_ns: int) -> None:
     """Turn the board's knobs to what the faults active at `now_ns` call for; first of all in a step."""
-    used = min(load_acquire(memory, PANEL_FAULTS), FAULT_SLOTS)
+    used = min(load_acquire(memory.faults, "used"), FAULT_SLOTS)
     if used <= 0 and board.upset.switch[TOUCHED] == 0:
         return
     to_neutral(board.upset)
     board.encoders.pulses[:] = 1
     board.upset.switch[TOUCHED] = 1 if used > 0 else 0
-    for slot in range(used):
-        at = PANEL_FAULT_SLOTS + slot * FAULT_FIELDS
-        if memory[at + START_NS] <= now_ns < memory[at + END_NS]:
-            if _act(board, memory, at):
-                memory[at + ACTED] += 1
-            memory[at + STEPS] += 1
+    for place in range(used):
+        slot = memory.faults.slots[place]
+        if slot.start_ns <= now_ns < slot.end_ns:
+            if _act(board, memory, slot):
+                slot.acted += 1
+            slot.steps += 1
 
 
 @lean_kernel
-def _open_slots(memory: Words, used: int) -> None:
+def _open_slots(memory: BoardMemory, used: int) -> None:
     """From now on the board looks at so many slots; what they hold was written before."""
-    store_release(memory, PANEL_FAULTS, used)
+    store_release(memory.faults, "used", used)
 
 
 # ----------------------------------------------------------------------------------------------------- who injects
@@ -281,7 +267,7 @@ class FaultPanel:
     One process at a time should inject; two that do so in the same instant may take the same slot.
     """
 
-    def __init__(self, memory: Words) -> None:
+    def __init__(self, memory: BoardMemory) -> None:
         self._memory = memory
 
     def add(self, fault: Fault | str) -> int:
@@ -291,18 +277,18 @@ class FaultPanel:
             ConfigError: the line is none, the robot has no such joint, or all places are taken.
         """
         fault = Fault.parse(fault) if isinstance(fault, str) else fault
-        memory, place = self._memory, int(self._memory[PANEL_FAULTS])
-        if fault.joint is not None and fault.joint > memory[BOARD_JOINTS]:
-            raise ConfigError(f"{fault}: the robot has {memory[BOARD_JOINTS]} joints")
+        memory, place = self._memory, int(self._memory.faults.used)
+        if fault.joint is not None and fault.joint > memory.facts.joints:
+            raise ConfigError(f"{fault}: the robot has {memory.facts.joints} joints")
         if place >= FAULT_SLOTS:
             raise ConfigError(f"{FAULT_SLOTS} faults are in the board already: clear them first")
-        at = PANEL_FAULT_SLOTS + place * FAULT_FIELDS
-        memory[at : at + FAULT_FIELDS] = 0
-        memory[at + KIND], memory[at + CHANNEL] = fault.row.number, (fault.joint or 1) - 1
-        memory[at + START_NS] = memory[BOARD_NOW_NS] + round(fault.start_s * NS_PER_S)
+        slot = memory.faults.slots[place]
+        slot.steps = slot.acted = slot.note = 0
+        slot.kind, slot.channel = fault.row.number, (fault.joint or 1) - 1
+        slot.start_ns = memory.facts.now_ns + round(fault.start_s * NS_PER_S)
         lasts_ns = _FOREVER_NS if fault.duration_s is None else round(fault.duration_s * NS_PER_S)
-        memory[at + END_NS] = min(memory[at + START_NS] + lasts_ns, _FOREVER_NS)
-        memory[at + VALUE] = round(fault.amount * PANEL_MICRO)
+        slot.end_ns = min(slot.start_ns + lasts_ns, _FOREVER_NS)
+        slot.value = round(fault.amount * PANEL_MICRO)
         _open_slots(memory, place + 1)
         return place
 
@@ -317,26 +303,26 @@ class FaultPanel:
 
     def report(self, place: int) -> Injected:
         """What came of the fault at a place. Raises KeyError when none was injected there."""
-        at = PANEL_FAULT_SLOTS + place * FAULT_FIELDS
-        if not 0 <= place < self._memory[PANEL_FAULTS]:
+        if not 0 <= place < self._memory.faults.used:
             raise KeyError(place)
-        slot = self._memory[at : at + FAULT_FIELDS].tolist()
-        return Injected(_fault_in(slot), slot[STEPS], slot[ACTED], bool(self._memory[BOARD_NOW_NS] >= slot[END_NS]))
+        slot = self._memory.faults.slots[place]
+        over = bool(self._memory.facts.now_ns >= slot.end_ns)
+        return Injected(_fault_in(slot), int(slot.steps), int(slot.acted), over)
 
     def reports(self) -> list[Injected]:
         """What came of every fault since the last `clear`, in the order they were injected."""
-        in_use = min(max(int(self._memory[PANEL_FAULTS]), 0), FAULT_SLOTS)
+        in_use = min(max(int(self._memory.faults.used), 0), FAULT_SLOTS)
         return [self.report(place) for place in range(in_use)]
 
 
-def _fault_in(slot: list[int]) -> Fault:
+def _fault_in(slot: FaultSlot) -> Fault:
     """The fault a slot holds, less its start: when it was injected is not kept."""
-    row = kind_of(slot[KIND])
-    lasts_ns = slot[END_NS] - slot[START_NS]
+    row = kind_of(int(slot.kind))
+    lasts_ns = int(slot.end_ns - slot.start_ns)
     return Fault(
         row.component,
         row.name,
-        slot[CHANNEL] + 1 if row.per_joint else None,
-        duration_s=None if slot[END_NS] == _FOREVER_NS else lasts_ns / NS_PER_S,
-        value=None if row.default is None else slot[VALUE] / PANEL_MICRO,
+        int(slot.channel) + 1 if row.per_joint else None,
+        duration_s=None if slot.end_ns == _FOREVER_NS else lasts_ns / NS_PER_S,
+        value=None if row.default is None else slot.value / PANEL_MICRO,
     )

@@ -6,7 +6,7 @@ arm whose board alone was kept from running moves as its servo has told it meanw
 
 Where nobody wrote either, nobody could control the arm, and there is no hardware that went on: the arm's time stood
 still (`hwif.arm_clock`). Without that, by option, the DACs hold as a real board's would, up to `CATCH_UP_NS`; what is
-beyond is given up and counted in BOARD_SKIPPED.
+beyond is given up and counted as skipped.
 """
 
 from __future__ import annotations
@@ -22,13 +22,8 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.hwif.arm_clock import STALL_NS
-from qrobot.hwif.board_memory import (
-    BOARD_SKIPPED,
-    BOARD_SLIPPED_NS,
-    create_board_memory,
-    local_board_memory,
-    newest_post_ns,
-)
+from qrobot.hwif.board_memory import BoardMemory, create_board_memory, local_board_memory
+from qrobot.hwif.lanes import newest_post_ns
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -46,7 +41,7 @@ PRIORITY: Final = 40  # below the servo's: hardware never keeps a processor from
 
 
 @lean_kernel
-def unlived_ns(memory: Words, due_ns: int, now_ns: int) -> int:
+def unlived_ns(memory: BoardMemory, due_ns: int, now_ns: int) -> int:
     """Of a stall from `due_ns` to `now_ns`, the end in which nobody wrote to the board; 0 for what is no stall."""
     if now_ns - due_ns <= STALL_NS:
         return 0
@@ -54,13 +49,13 @@ def unlived_ns(memory: Words, due_ns: int, now_ns: int) -> int:
 
 
 @lean_kernel
-def run_board(bundle: EmulatorBundle, memory: Words, stop: Words, slips: int) -> None:
+def run_board(bundle: EmulatorBundle, memory: BoardMemory, stop: Words, slips: int) -> None:
     """Step the emulator at every multiple of its period until `stop[0]` is set.
 
     `stop` is int64[1]; `slips` is 1 where time in which nobody could control the arm does not count.
     """
     period_ns = bundle.period_ns
-    slipped_ns = memory[BOARD_SLIPPED_NS]
+    slipped_ns = memory.facts.slipped_ns
     due_ns = monotonic_ns() - slipped_ns + period_ns
     while load_acquire(stop, 0) == 0:
         sleep_until_ns(due_ns + slipped_ns)
@@ -68,17 +63,17 @@ def run_board(bundle: EmulatorBundle, memory: Words, stop: Words, slips: int) ->
         unlived = unlived_ns(memory, due_ns, now_ns) if slips != 0 else 0
         if unlived > 0:
             slipped_ns, now_ns = slipped_ns + unlived, now_ns - unlived
-            store_release(memory, BOARD_SLIPPED_NS, slipped_ns)
+            store_release(memory.facts, "slipped_ns", slipped_ns)
         late = (now_ns - due_ns) // period_ns - CATCH_UP_NS // period_ns
         if late > 0:
-            memory[BOARD_SKIPPED] += late
+            memory.facts.skipped += late
             due_ns += late * period_ns
         catch_up(bundle, memory, due_ns, now_ns)
         due_ns += ((now_ns - due_ns) // period_ns + 1) * period_ns
 
 
 @lean_kernel
-def catch_up(bundle: EmulatorBundle, memory: Words, due_ns: int, now_ns: int) -> None:
+def catch_up(bundle: EmulatorBundle, memory: BoardMemory, due_ns: int, now_ns: int) -> None:
     """All steps from `due_ns` up to `now_ns`; those of the past take no operation posted later than their time."""
     while due_ns <= now_ns:
         in_the_past = due_ns + bundle.period_ns <= now_ns
@@ -106,15 +101,15 @@ class EmulatedBoardServer:
     def _run(self) -> None:
         tighten_timers()
         set_fifo(PRIORITY)
-        run_board(self.emulator.bundle, self.segment.words, self._stop, self._slips)
+        run_board(self.emulator.bundle, self.segment.memory, self._stop, self._slips)
 
     @property
     def slipped_ns(self) -> int:
         """Time that did not count, all in all."""
-        return int(self.segment.words[BOARD_SLIPPED_NS])
+        return int(self.segment.memory.facts.slipped_ns)
 
     def __enter__(self) -> EmulatedBoardServer:
-        self.emulator.connect(self.segment.words, time.monotonic_ns())
+        self.emulator.connect(self.segment.memory, time.monotonic_ns())
         self._thread.start()
         return self
 
@@ -135,7 +130,7 @@ def serve(
     arm: str,
     emulator: Emulator,
     ready: Callable[[], None] = lambda: None,
-    beside: Callable[[Words], AbstractContextManager[object]] = nullcontext,
+    beside: Callable[[BoardMemory], AbstractContextManager[object]] = nullcontext,
     slips: bool = False,
     report: Callable[[str], None] = lambda _line: None,
 ) -> None:
@@ -154,7 +149,7 @@ def serve(
     """
     _warm_up(emulator)  # before its turn, not with it
     await_turn()
-    with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.words):
+    with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.memory):
         ready()
         told_ns = 0
         while not done.wait(LOOK_S):

@@ -19,8 +19,9 @@ import pytest
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError, ProtocolError, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE, PANEL_DISCRETE
-from qrobot.hwif.bus import Bus, make_image
+from qrobot.hwif.bus import Bus
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_STATUS, IMAGE_T_NS, input_at, make_image
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_CHANNEL_SHIFT,
@@ -88,7 +89,7 @@ class Traveller:
         return self.exchange(*((OP_WRITE, offset, value) for offset, value in pairs))
 
     def read(self, offset: int) -> int:
-        return int(self.exchange()[IMAGE_INPUTS + offset // 2])
+        return int(self.exchange()[input_at(offset)])
 
     def status_without(self, bit: int) -> int:
         """Poll STATUS until `bit` has fallen."""
@@ -156,7 +157,7 @@ class BusContract:
 
     def test_every_counter_takes_a_load_and_counts_on_from_it_beyond_sixteen_bits(self, there: Traveller) -> None:
         image = there.write(*((ENC_LOAD + 2 * joint, 0xFFF0 + joint) for joint in range(N_ENCODERS)))
-        assert [int(image[IMAGE_INPUTS + ENC_COUNT // 2 + j]) for j in range(N_ENCODERS)] == list(range(0xFFF0, 0xFFF6))
+        assert [int(image[IMAGE_ENC_COUNT + j]) for j in range(N_ENCODERS)] == list(range(0xFFF0, 0xFFF6))
         there.end.turn(2, 40.0)
         assert there.read(ENC_COUNT + 4) == (0xFFF2 + 40) % 0x10000
         there.end.turn(2, -40.0)
@@ -174,7 +175,7 @@ class BusContract:
     def test_the_boards_own_output_lines_are_those_of_its_last_word(self, there: Traveller) -> None:
         for lines in (DISCRETE_LINES, 0x10, 0):
             there.write((DISCRETE, DISCRETE_POWER | lines))
-            assert there.end.bench.memory[PANEL_DISCRETE] == DISCRETE_POWER | lines
+            assert there.end.bench.memory.panel.discrete == DISCRETE_POWER | lines
 
     @pytest.mark.parametrize("scratch", [STATUS_CALIBRATED, STATUS_J6_OVERFLOW, 0])
     def test_a_host_that_starts_adopts_a_calibrated_arm_and_zeroes_the_counters_of_another(
@@ -184,7 +185,7 @@ class BusContract:
         loads = [(ENC_LOAD + 2 * joint, 500 + joint) for joint in range(N_ENCODERS)]
         there.write(*loads, (DISCRETE, scratch | DISCRETE_POWER))  # what a host leaves behind that died
         kept = there.read(STATUS) & (STATUS_CALIBRATED | STATUS_J6_OVERFLOW)
-        status = int(there.write((DISCRETE, kept))[IMAGE_INPUTS + STATUS // 2])
+        status = int(there.write((DISCRETE, kept))[IMAGE_STATUS])
         assert (kept, status & (STATUS_POWER | STATUS_CALIBRATED | STATUS_J6_OVERFLOW)) == (scratch, scratch)
         if not status & STATUS_CALIBRATED:
             there.write(*((offset, 0) for offset, _ in loads), (DISCRETE, 0))
@@ -261,7 +262,7 @@ class BusContract:
     def test_an_image_shows_what_its_own_operations_did(self, there: Traveller) -> None:
         for value in (5, 6, 7):
             image = there.write((ENC_LOAD, value))
-            assert image[IMAGE_INPUTS + ENC_COUNT // 2] == value
+            assert image[IMAGE_ENC_COUNT] == value
 
     def test_operations_in_the_wrong_direction_do_nothing_and_are_counted(self, there: Traveller) -> None:
         before = there.end.bench.board.dac.tolist()

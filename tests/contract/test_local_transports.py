@@ -11,8 +11,9 @@ from itertools import count
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import IMAGE_START, IMAGE_WORDS, attach_board_memory, create_board_memory
+from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.image import IMAGE_WORDS
 from qrobot.hwif.memory_bus import MemoryBus
 from tests.contract.bus_contract import BusContract, Transport
 from tests.support.bus import BenchEndpoint, DirectBus
@@ -61,7 +62,7 @@ class MemoryTransport:
         self.arm = next(ARMS)
         self.segment = create_board_memory(self.arm)
         self.far = DirectBus(end)
-        self.gateway = Gateway(self.far, self.segment.words, 250_000)
+        self.gateway = Gateway(self.far, self.segment.memory, 250_000)
         self.bus = MemoryBus(lambda: attach_board_memory(self.arm), "the bench", timeout_s=PATIENCE_S)
         self._held, self._stop = threading.Event(), threading.Event()
         self.clock = VirtualClock(0)
@@ -91,7 +92,7 @@ class MemoryTransport:
     def garbage(self) -> None:
         self._held.set()
         wild = np.random.default_rng(1).integers(2**17, 2**62, IMAGE_WORDS)
-        self.segment.words[IMAGE_START : IMAGE_START + IMAGE_WORDS] = wild
+        self.segment.memory.shown.image[:] = wild
 
     def close(self) -> None:
         self._stop.set()

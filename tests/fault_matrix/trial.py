@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import PANEL_MICRO, PANEL_PUSH
+from qrobot.hwif.board_memory import PANEL_MICRO
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.table import load_table
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
@@ -178,9 +178,9 @@ class Trial:
             assert rig.now_ns < 3 * NS_PER_S, f"no power: {rig.mailbox.snapshot()}"
             rig.mailbox.request_power(rig.now_ns > 1.5 * NS_PER_S)
             push = HAND_NM_RAD * (q - rig.emulator.q) - HAND_NM_S_RAD * rig.emulator.v
-            rig.board[PANEL_PUSH : PANEL_PUSH + N] = (push * PANEL_MICRO).astype(np.int64)
+            rig.board.panel.push[:] = (push * PANEL_MICRO).astype(np.int64)
             rig.ticks(1)
-        rig.board[PANEL_PUSH : PANEL_PUSH + N] = 0
+        rig.board.panel.push[:] = 0
         rig.run_for(POWER_S)
 
     def _fly(self, frames: int) -> None:

@@ -57,7 +57,7 @@ def new_emulator() -> Emulator:
 def memory() -> Iterator[Transport]:
     name = f"cut{os.getpid()}"
     with create_board_memory(name) as far, attach_board_memory(name) as near:
-        rig = MemoryRig(ROBOT, SETTINGS, new_emulator(), near.words, far.words)
+        rig = MemoryRig(ROBOT, SETTINGS, new_emulator(), near.memory, far.memory)
         yield Transport(rig, lambda: setattr(rig, "board_runs", False), lambda: setattr(rig, "board_runs", True))
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import BOARD_ILLEGAL_OPS
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import DriveState
@@ -98,7 +97,7 @@ def test_the_arm_follows_a_motion_by_the_loops_of_its_drives_and_no_watch_mistak
     assert np.abs(moving["q_ref"] - moving["q"]).max() < 0.01
     assert (rows["dac"] == DAC_ZERO).all()
     assert not rows["tau"].any()
-    assert arm.rig.board[BOARD_ILLEGAL_OPS] == 0
+    assert arm.rig.board.facts.illegal_ops == 0
 
 
 def test_a_stop_ends_on_the_path_with_the_drives_in_operation(arm: Arm) -> None:

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import load_head
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
+from qrobot.hwif.trace import load_head
 from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.modes import Mode, StopCategory
 from qrobot.servo.stages.setpoint_stream import SILENCE_MARGIN

@@ -12,8 +12,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from qrobot.hwif.board_memory import FAULT_SLOTS, load_head
+from qrobot.hwif.board_memory import FAULT_SLOTS
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
+from qrobot.hwif.trace import load_head
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.sim_board.faults import BOARD_DEAF, KINDS, Fault, FaultKind
 from tests.support.campaign import PUMA, FastLeg, fast_leg, writes_since

@@ -8,26 +8,14 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.faultcodes import explain
-from qrobot.hwif.board_memory import (
-    BOARD_DROPPED,
-    BOARD_ILLEGAL_OPS,
-    IMAGE_INPUTS,
-    IMAGE_START,
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    LANE_WORDS,
-    LANES_START,
-    OP_OUTPUTS,
-    OP_READ,
-    OP_WRITE,
-    Lane,
-    local_board_memory,
-    pending_operations,
-    post_operations,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, local_board_memory
 from qrobot.hwif.bus import sane_operations
 from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.image import IMAGE_INPUTS, IMAGE_WORDS
+from qrobot.hwif.lanes import pending_operations, post_operations
+from qrobot.hwif.operations import OP_OUTPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import DAC, DAC_ZERO, ENC_COUNT, STATUS_POWER, WINDOW_BYTES
+from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
@@ -43,8 +31,10 @@ SEEDS = st.integers(0, 2**32 - 1)
 @settings(max_examples=40)
 def test_a_board_whose_lanes_are_noise_applies_nothing_and_goes_on_showing_images(seed: int) -> None:
     bench = Bench()
-    lanes = slice(LANES_START, LANES_START + len(Lane) * LANE_WORDS)
-    bench.memory[lanes] = np.random.default_rng(seed).integers(-(2**62), 2**62, len(Lane) * LANE_WORDS)
+    random = np.random.default_rng(seed)
+    for lane in bench.memory.lanes:
+        words = view_words(lane)
+        words[:] = random.integers(-(2**62), 2**62, words.size)
     bench.shaft[2] = 77.0
     bench.tick(3)
     assert bench.board.dac.tolist() == [DAC_ZERO] * len(bench.board.dac)
@@ -58,7 +48,7 @@ def test_a_lane_whose_head_is_damaged_is_told_and_works_again_from_the_next_tick
     bench, write = Bench(), rows_of([(OP_WRITE, DAC, 0x123)])
     assert post_operations(bench.memory, int(lane), rows_of([(OP_WRITE, DAC, DAC_ZERO)]), 1)
     bench.tick()
-    bench.memory[LANES_START + int(lane) * LANE_WORDS] = head
+    bench.memory.lanes[int(lane)].head = head
     bench.tick(2)
     assert bench.board.dac[0] == DAC_ZERO
     assert post_operations(bench.memory, int(lane), write, 1)
@@ -66,7 +56,7 @@ def test_a_lane_whose_head_is_damaged_is_told_and_works_again_from_the_next_tick
     bench.tick()
     assert bench.board.dac[0] == 0x123
     assert pending_operations(bench.memory, int(lane)) == 0
-    assert bench.memory[BOARD_DROPPED] == 1
+    assert bench.memory.facts.dropped == 1
 
 
 @given(st.lists(st.tuples(WILD, WILD, WILD), max_size=20))
@@ -78,7 +68,7 @@ def test_operations_out_of_a_damaged_lane_are_counted_and_never_reach_the_bus(ro
     assert post_operations(memory, int(Lane.SERVO), rows_of(rows), len(rows))
     assert gateway.step(2)
     for_modules = sum((kind, offset) == (OP_OUTPUTS, 0) for kind, offset, _ in rows)
-    assert memory[BOARD_ILLEGAL_OPS] == len(rows) - len(end.applied) - for_modules
+    assert memory.facts.illegal_ops == len(rows) - len(end.applied) - for_modules
     for kind, offset, value in end.applied:
         assert kind in (OP_READ, OP_WRITE)
         assert offset in range(0, WINDOW_BYTES, 2)
@@ -105,8 +95,7 @@ def test_a_servo_whose_image_is_noise_faults_and_the_arm_stays_where_it_is() -> 
     assert rig.mailbox.snapshot().mode == Mode.HOLDING
     before, random = rig.emulator.q, np.random.default_rng(7)
     for _ in range(30):
-        inputs = slice(IMAGE_START + IMAGE_INPUTS, IMAGE_START + IMAGE_WORDS)
-        rig.board[inputs] = random.integers(-(2**62), 2**62, IMAGE_WORDS - IMAGE_INPUTS)
+        rig.board.shown.image[IMAGE_INPUTS:] = random.integers(-(2**62), 2**62, IMAGE_WORDS - IMAGE_INPUTS)
         rig.ticks(1)
     rig.run_for(0.1)
     seen = rig.mailbox.snapshot()
@@ -121,4 +110,4 @@ def test_a_full_lane_of_noise_is_taken_within_one_tick() -> None:
     rows = rows_of((9, 9, 9) for _ in range(LANE_CAPACITY))
     assert post_operations(bench.memory, int(Lane.TOOL), rows, len(rows))
     bench.tick()
-    assert bench.memory[BOARD_ILLEGAL_OPS] == LANE_CAPACITY
+    assert bench.memory.facts.illegal_ops == LANE_CAPACITY

@@ -5,16 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    IMAGE_INPUTS,
-    IMAGE_WORDS,
-    OP_READ,
-    OP_WRITE,
-    Lane,
-    fetch_image,
-    local_board_memory,
-    post_operations,
-)
+from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
+from qrobot.hwif.image import input_at, make_image
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import N_ENCODERS, STATUS
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import jit_disabled
@@ -37,9 +31,9 @@ def post(memory: Words, *operations: tuple[int, int, int], lane: int = Lane.SERV
 
 def read_word(memory: Words, offset: int) -> int:
     """An input word of the newest image."""
-    image = np.zeros(IMAGE_WORDS, np.int64)
+    image = make_image()
     assert fetch_image(memory, image)
-    return int(image[IMAGE_INPUTS + offset // 2])
+    return int(image[input_at(offset)])
 
 
 class Bench:

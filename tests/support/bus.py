@@ -9,16 +9,11 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError, LinkLost
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
-    OP_FIELDS,
-    PANEL_ANALOG,
-    PANEL_MICRO,
-    Lane,
-    fetch_image,
-    post_operations,
-)
-from qrobot.hwif.bus import BoardFacts, Endpoint, Operations, check_image, make_image
+from qrobot.hwif.board_memory import PANEL_MICRO, Lane, fetch_image
+from qrobot.hwif.bus import BoardFacts, Endpoint, Operations, check_image
+from qrobot.hwif.image import make_image
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_FIELDS
 from tests.support.bench import Bench
 
 Row = tuple[int, int, int]
@@ -62,7 +57,7 @@ class BenchEndpoint:
     @property
     def illegal(self) -> int:
         """Operations the board has ignored and counted."""
-        return int(self.bench.memory[BOARD_ILLEGAL_OPS])
+        return int(self.bench.memory.facts.illegal_ops)
 
     def turn(self, channel: int, *positions: float) -> None:
         """Move one shaft through positions."""
@@ -71,7 +66,7 @@ class BenchEndpoint:
 
     def set_volts(self, channel: int, volts: float) -> None:
         """Voltage at a channel of the converter that has no potentiometer."""
-        self.bench.memory[PANEL_ANALOG + channel] = round(volts * PANEL_MICRO)
+        self.bench.memory.panel.analog[channel] = round(volts * PANEL_MICRO)
 
     def facts(self) -> BoardFacts:
         self._insist()

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from qrobot.arrays import Floats, Words
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import load_head, read_trace
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.hwif.trace import load_head, read_trace
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT

@@ -12,10 +12,9 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.config.drives import DrivesTransport
-from qrobot.hwif.board_memory import IMAGE_INPUTS
-from qrobot.hwif.bus import NO_OPERATIONS, Endpoint, make_image
+from qrobot.hwif.bus import NO_OPERATIONS, Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
-from qrobot.hwif.registers import ENC_COUNT, STATUS
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_STATUS, make_image
 from tests.support.bus import Row, rows_of
 from tests.support.drive_loop import PositionLoop
 from tests.support.emulated_drives import EmulatedDrives
@@ -98,11 +97,11 @@ class Drives:
         """Exchange; the STATUS word of the last image."""
         for _ in range(times):
             self.bus.exchange(rows_of(rows), self.image)
-        return int(self.image[IMAGE_INPUTS + STATUS // 2])
+        return int(self.image[IMAGE_STATUS])
 
     def counts(self) -> list[int]:
         """What the counters show."""
-        return [int(word) for word in self.image[IMAGE_INPUTS + ENC_COUNT // 2 :][:6]]
+        return [int(word) for word in self.image[IMAGE_ENC_COUNT:][:6]]
 
 
 @contextmanager

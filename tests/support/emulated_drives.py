@@ -13,8 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
-from qrobot.hwif.bus import Endpoint, make_image
+from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import FROM_DRIVE
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
@@ -35,13 +34,14 @@ from qrobot.hwif.canbus.ds402 import (
 from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, NMT, RPDO, SDO_ANSWER, SDO_ASK, SYNC, TPDO
 from qrobot.hwif.canbus.link import ABORTED, DOWNLOAD, DOWNLOADED, SDO, START, UPLOAD, UPLOADED
 from qrobot.hwif.canbus.setpoints import PositionSetpoints, TorqueSetpoints
+from qrobot.hwif.image import IMAGE_ENC_COUNT, make_image
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
     DISCRETE_HAND_RELAXED,
     DISCRETE_POWER,
-    ENC_COUNT,
 )
 from tests.support.drive_loop import PositionLoop
 
@@ -228,7 +228,7 @@ class EmulatedDrives:
         self._show()
 
     def _counts(self) -> list[int]:
-        first = IMAGE_INPUTS + ENC_COUNT // 2
+        first = IMAGE_ENC_COUNT
         return [int(word) for word in self._image[first : first + len(self.nodes)]]
 
     def _show(self) -> None:

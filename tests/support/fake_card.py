@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
-from qrobot.hwif.bus import Endpoint, make_image
+from qrobot.hwif.bus import Endpoint
+from qrobot.hwif.image import IMAGE_INPUTS, IMAGE_T_NS, make_image
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import (
     CARD_READ_ONLY,
@@ -18,6 +18,7 @@ from qrobot.hwif.isa.card import (
     RECORD_FIELDS,
     make_card,
 )
+from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_START, N_INPUT_WORDS
 
 PortAccess = tuple[int, int, int, int]  # OP_READ or OP_WRITE, offset, bits, value

@@ -10,7 +10,8 @@ from collections.abc import Callable
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import Lane, discard_operations
+from qrobot.hwif.board_memory import Lane
+from qrobot.hwif.lanes import discard_operations
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law_swap import SWAPPED, ask_for_law, maybe_swap_result

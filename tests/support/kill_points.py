@@ -10,22 +10,15 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from qrobot.hwif.board_memory import (
-    IMAGE_WORDS,
-    LANE_WORDS,
-    LANES_START,
-    OP_FIELDS,
-    OP_WRITE,
-    Lane,
-    local_board_memory,
-    take_operation,
-)
+from qrobot.hwif import board_memory
+from qrobot.hwif.board_memory import Lane, local_board_memory
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.gateway import Gateway
+from qrobot.hwif.image import make_image
 from qrobot.hwif.isa.card import (
     CARD_REVISION,
     FAKE_CARD,
@@ -39,7 +32,10 @@ from qrobot.hwif.isa.card import (
     serve_card,
     show_card,
 )
+from qrobot.hwif.lanes import take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS, N_INPUT_WORDS
+from qrobot.realtime.structure import record_in, view_words
 from qrobot.servo.memory.mailbox import BEAT_KEPT, BEAT_T_NS
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.process.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
@@ -54,7 +50,6 @@ BOARD_NS = 1_000_000  # one period of a gateway, the slowest board here
 BOUND_NS = TIMEOUT_NS + LOOK_NS + BOARD_NS
 WATCHED_NS = 12_000_000
 NO_CARD_WORDS = make_card(NO_CARD)
-LANES = slice(LANES_START, LANES_START + len(Lane) * LANE_WORDS)
 
 
 class Shared(np.ndarray[Any, np.dtype[np.int64]]):
@@ -66,6 +61,49 @@ class Shared(np.ndarray[Any, np.dtype[np.int64]]):
         super().__setitem__(key, value)
         if self.stored is not None:
             self.stored()
+
+
+class SharedRecord(np.record):
+    """A record that others see, and its parts; `told` is called after each store, while it is set."""
+
+    told: ClassVar[Callable[[], None] | None] = None
+
+    def __getattribute__(self, name: str) -> Any:
+        found = super().__getattribute__(name)
+        plain = isinstance(found, np.ndarray) and found.dtype.names is None
+        return found.view(SharedField) if plain else found
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+        tell()
+
+    def __setitem__(self, name: Any, value: Any) -> None:
+        super().__setitem__(name, value)
+        tell()
+
+
+class SharedField(np.ndarray[Any, np.dtype[np.int64]]):
+    """An array in such a record."""
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        super().__setitem__(key, value)
+        tell()
+
+
+def tell() -> None:
+    """Call whoever wants to know of a store."""
+    if SharedRecord.told is not None:
+        SharedRecord.told()
+
+
+def shared(record: Any) -> Any:
+    """The same memory as a record that tells of stores."""
+    return view_words(record).view(np.dtype((SharedRecord, record.dtype)))[0]
+
+
+def copied(record: Any) -> Any:
+    """A copy that tells nobody."""
+    return record_in(view_words(record).copy(), record.dtype)
 
 
 class Registers:
@@ -172,7 +210,7 @@ class RegisterBus:
     name = "the registers"
 
     def __init__(self, registers: Registers) -> None:
-        self.registers, self.image = registers, np.zeros(IMAGE_WORDS, np.int64)
+        self.registers, self.image = registers, make_image()
 
     def connect(self) -> BoardFacts:
         return BoardFacts("F", 6)
@@ -231,7 +269,8 @@ class DyingBench(ServoBench):
         super().__init__(guarded=True, **options)
         self.beating = False
         self.way = WAYS[way]()
-        self.mail, self.board = self.mail.view(Shared), self.board.view(Shared)
+        self.mail, self.board = self.mail.view(Shared), shared(self.board)
+        board_memory.words_of = lambda record: view_words(record).view(SharedField)  # stores into the image
         self.own, self.safe_ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), np.int64)
         self.points = self.worlds = 0
         self.stall_at, self.stalled_ns = -1, 0
@@ -304,7 +343,7 @@ class DyingBench(ServoBench):
 
     @contextmanager
     def _told(self, stored: Callable[[], None]) -> Iterator[None]:
-        arrays = [self.mail, self.board, *self.way.told]
+        arrays = [self.mail, *self.way.told]
         wrapped, self.cycle = self.cycle, lambda: self._tell(arrays, stored, wrapped)  # type: ignore[method-assign]
         try:
             yield
@@ -314,20 +353,22 @@ class DyingBench(ServoBench):
     def _tell(self, arrays: list[Shared], stored: Callable[[], None], cycle: Callable[[], None]) -> None:
         for array in arrays:
             array.stored = stored
+        SharedRecord.told = staticmethod(stored)
         try:
             cycle()
         finally:
+            SharedRecord.told = None
             for array in arrays:
                 array.stored = None
 
     def _die(self) -> None:
         self.points += 1
-        key = self.mail[BEAT_T_NS : BEAT_KEPT + 1].tobytes() + self.board[LANES].tobytes() + self.way.key()
+        key = self.mail[BEAT_T_NS : BEAT_KEPT + 1].tobytes() + self.board.lanes.tobytes() + self.way.key()
         if key == self._last_key:
             return
         self._last_key = key
         self.worlds += 1
-        mail, board = np.array(self.mail), np.array(self.board)
+        mail, board = np.array(self.mail), copied(self.board)
         own, way = self.own.copy(), self.way.fork(board)
         beat_ns = int(mail[BEAT_T_NS]) or self.now_ns
         run(own, mail, board, way, self.safe_ops, self.now_ns, max(self.now_ns, beat_ns + BOUND_NS))

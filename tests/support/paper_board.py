@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import ENC_COUNT, ENC_LOAD, N_INPUT_WORDS, STATUS
 
 Row = tuple[int, int, int]

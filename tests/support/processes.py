@@ -21,16 +21,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qrobot.config.deployment import DeployedArm, load_deployment
-from qrobot.hwif.board_memory import (
-    IMAGE_INPUTS,
-    IMAGE_WORDS,
-    PANEL_DISCRETE,
-    PANEL_OUTPUTS,
-    attach_board_memory,
-    read_trace,
-)
+from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import MemoryEndpoint
+from qrobot.hwif.image import IMAGE_INPUTS, make_image
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
+from qrobot.hwif.trace import read_trace
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
@@ -255,12 +250,12 @@ class RunningArm:
     def trace(self) -> Any:
         """DAC and DISCRETE writes the board has stamped. Shape (k, 4): t_ns, lane, offset, value."""
         with attach_board_memory(self.name) as segment:
-            return read_trace(segment.words)
+            return read_trace(segment.memory)
 
     def _image(self) -> Any:
-        image = np.zeros(IMAGE_WORDS, np.int64)
+        image = make_image()
         with attach_board_memory(self.name) as segment:
-            MemoryEndpoint(segment.words).read_image(image)
+            MemoryEndpoint(segment.memory).read_image(image)
         return image[IMAGE_INPUTS:]
 
     @property
@@ -272,7 +267,7 @@ class RunningArm:
     def lamps(self) -> tuple[int, int]:
         """Outputs as the emulated panel shows them, output 1 in bit 0; and the board's own lines, bits of DISCRETE."""
         with attach_board_memory(self.name) as segment:
-            return int(segment.words[PANEL_OUTPUTS]), int(segment.words[PANEL_DISCRETE]) & DISCRETE_LINES
+            return int(segment.memory.panel.outputs), int(segment.memory.panel.discrete) & DISCRETE_LINES
 
     def encoders(self) -> list[int]:
         """Encoder words of all joints, as the board shows them."""

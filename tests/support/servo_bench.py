@@ -18,28 +18,22 @@ from numpy.typing import NDArray
 from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import (
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, local_board_memory, publish_image
+from qrobot.hwif.image import (
     IMAGE_COUNT,
-    IMAGE_INPUTS,
+    IMAGE_ENC_COUNT,
+    IMAGE_STATUS,
     IMAGE_T_NS,
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_REFERENCE,
-    Lane,
-    local_board_memory,
-    publish_image,
-    take_operation,
+    make_image,
 )
+from qrobot.hwif.lanes import take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_REFERENCE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
     DISCRETE_POWER,
-    ENC_COUNT,
     N_DACS,
-    STATUS,
     STATUS_CALIBRATED,
     STATUS_ESTOP_OK,
     STATUS_POWER,
@@ -62,7 +56,7 @@ from qrobot.servo.state import make_state
 START_NS = 1_000_000_000
 RING_ROWS = 16
 FRAME_NS = 28_000_000
-FIRST_COUNTER = IMAGE_INPUTS + ENC_COUNT // 2
+FIRST_COUNTER = IMAGE_ENC_COUNT
 WORD_MASK = 0xFFFF
 LANES = tuple((lane, lane.value) for lane in Lane)
 
@@ -187,7 +181,7 @@ class ServoBench:
         self.outputs: list[int] = []
         self.dac = np.full(N_DACS, -1)
         self.discrete = -1
-        self._image = np.zeros(IMAGE_WORDS, dtype=np.int64)
+        self._image = make_image()
         self._rows: list[NDArray[np.int64]] = []
         self._transmission = transmission_params(self.robot)
         self._counts = np.zeros(n, dtype=np.int64)
@@ -318,7 +312,7 @@ class ServoBench:
         image, counts = self._image, self._counts
         image[IMAGE_T_NS] = self.now_ns - self.behind_ns
         image[IMAGE_COUNT] += 1
-        image[IMAGE_INPUTS + STATUS // 2] = self._status()
+        image[IMAGE_STATUS] = self._status()
         joint_to_counts(self.q, self._transmission, counts)
         for joint, slipped in self.slip.items():
             counts[joint] += slipped

@@ -71,7 +71,7 @@ def settle(arm: RunningArm) -> None:
     """Start what has ended, repair the board, clear the fault, take power away, let the wrist fall."""
     arm.start_missing()
     with attach_board_memory(arm.name) as board:
-        FaultPanel(board.words).clear()
+        FaultPanel(board.memory).clear()
     wait_until(lambda: _off(arm), "the arm is off, without a fault")
     wait_until(lambda: not arm.powered, "brakes closed")
     arm.wait_for_rest()

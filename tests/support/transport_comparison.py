@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from qrobot.arrays import Words
 from qrobot.config import Robot
-from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
+from qrobot.hwif.board_memory import BoardMemory, attach_board_memory, create_board_memory
 from qrobot.hwif.bus import NO_OPERATIONS, Bus, Endpoint
 from qrobot.hwif.isa.card import serve_card, show_card
 from qrobot.rig.lockstep import LockstepRig, run_blocks
@@ -38,7 +37,9 @@ class MemoryRig(LockstepRig):
         board_runs: False stops the board's side, as a process that hangs or was killed.
     """
 
-    def __init__(self, robot: Robot, settings: ServoSettings, emulator: Emulator, near: Words, far: Words) -> None:
+    def __init__(
+        self, robot: Robot, settings: ServoSettings, emulator: Emulator, near: BoardMemory, far: BoardMemory
+    ) -> None:
         super().__init__(robot, settings, emulator, board=near)
         self._far = far
         self.board_runs = True
@@ -86,7 +87,7 @@ def _direct(robot: Robot, settings: ServoSettings, emulator: Emulator) -> Iterat
 def _memory(robot: Robot, settings: ServoSettings, emulator: Emulator) -> Iterator[LockstepRig]:
     name = f"transport{os.getpid()}"
     with create_board_memory(name) as far, attach_board_memory(name) as near:
-        yield MemoryRig(robot, settings, emulator, near.words, far.words)
+        yield MemoryRig(robot, settings, emulator, near.memory, far.memory)
 
 
 @contextmanager

@@ -15,24 +15,12 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    BOARD_SKIPPED,
-    IMAGE_COUNT,
-    IMAGE_INPUTS,
-    IMAGE_T_NS,
-    IMAGE_WORDS,
-    OP_WRITE,
-    PANEL_ESTOP,
-    Lane,
-    attach_board_memory,
-    fetch_image,
-    post_operations,
-    read_trace,
-)
-from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS, STATUS_POWER
+from qrobot.hwif.board_memory import Lane, attach_board_memory, fetch_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_STATUS, IMAGE_T_NS, make_image
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_WRITE
+from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, STATUS_POWER
+from qrobot.hwif.trace import read_trace
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
@@ -66,13 +54,13 @@ def start_board(arm: str) -> subprocess.Popen[str]:
 
 
 def image_of(memory: Any) -> Any:
-    image = np.zeros(IMAGE_WORDS, np.int64)
+    image = make_image()
     assert fetch_image(memory, image)
     return image
 
 
 def status_of(memory: Any) -> int:
-    return int(image_of(memory)[IMAGE_INPUTS + STATUS // 2])
+    return int(image_of(memory)[IMAGE_STATUS])
 
 
 def write(memory: Any, offset: int, value: int) -> None:
@@ -81,18 +69,18 @@ def write(memory: Any, offset: int, value: int) -> None:
 
 def test_physics_follows_the_wall_clock_and_stamps_images_with_it(arm: str) -> None:
     with EmulatedBoardServer(arm, Emulator(load_robot("puma560"))) as server:
-        memory = server.segment.words
+        memory = server.segment.memory
         wait_until(lambda: image_of(memory)[IMAGE_COUNT] > 2)  # the image of power-up is not on the loop's grid
         first, after_ns = image_of(memory), time.monotonic_ns()
         wait_until(lambda: image_of(memory)[IMAGE_T_NS] > first[IMAGE_T_NS] + HALF_A_SECOND_NS, "half a second goes by")
         last, reached_ns = image_of(memory), time.monotonic_ns()
-        skipped = int(memory[BOARD_SKIPPED])
-    period_ns = int(memory[BOARD_PERIOD_NS])
+        skipped = int(memory.facts.skipped)
+    period_ns = int(memory.facts.period_ns)
     steps = int(last[IMAGE_COUNT] - first[IMAGE_COUNT])
     assert last[IMAGE_T_NS] - first[IMAGE_T_NS] == (steps + skipped) * period_ns
     assert first[IMAGE_T_NS] <= after_ns
     assert last[IMAGE_T_NS] <= reached_ns
-    assert (memory[BOARD_JOINTS], chr(int(memory[BOARD_REVISION]))) == (6, "F")
+    assert (memory.facts.joints, chr(int(memory.facts.revision))) == (6, "F")
 
 
 def test_a_second_board_for_the_same_arm_is_refused(arm: str) -> None:
@@ -115,7 +103,7 @@ def test_writes_from_another_process_act_and_are_stamped_with_the_boards_clock(a
     board = start_board(arm)
     try:
         with attach_board_memory(arm) as segment:
-            memory = segment.words
+            memory = segment.memory
             before = time.monotonic_ns()
             write(memory, DAC, DAC_ZERO + 1)
             write(memory, DISCRETE, DISCRETE_POWER)
@@ -125,7 +113,7 @@ def test_writes_from_another_process_act_and_are_stamped_with_the_boards_clock(a
             assert rows[:, 2:].tolist() == [[DAC, DAC_ZERO + 1], [DISCRETE, DISCRETE_POWER]]
             assert (rows[:, 1] == Lane.TOOL).all()
             assert before <= rows[0, 0] <= rows[1, 0] <= after
-            memory[PANEL_ESTOP] = 1
+            memory.panel.estop = 1
             wait_until(lambda: not status_of(memory) & STATUS_POWER)
     finally:
         board.send_signal(signal.SIGTERM)
@@ -138,14 +126,14 @@ def test_a_killed_board_is_replaced_and_peers_see_the_new_one_in_the_memory_they
         board.kill()
         board.communicate()
         assert not segment.owner_alive
-        stopped = int(image_of(segment.words)[IMAGE_COUNT])
+        stopped = int(image_of(segment.memory)[IMAGE_COUNT])
         second = start_board(arm)
         try:
             assert segment.is_current
             assert segment.owner_alive
-            wait_until(lambda: image_of(segment.words)[IMAGE_COUNT] not in (0, stopped))
-            write(segment.words, DISCRETE, DISCRETE_POWER)
-            wait_until(lambda: status_of(segment.words) & STATUS_POWER)
+            wait_until(lambda: image_of(segment.memory)[IMAGE_COUNT] not in (0, stopped))
+            write(segment.memory, DISCRETE, DISCRETE_POWER)
+            wait_until(lambda: status_of(segment.memory) & STATUS_POWER)
         finally:
             second.send_signal(signal.SIGTERM)
             second.communicate(timeout=PATIENCE_S)

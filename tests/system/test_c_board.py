@@ -16,11 +16,13 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import LinkBusy
-from qrobot.hwif import board_memory, registers
-from qrobot.hwif.board_memory import LANES_START, PANEL_ANALOG, PANEL_MICRO, Lane, read_trace
+from qrobot.hwif import board_memory, image, operations, registers
+from qrobot.hwif.board_memory import BOARD_MEMORY, PANEL_MICRO, Lane
 from qrobot.hwif.memory_bus import board_memory_bus
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER
+from qrobot.hwif.trace import read_trace
 from qrobot.realtime import shared_memory
+from qrobot.realtime.structure import WORD_BYTES, offset_of
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer
@@ -67,16 +69,26 @@ def test_the_header_says_what_the_board_memory_is() -> None:
     text = (SOURCES / "trc004.h").read_text()
     defined = {name: int(value, 0) for name, value in re.findall(r"#define TRC004_(\w+) (0x[0-9A-F]+|\d+)\b", text)}
     del defined["TIMEOUT_NS"]
-    elsewhere = {
-        "MAGIC": shared_memory.MAGIC_VALUE,
-        "LANE": LANES_START + int(Lane.TOOL) * board_memory.LANE_WORDS,
-        "LANE_FORGET": board_memory._LANE_FORGET,
-        "LANE_TAIL": board_memory._LANE_TAIL,
-        "LANE_RING": board_memory._LANE_RING,
+    lanes = BOARD_MEMORY["lanes"].base
+    slots = lanes["ring"].base
+    places = {  # fields of the type, in words from the start, or within a lane
+        "IMAGE_SEQ": (BOARD_MEMORY, "shown.sequence"),
+        "IMAGE_START": (BOARD_MEMORY, "shown.image"),
+        "LANE": (BOARD_MEMORY, f"lanes[{int(Lane.TOOL)}].head"),
+        "LANE_FORGET": (lanes, "forget"),
+        "LANE_TAIL": (lanes, "tail"),
+        "LANE_RING": (lanes, "ring"),
+        "OP_KIND": (slots, "kind"),
+        "OP_OFFSET": (slots, "offset"),
+        "OP_VALUE": (slots, "value"),
+        "OP_COUNTS_NS": (slots, "counts_ns"),
     }
+    elsewhere = {"MAGIC": shared_memory.MAGIC_VALUE, "LANE_FIELDS": slots.itemsize // WORD_BYTES}
+    elsewhere |= {name: offset_of(dtype, path) // WORD_BYTES for name, (dtype, path) in places.items()}
     for name, value in defined.items():
-        expected = elsewhere.get(name, getattr(board_memory, name, getattr(registers, name, None)))
-        assert value == expected, name
+        found = {vars(module)[name] for module in (operations, image, registers, board_memory) if name in vars(module)}
+        found |= {elsewhere[name] for _ in (1,) if name in elsewhere}
+        assert found == {value}, name
     assert len(defined) == text.count("#define TRC004_") - 2  # the guard of the header, and the time-out
 
 
@@ -95,7 +107,7 @@ def test_the_program_powers_the_arm_moves_one_joint_there_and_back_and_leaves_it
     assert f"{begin}" in printed
     assert far == pytest.approx(1500, abs=100)
     assert not server.emulator.powered
-    trace = read_trace(server.segment.words)
+    trace = read_trace(server.segment.memory)
     assert (trace[:8, 2:] == [(DAC + 2 * channel, DAC_ZERO) for channel in range(8)]).all()  # before any power
     assert trace[8, 2] == DISCRETE
     assert trace[8, 3] & DISCRETE_POWER
@@ -142,7 +154,7 @@ def test_a_program_reads_every_channel_by_the_sequence_of_either_revision(pots: 
     options = BoardOptions(revision_f=revision == "F")
     with EmulatedBoardServer(arm, Emulator(PUMA, options=options)) as server:
         for channel, volts in ((6, 1.25), (7, 3.75)):
-            server.segment.words[PANEL_ANALOG + channel] = round(volts * PANEL_MICRO)
+            server.segment.memory.panel.analog[channel] = round(volts * PANEL_MICRO)
         for _ in range(5):
             done = subprocess.run([pots, arm, revision], capture_output=True, text=True, check=True)
             volts = [float(line.split()[1]) for line in done.stdout.splitlines()]
@@ -175,7 +187,7 @@ def test_a_thousand_writes_without_a_read_are_all_taken(tmp_path: Path, arm: str
     target = tmp_path / "flood"
     subprocess.run([COMPILER, "-D_GNU_SOURCE", "-I", SOURCES, "-I", INCLUDE, "-o", target, source], check=True)
     assert subprocess.run([target, arm], check=False).returncode == 0
-    assert len(read_trace(server.segment.words)) == 3001
+    assert len(read_trace(server.segment.memory)) == 3001
     assert server.emulator.bundle.board.dac[7] == DAC_ZERO
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, attach_board_memory, fetch_image
-from qrobot.hwif.bus import make_image
+from qrobot.hwif.board_memory import attach_board_memory, fetch_image
 from qrobot.hwif.canbus.interface import open_interface
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, make_image
 from qrobot.hwif.registers import ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.rig.processes import board_ready
 from tests.support.patience import PATIENCE_S, wait_until
@@ -70,7 +70,7 @@ def inputs_of(arm: str) -> np.ndarray:
     """Input words in the newest image of a board, past its transport."""
     segment = attach_board_memory(arm)
     image = make_image()
-    assert fetch_image(segment.words, image)
+    assert fetch_image(segment.memory, image)
     segment.close()
     return image[IMAGE_INPUTS:]
 
@@ -119,9 +119,9 @@ def test_the_gateway_shows_the_far_board_under_the_near_arms_name(far: Far) -> N
         assert counts_of(far.near).tolist() == counts_of(far.far).tolist()
         segment = attach_board_memory(far.near)
         image = make_image()
-        fetch_image(segment.words, image)
+        fetch_image(segment.memory, image)
         before = int(image[IMAGE_COUNT])
-        wait_until(lambda: fetch_image(segment.words, image) and image[IMAGE_COUNT] > before, "new images")
+        wait_until(lambda: fetch_image(segment.memory, image) and image[IMAGE_COUNT] > before, "new images")
         segment.close()
     finally:
         end(gateway)

@@ -13,8 +13,8 @@ import pytest
 
 from qrobot.cli.console import FAILURE
 from qrobot.config import load_robot
-from qrobot.hwif.board_memory import read_trace
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.hwif.trace import read_trace
 from qrobot.rig.board_check import STEPS
 from qrobot.servo.memory.mailbox import create_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
@@ -59,12 +59,12 @@ def test_a_script_gets_every_finding_and_the_board_is_left_safe(server: Emulated
 
 
 def test_a_dry_run_writes_nothing_and_says_what_it_left_out(server: EmulatedBoardServer, deployment: Path) -> None:
-    before = len(read_trace(server.segment.words))
+    before = len(read_trace(server.segment.memory))
     done = run(deployment, "--read-only")
     assert done.returncode == 0
     assert "✔ status" in done.stdout
     assert "· outputs to zero: left out: it writes" in done.stdout
-    assert len(read_trace(server.segment.words)) == before
+    assert len(read_trace(server.segment.memory)) == before
 
 
 def test_it_does_not_write_beside_a_servo(server: EmulatedBoardServer, deployment: Path) -> None:

@@ -47,7 +47,7 @@ def program(tmp_path: Path) -> Path:
 def inject(arm: RunningArm, line: str) -> int:
     """Inject a fault into the running board; the time just before."""
     with attach_board_memory(arm.name) as segment:
-        panel = FaultPanel(segment.words)
+        panel = FaultPanel(segment.memory)
         panel.clear()
         t_ns = arm.now_ns()
         panel.add(line)
@@ -57,7 +57,7 @@ def inject(arm: RunningArm, line: str) -> int:
 def repair(arm: RunningArm) -> Injected:
     """Repair everything; what became of the fault injected last."""
     with attach_board_memory(arm.name) as segment:
-        panel = FaultPanel(segment.words)
+        panel = FaultPanel(segment.memory)
         report = panel.reports()[-1]
         panel.clear()
     return report
@@ -132,7 +132,7 @@ def test_the_command_injects_into_a_running_board_and_shows_whether_it_acted(arm
 
 def _over(arm: RunningArm) -> bool:
     with attach_board_memory(arm.name) as segment:
-        return FaultPanel(segment.words).report(0).over
+        return FaultPanel(segment.memory).report(0).over
 
 
 def test_a_board_is_broken_from_its_start_when_asked(tmp_path: Path) -> None:
@@ -149,6 +149,6 @@ def test_a_board_is_broken_from_its_start_when_asked(tmp_path: Path) -> None:
 def _acted(name: str) -> bool:
     try:
         with attach_board_memory(name) as segment:
-            return FaultPanel(segment.words).report(0).acted > 0
+            return FaultPanel(segment.memory).report(0).acted > 0
     except (KeyError, LinkError):
         return False

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from qrobot.errors import LinkBusy
-from qrobot.hwif.board_memory import BOARD_PERIOD_NS, IMAGE_COUNT, attach_board_memory, fetch_image
-from qrobot.hwif.bus import make_image
+from qrobot.hwif.board_memory import attach_board_memory, fetch_image
+from qrobot.hwif.image import IMAGE_COUNT, make_image
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.registers import (
     DAC,
@@ -114,11 +114,11 @@ def test_a_gateway_process_is_the_board_of_its_arm_and_follows_the_server(served
     deployment = served.deployment(arm, transport + "[arm.servo]\nboard_timeout_ms = 20.0\n")
     served.rig.start(ProcessPlan("near", ["board", deployment], lambda: board_ready(arm)))
     with attach_board_memory(arm) as memory:
-        assert memory.words[BOARD_PERIOD_NS] == PERIOD_MS * 1e6
+        assert memory.memory.facts.period_ns == PERIOD_MS * 1e6
         image = make_image()
-        assert fetch_image(memory.words, image)
+        assert fetch_image(memory.memory, image)
         first = int(image[IMAGE_COUNT])
-        wait_until(lambda: fetch_image(memory.words, image) and image[IMAGE_COUNT] >= first + 20, "images come")
+        wait_until(lambda: fetch_image(memory.memory, image) and image[IMAGE_COUNT] >= first + 20, "images come")
     other = ModbusBus(ModbusLine("127.0.0.1", served.port, timeout_s=1.0))
     with pytest.raises(LinkBusy, match="another client has the control"):
         other.connect()

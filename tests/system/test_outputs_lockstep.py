@@ -10,7 +10,6 @@ import pytest
 
 from qrobot import rccl
 from qrobot.errors import MotionError
-from qrobot.hwif.board_memory import PANEL_DISCRETE, PANEL_INPUTS, PANEL_OUTPUTS
 from qrobot.hwif.registers import DISCRETE_LINES
 from qrobot.rccl.c.program import run_executable
 from qrobot.rig.lockstep import LockstepRig, link_factory
@@ -51,7 +50,7 @@ def rig() -> Iterator[LockstepRig]:
 
 def cell(rig: LockstepRig) -> None:
     """What the outputs do to the world: a gripper that has closed says so."""
-    rig.board[PANEL_INPUTS] = GRIPPED if rig.board[PANEL_DISCRETE] & GRIP_BIT else 0
+    rig.board.panel.inputs = GRIPPED if rig.board.panel.discrete & GRIP_BIT else 0
 
 
 def test_a_program_switches_an_output_and_sees_the_input_it_works(rig: LockstepRig) -> None:
@@ -61,7 +60,7 @@ def test_a_program_switches_an_output_and_sees_the_input_it_works(rig: LockstepR
         arm.signal(1, 2)
         arm.waitas(lambda: arm.how.inputs & GRIPPED)
         assert arm.time - asked_ms <= 3 * SAMPLE_US * 1e-3
-        assert arm.how.outputs == rig.board[PANEL_OUTPUTS] == GRIP | GLUE
+        assert arm.how.outputs == rig.board.panel.outputs == GRIP | GLUE
         arm.signal(-1)
         arm.waitas(lambda: not arm.how.inputs & GRIPPED)
         assert arm.how.outputs == GLUE
@@ -73,14 +72,14 @@ def test_what_holds_outlasts_its_program_and_is_the_next_one_s(rig: LockstepRig)
     with rccl.control() as arm:
         arm.signal(1, 2)
         arm.waitas(lambda: arm.how.outputs == GRIP | GLUE)
-    assert rig.board[PANEL_OUTPUTS] == GRIP
+    assert rig.board.panel.outputs == GRIP
     rig.run_for(1.0)
-    assert rig.board[PANEL_OUTPUTS] == GRIP
+    assert rig.board.panel.outputs == GRIP
     with rccl.control() as arm:
         arm.move(arm.pose("park"))
         arm.waitfor(arm.completed)
         assert arm.how.outputs == GRIP
-        assert rig.board[PANEL_DISCRETE] & DISCRETE_LINES == GRIP_BIT
+        assert rig.board.panel.discrete & DISCRETE_LINES == GRIP_BIT
         arm.signal(2, -1)
         arm.waitas(lambda: arm.how.outputs == GLUE)
 
@@ -90,4 +89,4 @@ def test_a_c_program_switches_outputs_anywhere_and_sees_which_are_on(rig: Lockst
     program = compiled_text(C_PROGRAM, tmp_path)
     assert run_executable(program) == 0
     assert capfd.readouterr().out == "on 3, then 1\n"
-    assert rig.board[PANEL_OUTPUTS] == GRIP
+    assert rig.board.panel.outputs == GRIP

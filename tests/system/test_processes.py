@@ -15,8 +15,9 @@ import pytest
 
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import Lane, attach_board_memory, read_trace
+from qrobot.hwif.board_memory import Lane, attach_board_memory
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
+from qrobot.hwif.trace import read_trace
 from qrobot.log.read import read_log
 from qrobot.rig.experiment import program_path
 from qrobot.rig.processes import board_ready, bridge_ready, guardian_ready, servo_ready
@@ -159,7 +160,7 @@ def test_a_held_arm_outlives_its_log_and_its_bridge_and_is_let_go_of_in_order_wh
             process.kill()
             process.wait()
             up.assert_gone()
-            assert_let_go_by_the_servo(read_trace(board.words))
+            assert_let_go_by_the_servo(read_trace(board.memory))
 
 
 def assert_let_go_by_the_servo(trace: Any) -> None:

@@ -13,6 +13,7 @@ MODULES = (
     "hwif/test_board_memory",
     "codegen/test_codegen_operations",
     "realtime/test_seqlock",
+    "realtime/test_structure",
     "realtime/test_clock",
     "sim_board/test_drive",
     "realtime/test_pointer",

@@ -12,7 +12,6 @@ from typing import Final
 from qrobot.arrays import Words
 from qrobot.config.can import CanTransport
 from qrobot.errors import LinkLost, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT as COUNT_WORD
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.canbus.frames import MAX_FRAMES, RPDO, SYNC, SYNC_COUNTERS, TPDO, Collector, encode_operations
 from qrobot.hwif.canbus.interface import load_can
@@ -26,6 +25,7 @@ from qrobot.hwif.canbus.objects import (
     IMAGE_LISTS,
     IMAGE_OBJECT,
 )
+from qrobot.hwif.image import IMAGE_COUNT as COUNT_WORD
 from qrobot.realtime.deadline import Deadline
 
 TIMEOUT_S: Final = 0.05

@@ -27,7 +27,6 @@ from typing import Final
 from qrobot.arrays import Words
 from qrobot.config.drives import DrivesTransport
 from qrobot.errors import RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_WRITE
 from qrobot.hwif.bus import SCRATCH_BITS, BoardFacts, Operations
 from qrobot.hwif.canbus.ds402 import (
     CYCLIC_POSITION,
@@ -44,13 +43,13 @@ from qrobot.hwif.canbus.frames import RPDO, SYNC, TPDO
 from qrobot.hwif.canbus.interface import load_can
 from qrobot.hwif.canbus.link import CanLink
 from qrobot.hwif.canbus.setpoints import DriveFeedback, setpoints_of
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS, IMAGE_T_NS
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_POWER,
-    ENC_COUNT,
     ENC_LOAD,
-    STATUS,
     STATUS_ADC_BUSY,
     STATUS_ESTOP_OK,
     STATUS_INDEX,
@@ -197,7 +196,7 @@ class DrivesBus:
         image[IMAGE_T_NS], image[IMAGE_COUNT] = t_ns, self._count
         stopped = any(drive.state is DriveState.QUICK_STOPPED for drive in self._drives)
         image[IMAGE_INPUTS:] = 0
-        image[IMAGE_INPUTS + STATUS // 2] = (
+        image[IMAGE_STATUS] = (
             STATUS_INDEX
             | STATUS_ADC_BUSY
             | self._discrete & SCRATCH_BITS
@@ -206,7 +205,7 @@ class DrivesBus:
         )
         for channel, drive in enumerate(self._drives):
             word = self._turned(channel) + drive.loaded
-            image[IMAGE_INPUTS + ENC_COUNT // 2 + channel] = word & 0xFFFF
+            image[IMAGE_ENC_COUNT + channel] = word & 0xFFFF
 
 
 def drives_bus(transport: DrivesTransport) -> DrivesBus:

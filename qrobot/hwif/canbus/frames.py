@@ -18,9 +18,17 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import Operations
-from qrobot.hwif.registers import ADC_VALUE, ENC_COUNT, ENC_INDEX, N_ENCODERS, STATUS, WINDOW_BYTES
+from qrobot.hwif.image import (
+    IMAGE_ADC_VALUE,
+    IMAGE_COUNT,
+    IMAGE_ENC_COUNT,
+    IMAGE_ENC_INDEX,
+    IMAGE_STATUS,
+    IMAGE_T_NS,
+)
+from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
+from qrobot.hwif.registers import N_ENCODERS, WINDOW_BYTES
 
 # The predefined connection set (CiA 301, 7.3.5): service at a base, the node's number added.
 NMT: Final = 0x000
@@ -45,8 +53,8 @@ _HEAD: Final = struct.Struct("<BBHHH")  # SYNC counter, lists done, STATUS, coun
 _WORDS: Final = struct.Struct("<4H")
 _TIME: Final = struct.Struct("<q")
 
-_COUNTS: Final = IMAGE_INPUTS + ENC_COUNT // 2
-_LATCHES: Final = IMAGE_INPUTS + ENC_INDEX // 2
+_COUNTS: Final = IMAGE_ENC_COUNT
+_LATCHES: Final = IMAGE_ENC_INDEX
 
 
 def encode_operations(operations: Operations) -> list[bytes]:
@@ -108,7 +116,7 @@ def encode_image(image: Words, counter: int, lists: int) -> list[bytes]:
     """The five TPDOs of an image."""
     words = [int(word) & 0xFFFF for word in image]
     counts, latches = words[_COUNTS : _COUNTS + N_ENCODERS], words[_LATCHES : _LATCHES + N_ENCODERS]
-    status, value = words[IMAGE_INPUTS + STATUS // 2], words[IMAGE_INPUTS + ADC_VALUE // 2]
+    status, value = words[IMAGE_STATUS], words[IMAGE_ADC_VALUE]
     encoders = counts + latches
     return [
         _HEAD.pack(counter & 0xFF, lists & 0xFF, status, words[IMAGE_COUNT], value),
@@ -152,7 +160,7 @@ class Collector:
         _, _, status, count, value = _HEAD.unpack(self._parts[0])
         encoders = [word for part in (1, 2, 3) for word in _WORDS.unpack(self._parts[part])]
         image[IMAGE_COUNT] += count - int(image[IMAGE_COUNT]) & 0xFFFF
-        image[IMAGE_INPUTS + STATUS // 2], image[IMAGE_INPUTS + ADC_VALUE // 2] = status, value
+        image[IMAGE_STATUS], image[IMAGE_ADC_VALUE] = status, value
         image[_COUNTS : _COUNTS + N_ENCODERS] = encoders[:N_ENCODERS]
         image[_LATCHES : _LATCHES + N_ENCODERS] = encoders[N_ENCODERS:]
         image[IMAGE_T_NS] = _TIME.unpack(self._parts[4])[0]

@@ -21,13 +21,14 @@ import numpy as np
 from canopen.objectdictionary.eds import import_eds
 
 from qrobot.errors import ConfigError, LinkError, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_FIELDS, OP_WRITE
-from qrobot.hwif.bus import Endpoint, Operations, make_image, safe_operations
+from qrobot.hwif.bus import Endpoint, Operations, safe_operations
 from qrobot.hwif.canbus.frames import MAX_NODE, NMT, RPDO, SDO_ASK, SYNC, TPDO, Mailbox, encode_image
 from qrobot.hwif.canbus.loop import LoopNetwork
 from qrobot.hwif.canbus.objects import COUNTERS_OBJECT, ERROR_REGISTER, IMAGE_OBJECT, eds_text
 from qrobot.hwif.canbus.service import RegisterService
-from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_POWER, STATUS, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_STATUS, IMAGE_T_NS, make_image
+from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
+from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_POWER, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.report import Report
 
 if TYPE_CHECKING:
@@ -254,13 +255,13 @@ class BoardNode:
         self._mailbox.take()
         try:
             self._endpoint.read_image(self._image)
-            self._apply(safe_operations(int(self._image[IMAGE_INPUTS + STATUS // 2])))
+            self._apply(safe_operations(int(self._image[IMAGE_STATUS])))
         except LinkError as error:
             self._report(f"CAN node {self.node_id}: the board could not be made safe: {error}")
 
     def _tell_troubles(self, torn: bool) -> None:
         """Emergency messages of what the newest image and the newest list show."""
-        status = int(self._image[IMAGE_INPUTS + STATUS // 2])
+        status = int(self._image[IMAGE_STATUS])
         had_power, has_power = self._had_power, bool(status & STATUS_POWER)
         self._had_power = has_power
         self._settle(BOARD_FAILED)

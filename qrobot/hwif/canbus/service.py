@@ -9,8 +9,7 @@ import numpy as np
 from canopen.sdo.exceptions import SdoAbortedError
 
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_READ, OP_WRITE
-from qrobot.hwif.bus import Endpoint, Operations, make_image
+from qrobot.hwif.bus import Endpoint, Operations
 from qrobot.hwif.canbus.objects import (
     ANALOG_IN,
     ANALOG_OUT,
@@ -19,6 +18,8 @@ from qrobot.hwif.canbus.objects import (
     FACTS_OBJECT,
     REGISTER_OBJECT,
 )
+from qrobot.hwif.image import input_at, make_image
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_MASK,
@@ -101,7 +102,7 @@ class RegisterService:
 
     def _word(self, offset: int) -> int:
         self._endpoint.read_image(self._image)
-        return int(self._image[IMAGE_INPUTS + offset // 2]) & 0xFFFF
+        return int(self._image[input_at(offset)]) & 0xFFFF
 
     def _target(self, index: int, subindex: int, value: int) -> tuple[int, int] | None:
         """Register and word that a written object means; None when it is no output."""

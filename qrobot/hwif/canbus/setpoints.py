@@ -8,8 +8,8 @@ from math import ceil
 from typing import Final, Protocol
 
 from qrobot.config.drives import DrivesTransport
-from qrobot.hwif.board_memory import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DriveState, state_of
+from qrobot.hwif.operations import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC, DAC_MASK, DAC_ZERO
 
 PATIENCE_MS: Final = 20.0  # twice the period of the slowest servo

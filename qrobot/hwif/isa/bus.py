@@ -14,8 +14,8 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkLost
-from qrobot.hwif.board_memory import IMAGE_INPUTS
-from qrobot.hwif.bus import BoardFacts, Operations, make_image
+from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.image import IMAGE_INPUTS, make_image
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_REVISION, REAL_CARD, apply_all, read_card
 from qrobot.hwif.isa.permission import require_ports
 from qrobot.hwif.registers import ADC_START, N_ENCODERS, STATUS

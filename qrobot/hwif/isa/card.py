@@ -17,24 +17,13 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
-    IMAGE_COUNT,
-    IMAGE_INPUTS,
-    IMAGE_T_NS,
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    OP_FIELDS,
-    OP_OUTPUTS,
-    OP_READ,
-    OP_WRITE,
-    Lane,
-    publish_image,
-    take_operation,
-    trace_write,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, BoardMemory, Lane, publish_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, IMAGE_WORDS, input_at
 from qrobot.hwif.isa.instructions import in_byte, in_word, out_byte, out_word
+from qrobot.hwif.lanes import take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_MUX, ADC_START, ADC_VALUE, ENC_LOAD, STATUS, WINDOW_BYTES
+from qrobot.hwif.trace import trace_write
 from qrobot.realtime.jit import lean_kernel
 
 DEFAULT_BASE: Final = 0x300  # our choice: the vendor's driver takes the jumpered base as a parameter
@@ -142,13 +131,13 @@ def read_card(card: Any, image: Any, now_ns: int) -> None:
     """The whole image, int64[IMAGE_WORDS], of the time `now_ns`."""
     for offset in range(0, ENC_LOAD, 2):
         if offset not in (ADC_START, _UNUSED):
-            image[IMAGE_INPUTS + offset // 2] = card_in(card, offset)
+            image[input_at(offset)] = card_in(card, offset)
     card[CARD_COUNT] += 1
     image[IMAGE_T_NS], image[IMAGE_COUNT] = now_ns, card[CARD_COUNT]
 
 
 @lean_kernel
-def show_card(card: Any, memory: Any, now_ns: int) -> None:
+def show_card(card: Any, memory: BoardMemory, now_ns: int) -> None:
     """Before a cycle: publish the card's image in the board memory."""
     image = card[_IMAGE : _IMAGE + IMAGE_WORDS]
     read_card(card, image, now_ns)
@@ -156,7 +145,7 @@ def show_card(card: Any, memory: Any, now_ns: int) -> None:
 
 
 @lean_kernel
-def pour_lane(card: Any, memory: Any, lane: int, now_ns: int) -> None:
+def pour_lane(card: Any, memory: BoardMemory, lane: int, now_ns: int) -> None:
     """Apply what was posted to one lane of the board memory, in order, and trace it.
 
     Each lane has one process that does this: the guardian its own, whose trace follows a servo that is silent.
@@ -170,8 +159,8 @@ def pour_lane(card: Any, memory: Any, lane: int, now_ns: int) -> None:
 
 
 @lean_kernel
-def serve_card(card: Any, memory: Any, now_ns: int) -> None:
+def serve_card(card: Any, memory: BoardMemory, now_ns: int) -> None:
     """After a cycle: apply what servo and tools posted. The guardian's lane is the guardian's own to apply."""
     for lane in _FIRST_LANES:
         pour_lane(card, memory, lane, now_ns)
-    memory[BOARD_ILLEGAL_OPS] = card[CARD_ILLEGAL]
+    memory.facts.illegal_ops = card[CARD_ILLEGAL]

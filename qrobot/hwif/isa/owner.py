@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    IMAGE_INPUTS,
-    create_board_memory,
-    publish_image,
-)
-from qrobot.hwif.bus import NO_OPERATIONS, make_image, safe_operations
+from qrobot.hwif.board_memory import BoardSegment, create_board_memory, publish_image
+from qrobot.hwif.bus import NO_OPERATIONS, safe_operations
+from qrobot.hwif.image import IMAGE_STATUS, make_image
 from qrobot.hwif.isa.bus import PortBus
-from qrobot.hwif.registers import STATUS
-from qrobot.realtime.shared_memory import SharedMemory
 
 
-def own_board_memory(arm: str, card: Words, joints: int, period_ns: int) -> SharedMemory:
+def own_board_memory(arm: str, card: Words, joints: int, period_ns: int) -> BoardSegment:
     """Find the card, make it safe, and show it as the board of `arm`.
 
     The vendor's driver starts without writing the DACs, which may hold any torque; here zero goes out before anything
@@ -32,8 +24,8 @@ def own_board_memory(arm: str, card: Words, joints: int, period_ns: int) -> Shar
     facts = bus.connect()
     segment = create_board_memory(arm)
     bus.exchange(NO_OPERATIONS, image)
-    bus.exchange(safe_operations(int(image[IMAGE_INPUTS + STATUS // 2])), image)
-    words = segment.words
-    words[BOARD_PERIOD_NS], words[BOARD_JOINTS], words[BOARD_REVISION] = period_ns, facts.joints, ord(facts.revision)
-    publish_image(words, image)
+    bus.exchange(safe_operations(int(image[IMAGE_STATUS])), image)
+    said = segment.memory.facts
+    said.period_ns, said.joints, said.revision = period_ns, facts.joints, ord(facts.revision)
+    publish_image(segment.memory, image)
     return segment

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, OP_READ, OP_WRITE
-from qrobot.hwif.bus import Endpoint, Operations, make_image, safe_operations
+from qrobot.hwif.bus import Endpoint, Operations, safe_operations
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_STATUS, make_image
 from qrobot.hwif.modbus.map import (
     ANOTHER,
     FIRST_WRITTEN,
@@ -33,7 +33,8 @@ from qrobot.hwif.modbus.map import (
     encode_image,
     written,
 )
-from qrobot.hwif.registers import ADC_START, DISCRETE, STATUS
+from qrobot.hwif.operations import OP_READ, OP_WRITE
+from qrobot.hwif.registers import ADC_START, DISCRETE
 from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.report import Report
 from qrobot.units import NS_PER_MS
@@ -255,7 +256,7 @@ class ModbusDevice:
 
     @property
     def _status(self) -> int:
-        return int(self._image[IMAGE_INPUTS + STATUS // 2])
+        return int(self._image[IMAGE_STATUS])
 
     def _counters(self, client: object) -> list[int]:
         """The words from APPLIED on."""

@@ -17,11 +17,12 @@ from qrobot.arrays import Words
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, ProtocolError
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Bus, Operations, for_the_transport
 from qrobot.hwif.converter import RemoteChannels, adc_word, require_signed_converter
+from qrobot.hwif.image import IMAGE_STATUS
 from qrobot.hwif.modbus.client import MS_PER_S, ModbusLine
-from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN, STATUS
+from qrobot.hwif.operations import OP_OUTPUTS, OP_WRITE
+from qrobot.hwif.registers import DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.report import Report
 from qrobot.units import NS_PER_MS
 
@@ -219,7 +220,7 @@ class IoBus:
         """See `Bus`."""
         self._tell(operations)
         self._bus.exchange(self._channels.for_board(for_the_transport(operations)), image)
-        status, now_ns = IMAGE_INPUTS + STATUS // 2, self._now_ns()
+        status, now_ns = IMAGE_STATUS, self._now_ns()
         for module in self._modules:
             image[status] = int(image[status]) & ~module.mask | module.bits(now_ns)
         self._channels.answer(image, now_ns)

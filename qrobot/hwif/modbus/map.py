@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Words
 from qrobot.errors import RemoteProtocolError
-from qrobot.hwif.board_memory import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.operations import OP_FIELDS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import REGISTERS, WINDOW_BYTES, Access
 
 MAP_VERSION: Final = 1

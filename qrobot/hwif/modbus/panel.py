@@ -8,18 +8,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_MODULE_LOSSES,
-    PANEL_ANALOG,
-    PANEL_INPUTS,
-    PANEL_MICRO,
-    PANEL_OUTPUTS,
-    load_head,
-    read_trace,
-)
+from qrobot.hwif.board_memory import PANEL_MICRO, BoardMemory
 from qrobot.hwif.modbus.io import RemoteModule
 from qrobot.hwif.registers import DISCRETE
+from qrobot.hwif.trace import load_head, read_trace
 
 STEP_S: Final = 0.005
 _OFFSET, _VALUE = 2, 3  # of a row of the trace
@@ -35,7 +27,7 @@ class PanelModules:
         modules: each with inputs of its own.
     """
 
-    def __init__(self, memory: Words, modules: Sequence[RemoteModule]) -> None:
+    def __init__(self, memory: BoardMemory, modules: Sequence[RemoteModule]) -> None:
         self._memory, self._modules = memory, modules
         self._followed = 0
 
@@ -43,11 +35,11 @@ class PanelModules:
         """Pass on what is new at `now_ns`."""
         memory = self._memory
         for module in self._modules:
-            module.switch(int(memory[PANEL_OUTPUTS]))
-            memory[PANEL_INPUTS] = int(memory[PANEL_INPUTS]) & ~module.mask | module.bits(now_ns)
+            module.switch(int(memory.panel.outputs))
+            memory.panel.inputs = int(memory.panel.inputs) & ~module.mask | module.bits(now_ns)
             for channel in module.channels:
-                memory[PANEL_ANALOG + channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)
-        memory[BOARD_MODULE_LOSSES] = sum(module.losses for module in self._modules)
+                memory.panel.analog[channel] = round((module.maybe_volt(channel, now_ns) or 0.0) * PANEL_MICRO)
+        memory.facts.module_losses = sum(module.losses for module in self._modules)
         self._follow_hand()
 
     def _follow_hand(self) -> None:
@@ -66,7 +58,7 @@ class PanelModules:
 
 
 @contextmanager
-def panel_modules(memory: Words, modules: Sequence[RemoteModule]) -> Iterator[None]:
+def panel_modules(memory: BoardMemory, modules: Sequence[RemoteModule]) -> Iterator[None]:
     """Let the modules work the panel while the block runs."""
     stop = threading.Event()
     work = [PanelModules(memory, modules).run, *(module.run for module in modules)]

@@ -19,12 +19,12 @@ import math
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_INDEX
+from qrobot.hwif.operations import put_write
 from qrobot.hwif.registers import (
     DISCRETE,
     DISCRETE_CALIBRATED,
     DISCRETE_INDEX,
-    ENC_INDEX,
     ENC_LOAD,
     INDEX_BIT_0,
     STATUS_CALIBRATED,
@@ -200,7 +200,7 @@ def _sweep(params: ServoParameters, state: ServoState, joint: int) -> None:
 def _take_index(params: ServoParameters, state: ServoState, joint: int) -> None:
     """An index pulse: the latched count, and the potentiometer's mean over the turn that ends there."""
     cal = state.cal
-    latched = state.image[IMAGE_INPUTS + ENC_INDEX // 2 + joint]
+    latched = state.image[IMAGE_ENC_INDEX + joint]
     count = state.counts[joint] + signed_word(latched - state.raw[joint])
     if cal.first == 1:
         cal.first = 0

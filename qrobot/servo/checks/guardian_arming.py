@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.hwif.board_memory import Lane, posted_so_far, taken_so_far
+from qrobot.hwif.board_memory import BoardMemory, Lane
+from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.atomics import store_release
 from qrobot.realtime.jit import lean_kernel
@@ -54,7 +55,7 @@ def stands_down(state: ServoState, mail: Any) -> bool:
 
 
 @lean_kernel
-def disarm_when_safe(state: ServoState, mail: Any, board: Any, posted: bool) -> None:
+def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, posted: bool) -> None:
     """After a cycle: let the guardian stand down once the board has shown that it carries neither torque nor power.
 
     Args:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_write
-from qrobot.hwif.registers import DISCRETE, ENC_INDEX, INDEX_BIT_0
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_INDEX
+from qrobot.hwif.operations import put_write
+from qrobot.hwif.registers import DISCRETE, INDEX_BIT_0
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
@@ -58,7 +59,7 @@ def check_indexes(transmission: Any, phase: Any, state: Any, status: int) -> tup
     watch.rearm |= seen
     for j in range(n):
         if seen & INDEX_BIT_0 << j:
-            latched = state.image[IMAGE_INPUTS + ENC_INDEX // 2 + j]
+            latched = state.image[IMAGE_ENC_INDEX + j]
             count = state.counts[j] + signed_word(latched - state.raw[j]) - transmission.count_offset[j]
             if abs(off_phase(count, phase[j], transmission.counts_per_rev[j])) > LOST_COUNTS:
                 return ENC_LOSS, j

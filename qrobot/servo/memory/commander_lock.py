@@ -14,7 +14,7 @@ import numpy as np
 
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.printable import printable
-from qrobot.realtime.shared_memory import HEADER_WORDS, OWNER_PID, SharedMemory, segment_path
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, segment_path
 
 LAYOUT: Final = 1
 LABEL_BYTES: Final = 128
@@ -65,7 +65,7 @@ class Authority:
             if not segment.owner_alive:
                 return None
             label = printable(segment.words[HEADER_WORDS:].tobytes().rstrip(b"\0").decode(errors="replace"))
-            return f"{label} (process {int(segment.words[OWNER_PID])})"
+            return f"{label} (process {int(segment.header.owner_pid)})"
         finally:
             if segment is not self._segment:
                 segment.close()

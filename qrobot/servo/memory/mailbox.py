@@ -26,7 +26,8 @@ from qrobot.printable import printable
 from qrobot.realtime.flat_record import float_bits
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.seqlock import seqlock_read, seqlock_write
-from qrobot.realtime.shared_memory import GENERATION, HEADER_WORDS, MAGIC, MAGIC_VALUE, SharedMemory
+from qrobot.realtime.shared_memory import HEADER, HEADER_WORDS, MAGIC_VALUE, SharedMemory
+from qrobot.realtime.structure import record_in
 from qrobot.servo.memory.law_history import ENTRIES, LAW_BYTES, entry_words, journal_words
 from qrobot.servo.memory.setpoint_queue import (
     FRAME_JOINTS,
@@ -230,7 +231,8 @@ def attach_servo_memory(arm: str) -> SharedMemory:
 def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> Words:
     """Servo memory inside this process, for lock-step and tests."""
     words = np.zeros(memory_words(n, telemetry_capacity), dtype=np.int64)
-    words[MAGIC], words[GENERATION] = MAGIC_VALUE, 1
+    header = record_in(words, HEADER)
+    header.magic, header.generation = MAGIC_VALUE, 1
     describe_servo(words, robot_name, law, n, period_ns, telemetry_capacity)
     return words
 
@@ -250,7 +252,7 @@ def servo_info(words: Words) -> ServoInfo:
         law=_read_text(words, INFO_LAW),
         n=int(words[INFO_JOINTS]),
         period_ns=int(words[INFO_PERIOD_NS]),
-        generation=int(words[GENERATION]),
+        generation=int(record_in(words, HEADER).generation),
         telemetry_base=int(words[INFO_TELEMETRY_BASE]),
         telemetry_capacity=int(words[INFO_TELEMETRY_CAPACITY]),
         ready=bool(words[INFO_READY]),

@@ -4,34 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from qrobot.arrays import Words
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import (
-    BOARD_DROPPED,
-    BOARD_ILLEGAL_OPS,
-    BOARD_LOSSES,
-    BOARD_MODULE_LOSSES,
-    BOARD_SLIPPED_NS,
-    IMAGE_T_NS,
-)
-from qrobot.hwif.bus import MemoryEndpoint, make_image
+from qrobot.hwif.board_memory import BoardMemory
+from qrobot.hwif.bus import MemoryEndpoint
+from qrobot.hwif.image import IMAGE_T_NS, make_image
 from qrobot.servo.operator.messages import BoardStatus
 from qrobot.units import NS_PER_MS
 
 
-def board_status(memory: Words, clock: Callable[[], int]) -> BoardStatus:
+def board_status(memory: BoardMemory, clock: Callable[[], int]) -> BoardStatus:
     """Read a board memory whose time is that of `clock`, ns."""
     return BoardStatus(
         age_ms=_maybe_age_ms(memory, clock),
-        losses=int(memory[BOARD_LOSSES]),
-        dropped=int(memory[BOARD_DROPPED]),
-        illegal=int(memory[BOARD_ILLEGAL_OPS]),
-        module_losses=int(memory[BOARD_MODULE_LOSSES]),
-        slipped_ms=int(memory[BOARD_SLIPPED_NS]) / NS_PER_MS,
+        losses=int(memory.facts.losses),
+        dropped=int(memory.facts.dropped),
+        illegal=int(memory.facts.illegal_ops),
+        module_losses=int(memory.facts.module_losses),
+        slipped_ms=int(memory.facts.slipped_ns) / NS_PER_MS,
     )
 
 
-def _maybe_age_ms(memory: Words, clock: Callable[[], int]) -> float | None:
+def _maybe_age_ms(memory: BoardMemory, clock: Callable[[], int]) -> float | None:
     image = make_image()
     try:
         MemoryEndpoint(memory).read_image(image)

@@ -22,7 +22,7 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
-from qrobot.realtime.shared_memory import SharedMemory
+from qrobot.hwif.board_memory import BoardSegment
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
@@ -96,7 +96,7 @@ class Controlled(Protocol):
     settings: ServoSettings
     law: Law
     law_name: str
-    board: SharedMemory
+    board: BoardSegment
 
     @property
     def mailbox(self) -> ServoMailbox:
@@ -231,7 +231,7 @@ class Controls:
             kp=_floats(gains[KP]),
             kv=_floats(gains[KV]),
             inertia=_floats(gains[M0]),
-            board=board_status(servo.board.words, lambda: arm_time_ns(servo.board.words, servo.settings.board_slips)),
+            board=board_status(servo.board.memory, lambda: arm_time_ns(servo.board.memory, servo.settings.board_slips)),
         )
 
     def _text(self, code: int, joint: int) -> str:

@@ -24,17 +24,12 @@ from qrobot.arrays import Words
 from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import FaultCode, explain
-from qrobot.hwif.board_memory import (
-    Lane,
-    attach_board_memory,
-    command_board_memory,
-    discard_operations,
-    local_board_memory,
-)
+from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import require_ports
+from qrobot.hwif.lanes import discard_operations
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.page_faults import FaultWatch
@@ -107,7 +102,7 @@ class ServoProcess:
     settings: ServoSettings
     report: Report
     memory: SharedMemory
-    board: SharedMemory
+    board: BoardSegment
     card: Words
     params: ServoParameters
     state: ServoState
@@ -135,7 +130,7 @@ class ServoProcess:
             self.error = error
 
     def _run_once(self) -> int:
-        memories = self.memory.words, self.board.words, self.card
+        memories = self.memory.words, self.board.memory, self.card
         return int(run(self.params, self.state, *memories, first_margin(self.settings), BOARD_AWAY_NS))
 
     def _insist_on_the_rate(self) -> None:
@@ -290,7 +285,7 @@ def serve(
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
         memory.words[BEAT_SLIPS] = int(settings.board_slips)
-        discard_operations(board.words, int(Lane.SERVO))
+        discard_operations(board.memory, int(Lane.SERVO))
         params = servo_parameters(robot, settings)
         process = ServoProcess(
             arm,
@@ -322,7 +317,7 @@ def _insist_on_a_board(arm: str, card: Words) -> None:
         PortBus(card).connect()
 
 
-def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> SharedMemory:
+def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> BoardSegment:
     """That of a board process, or one of our own for a card."""
     if card[CARD_KIND] == NO_CARD:
         return command_board_memory(arm)

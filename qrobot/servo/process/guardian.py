@@ -19,24 +19,17 @@ import numpy as np
 from qrobot.arrays import Words
 from qrobot.errors import LinkError
 from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns
-from qrobot.hwif.board_memory import (
-    OP_FIELDS,
-    Lane,
-    attach_board_memory,
-    local_board_memory,
-    pending_operations,
-    post_operations,
-    put_outputs,
-    put_write,
-)
+from qrobot.hwif.board_memory import BoardMemory, Lane, attach_board_memory, local_board_memory
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, NO_CARD, REAL_CARD, make_card, pour_lane
 from qrobot.hwif.isa.permission import require_ports
+from qrobot.hwif.lanes import pending_operations, post_operations
+from qrobot.hwif.operations import OP_FIELDS, put_outputs, put_write
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
-from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory
+from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
 from qrobot.servo.memory.mailbox import (
     BEAT_ARMED,
     BEAT_DISCRETE,
@@ -67,7 +60,7 @@ TRIPPED, TRIPS, LAST_DISCRETE, LINES, KEPT, WAS_ARMED, N_OWN = range(7)  # WAS_A
 
 
 @lean_kernel
-def make_safe(own: Any, board: Any, ops: Any) -> bool:
+def make_safe(own: Any, board: BoardMemory, ops: Any) -> bool:
     """Arm power off, then zero torque on every DAC; False when the board takes no more operations.
 
     Of DISCRETE the rest stays as the servo meant it to: the hand keeps what it holds, outputs that hold stay on, the
@@ -82,7 +75,7 @@ def make_safe(own: Any, board: Any, ops: Any) -> bool:
 
 
 @lean_kernel
-def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
+def look(own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
     """One look at the servo: trip, keep the board safe, or hand it back.
 
     Args:
@@ -114,7 +107,7 @@ def look(own: Any, mail: Any, board: Any, card: Any, ops: Any, now_ns: int, time
 
 @lean_kernel
 def watch(
-    own: Any, mail: Any, board: Any, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int, slips: int
+    own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int, slips: int
 ) -> None:
     """Look again and again until `until_ns`, or until `stop[0]` is set.
 
@@ -211,12 +204,12 @@ class Guardian:
         """True when nothing is driven any more, or the servo has beaten after `beat_ns`."""
         mail = self._servo.words
         if self.tripped:
-            return pending_operations(self._board.words, GUARDIAN_LANE) == 0
+            return pending_operations(self._board.memory, GUARDIAN_LANE) == 0
         drives = bool(mail[BEAT_ARMED]) or (not mail[BEAT_T_NS] and bool(self._own[WAS_ARMED]))
         return not drives or bool(mail[BEAT_T_NS] != beat_ns)
 
     def _watch_for(self, duration_ns: int, stop: Words) -> None:
-        memories = self._servo.words, self._board.words, self._card
+        memories = self._servo.words, self._board.memory, self._card
         until_ns = monotonic_now() + duration_ns
         watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
 
@@ -233,12 +226,12 @@ class Guardian:
         self._place.close(unlink=True)
 
 
-def _follow(segment: SharedMemory, attach: Any, arm: str) -> SharedMemory:
+def _follow(segment: SegmentT, attach: Callable[[str], SegmentT], arm: str) -> SegmentT:
     """The segment itself, or its successor when the file behind it was replaced."""
     if segment.is_current:
         return segment
     try:
-        successor: SharedMemory = attach(arm)
+        successor = attach(arm)
     except LinkError:
         return segment  # nobody there yet: keep the old mapping and look again
     segment.close()

@@ -11,16 +11,10 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.hwif.arm_clock import await_board, slipped_ns
-from qrobot.hwif.board_memory import (
-    BOARD_MODULE_LOSSES,
-    BOARD_REVISION,
-    BOARD_TAKEN_NS,
-    IMAGE_T_NS,
-    Lane,
-    fetch_image,
-    post_operations,
-)
+from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image
+from qrobot.hwif.image import IMAGE_T_NS
 from qrobot.hwif.isa.card import CARD_KIND, NO_CARD, serve_card, show_card
+from qrobot.hwif.lanes import post_operations
 from qrobot.realtime.atomics import load_acquire
 from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
@@ -87,12 +81,14 @@ def wait_until(deadline_ns: int, margin_ns: int, most_ns: int = MARGIN_MAX_NS) -
 
 
 @lean_kernel
-def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any, now_ns: int, late_ns: int) -> None:
+def one_cycle(
+    params: ServoParameters, state: ServoState, mail: Any, board: BoardMemory, now_ns: int, late_ns: int
+) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.image_ok = 1 if fetch_image(board, state.image) else 0
-    taken_ns = board[BOARD_TAKEN_NS] if board[BOARD_TAKEN_NS] != 0 else state.image[IMAGE_T_NS]
+    taken_ns = board.facts.taken_ns if board.facts.taken_ns != 0 else state.image[IMAGE_T_NS]
     state.image_age_ns = now_ns + late_ns - taken_ns
-    state.revision, state.module_losses = board[BOARD_REVISION], board[BOARD_MODULE_LOSSES]
+    state.revision, state.module_losses = board.facts.revision, board.facts.module_losses
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
     if not posted:
@@ -103,7 +99,7 @@ def one_cycle(params: ServoParameters, state: ServoState, mail: Any, board: Any,
 
 @lean_kernel
 def run(
-    params: ServoParameters, state: ServoState, mail: Any, board: Any, card: Any, margin_ns: int, away_ns: int
+    params: ServoParameters, state: ServoState, mail: Any, board: BoardMemory, card: Any, margin_ns: int, away_ns: int
 ) -> int:
     """Run until shutdown is requested and the arm is without power, as its board shows.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.config.outputs import N_OUTPUTS
-from qrobot.hwif.board_memory import put_outputs
+from qrobot.hwif.operations import put_outputs
 from qrobot.hwif.registers import DISCRETE_LINES, STATUS_ESTOP_OK
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.memory.mailbox import (

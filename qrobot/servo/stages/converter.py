@@ -22,7 +22,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, put_read, put_write
+from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_COUNT, IMAGE_STATUS
+from qrobot.hwif.operations import put_read, put_write
 from qrobot.hwif.registers import (
     ADC_E_VOLT_PER_COUNT,
     ADC_F_CHANNEL_SHIFT,
@@ -31,17 +32,15 @@ from qrobot.hwif.registers import (
     ADC_F_VOLT_PER_COUNT,
     ADC_MUX,
     ADC_START,
-    ADC_VALUE,
     DISCRETE,
     DISCRETE_ADC,
     N_ADCS,
-    STATUS,
     STATUS_ADC_BUSY,
 )
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
 
-REVISION_E: Final = ord("E")  # as BOARD_REVISION has it; whatever else stands there is read as revision F
+REVISION_E: Final = ord("E")  # as the board says it; whatever else stands there is read as revision F
 IMAGES_TO_ANSWER: Final = 2
 
 
@@ -68,7 +67,7 @@ def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: 
 
     Args:
         adc: `AdcState`. sensors: volts of the channels, float64[8] (out). image: int64[IMAGE_WORDS].
-        revision: the board's, as BOARD_REVISION has it.
+        revision: the board's, as it says it: ord("E") or ord("F").
 
     Returns:
         The channel that has a new value, or -1.
@@ -78,8 +77,8 @@ def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: 
     adc.waited += 1
     channel = adc.channel
     answered = image[IMAGE_COUNT] >= adc.answer_at
-    if answered and image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY == 0:
-        sensors[channel] = code_volts(image[IMAGE_INPUTS + ADC_VALUE // 2], revision)
+    if answered and image[IMAGE_STATUS] & STATUS_ADC_BUSY == 0:
+        sensors[channel] = code_volts(image[IMAGE_ADC_VALUE], revision)
         adc.done[channel] += 1
         adc.busy = 0
         return int(channel)

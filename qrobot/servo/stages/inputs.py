@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_STATUS, IMAGE_T_NS
 from qrobot.hwif.registers import (
     DISCRETE_CALIBRATED,
     DISCRETE_HAND_RELAXED,
     DISCRETE_INDEX,
-    ENC_COUNT,
     STATUS_CALIBRATED,
 )
-from qrobot.hwif.registers import STATUS as STATUS_REGISTER
 from qrobot.model.transmission import (
     counts_to_joint,
     signed_word,
@@ -68,7 +66,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
     state.unchanged = 0 if fresh else state.unchanged + 1
     if whole:
         state.image_seen = state.image[IMAGE_COUNT]
-        state.status = state.image[IMAGE_INPUTS + STATUS_REGISTER // 2]
+        state.status = state.image[IMAGE_STATUS]
     code = check_image(state.unchanged, params.unchanged_images, state.image_seen, state.status)
     state.image_ok = 1 if code == 0 else 0
     if state.image_ok == 0 and not wants_power(state.mode):
@@ -87,7 +85,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
 @lean_kernel
 def read_encoders(params: ServoParameters, state: ServoState) -> None:
     """Counts from the encoder words of a good image."""
-    first = IMAGE_INPUTS + ENC_COUNT // 2
+    first = IMAGE_ENC_COUNT
     words = state.image[first : first + state.raw.size]
     if state.adopt != ADOPT_NOTHING:
         adopt(params, state, words)

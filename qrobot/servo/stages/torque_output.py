@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import REFERENCE_PER_COUNT, put_reference, put_write
+from qrobot.hwif.operations import REFERENCE_PER_COUNT, put_reference, put_write
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,

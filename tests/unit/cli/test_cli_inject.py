@@ -12,7 +12,7 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
-from qrobot.hwif.board_memory import PANEL_FAULTS, create_board_memory
+from qrobot.hwif.board_memory import create_board_memory
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.sim_board.faults import KINDS
@@ -60,24 +60,24 @@ def test_what_is_injected_acts_and_is_reported_until_it_is_cleared(
     board: SharedMemory, deployment: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     emulator = Emulator(load_robot("puma560"), physics="rigid")
-    emulator.connect(board.words, 1_000_000)
+    emulator.connect(board.memory, 1_000_000)
     assert run("encoder:2 jump 3000", "estop pressed @1s", "--deployment", deployment) == 0
     assert "waiting" in capsys.readouterr().out
-    emulator_run(emulator.bundle, board.words, 1_000_000, 3)
+    emulator_run(emulator.bundle, board.memory, 1_000_000, 3)
     assert run("--deployment", deployment, "--json") == 0
     first, second = json.loads(capsys.readouterr().out)
     assert first == {"fault": "encoder:2 jump 3000", "steps": 3, "acted": 1, "over": False}
     assert second["steps"] == 0
     assert run("--deployment", deployment, "--clear") == 0
     assert "nothing is broken" in capsys.readouterr().out
-    assert board.words[PANEL_FAULTS] == 0
+    assert board.memory.faults.used == 0
 
 
 def test_one_bad_line_injects_nothing(board: SharedMemory, deployment: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Emulator(load_robot("puma560"), physics="rigid").connect(board.words, 1)
+    Emulator(load_robot("puma560"), physics="rigid").connect(board.memory, 1)
     assert run("estop pressed", "encoder:2 stuk", "--deployment", deployment) == 1
     assert "did you mean 'stuck'?" in capsys.readouterr().err
-    assert board.words[PANEL_FAULTS] == 0
+    assert board.memory.faults.used == 0
 
 
 @pytest.mark.usefixtures("board")

@@ -10,7 +10,8 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.config.deployment import TRANSPORTS, BoardChoice
 from qrobot.hwif.arm_clock import STALL_NS, arm_time_ns, await_board, slipped_ns
-from qrobot.hwif.board_memory import BOARD_NOW_NS, BOARD_SLIPPED_NS, local_board_memory, post_operations
+from qrobot.hwif.board_memory import local_board_memory
+from qrobot.hwif.lanes import post_operations
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.server import LIVED_NS, slip_line, unlived_ns
@@ -22,17 +23,17 @@ MS = 1_000_000
 def test_only_an_emulated_boards_word_moves_the_clock() -> None:
     """On a real board the word is not read, whatever it holds: a late servo is told of every nanosecond."""
     memory = local_board_memory()
-    memory[BOARD_SLIPPED_NS] = 500 * MS
+    memory.facts.slipped_ns = 500 * MS
     assert slipped_ns(memory, 1) == 500 * MS
     assert slipped_ns(memory, 0) == 0
-    memory[BOARD_SLIPPED_NS] = -1
+    memory.facts.slipped_ns = -1
     assert slipped_ns(memory, 1) == 0
 
 
 @pytest.mark.realtime
 def test_the_arms_time_is_the_monotonic_clock_less_what_slipped() -> None:
     memory = local_board_memory()
-    memory[BOARD_SLIPPED_NS] = 500 * MS
+    memory.facts.slipped_ns = 500 * MS
     before = time.monotonic_ns()
     now = arm_time_ns(memory, 1)
     assert before <= now + 500 * MS <= time.monotonic_ns()
@@ -43,11 +44,11 @@ def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_ho
     memory = local_board_memory()
     stalled_ns = 300 * MS
     due_ns = time.monotonic_ns() - stalled_ns
-    memory[BOARD_NOW_NS] = due_ns
+    memory.facts.now_ns = due_ns
 
     def wake_up() -> None:
-        memory[BOARD_SLIPPED_NS] = stalled_ns
-        memory[BOARD_NOW_NS] = time.monotonic_ns()  # the board runs on from here, ahead of the arm's time at worst
+        memory.facts.slipped_ns = stalled_ns
+        memory.facts.now_ns = time.monotonic_ns()  # the board runs on from here, ahead of the arm's time at worst
 
     board = threading.Timer(0.02, wake_up)
     board.start()
@@ -59,11 +60,11 @@ def test_a_servo_that_overslept_with_its_board_waits_until_the_board_says_for_ho
 def test_nobody_waits_for_a_real_board_nor_for_one_that_runs_nor_for_ever() -> None:
     memory = local_board_memory()
     due_ns = time.monotonic_ns() - 300 * MS
-    memory[BOARD_NOW_NS] = due_ns
+    memory.facts.now_ns = due_ns
     assert await_board(memory, 0, due_ns) == 0
-    memory[BOARD_NOW_NS] = time.monotonic_ns() + 10_000 * MS
+    memory.facts.now_ns = time.monotonic_ns() + 10_000 * MS
     assert await_board(memory, 1, due_ns) == 0
-    memory[BOARD_NOW_NS] = due_ns
+    memory.facts.now_ns = due_ns
     assert await_board(memory, 1, due_ns) == 0
 
 

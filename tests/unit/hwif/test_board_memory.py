@@ -10,30 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.hwif.board_memory import (
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    LANE_WORDS,
-    LANES_START,
-    N_WORDS,
-    OP_FIELDS,
-    OP_WRITE,
-    PANEL_START,
-    TRACE_CAPACITY,
-    Lane,
-    discard_operations,
-    fetch_image,
-    load_head,
-    local_board_memory,
-    pending_operations,
-    post_operations,
-    publish_image,
-    read_trace,
-    take_operation,
-    trace_write,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, TRACE_CAPACITY, Lane, fetch_image, local_board_memory, publish_image
+from qrobot.hwif.image import IMAGE_WORDS, make_image
+from qrobot.hwif.lanes import discard_operations, pending_operations, post_operations, take_operation
+from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import DAC, DISCRETE, ENC_LOAD
+from qrobot.hwif.trace import load_head, read_trace, trace_write
 from qrobot.realtime.jit import jit_disabled, kernel
+from qrobot.realtime.structure import view_words
 
 
 def operations(*values: int) -> Any:
@@ -52,9 +36,11 @@ def test_an_image_comes_out_as_it_went_in() -> None:
     memory = local_board_memory()
     image = np.arange(100, 100 + IMAGE_WORDS)
     publish_image(memory, image)
-    out = np.zeros(IMAGE_WORDS, np.int64)
+    out = make_image()
     assert fetch_image(memory, out)
     np.testing.assert_array_equal(out, image)
+    np.testing.assert_array_equal(memory.shown.image, image)  # and stands where the type says
+    assert memory.shown.sequence == 2
 
 
 def test_the_blocks_of_the_layout_do_not_overlap() -> None:
@@ -64,8 +50,10 @@ def test_the_blocks_of_the_layout_do_not_overlap() -> None:
     for i in range(TRACE_CAPACITY):
         trace_write(memory, 7, 7, DAC, i)
     publish_image(memory, np.full(IMAGE_WORDS, 5))
-    memory[PANEL_START:N_WORDS] = 9
-    out = np.zeros(IMAGE_WORDS, np.int64)
+    for name in ("panel", "faults"):
+        view_words(memory[name])[:] = 9
+    memory.history[:] = 9
+    out = make_image()
     assert fetch_image(memory, out)
     assert (out == 5).all()
     for lane in Lane:
@@ -119,10 +107,9 @@ def test_a_producer_that_posts_into_memory_just_zeroed_loses_that_batch_only() -
     for _ in range(5):
         post_operations(memory, Lane.SERVO, operations(*range(LANE_CAPACITY)), LANE_CAPACITY)
         taken(memory, Lane.SERVO)
-    head = LANES_START + Lane.SERVO * LANE_WORDS
-    stale = int(memory[head]) + 2
-    memory[:] = 0
-    memory[head] = stale  # its last store comes after a new board owner zeroed everything
+    stale = int(memory.lanes[Lane.SERVO].head) + 2
+    view_words(memory)[:] = 0
+    memory.lanes[Lane.SERVO].head = stale  # its last store comes after a new board owner zeroed everything
     assert taken(memory, Lane.SERVO) == []
     post_operations(memory, Lane.SERVO, operations(8), 1)
     assert taken(memory, Lane.SERVO) == [8]

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, OP_READ, OP_WRITE
-from qrobot.hwif.bus import make_image
 from qrobot.hwif.canbus.frames import MAX_FRAMES, Collector, Mailbox, encode_image, encode_operations
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, IMAGE_T_NS, make_image
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import ADC_START, DAC, DISCRETE, N_DACS, N_INPUT_WORDS
 from tests.support.bus import Row, rows_of
 

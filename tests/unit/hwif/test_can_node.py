@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import OP_READ, OP_WRITE, PANEL_ESTOP
 from qrobot.hwif.canbus.frames import EMCY, HEARTBEAT, RPDO, SDO_ANSWER, SDO_ASK, SYNC, TPDO, encode_operations
 from qrobot.hwif.canbus.node import (
     CLIENT_SILENT,
@@ -22,6 +21,7 @@ from qrobot.hwif.canbus.node import (
 )
 from qrobot.hwif.canbus.objects import COUNTERS_OBJECT, PRODUCER_HEARTBEAT, register_index
 from qrobot.hwif.canbus.service import analog_value, dac_word
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_START,
     DAC,
@@ -191,12 +191,12 @@ def test_lost_power_and_the_emergency_stop_are_told_once_each_and_that_they_are_
     head = desk.sync()[0][1]
     assert int.from_bytes(head[2:4], "little") & STATUS_POWER
     assert desk.emergencies == []
-    desk.end.bench.memory[PANEL_ESTOP] = 1
+    desk.end.bench.memory.panel.estop = 1
     desk.sync()
     assert sorted(desk.emergencies) == [LOST_POWER, EMERGENCY_STOP]
     desk.sync()
     assert desk.emergencies == []
-    desk.end.bench.memory[PANEL_ESTOP] = 0
+    desk.end.bench.memory.panel.estop = 0
     desk.post((OP_WRITE, DISCRETE, DISCRETE_HAND_RELAXED))
     desk.sync()
     assert desk.emergencies == [0]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from qrobot.errors import RemoteProtocolError
-from qrobot.hwif.board_memory import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.canbus.ds402 import CYCLIC_POSITION, CYCLIC_TORQUE, DriveState
+from qrobot.hwif.operations import OP_REFERENCE, OP_WRITE, REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC, DISCRETE, DISCRETE_POWER, ENC_LOAD, STATUS_ESTOP_OK, STATUS_POWER
 from tests.support.bus import BenchEndpoint, Row
 from tests.support.drive_loop import PositionLoop

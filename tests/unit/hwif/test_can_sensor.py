@@ -11,18 +11,16 @@ from pydantic import ValidationError
 
 from qrobot.config.can_sensor import CanSensor, CanSignal
 from qrobot.errors import LinkError
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE
-from qrobot.hwif.bus import make_image
 from qrobot.hwif.canbus.sensor import SensorBus, decode_signal
+from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_F_COMMAND,
     ADC_F_VOLT_PER_COUNT,
     ADC_MUX,
-    ADC_VALUE,
     DISCRETE,
     DISCRETE_ADC,
-    STATUS,
     STATUS_ADC_BUSY,
 )
 from tests.support.bench import Bench
@@ -59,7 +57,7 @@ class Desk:
 
     def exchange(self, *rows: Row) -> int:
         self.bus.exchange(rows_of(rows), self.image)
-        return int(self.image[IMAGE_INPUTS + STATUS // 2])
+        return int(self.image[IMAGE_STATUS])
 
     def convert(self, channel: int) -> float | None:
         """The servo's sequence; volts, or None while the conversion is not done."""
@@ -67,7 +65,7 @@ class Desk:
         self.exchange((OP_WRITE, DISCRETE, 0), (OP_WRITE, DISCRETE, DISCRETE_ADC), mux)
         if self.exchange() & STATUS_ADC_BUSY:
             return None
-        word = int(self.image[IMAGE_INPUTS + ADC_VALUE // 2])
+        word = int(self.image[IMAGE_ADC_VALUE])
         assert 0 <= word <= 0xFFF0
         return ((word ^ 0x8000) - 0x8000) * ADC_F_VOLT_PER_COUNT
 

@@ -7,26 +7,12 @@ import dataclasses
 import pytest
 
 from qrobot.arrays import Words
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
-    BOARD_JOINTS,
-    BOARD_MODULE_LOSSES,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    BOARD_TAKEN_NS,
-    IMAGE_COUNT,
-    IMAGE_INPUTS,
-    IMAGE_T_NS,
-    OP_OUTPUTS,
-    OP_REFERENCE,
-    OP_WRITE,
-    Lane,
-    fetch_image,
-    local_board_memory,
-    pending_operations,
-)
-from qrobot.hwif.bus import BoardFacts, make_image
+from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
+from qrobot.hwif.bus import BoardFacts
 from qrobot.hwif.gateway import RETRY_NS, Gateway
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_ENC_COUNT, IMAGE_T_NS, make_image
+from qrobot.hwif.lanes import pending_operations
+from qrobot.hwif.operations import OP_OUTPUTS, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -35,7 +21,6 @@ from qrobot.hwif.registers import (
     DISCRETE_HAND_RELAXED,
     DISCRETE_LINES,
     DISCRETE_POWER,
-    ENC_COUNT,
     ENC_LOAD,
     N_DACS,
 )
@@ -72,7 +57,7 @@ class Desk:
         return image
 
     def count(self, joint: int) -> int:
-        return int(self.image()[IMAGE_INPUTS + ENC_COUNT // 2 + joint])
+        return int(self.image()[IMAGE_ENC_COUNT + joint])
 
 
 @pytest.fixture
@@ -89,18 +74,18 @@ def test_a_board_that_is_found_is_made_safe_before_anything_else_and_says_what_i
     desk.post((OP_WRITE, DAC, 7))  # by somebody who could not know
     desk.step()
     assert desk.end.lists == [[], [*SAFE, (OP_WRITE, DISCRETE, DISCRETE_CALIBRATED | DISCRETE_HAND_RELAXED)]]
-    assert (desk.memory[BOARD_JOINTS], chr(desk.memory[BOARD_REVISION])) == (6, "F")
-    assert desk.memory[BOARD_PERIOD_NS] == PERIOD_NS
+    assert (desk.memory.facts.joints, chr(desk.memory.facts.revision)) == (6, "F")
+    assert desk.memory.facts.period_ns == PERIOD_NS
     assert desk.gateway.dropped == 1
     assert desk.lines == ["board found at the bench: revision F, 6 joints"]
 
 
 def test_the_age_of_an_image_is_told_by_our_clock_and_the_boards_own_is_left_alone(desk: Desk) -> None:
     desk.step()
-    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    assert desk.memory.facts.taken_ns == desk.now_ns
     board_ns = desk.image()[IMAGE_T_NS]
     desk.step()
-    assert desk.memory[BOARD_TAKEN_NS] == desk.now_ns
+    assert desk.memory.facts.taken_ns == desk.now_ns
     assert desk.image()[IMAGE_T_NS] > board_ns
 
 
@@ -110,7 +95,7 @@ def test_losses_of_modules_beside_the_board_stand_in_its_memory_with_the_next_im
     assert gateway.step(1)
     losses[0] = 2
     assert gateway.step(2)
-    assert memory[BOARD_MODULE_LOSSES] == 2
+    assert memory.facts.module_losses == 2
 
 
 def test_operations_reach_the_board_lane_by_lane_in_the_order_they_were_posted(desk: Desk) -> None:
@@ -174,12 +159,12 @@ def test_references_reach_only_a_board_that_takes_them(references: bool) -> None
     memory, end = local_board_memory(), BenchEndpoint(Bench())
     gateway = Gateway((ReferencesBus if references else DirectBus)(end), memory, PERIOD_NS)
     assert gateway.step(PERIOD_NS)
-    before = memory[BOARD_ILLEGAL_OPS]
+    before = memory.facts.illegal_ops
     post(memory, (OP_REFERENCE, 1, -3), (OP_WRITE, DAC, 0x12345))
     assert gateway.step(2 * PERIOD_NS)
     reference = [(OP_REFERENCE, 1, 0xFFFFFFFD)] if references else []
     assert end.lists[-1] == [*reference, (OP_WRITE, DAC, 0x2345)]
-    assert memory[BOARD_ILLEGAL_OPS] - before == (not references)
+    assert memory.facts.illegal_ops - before == (not references)
 
 
 class ModulesBus(DirectBus):
@@ -197,7 +182,7 @@ def test_outputs_reach_only_modules_and_are_no_mistake_without_any(modules: bool
     post(memory, (OP_OUTPUTS, 0, 5), (OP_WRITE, DAC, 1))
     assert gateway.step(2 * PERIOD_NS)
     assert end.lists[-1] == [*([(OP_OUTPUTS, 0, 5)] if modules else []), (OP_WRITE, DAC, 1)]
-    assert memory[BOARD_ILLEGAL_OPS] == 0
+    assert memory.facts.illegal_ops == 0
 
 
 def test_a_board_that_is_found_again_or_let_go_keeps_the_lines_that_hold_and_no_other() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from qrobot.errors import LinkBusy, LinkError, RemoteProtocolError
-from qrobot.hwif.board_memory import OP_READ, OP_WRITE
 from qrobot.hwif.modbus.device import NS_PER_MS, ModbusDevice
 from qrobot.hwif.modbus.map import (
     AGE,
@@ -24,6 +23,7 @@ from qrobot.hwif.modbus.map import (
     WINDOW,
     YOU,
 )
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_START,
     DAC,

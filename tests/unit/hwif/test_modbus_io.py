@@ -13,36 +13,26 @@ import pytest
 from qrobot.config import load_deployment
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.errors import ConfigError, LinkError
-from qrobot.hwif.board_memory import (
-    BOARD_MODULE_LOSSES,
-    IMAGE_INPUTS,
-    OP_OUTPUTS,
-    OP_WRITE,
-    PANEL_ANALOG,
-    PANEL_INPUTS,
-    PANEL_OUTPUTS,
-    local_board_memory,
-    trace_write,
-)
-from qrobot.hwif.bus import make_image
+from qrobot.hwif.board_memory import local_board_memory
 from qrobot.hwif.converter import adc_word
+from qrobot.hwif.image import IMAGE_ADC_VALUE, IMAGE_STATUS, make_image
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.io import NS_PER_MS, IoBus, RemoteModule
 from qrobot.hwif.modbus.panel import PanelModules
 from qrobot.hwif.modbus.server import ModbusServer
+from qrobot.hwif.operations import OP_OUTPUTS, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
-    ADC_VALUE,
     DAC,
     DISCRETE,
     DISCRETE_HAND_CLOSE,
     DISCRETE_HAND_OPEN,
     ENC_COUNT,
-    STATUS,
     STATUS_ADC_BUSY,
     STATUS_POWER,
 )
+from qrobot.hwif.trace import trace_write
 from qrobot.hwif.transports import modules_beside, open_transport
 from tests.support.bus import DirectBus
 from tests.support.deployment import LEFT
@@ -130,17 +120,17 @@ def test_a_conversion_of_a_remote_channel_never_reaches_the_board(table: Table) 
     ours, boards = ((OP_WRITE, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT) for channel in (6, 5))
     bus.exchange(np.array([ours], np.int64), image)
     assert main.applied == []
-    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == adc_word(2.5)
-    assert not image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+    assert image[IMAGE_ADC_VALUE] == adc_word(2.5)
+    assert not image[IMAGE_STATUS] & STATUS_ADC_BUSY
     bus.exchange(np.array([boards], np.int64), image)
     assert main.applied == [boards]
-    assert image[IMAGE_INPUTS + ADC_VALUE // 2] == 0
+    assert image[IMAGE_ADC_VALUE] == 0
 
 
 def test_a_remote_channel_without_a_value_is_never_converted(table: Table) -> None:
     bus, image = IoBus(DirectBus(PaperBoard()), [table.module], table.clock), make_image()
     bus.exchange(np.array([(OP_WRITE, ADC_MUX, 6 << ADC_F_CHANNEL_SHIFT)], np.int64), image)
-    assert image[IMAGE_INPUTS + STATUS // 2] & STATUS_ADC_BUSY
+    assert image[IMAGE_STATUS] & STATUS_ADC_BUSY
 
 
 def test_a_board_of_revision_e_takes_no_remote_channels(table: Table) -> None:
@@ -155,23 +145,23 @@ def test_volts_become_twelve_bits_within_ten_volts(volt: float, word: int) -> No
 
 def test_beside_an_emulated_board_a_module_works_the_panel_and_its_gripper_follows_the_hand(table: Table) -> None:
     memory = local_board_memory()
-    memory[PANEL_INPUTS] = 0b00010  # somebody else's
+    memory.panel.inputs = 0b00010  # somebody else's
     panel = PanelModules(memory, [table.module])
     table.board.status, table.board.inputs[ENC_COUNT // 2] = 1 << 15, 3000
     for t_ns, (offset, value) in enumerate([(DISCRETE, OPEN), (DISCRETE, CLOSE), (DAC, 7)]):
         trace_write(memory, t_ns, 0, offset, value)
     table.module.poll()
     panel.step(table.clock())
-    assert memory[PANEL_INPUTS] == 0b00110
-    assert memory[PANEL_ANALOG + 6] == 2_500_000
+    assert memory.panel.inputs == 0b00110
+    assert memory.panel.analog[6] == 2_500_000
     table.module.poll()
     assert table.words() == [3, 4]
     table.board.gone = True
     table.module.poll()
     panel.step(table.clock() + AGE_NS)
-    assert memory[PANEL_INPUTS] == 0b10010  # its safe ones
-    assert memory[PANEL_ANALOG + 6] == 0
-    assert memory[BOARD_MODULE_LOSSES] == 1
+    assert memory.panel.inputs == 0b10010  # its safe ones
+    assert memory.panel.analog[6] == 0
+    assert memory.facts.module_losses == 1
 
 
 def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until_it_ends(tmp_path: Path) -> None:
@@ -183,7 +173,7 @@ def test_modules_of_a_deployment_file_work_the_panel_of_its_emulated_board_until
         path.write_text(LEFT + module + "timeout_ms = 10_000\ninputs = [{ address = 0, input = 3 }]\n")
         [arm] = load_deployment(path).arm
         with modules_beside(arm.board, memory, lines.append):
-            wait_until(lambda: memory[PANEL_INPUTS] == 0b01000, "the panel shows the input")
+            wait_until(lambda: memory.panel.inputs == 0b01000, "the panel shows the input")
     assert [line.split()[-1] for line in lines] == ["found"]
 
 
@@ -290,7 +280,7 @@ def test_outputs_go_to_modules_beside_a_board_and_not_to_the_board(table: Table)
 
 def test_beside_an_emulated_board_modules_follow_the_lamps_of_the_panel(table: Table) -> None:
     memory = local_board_memory()
-    memory[PANEL_OUTPUTS] = VALVE_1
+    memory.panel.outputs = VALVE_1
     PanelModules(memory, [table.module]).step(table.clock())
     table.module.poll()
     assert valve_and_pump(table) == [0, 0]
@@ -308,7 +298,7 @@ def test_a_board_with_a_module_shows_its_own_bits_and_those_of_the_module(table:
         return bool(table.lines) and table.words() == [3, 4]
 
     wait_until(closed, "the gripper closes")
-    assert image[IMAGE_INPUTS + STATUS // 2] == STATUS_POWER | 0b10010
+    assert image[IMAGE_STATUS] == STATUS_POWER | 0b10010
     assert main.applied[-1] == (OP_WRITE, DISCRETE, CLOSE)
     bus.close()
     bus.close()

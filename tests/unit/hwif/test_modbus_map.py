@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import RemoteProtocolError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_T_NS, OP_WRITE
-from qrobot.hwif.bus import BoardFacts, make_image
+from qrobot.hwif.bus import BoardFacts
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.hwif.modbus.map import (
     BOARD_ROWS,
     FIRST_WRITTEN,
@@ -31,6 +31,7 @@ from qrobot.hwif.modbus.map import (
     encode_operations,
     written,
 )
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import DAC, REGISTERS, WINDOW_BYTES, Access
 from qrobot.servo.memory import mailbox
 

@@ -12,13 +12,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, ProtocolError, RemoteProtocolError
-from qrobot.hwif.board_memory import OP_WRITE
-from qrobot.hwif.bus import make_image, safe_operations
+from qrobot.hwif.bus import safe_operations
+from qrobot.hwif.image import make_image
 from qrobot.hwif.modbus import server
 from qrobot.hwif.modbus.client import ModbusBus, ModbusLine
 from qrobot.hwif.modbus.device import ModbusDevice
 from qrobot.hwif.modbus.map import IDENTITY, IMAGE, MAILBOX, ROBOT, WINDOW_WORDS
 from qrobot.hwif.modbus.server import MAX_CALLERS, ModbusServer, frames, split_address
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import DAC, ENC_COUNT, ENC_LOAD, STATUS_ESTOP_OK, STATUS_POWER
 from tests.support.accounts import as_other_account, needs_root
 from tests.support.paper_board import PaperBoard

@@ -17,19 +17,9 @@ from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
-    BOARD_JOINTS,
-    BOARD_REVISION,
-    OP_READ,
-    OP_WRITE,
-    Lane,
-    fetch_image,
-    local_board_memory,
-    pending_operations,
-    read_trace,
-)
-from qrobot.hwif.bus import make_image, safe_operations
+from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
+from qrobot.hwif.bus import safe_operations
+from qrobot.hwif.image import make_image
 from qrobot.hwif.isa import instructions
 from qrobot.hwif.isa.card import (
     CARD_BASE,
@@ -46,6 +36,8 @@ from qrobot.hwif.isa.card import (
 )
 from qrobot.hwif.isa.owner import own_board_memory
 from qrobot.hwif.isa.permission import LAST_SINGLE_PORT, allow_ports, require_ports
+from qrobot.hwif.lanes import pending_operations
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_MUX,
     ADC_START,
@@ -66,6 +58,7 @@ from qrobot.hwif.registers import (
     STATUS_CALIBRATED,
     STATUS_POWER,
 )
+from qrobot.hwif.trace import read_trace
 from qrobot.realtime.flat_record import record_of
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessPlan
@@ -214,7 +207,7 @@ def test_servo_and_tool_are_applied_in_that_order_and_traced_and_the_guardian_ap
 def test_an_operation_in_the_wrong_direction_never_reaches_the_bus() -> None:
     slot = Slot()
     assert slot.cycle((OP_WRITE, STATUS, 1), (OP_READ, DISCRETE, 0), (OP_WRITE, DAC + 1, 5), (OP_WRITE, 0x40, 5)) == []
-    assert slot.memory[BOARD_ILLEGAL_OPS] == 4
+    assert slot.memory.facts.illegal_ops == 4
 
 
 def test_a_dry_run_reads_everything_and_counts_what_it_would_have_written() -> None:
@@ -246,8 +239,8 @@ def test_the_servo_owns_the_memory_of_its_card_and_shows_it_safe() -> None:
     slot, name = Slot(), f"port{os.getpid()}"
     with own_board_memory(name, slot.card.words, 6, 1_000_000) as segment:
         slot.card.settle()
-        assert (segment.words[BOARD_JOINTS], chr(segment.words[BOARD_REVISION])) == (6, "F")
-        assert fetch_image(segment.words, make_image())
+        assert (segment.memory.facts.joints, chr(segment.memory.facts.revision)) == (6, "F")
+        assert fetch_image(segment.memory, make_image())
         assert slot.end.applied[0] == (OP_WRITE, DAC, DAC_ZERO)
         with pytest.raises(LinkBusy):
             own_board_memory(name, slot.card.words, 6, 1_000_000)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkLost, LocalProtocolError, LogError, QRobotError
-from qrobot.hwif.board_memory import IMAGE_COUNT, IMAGE_INPUTS, OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
-from qrobot.hwif.bus import BoardFacts, Operations, for_the_transport, make_image
+from qrobot.hwif.bus import BoardFacts, Operations, for_the_transport
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, make_image
+from qrobot.hwif.operations import OP_FIELDS, OP_OUTPUTS, OP_READ, OP_REFERENCE, OP_WRITE
 from qrobot.hwif.recorder import MAGIC, BusRecorder
 from qrobot.hwif.registers import ADC_MUX, ADC_START, DAC, DISCRETE, ENC_COUNT, ENC_LOAD
 from qrobot.hwif.replay import Exchange, Replay, load_recording, replay_onto

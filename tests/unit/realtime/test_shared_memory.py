@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from qrobot.errors import ConfigError, LinkBusy, LinkError
-from qrobot.realtime.shared_memory import GENERATION, HEADER_WORDS, OWNER_PID, SharedMemory, discard_dead, segment_path
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, discard_dead, segment_path
 from tests.support.patience import PATIENCE_S
 
 OWN_AND_WAIT = """
@@ -49,7 +49,7 @@ def test_words_written_by_the_owner_are_read_by_a_peer_and_back(name: str) -> No
     with SharedMemory.create(name, 1, 64) as owner, SharedMemory.attach(name, 1) as peer:
         owner.words[10] = 7
         peer.words[11] = 8
-        assert (peer.words[10], owner.words[11], owner.words[OWNER_PID]) == (7, 8, os.getpid())
+        assert (peer.words[10], owner.words[11], owner.header.owner_pid) == (7, 8, os.getpid())
 
 
 def test_a_second_owner_is_refused_while_the_first_lives(name: str) -> None:
@@ -67,7 +67,7 @@ def test_a_killed_owner_is_taken_over_and_peers_see_the_generation_rise(name: st
     with SharedMemory.create(name, 1, 64) as second:
         assert peer.is_current
         assert peer.owner_alive
-        assert peer.words[GENERATION] == second.words[GENERATION] == 2
+        assert peer.header.generation == second.header.generation == 2
         assert peer.words[HEADER_WORDS] == 0
     peer.close()
 
@@ -177,7 +177,7 @@ def test_closing_the_owner_frees_the_name_although_a_forked_child_lives(name: st
     try:
         owner.close()
         with SharedMemory.create(name, 1, 64) as second:
-            assert second.words[GENERATION] == 2
+            assert second.header.generation == 2
     finally:
         os.close(write)
         os.waitpid(child, 0)

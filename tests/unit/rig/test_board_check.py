@@ -11,15 +11,14 @@ import pytest
 from qrobot.arrays import Words
 from qrobot.config import load_robot
 from qrobot.errors import LinkLost
-from qrobot.hwif.board_memory import IMAGE_INPUTS, OP_WRITE, PANEL_ESTOP, PANEL_PUSH
 from qrobot.hwif.bus import BoardFacts, Operations
+from qrobot.hwif.image import IMAGE_ENC_COUNT, IMAGE_INPUTS, IMAGE_STATUS
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
     DISCRETE,
     DISCRETE_POWER,
-    ENC_COUNT,
-    STATUS,
     STATUS_ADC_BUSY,
     STATUS_INDEX,
 )
@@ -74,10 +73,10 @@ class Desk:
         def answer(question: str) -> bool:
             if question.startswith("Turn joint"):
                 joint = int(question.split()[2]) - 1
-                self.end.memory[PANEL_PUSH + joint] = side * 4_000_000
+                self.end.memory.panel.push[joint] = side * 4_000_000
                 for _ in range(100):
                     self.end.apply(np.zeros((0, 3), np.int64))
-                self.end.memory[PANEL_PUSH + joint] = 0
+                self.end.memory.panel.push[joint] = 0
             return True
 
         return answer
@@ -132,7 +131,7 @@ def test_power_is_asked_for_before_it_comes_and_a_no_leaves_it_off() -> None:
 
 def test_an_emergency_stop_that_is_pressed_ends_the_walk_before_anything_is_written() -> None:
     desk = Desk()
-    desk.end.memory[PANEL_ESTOP] = 1
+    desk.end.memory.panel.estop = 1
     desk.end.apply(np.zeros((0, 3), np.int64))
     *_, last = desk.check()
     assert (last.step, last.ok) == ("status", False)
@@ -145,15 +144,15 @@ def empty_slot(image: Words) -> None:
 
 
 def no_index(image: Words) -> None:
-    image[IMAGE_INPUTS + STATUS // 2] &= ~STATUS_INDEX
+    image[IMAGE_STATUS] &= ~STATUS_INDEX
 
 
 def busy(image: Words) -> None:
-    image[IMAGE_INPUTS + STATUS // 2] |= STATUS_ADC_BUSY
+    image[IMAGE_STATUS] |= STATUS_ADC_BUSY
 
 
 def frozen_counter(image: Words) -> None:
-    image[IMAGE_INPUTS + ENC_COUNT // 2 + 2] = 5
+    image[IMAGE_ENC_COUNT + 2] = 5
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qrobot.errors import LinkBusy, LinkError
-from qrobot.hwif.board_memory import BOARD_JOINTS, BOARD_REVISION, create_board_memory
+from qrobot.hwif.board_memory import create_board_memory
 from qrobot.hwif.modbus.map import MAX_JOINTS, ROBOT, VECTORS, encode_robot
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.rig.modbus_robot import RunningRobot
@@ -61,7 +61,7 @@ def test_the_board_of_a_running_robot_takes_nothing_from_here(arm: str) -> None:
     with suppress(LinkError):
         robot.facts()
     with create_board_memory(arm) as board:
-        board.words[BOARD_REVISION], board.words[BOARD_JOINTS] = ord("F"), 6
+        board.memory.facts.revision, board.memory.facts.joints = ord("F"), 6
         assert robot.facts().joints == 6
         with pytest.raises(LinkBusy, match="the servo of"):
             robot.apply(np.zeros((1, 3), np.int64))

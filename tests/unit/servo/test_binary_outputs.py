@@ -12,8 +12,8 @@ from qrobot.cli.arms import servo_settings
 from qrobot.config import load_deployment
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import ConfigError, MotionError
-from qrobot.hwif.board_memory import OP_FIELDS
 from qrobot.hwif.isa.card import NO_CARD, make_card
+from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS_CALIBRATED, STATUS_POWER
 from qrobot.rci import Chg
 from qrobot.servo.modes import Mode

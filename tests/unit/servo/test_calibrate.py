@@ -7,7 +7,6 @@ import pytest
 
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.hwif.board_memory import PANEL_PUSH
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.memory.mailbox import FLAG_CALIBRATED
 from qrobot.servo.modes import Mode
@@ -300,7 +299,7 @@ def test_with_a_broken_part_it_is_exact_or_refused(fault: str, codes: set[FaultC
 def test_an_obstacle_ends_it_before_the_torque_is_large(joint: int) -> None:
     rig = CalibratingRig().calibrating(joint=joint)
     limit = rig.params.creep_torque[joint]
-    rig.board[PANEL_PUSH + joint] = -round(1.2e6 * limit)
+    rig.board.panel.push[joint] = -round(1.2e6 * limit)
     rig.run_for(0.2)
     assert rig.event == (FaultCode.CAL_BLOCKED, joint)
     assert rig.mode is Mode.UNCALIBRATED
@@ -353,11 +352,11 @@ def test_a_count_lost_between_reading_and_loading_spoils_the_attempt() -> None:
 def test_an_arm_that_is_shaken_is_not_loaded() -> None:
     rig = CalibratingRig().calibrating(until=Stage.SETTLING)
     for shake in range(300):
-        rig.board[PANEL_PUSH] = 60_000_000 * (-1) ** shake
+        rig.board.panel.push[0] = 60_000_000 * (-1) ** shake
         rig.run_for(0.02)
         if rig.mode is not Mode.CALIBRATING:
             break
-    rig.board[PANEL_PUSH] = 0
+    rig.board.panel.push[0] = 0
     refused(rig, FaultCode.CAL_MOVED, 0)
 
 

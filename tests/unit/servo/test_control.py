@@ -18,17 +18,8 @@ import pytest
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import (
-    BOARD_DROPPED,
-    BOARD_ILLEGAL_OPS,
-    BOARD_LOSSES,
-    BOARD_MODULE_LOSSES,
-    IMAGE_COUNT,
-    IMAGE_T_NS,
-    local_board_memory,
-    publish_image,
-)
-from qrobot.hwif.bus import make_image
+from qrobot.hwif.board_memory import local_board_memory, publish_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
@@ -92,7 +83,7 @@ class Bench:
 
     @property
     def board(self) -> SimpleNamespace:
-        return SimpleNamespace(words=self.bench.board)
+        return SimpleNamespace(memory=self.bench.board)
 
     def say(self, message: str) -> None:
         self.said.append(message)
@@ -138,13 +129,13 @@ def client(servo: Bench) -> Iterator[ServoClient]:
 
 
 def test_the_status_tells_how_the_board_is_reached(servo: Bench, client: ServoClient) -> None:
-    words = (BOARD_LOSSES, BOARD_DROPPED, BOARD_ILLEGAL_OPS, BOARD_MODULE_LOSSES)
-    for count, word in enumerate(words, 1):
-        servo.bench.board[word] = count
+    names, facts = ("losses", "dropped", "illegal_ops", "module_losses"), servo.bench.board.facts
+    for count, name in enumerate(names, 1):
+        facts[name] = count
     board = client.status().board
     assert (board.losses, board.dropped, board.illegal, board.module_losses) == (1, 2, 3, 4)
-    for word in words:
-        servo.bench.board[word] = 0
+    for name in names:
+        facts[name] = 0
 
 
 def test_the_age_of_the_image_is_told_and_that_there_is_none() -> None:

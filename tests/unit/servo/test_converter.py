@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    IMAGE_COUNT,
-    IMAGE_WORDS,
-    OP_FIELDS,
-    PANEL_ANALOG,
-    Lane,
-    fetch_image,
-    post_operations,
-)
+from qrobot.hwif.board_memory import Lane, fetch_image
+from qrobot.hwif.image import IMAGE_COUNT, make_image
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import (
     DISCRETE_ADC,
     N_ADCS,
@@ -46,10 +41,10 @@ class Sampler:
     def __init__(self, wanted: int, revision: int = ord("F"), **options: object) -> None:
         self.bench = Bench(n_pots=0, revision_f=revision == ord("F"), **options)  # type: ignore[arg-type]
         for channel in range(N_ADCS):
-            self.bench.memory[PANEL_ANALOG + channel] = 500_000 * channel + 100_000
+            self.bench.memory.panel.analog[channel] = 500_000 * channel + 100_000
         self.wanted, self.revision = wanted, revision
         self.adc, self.volts = record_of(make_adc_state()), np.zeros(N_ADCS)
-        self.image, self.ops = np.zeros(IMAGE_WORDS, np.int64), np.zeros((8, OP_FIELDS), np.int64)
+        self.image, self.ops = make_image(), np.zeros((8, OP_FIELDS), np.int64)
         self.sampled: list[int] = []
 
     def look(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import IMAGE_SEQ, LANE_CAPACITY
+from qrobot.hwif.board_memory import LANE_CAPACITY
 from qrobot.hwif.registers import (
     DAC_ZERO,
     DISCRETE_CALIBRATED,
@@ -100,17 +100,17 @@ def test_an_image_that_is_torn_for_some_cycles_is_no_fault_but_one_that_stays_to
     bench = ServoBench()
     tracking(bench)
     bench.frozen = True
-    bench.board[IMAGE_SEQ] += 1  # a writer is inside
+    bench.board.shown.sequence += 1  # a writer is inside
     before = np.array(bench.state.counts)
     bench.tick(3)
     assert bench.mode is Mode.TRACKING
     np.testing.assert_array_equal(bench.state.counts, before)
-    bench.board[IMAGE_SEQ] += 1
+    bench.board.shown.sequence += 1
     bench.frozen = False
     bench.run(0.2)
     assert bench.mode is Mode.TRACKING
     bench.frozen = True
-    bench.board[IMAGE_SEQ] += 1
+    bench.board.shown.sequence += 1
     until_fault(bench, FaultCode.BOARD_GONE)
 
 

@@ -11,16 +11,10 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import (
-    LANE_CAPACITY,
-    OP_FIELDS,
-    Lane,
-    create_board_memory,
-    local_board_memory,
-    pending_operations,
-    take_all_operations,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, create_board_memory, local_board_memory
 from qrobot.hwif.isa.card import NO_CARD, make_card
+from qrobot.hwif.lanes import pending_operations, take_all_operations
+from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -278,7 +272,7 @@ def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats:
     with create_board_memory(name) as board, create_servo_memory(name, "puma560", "pd", 6, 1_000_000, 16) as servo:
 
         def board_and_servo() -> None:
-            taken[0] += take_all_operations(board.words, OPERATIONS)
+            taken[0] += take_all_operations(board.memory, OPERATIONS)
             if beats:
                 servo.words[BEAT_T_NS] = monotonic_now()
 

@@ -8,7 +8,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import REFERENCE_PER_COUNT
+from qrobot.hwif.operations import REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.model.transmission import counts_to_joint, transmission_params
 from qrobot.servo.modes import Mode

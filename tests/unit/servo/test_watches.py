@@ -12,7 +12,6 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import BOARD_MODULE_LOSSES
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.servo.checks.fault_monitors import SETTLE_S
 from qrobot.servo.laws.law import law
@@ -135,7 +134,7 @@ def test_a_law_longer_than_half_the_cycle_is_told_of_and_goes_on() -> None:
 
 def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
     bench = tracking()
-    bench.board[BOARD_MODULE_LOSSES] += 1
+    bench.board.facts.module_losses += 1
     bench.tick()
     assert (bench.mode, bench.event) == (Mode.TRACKING, FaultCode.IO_LOST)
     bench.tick(20)
@@ -144,7 +143,7 @@ def test_a_lost_module_is_told_of_once_and_stops_nothing() -> None:
 
 def test_a_module_lost_before_the_arm_has_power_is_no_answer_to_the_request_for_it() -> None:
     bench = ServoBench()
-    bench.board[BOARD_MODULE_LOSSES] = 3
+    bench.board.facts.module_losses = 3
     bench.hold()
     bench.tick(10)
     assert (bench.mode, bench.event) == (Mode.HOLDING, FaultCode.NONE)

@@ -7,23 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qrobot.hwif.board_memory import (
-    BOARD_ILLEGAL_OPS,
-    IMAGE_COUNT,
-    IMAGE_T_NS,
-    IMAGE_WORDS,
-    LANE_CAPACITY,
-    OP_READ,
-    OP_WRITE,
-    PANEL_ANALOG,
-    PANEL_ESTOP,
-    PANEL_INPUTS,
-    PANEL_PRESSES,
-    Lane,
-    fetch_image,
-    pending_operations,
-    read_trace,
-)
+from qrobot.hwif.board_memory import LANE_CAPACITY, Lane, fetch_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
+from qrobot.hwif.lanes import pending_operations
+from qrobot.hwif.operations import OP_READ, OP_WRITE
 from qrobot.hwif.registers import (
     ADC_F_VOLT_PER_COUNT,
     ADC_MUX,
@@ -51,6 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_J6_OVERFLOW,
     STATUS_POWER,
 )
+from qrobot.hwif.trace import read_trace
 from qrobot.sim_board.board import REG_BRAKED
 from tests.support.bench import COUNTS_PER_REV, PERIOD_NS, PHASE, POT_SLOPE, POT_ZERO, Bench, post
 
@@ -77,7 +65,7 @@ def test_at_chassis_power_up_torque_is_zero_everything_is_off_and_nothing_is_cal
 
 
 def test_every_image_carries_its_time_and_number() -> None:
-    bench, image = Bench(), np.zeros(IMAGE_WORDS, np.int64)
+    bench, image = Bench(), make_image()
     fetch_image(bench.memory, image)
     count, t_ns = image[IMAGE_COUNT], image[IMAGE_T_NS]
     bench.tick(3)
@@ -263,10 +251,10 @@ def test_the_vendors_start_up_line_loses_or_invents_the_calibration() -> None:
 @given(st.integers(0, 0xFFFF))
 def test_discrete_inputs_show_the_panel_and_bit_0_is_the_emergency_stops(levels: int) -> None:
     bench = Bench()
-    bench.memory[PANEL_INPUTS] = levels
+    bench.memory.panel.inputs = levels
     bench.tick()
     assert bench.status & STATUS_INPUTS == (levels & STATUS_INPUTS) | STATUS_ESTOP_OK
-    bench.memory[PANEL_ESTOP] = 1
+    bench.memory.panel.estop = 1
     bench.tick()
     assert not bench.status & STATUS_ESTOP_OK
 
@@ -276,11 +264,11 @@ def test_discrete_inputs_show_the_panel_and_bit_0_is_the_emergency_stops(levels:
 
 def test_power_comes_on_when_enabled_and_the_button_is_pressed_after_it() -> None:
     bench = Bench(auto_panel=False)
-    bench.memory[PANEL_PRESSES] += 1
+    bench.memory.panel.presses += 1
     bench.tick()
     bench.write((DISCRETE, DISCRETE_POWER))
     assert not bench.status & STATUS_POWER
-    bench.memory[PANEL_PRESSES] += 1
+    bench.memory.panel.presses += 1
     bench.tick()
     assert bench.status & STATUS_POWER
 
@@ -295,17 +283,17 @@ def test_the_emulator_presses_the_button_by_itself_when_told_to() -> None:
 def test_releasing_the_emergency_stop_does_not_bring_power_back(auto_panel: bool) -> None:
     bench = Bench(auto_panel=auto_panel)
     bench.write((DISCRETE, DISCRETE_POWER))
-    bench.memory[PANEL_PRESSES] += 1
+    bench.memory.panel.presses += 1
     bench.tick()
-    bench.memory[PANEL_ESTOP] = 1
+    bench.memory.panel.estop = 1
     bench.tick()
     assert not bench.status & STATUS_POWER
-    bench.memory[PANEL_ESTOP] = 0
+    bench.memory.panel.estop = 0
     bench.tick(10)
     assert not bench.status & STATUS_POWER
     bench.write((DISCRETE, 0))
     bench.write((DISCRETE, DISCRETE_POWER))
-    bench.memory[PANEL_PRESSES] += 1
+    bench.memory.panel.presses += 1
     bench.tick()
     assert bench.status & STATUS_POWER
 
@@ -313,7 +301,7 @@ def test_releasing_the_emergency_stop_does_not_bring_power_back(auto_panel: bool
 def test_dropping_the_enable_bit_drops_the_latch_even_within_one_tick() -> None:
     bench = Bench(auto_panel=False)
     bench.write((DISCRETE, DISCRETE_POWER))
-    bench.memory[PANEL_PRESSES] += 1
+    bench.memory.panel.presses += 1
     bench.tick()
     bench.write((DISCRETE, 0), (DISCRETE, DISCRETE_POWER))
     assert not bench.status & STATUS_POWER
@@ -321,7 +309,7 @@ def test_dropping_the_enable_bit_drops_the_latch_even_within_one_tick() -> None:
 
 def test_power_does_not_come_on_while_the_emergency_stop_is_pressed() -> None:
     bench = Bench()
-    bench.memory[PANEL_ESTOP] = 1
+    bench.memory.panel.estop = 1
     bench.write((DISCRETE, DISCRETE_POWER))
     assert not bench.status & STATUS_POWER
 
@@ -407,7 +395,7 @@ def convert_e(bench: Bench, channel: int) -> int:
 @given(st.integers(6, 7), st.floats(-12.0, 12.0))
 def test_revision_f_converts_plus_minus_ten_volts_to_twelve_left_justified_bits(channel: int, volts: float) -> None:
     bench = Bench()
-    bench.memory[PANEL_ANALOG + channel] = round(volts * 1e6)
+    bench.memory.panel.analog[channel] = round(volts * 1e6)
     value = convert_f(bench, channel)
     assert value % 16 == 0
     assert 0 <= value <= 0xFFFF
@@ -418,7 +406,7 @@ def test_revision_f_converts_plus_minus_ten_volts_to_twelve_left_justified_bits(
 @given(st.integers(6, 7), st.floats(-1.0, 6.0))
 def test_revision_e_converts_zero_to_five_volts_to_a_byte(channel: int, volts: float) -> None:
     bench = Bench(revision_f=False)
-    bench.memory[PANEL_ANALOG + channel] = round(volts * 1e6)
+    bench.memory.panel.analog[channel] = round(volts * 1e6)
     value = convert_e(bench, channel)
     assert abs(value * 5.0 / 255.0 - min(max(volts, 0.0), 5.0)) <= 0.5 * 5.0 / 255.0 + 1e-6
 
@@ -461,16 +449,16 @@ def test_backlash_of_the_potentiometer_shows_at_a_reversal_only() -> None:
 
 def test_channels_without_a_potentiometer_are_free_inputs() -> None:
     bench = Bench(n_pots=3)
-    bench.memory[PANEL_ANALOG : PANEL_ANALOG + 8] = 2_000_000
+    bench.memory.panel.analog[:] = 2_000_000
     assert signed(convert_f(bench, 3)) * ADC_F_VOLT_PER_COUNT == pytest.approx(2.0, abs=0.003)
     assert abs(convert_f(bench, 2) - POT_ZERO[2]) <= 8
 
 
 def test_a_conversion_takes_its_time_and_shows_the_old_value_until_then() -> None:
     bench = Bench(conversion_ns=2 * PERIOD_NS + 1)
-    bench.memory[PANEL_ANALOG + 6] = 5_000_000
+    bench.memory.panel.analog[6] = 5_000_000
     bench.write((DISCRETE, DISCRETE_ADC), (ADC_MUX, 6 << 7 | 0x50))
-    bench.memory[PANEL_ANALOG + 6] = 0  # sampled at the start
+    bench.memory.panel.analog[6] = 0  # sampled at the start
     bench.tick()
     assert bench.status & STATUS_ADC_BUSY
     assert bench.read(ADC_VALUE) == 0
@@ -497,7 +485,7 @@ def test_revision_e_does_not_start_by_writing_the_channel() -> None:
 def test_a_conversion_that_ends_before_its_mask_is_set_is_never_seen() -> None:
     """Why revision E's mask has to follow the start in the same burst, and why a host's poll needs a time-out."""
     bench = Bench(revision_f=False)
-    bench.memory[PANEL_ANALOG + 6] = 5_000_000
+    bench.memory.panel.analog[6] = 5_000_000
     bench.write((ADC_MUX, 6))
     bench.touch(ADC_START)
     bench.write((DISCRETE, DISCRETE_ADC))
@@ -517,7 +505,7 @@ def test_operations_on_the_wrong_direction_or_outside_the_window_are_ignored_and
     before = bench.status, bench.board.dac.tolist(), bench.board.encoders.counter.tolist()
     post(bench.memory, *wrong)
     bench.tick()
-    assert bench.memory[BOARD_ILLEGAL_OPS] == len(wrong)
+    assert bench.memory.facts.illegal_ops == len(wrong)
     assert (bench.status, bench.board.dac.tolist(), bench.board.encoders.counter.tolist()) == before
     assert len(read_trace(bench.memory)) == 0
 

@@ -11,7 +11,6 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import LinkTimeout, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
-from qrobot.hwif.board_memory import OP_WRITE
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import (
@@ -26,6 +25,7 @@ from qrobot.hwif.canbus.ds402 import (
     state_of,
     towards_operation,
 )
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,

@@ -15,21 +15,10 @@ from qrobot.arrays import Words
 from qrobot.config import Robot, load_robot
 from qrobot.config.robot import Joints
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    BOARD_JOINTS,
-    BOARD_PERIOD_NS,
-    BOARD_REVISION,
-    IMAGE_T_NS,
-    IMAGE_WORDS,
-    OP_WRITE,
-    PANEL_PRESSES,
-    PANEL_PUSH,
-    Lane,
-    fetch_image,
-    local_board_memory,
-    post_operations,
-    read_trace,
-)
+from qrobot.hwif.board_memory import Lane, fetch_image, local_board_memory
+from qrobot.hwif.image import IMAGE_T_NS, make_image
+from qrobot.hwif.lanes import post_operations
+from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import (
     DAC,
     DAC_ZERO,
@@ -43,6 +32,7 @@ from qrobot.hwif.registers import (
     STATUS_INDEX,
     STATUS_POWER,
 )
+from qrobot.hwif.trace import read_trace
 from qrobot.model.transmission import counts_to_joint, signed_word, transmission_params
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator, advance, emulator_run
@@ -80,7 +70,7 @@ class Rig:
         assert not self.emulator.braked
 
     def push(self, joint: int, torque: float) -> None:
-        self.memory[PANEL_PUSH + joint] = round(torque * 1e6)
+        self.memory.panel.push[joint] = round(torque * 1e6)
 
     def torque(self, joint: int, torque: float) -> None:
         code = DAC_ZERO + round(torque * self.robot.transmission.dac_per_Nm[joint])
@@ -150,15 +140,15 @@ def test_an_uncalibrated_emulator_counts_from_zero_where_it_stands() -> None:
 @pytest.mark.parametrize("revision", ["E", "F"])
 def test_the_board_states_its_period_joints_and_revision(revision: str) -> None:
     rig = Rig(STANFORD, options=BoardOptions(revision_f=revision == "F"), plant_hz=8000)
-    assert rig.memory[BOARD_PERIOD_NS] == 125_000
-    assert rig.memory[BOARD_JOINTS] == 6
-    assert rig.memory[BOARD_REVISION] == ord(revision)
+    assert rig.memory.facts.period_ns == 125_000
+    assert rig.memory.facts.joints == 6
+    assert rig.memory.facts.revision == ord(revision)
 
 
 def test_presses_of_the_past_do_not_power_a_new_board() -> None:
     emulator = Emulator(PUMA, options=BoardOptions(auto_panel=False))
     memory = local_board_memory()
-    memory[PANEL_PRESSES] = 3
+    memory.panel.presses = 3
     emulator.connect(memory)
     post(memory, (OP_WRITE, DISCRETE, DISCRETE_POWER))
     emulator_run(emulator.bundle, memory, 0, 1)
@@ -192,7 +182,7 @@ def test_an_operation_acts_in_the_step_after_it_was_posted_and_the_image_is_that
     rig.write((DISCRETE, DISCRETE_POWER))
     posted = rig.t_ns
     rig.run(1 / STEPS_PER_S)
-    image = np.zeros(IMAGE_WORDS, np.int64)
+    image = make_image()
     fetch_image(rig.memory, image)
     assert read_trace(rig.memory)[-1, 0] == posted
     assert image[IMAGE_T_NS] == posted + 250_000 == rig.t_ns

@@ -7,16 +7,8 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import (
-    FAULT_SLOTS,
-    IMAGE_COUNT,
-    IMAGE_T_NS,
-    IMAGE_WORDS,
-    PANEL_FAULT_SLOTS,
-    PANEL_FAULTS,
-    fetch_image,
-    local_board_memory,
-)
+from qrobot.hwif.board_memory import FAULT_SLOTS, fetch_image, local_board_memory
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.hwif.registers import (
     ADC_F_CHANNEL_SHIFT,
     ADC_MUX,
@@ -78,7 +70,7 @@ class Rig:
         return shaft - before
 
     def image(self) -> np.ndarray:
-        image = np.zeros(IMAGE_WORDS, np.int64)
+        image = make_image()
         assert fetch_image(self.memory, image)
         return image
 
@@ -480,9 +472,9 @@ def test_an_emulator_nobody_met_has_nowhere_to_put_faults() -> None:
 
 def test_a_spoilt_panel_is_told_and_read_no_further_than_it_reaches() -> None:
     memory = local_board_memory()
-    memory[PANEL_FAULTS], memory[PANEL_FAULT_SLOTS] = 1, 12345
+    memory.faults.used, memory.faults.slots[0].kind = 1, 12345
     with pytest.raises(ConfigError, match="restart the board"):
         FaultPanel(memory).reports()
     for count in (-1, -(2**63)):
-        memory[PANEL_FAULTS] = count
+        memory.faults.used = count
         assert FaultPanel(memory).reports() == []

@@ -1,0 +1,134 @@
+"""Structured types of shared memory: where their fields lie, and that records, words and C programs see the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot.hwif.board_memory import BOARD_MEMORY, BoardMemory
+from qrobot.realtime.atomics import load_acquire, store_release
+from qrobot.realtime.flat_record import copy_fields, words_of
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.structure import (
+    LINE_BYTES,
+    WORD_BYTES,
+    StructureField,
+    columns_of,
+    dtype_of,
+    floats,
+    local_record,
+    offset_of,
+    part,
+    record_in,
+    text,
+    view_words,
+    word,
+    words,
+)
+
+
+class Pair:
+    """A block in a ring."""
+
+    first: int = word()
+    second: int = word()
+
+
+class Block:
+    """One of everything."""
+
+    head: int = word()
+    tail: int = word(own_line=True)
+    ring = part(Pair, 3)
+    places = floats("n")
+    grid = words((2, "n"))
+    name = text(16)
+
+
+class Told:
+    """What of it is told."""
+
+    places = floats("n")
+    tail: int = word()
+
+
+DTYPE = dtype_of(Block, n=5)
+
+
+def lines_of(kind: type, dtype: np.dtype[np.void], path: str = "") -> list[str]:
+    """Paths of the fields that are to begin a cache line, of all elements of arrays."""
+    found = []
+    for name, column in columns_of(kind):
+        here = f"{path}.{name}".lstrip(".")
+        found += [here] * column.own_line
+        if columns_of(column.item):
+            array = dtype[name].shape
+            for place in [f"{here}[{k}]" for k in range(array[0])] if array else [here]:
+                found += lines_of(column.item, dtype[name].base, place)
+    return found
+
+
+def test_fields_follow_each_other_in_their_order_and_without_gaps_but_for_lines() -> None:
+    at = [offset_of(DTYPE, name) for name in ("head", "tail", "ring", "places", "grid", "name")]
+    assert at == [0, 64, 72, 120, 160, 240]
+    assert DTYPE.itemsize == 256
+    assert offset_of(DTYPE, "ring[2].second") == 72 + 2 * 16 + 8
+
+
+def test_every_field_of_the_board_memory_that_is_to_begin_a_line_does() -> None:
+    paths = lines_of(BoardMemory, BOARD_MEMORY)
+    assert {"lanes[2].tail", "lanes[1].ring", "shown.image", "facts"} <= set(paths)
+    assert not [path for path in paths if offset_of(BOARD_MEMORY, path) % LINE_BYTES]
+
+
+def test_producer_and_consumer_of_a_lane_and_two_writers_never_share_a_line() -> None:
+    def line(path: str) -> int:
+        return offset_of(BOARD_MEMORY, path) // LINE_BYTES
+
+    assert len({line(f"lanes[{lane}].{word}") for lane in range(3) for word in ("head", "tail", "ring")}) == 9
+    assert len({line(path) for path in ("header", "facts", "shown", "lanes", "traced", "panel", "faults")}) == 7
+
+
+def test_record_and_words_are_the_same_memory() -> None:
+    memory = np.zeros(100, np.int64)
+    record = record_in(memory, DTYPE, 8)
+    record.ring[1].second, record.grid[1, 4], record.places[0] = 7, 9, 1.5
+    assert memory[8 + (72 + 24) // WORD_BYTES] == 7
+    assert memory[8 + 232 // WORD_BYTES] == 9
+    assert memory[8 + 15 : 8 + 16].view(np.float64) == 1.5
+    memory[8] = 3
+    assert record.head == 3
+    assert view_words(record).size == DTYPE.itemsize // WORD_BYTES
+    view_words(record.ring[2])[0] = 11
+    assert record.ring[2].first == 11
+
+
+@lean_kernel
+def use(record: Block, target: Told) -> int:
+    """Atomics on named fields, a block as words, and a copy by name."""
+    store_release(record, "tail", load_acquire(record, "head") + 1)
+    pair = record.ring[2]
+    store_release(pair, "second", 5)
+    seen = words_of(pair)
+    seen[0] = 4
+    copy_fields(record, target)
+    return int(seen.size)
+
+
+def test_kernels_take_fields_by_name() -> None:
+    record, told = local_record(DTYPE), local_record(dtype_of(Told, n=5))
+    record.head, record.places[:] = 41, np.arange(5.0)
+    assert use(record, told) == 2
+    assert (record.tail, record.ring[2].first, record.ring[2].second) == (42, 4, 5)
+    assert (told.tail, told.places.tolist()) == (42, [0.0, 1.0, 2.0, 3.0, 4.0])
+
+
+def test_an_unknown_size_is_an_error() -> None:
+    with pytest.raises(KeyError, match="n"):
+        dtype_of(Block)
+
+
+def test_a_block_is_told_by_its_columns() -> None:
+    assert [name for name, _ in columns_of(Pair)] == ["first", "second"]
+    assert columns_of(np.int64) == []
+    assert all(isinstance(column, StructureField) for _, column in columns_of(Block))
