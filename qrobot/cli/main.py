@@ -47,6 +47,7 @@ COMMANDS: Final = (
     Subcommand("run", "qrobot.cli.run:run", EVERYDAY, "Run a program that moves an arm."),
     Subcommand("cc", "qrobot.cli.cc:cc", EVERYDAY, "Compile a C program that moves an arm, old ones included."),
     Subcommand("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
+    Subcommand("arcl", "qrobot.cli.arcl:app", EVERYDAY, "Look at the streams that ARCL programs leave behind."),
     Subcommand("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
     Subcommand(
         "ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."

@@ -6,7 +6,8 @@ import os
 import runpy
 import sys
 import traceback as python_traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -42,12 +43,13 @@ def run(
     log: OutputLog | None = None,
     traceback: bool = False,
 ) -> int:
-    """Run a program that moves an arm through `qrobot.rccl`: a script in Python, or what `qrobot cc` made of one in C.
+    """Run a program that moves an arm through `qrobot.rccl` or `qrobot.arcl`, or what `qrobot cc` made of one in C.
 
     The program is an ordinary one; it finds the arm by itself. With --lockstep it needs no running arm: an emulated
     one runs inside this process on virtual time, the same way every time, and as fast as the machine allows. With
     --offline there is no servo and no board either: an ideal arm follows every setpoint, and what the program asked for
-    and sent is written down: a trace of its requests, a setpoint file for `qrobot replay`, figures of joints and path.
+    and sent is written down: a trace of its requests, a setpoint file for `qrobot replay`, figures of joints and path;
+    of an ARCL program the stream, for `qrobot arcl`.
     With --output that is done for the other kinds of run too; the path then has the measured one beside it.
 
       qrobot run examples/01_park_and_return.py
@@ -92,13 +94,16 @@ def run(
     emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
     given = [f"--{name}" for name, value in emulated.items() if value is not None]
     _check(program, given, lockstep, offline)
+    from qrobot.rci.machine_choice import MachineChoice, use_machine
+
     chosen = choose_arm(deployment, arm)
     start = partial(_start, program, arguments, chosen.robot)
 
     def perform() -> int:
         if offline:
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
-            return _run_virtual(_offline_links(chosen), start, folder, ideal=True)
+            with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen))):
+                return _run_virtual(_offline_links(chosen), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
             return _run_through(_bridge_links(chosen), start, output)
@@ -186,9 +191,21 @@ def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
         return run_executable(program, arguments, robot)
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
-    with ending():
+    with ending(), _arcl_ending():
         runpy.run_path(str(program), run_name="__main__")
     return 0
+
+
+@contextmanager
+def _arcl_ending() -> Iterator[None]:
+    """An ARCL program runs in this block: when it ends well its motions are done first; all robots are let go."""
+    well = False
+    try:
+        yield
+        well = True
+    finally:
+        if "qrobot.arcl.program" in sys.modules:
+            sys.modules["qrobot.arcl.program"].end_all(well)
 
 
 def _bridge_links(arm: DeployedArm) -> LinkFactory:

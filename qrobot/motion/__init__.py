@@ -15,6 +15,7 @@ from qrobot.motion.generator import Generator
 from qrobot.motion.path.blend import Blend, Correction
 from qrobot.motion.request import (
     HERE,
+    Displacement,
     Duration,
     JointSpeed,
     MotionMode,
@@ -22,6 +23,7 @@ from qrobot.motion.request import (
     MoveRequest,
     SpeedShare,
     ToolSpeed,
+    whole_samples,
 )
 from qrobot.motion.trajectory.output import Output
 from qrobot.motion.warm_up import warm_up, warm_up_cartesian, warm_up_force
@@ -40,6 +42,7 @@ __all__ = [
     "Blend",
     "Compliance",
     "Correction",
+    "Displacement",
     "Drift",
     "Duration",
     "Equation",
@@ -67,4 +70,5 @@ __all__ = [
     "warm_up",
     "warm_up_cartesian",
     "warm_up_force",
+    "whole_samples",
 ]

@@ -107,6 +107,12 @@ class Generator:
         """The request whose segment is under way; None at rest."""
         return self._sequencer.serving
 
+    @property
+    def remaining(self) -> float:
+        """Samples of path time until the goal of the present segment would be reached without transition; 0 at rest."""
+        segment = self._path.segment
+        return 0.0 if segment is None else max(0.0, segment.end - self._trajectory.clock)
+
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from math import ceil, floor
-from typing import Final, TypeAlias
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -50,6 +50,13 @@ class Displacement:
 
     joints: Floats
     tool: Floats | None = None
+
+
+class MotionSpeed(Protocol):
+    """How long a segment takes; those below, or a library's own."""
+
+    def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float, /) -> int:
+        """Samples from corner to corner, at least one."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +119,6 @@ class ToolSpeed:
             raise MotionError("a tool speed needs the arm's kinematics, which were not given")
         distance, turn = (float(np.linalg.norm(part)) for part in (displacement.tool[:3], displacement.tool[3:]))
         return enough_samples(max(distance / self.linear, turn / self.angular), period_s)
-
-
-MotionSpeed: TypeAlias = Duration | JointSpeed | SpeedShare | ToolSpeed
 
 
 class MotionMode(Enum):

@@ -1,0 +1,111 @@
+"""The duties of a machine layer: it calls the trajectory generator once per sample and brings its setpoints to an arm.
+
+A machine is usable without the rest of ARCL: whoever gives `start` a function that answers each sample with joint
+positions moves the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+from qrobot.arcl.stream import StreamWriter
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class MachineSample:
+    """One sample of an arm, as a machine knows it; joints as in `MachineSettings`, rad and s (m on a sliding joint).
+
+    Attributes:
+        t_ms: time since the first sample.
+        q, v, tau: measured positions and velocities, commanded torques (N m, N; NaN where not known). Shapes (n,).
+        inputs, outputs: binary lines, line 1 in bit 0.
+        hand: as commanded, a `wire.vocabulary.Hand`.
+    """
+
+    t_ms: float
+    q: Floats
+    v: Floats
+    tau: Floats
+    inputs: int = 0
+    outputs: int = 0
+    hand: int = 0
+
+
+SetpointCycle: TypeAlias = Callable[[MachineSample], Floats]
+"""Called once per sample; gives the joint setpoints, shape (n,), for the next sample period."""
+
+
+@dataclass(frozen=True, eq=False)
+class MachineSettings:
+    """Settings of a machine.
+
+    Attributes:
+        robot: the arm.
+        zero: joint positions of the robot file where those of the setpoints are 0. Shape (n,), rad (m).
+        period_ms: sample period; None for the machine's own.
+        stream: file for the diagnostic stream; None for none.
+        program: name of the program, for the stream.
+        clear_fault: clear a latched fault before power-up.
+        start: where an arm stands that is not there, as setpoints; None for its park pose. Shape (n,).
+    """
+
+    robot: Robot
+    zero: Floats
+    period_ms: float | None = None
+    stream: Path | None = None
+    program: str = ""
+    clear_fault: bool = False
+    start: Floats | None = None
+
+
+class RobotMachine(Protocol):
+    """A way to one arm.
+
+    Attributes:
+        name: of the layer.
+        period_s: sample period.
+        virtual_time: time passes only while somebody waits.
+        stream: takes records besides the machine's own; None when there is none.
+        sample: the newest; None before the first.
+        error: what ended control of the arm; None as long as all is well.
+    """
+
+    name: str
+    period_s: float
+    virtual_time: bool
+    stream: StreamWriter | None
+    sample: MachineSample | None
+    error: BaseException | None
+
+    def open(self) -> Floats:
+        """Take the arm. Gives the joint positions at which it is held. Shape (n,). Raises what a link raises."""
+
+    def start(self, cycle: SetpointCycle) -> None:
+        """Call `cycle` once per sample from now on, and deliver what it gives."""
+
+    def treal(self) -> float:
+        """The real-time clock: ms since the first sample."""
+
+    def lock(self) -> AbstractContextManager[object]:
+        """Held while a program touches what `cycle` touches. Raises what ended control of the arm."""
+
+    def wait(self, predicate: Callable[[], bool]) -> None:
+        """Return when `predicate`, called at every sample, is true. Raises what ended control of the arm."""
+
+    def grip(self, command: int, value: float) -> None:
+        """A gripper command. Raises MotionError: this machine's gripper does not know it."""
+
+    def write_outputs(self, first: int, count: int, value: int) -> None:
+        """Switch `count` binary outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
+
+    def close(self, power_off: bool) -> None:
+        """Let go of the arm, which is at rest. A second call does nothing."""
+
+    def farewell(self) -> str:
+        """The line that is printed when a program lets go of the arm; empty for nothing."""

@@ -1,0 +1,189 @@
+"""The calls of ARCL's application interface that begin and end a program, and those that name a robot."""
+
+from __future__ import annotations
+
+import atexit
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from qrobot.arcl.attributes import Attribute, attribute_values
+from qrobot.arcl.joint_units import units_of
+from qrobot.arcl.kinematics import kinematics
+from qrobot.arcl.machine import MachineSettings, machine
+from qrobot.arcl.motion import Motion
+from qrobot.arcl.opened import forget, newest, open_robots, remember
+from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
+from qrobot.arcl.robot import ArclRobot
+from qrobot.arcl.switches import say, switches
+from qrobot.arcl.trans import Trans
+from qrobot.config import Robot, load_robot
+from qrobot.errors import MotionError, QRobotError
+from qrobot.motion import Trsf
+from qrobot.rci.machine_choice import machine_choice
+
+DEFAULT_ROBOT = "puma560"
+DEFAULT_MACHINE = "bridge"
+
+
+def arcl_open(*attributes: Any) -> ArclRobot:
+    """Open a robot: `arcl_open(ARCL_ARGCV, len(sys.argv), sys.argv, 0)`.
+
+    Returns when the arm holds its position under power. A program that moves several calls it for each.
+
+    Raises:
+        MotionError: an attribute is unknown or impossible.
+        ConfigError: no such robot, layer or switch.
+        LinkError, ServoFault: the arm cannot be taken.
+    """
+    given = attribute_values("arcl_open", attributes)
+    if Attribute.ARCL_ARGCV in given:
+        switches.take(_argv(*given[Attribute.ARCL_ARGCV]))
+    one = {attribute: values[0] for attribute, values in given.items() if len(values) == 1}
+    arm = _robot(one.get(Attribute.ARCL_ROBOT, DEFAULT_ROBOT))
+    layer = switches.ami or one.get(Attribute.ARCL_AMI) or machine_choice().ami or DEFAULT_MACHINE
+    if switches.unlimited and layer != "offline":
+        raise MotionError("+nolim: joints without ranges are for the off-line machine alone")
+    aki = kinematics(arm, switches.aki or one.get(Attribute.ARCL_AKI, ""), switches.unlimited)
+    start = one.get(Attribute.ARCL_START)
+    settings = MachineSettings(
+        arm, aki.zero, one.get(Attribute.ARCL_PERIOD), _stream(one, arm), Path(sys.argv[0] or "python").name,
+        Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm),
+    )  # fmt: skip
+    rp = ArclRobot(arm, aki, machine(layer, settings))
+    remember(rp)
+    return rp
+
+
+def _argv(argc: int, argv: list[str]) -> list[str]:
+    if not isinstance(argv, list) or argc != len(argv):
+        raise MotionError("ARCL_ARGCV takes argc and argv, as in len(sys.argv), sys.argv")
+    return argv
+
+
+def _robot(name: str | Robot) -> Robot:
+    arm = load_robot(name) if isinstance(name, str) else name
+    chosen = machine_choice().robot
+    return chosen if chosen is not None and chosen.name == arm.name else arm
+
+
+def _stream(one: dict[Attribute, Any], arm: Robot) -> Path | None:
+    """The file of the stream; in a folder one for each robot that is opened."""
+    named = switches.stream or one.get(Attribute.ARCL_STREAM)
+    if named:
+        return Path(named)
+    folder = machine_choice().stream
+    if folder is None:
+        return None
+    folder.mkdir(parents=True, exist_ok=True)
+    number = len(open_robots())
+    return folder / f"{arm.name}{f'-{number + 1}' if number else ''}.arcl"
+
+
+def _start(degs: Sequence[float], arm: Robot) -> Any:
+    return joints_of("ARCL_START", degs, units_of(arm))
+
+
+def arcl_close(rp: ArclRobot, power_off: bool = False) -> None:
+    """Wait until all motions of a robot are done, and let go of it; a second call does nothing.
+
+    Raises:
+        MotionError: one of them could not be done; the arm is let go all the same.
+    """
+    try:
+        rp.close(power_off)
+    finally:
+        _forget(rp)
+
+
+def _forget(rp: ArclRobot) -> None:
+    if rp in open_robots():
+        forget(rp)
+        if farewell := rp.ami.farewell():
+            say(farewell)
+
+
+def end_all(well: bool) -> None:
+    """The program has ended: do what motions wait if it ended well, and let go of all robots."""
+    for rp in open_robots():
+        try:
+            if well:
+                rp.close()
+        finally:
+            with suppress(QRobotError):
+                rp.abandon()
+            _forget(rp)
+
+
+def _at_exit() -> None:
+    try:
+        end_all(well=not hasattr(sys, "last_value"))
+    except QRobotError as error:
+        print(error, file=sys.stderr)
+
+
+atexit.register(_at_exit)
+
+
+def ami_treal(rp: ArclRobot | None = None) -> float:
+    """The real-time clock, ms since a robot's first sample; of that opened last when none is named."""
+    return (newest() if rp is None else rp).treal
+
+
+def move(rp: ArclRobot, pos: Pos, *attributes: Any) -> Motion:
+    """Queue a motion: `move(rp, pos, MOV_TRAJ, TRAJ_CART, 0)`; see `ArclRobot.move`."""
+    return rp.move(pos, *attributes)
+
+
+def stop(rp: ArclRobot, *attributes: Any) -> None:
+    """Drop all motions and come to rest; see `ArclRobot.stop`."""
+    rp.stop(*attributes)
+
+
+def arcl_skip(rp: ArclRobot) -> None:
+    """End the motion under way and go on to the next one; see `ArclRobot.skip`."""
+    rp.skip()
+
+
+def arcl_wait(rp: ArclRobot, predicate: Callable[[], object] | None = None) -> None:
+    """Wait until all motions are done, or a predicate is true; see `ArclRobot.wait`."""
+    rp.wait(predicate)
+
+
+def gripper(rp: ArclRobot, command: int, value: float = 0.0) -> None:
+    """Command the gripper: `gripper(rp, GRIP_CLOSE_BY, 40.0)`; see `ArclRobot.gripper`."""
+    rp.gripper(command, value)
+
+
+def fkine(rp: ArclRobot, degs: Sequence[float], name: str = "T6") -> Trans:
+    """T6 at joint positions, degrees (mm); see `ArclRobot.fkine`."""
+    return rp.fkine(degs, name)
+
+
+def where(rp: ArclRobot, name: str = "HERE") -> Trans:
+    """T6 at the measured joint positions; see `ArclRobot.where`."""
+    return rp.where(name)
+
+
+def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | PosMark) -> Pos:
+    """A position given by its joints, degrees (mm); `TL, tool` behind them names the tool whose speed counts.
+
+    Raises:
+        MotionError: not n finite numbers, or something else behind them.
+    """
+    return rp.joint_pos(name, degs, _tool(tool))
+
+
+def robot_pos(rp: ArclRobot, name: str, *tool: Trsf | PosMark) -> Pos:
+    """A pose of the robot file, such as "park"; `TL, tool` as for `joint_pos`. Raises ConfigError: there is none."""
+    return rp.pose(name, _tool(tool))
+
+
+def _tool(given: tuple[Trsf | PosMark, ...]) -> Trsf | None:
+    if not given:
+        return None
+    if len(given) != 2 or given[0] is not TL or not isinstance(given[1], Trsf):
+        raise MotionError("write TL and the transform of the tool behind the joint positions, or nothing")
+    return given[1]

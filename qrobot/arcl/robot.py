@@ -1,0 +1,294 @@
+"""A robot that a program has opened: ARCL's type `ROBOT`. Degrees, millimetres, milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from qrobot.arcl.errors import answer_of, goes_on
+from qrobot.arcl.events import ArclEvent, CallbackAnswer, Grip
+from qrobot.arcl.generator import MotionQueue
+from qrobot.arcl.joint_units import units_of
+from qrobot.arcl.kinematics import ManipulatorKinematics
+from qrobot.arcl.machine import MachineSample, RobotMachine
+from qrobot.arcl.motion import Motion, MotionFeedback
+from qrobot.arcl.options import MotionOptions
+from qrobot.arcl.positions import Pos, joints_of
+from qrobot.arcl.stream import RecordKind
+from qrobot.arcl.switches import say, switches
+from qrobot.arcl.trace import exec_line, request_line
+from qrobot.arcl.trans import Trans, new_trans_value
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
+from qrobot.motion import Trsf, whole_samples
+from qrobot.units import MM_PER_M, S_PER_MS
+
+STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
+_PATIENCE: Final = 100  # samples in which nothing moves, while a program waits on virtual time
+
+
+class ArclRobot:
+    """One arm under control of this program.
+
+    Args:
+        robot: the arm.
+        aki: its kinematics.
+        ami: the way to it, not yet open.
+
+    Attributes:
+        name: of the arm.
+        aki, ami: as given.
+    """
+
+    def __init__(self, robot: Robot, aki: ManipulatorKinematics, ami: RobotMachine) -> None:
+        self.name = robot.name
+        self.aki, self.ami = aki, ami
+        self._robot = robot
+        self._units = units_of(robot)
+        self._options = MotionOptions()
+        self._error: QRobotError | None = None
+        self._closed = False
+        self._motions = MotionQueue(aki, ami.period_s, ami.open(), self)
+        ami.start(self._sample)
+
+    # -------------------------------------------------------------------------------------------------- positions
+
+    def pose(self, name: str, tool: Trsf | None = None) -> Pos:
+        """The pose of that name in the robot file, in capitals, as PARK. Raises ConfigError: there is none."""
+        poses = self._robot.poses
+        if name.lower() not in poses:
+            raise ConfigError(f"{self.name} has no pose {name!r}; it has {', '.join(poses)}")
+        return Pos(name.upper(), poses[name.lower()] - self.aki.zero, tool)
+
+    def joint_pos(self, name: str, degs: Sequence[float], tool: Trsf | None = None) -> Pos:
+        """A position given by its joints, degrees (mm). Raises MotionError: not n finite numbers."""
+        return Pos(name, joints_of(f"position {name}", degs, self._units), tool)
+
+    def fkine(self, degs: Sequence[float], name: str = "T6") -> Trans:
+        """T6 at joint positions, degrees (mm)."""
+        return new_trans_value(name, self.aki.forward(joints_of("fkine", degs, self._units)))
+
+    @property
+    def joints(self) -> Floats:
+        """Measured joint positions, degrees (mm). Shape (n,)."""
+        q: Floats = self._seen.q / self._units
+        return q
+
+    def where(self, name: str = "HERE") -> Trans:
+        """T6 at the measured joint positions."""
+        return new_trans_value(name, self.aki.forward(self._seen.q))
+
+    @property
+    def treal(self) -> float:
+        """Time since the first sample, ms."""
+        return self.ami.treal()
+
+    # ---------------------------------------------------------------------------------------------------- motions
+
+    def move(self, pos: Pos, *attributes: Any) -> Motion:
+        """Queue a motion and return at once, or with MOV_SYNC when it is nearly complete.
+
+        Raises:
+            MotionError: an attribute is unknown or impossible, the queue is full, or a motion before this one failed
+                (with the kind of that error).
+            LinkError, ServoFault: control of the arm is lost.
+        """
+        if not isinstance(pos, Pos):
+            raise MotionError(f"move: a position is needed, from makeposition or joint_pos, not {pos!r}")
+        options = self._options.changed_by("move", attributes)
+        with self._lock():
+            motion = Motion(pos, options)
+            self._motions.push(motion)
+            self._options = options.sticky()
+            self._trace_request(motion.name, options)
+        if options.sync:
+            self.wait(lambda: motion.over)
+        return motion
+
+    def stop(self, *attributes: Any) -> None:
+        """Drop all motions and come to rest, in at least Tseg: 300 ms, or what MOV_TIME says."""
+        options = self._options.changed_by("stop", attributes)
+        ms = options.tseg_ms or STOP_MS
+        with self._lock():
+            self._trace_stop(ms)
+            self._motions.stop(ms * S_PER_MS)
+
+    def skip(self) -> None:
+        """End the motion under way, and go on to the next one, or stop if none waits."""
+        with self._lock():
+            self._motions.skip()
+
+    @property
+    def waiting(self) -> int:
+        """Motions that wait in the queue."""
+        with self._lock():
+            return self._motions.waiting
+
+    @property
+    def busy(self) -> bool:
+        """Motions wait or are under way."""
+        with self._lock():
+            return self._motions.busy
+
+    def wait(self, predicate: Callable[[], object] | None = None) -> None:
+        """Wait until `predicate`, called at every sample, is true; without one until all motions are done.
+
+        Raises:
+            MotionError: a motion could not be done; or, on virtual time, nothing is left that could make it true.
+        """
+        idle = [0]
+
+        def done() -> bool:
+            self._raise_error()
+            if predicate is None:
+                return not self._motions.busy
+            if predicate():
+                return True
+            idle[0] = 0 if self._motions.busy else idle[0] + 1
+            if self.ami.virtual_time and idle[0] > _PATIENCE:
+                raise MotionError(f"{self.name}: no motion is left that could end this waiting")
+            return False
+
+        self.ami.wait(done)
+
+    # --------------------------------------------------------------------------------------------- hand and lines
+
+    def gripper(self, command: int, value: float = 0.0) -> None:
+        """Command the gripper, now. Raises MotionError: no such command, or not for this gripper."""
+        if isinstance(command, bool) or command not in set(Grip):
+            raise MotionError(f"gripper: {command!r} is none of {', '.join(one.name for one in Grip)}")
+        with self._lock():
+            self.ami.grip(command, value)
+
+    def write_outputs(self, first: int, count: int, value: int) -> None:
+        """Switch `count` outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
+        with self._lock():
+            self.ami.write_outputs(first, count, value)
+
+    @property
+    def lines(self) -> tuple[int, int]:
+        """Inputs and outputs as they were at the newest sample, line 1 in bit 0."""
+        return self._seen.inputs, self._seen.outputs
+
+    # ------------------------------------------------------------------------------------------------------- end
+
+    def close(self, power_off: bool = False) -> None:
+        """Wait until all motions are done, and let go of the arm; a second call does nothing.
+
+        Raises:
+            MotionError: one of them could not be done. The arm is let go all the same.
+        """
+        if self._closed:
+            return
+        try:
+            self.wait()
+            self.stop()
+        finally:
+            self.abandon(power_off)
+
+    def abandon(self, power_off: bool = False) -> None:
+        """Stop, and let go of the arm; what waits is not done. Does nothing after `close`."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if self.ami.error is None and self._motions.busy:
+                self._motions.stop(0.0)
+                self.ami.wait(lambda: not self._motions.busy)
+        finally:
+            self.ami.close(power_off)
+
+    # --------------------------------------------------------------------- what the generator tells (MotionReporter)
+
+    def notify(self, event: ArclEvent, motion: Motion) -> CallbackAnswer:
+        """See `MotionReporter.notify`."""
+        if self.ami.stream is not None and event is not ArclEvent.EVENT_DEQ:
+            self.ami.stream.event(event, motion.name, self.treal)
+        if event is ArclEvent.EVENT_DONE and motion.options.doneproc is not None:
+            motion.options.doneproc(self, motion)
+        notify = motion.options.notify
+        return CallbackAnswer.OK if notify is None else answer_of(notify(event, self))
+
+    def failed(self, event: ArclEvent, error: MotionError) -> bool:
+        """See `MotionReporter.failed`."""
+        if self.ami.stream is not None:
+            self.ami.stream.text(RecordKind.ERROR, f"{event.name} {error}", self.treal)
+        answer = goes_on(event, self, error)
+        if answer is None:
+            self._error = self._error or error
+        return bool(answer)
+
+    def executes(self, motion: Motion, following: Motion | None) -> None:
+        """See `MotionReporter.executes`."""
+        ta1, ta2 = motion.options.ta_ms, (following or motion).options.ta_ms
+        tseg = motion.options.tseg_ms
+        letter = "c" if motion.options.traj != 1 else "j"
+        begin_s, dt_ms = self.treal * S_PER_MS, self.ami.period_s * MM_PER_M
+        times = self._rounded_ms(ta1), self._rounded_ms(ta2), self._rounded_ms(tseg)
+        line = exec_line(motion.name, begin_s, 0, letter, *times, dt_ms)
+        self._trace(RecordKind.EXEC, line)
+
+    def feedback(self, motion: Motion, share: float, seen: MachineSample, q: Floats) -> object:
+        """See `MotionReporter.feedback`."""
+        if motion.options.feedback is None:
+            return None
+        told = MotionFeedback(seen.t_ms, share, seen.q / self._units, seen.v / self._units, q / self._units, seen.tau)
+        return motion.options.feedback(told)
+
+    def ended(self, motion: Motion, seen: MachineSample) -> None:
+        """See `MotionReporter.ended`: solve for what MOV_UPDATE names."""
+        if (trans := motion.options.update) is not None:
+            trans.set(motion.pos.equation.solve(trans, self.aki.forward(seen.q), self._ticks))
+
+    # ---------------------------------------------------------------------------------------------------- helpers
+
+    _ticks = 0
+
+    def _sample(self, seen: MachineSample) -> Floats:
+        """Make the setpoints of one sample; the machine calls this."""
+        self._ticks += 1
+        q = self._motions.sample(seen)
+        if self.ami.stream is not None:
+            self.ami.stream.pose(self.aki.forward(q), seen.t_ms)
+        return q
+
+    @property
+    def _seen(self) -> MachineSample:
+        if self.ami.sample is None:
+            self.ami.wait(lambda: self.ami.sample is not None)
+        if self.ami.sample is None:
+            raise LinkError(f"{self.name}: nothing was heard of the robot yet")
+        return self.ami.sample
+
+    def _lock(self) -> Any:
+        self._raise_error()
+        if self._closed:
+            raise LinkError(f"{self.name} was closed; call arcl_open first")
+        return self.ami.lock()
+
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _rounded_ms(self, ms: float) -> float:
+        """Whole samples of a time that was asked for; nothing stays nothing."""
+        period_ms = self.ami.period_s * MM_PER_M
+        return whole_samples(ms * S_PER_MS, self.ami.period_s) * period_ms if ms > 0.0 else 0.0
+
+    def _trace_request(self, name: str, options: MotionOptions) -> None:
+        times = options.ta_ms, options.tseg_ms
+        line = request_line(name, self.treal, options.traj, *times, options.vt, options.vr, options.config)
+        self._trace(RecordKind.REQUEST, line)
+
+    def _trace_stop(self, ms: float) -> None:
+        options = self._options
+        line = request_line("STOP", self.treal, options.traj, options.ta_ms, ms, options.vt, options.vr, None)
+        self._trace(RecordKind.REQUEST, line)
+
+    def _trace(self, kind: RecordKind, line: str) -> None:
+        if switches.motions:
+            say(line)
+        if self.ami.stream is not None:
+            self.ami.stream.text(kind, line, self.treal)

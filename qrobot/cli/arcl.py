@@ -1,0 +1,102 @@
+"""`qrobot arcl`: what is in the streams of ARCL programs, as text and as tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from qrobot.cli.console import note
+from qrobot.cli.option_types import OutputFile
+from qrobot.printable import printable
+
+if TYPE_CHECKING:
+    from qrobot.arcl.stream import Stream
+    from qrobot.arcl.stream.tables import TrajectoryTable
+
+HELP = """
+Look at the streams that ARCL programs leave behind.
+
+`qrobot run --offline PROGRAM` writes one for each robot that the program opens.
+"""
+
+Orientation = Literal["rpy", "euler", "oat", "rotvec", "quat", "matrix"]
+
+app = App(name="arcl", help=HELP, help_format="plaintext", group_commands="Commands")
+
+
+@app.command
+def unstream(file: Path) -> None:
+    """Print a stream, a line for each record: degrees, millimetres, seconds.
+
+    Parameters
+    ----------
+    file
+        The stream.
+    """
+    from qrobot.arcl.stream import stream_lines
+
+    for line in stream_lines(_read(file)):
+        print(printable(line))
+
+
+@app.command
+def jtraj(file: Path, *, output: OutputFile | None = None, measured: bool = False) -> None:
+    """Joint setpoints as a table: seconds and degrees (mm on a sliding joint).
+
+    Parameters
+    ----------
+    file
+        The stream.
+    output
+        File to write: .csv, .parquet, .npy, .npz or .mat (MATLAB); default the terminal.
+    measured
+        Measured joint positions instead of setpoints.
+    """
+    from qrobot.arcl.stream import joint_table
+
+    _give(joint_table(_read(file), measured), output)
+
+
+@app.command
+def ctraj(
+    file: Path,
+    *,
+    output: OutputFile | None = None,
+    orientation: Annotated[Orientation, Parameter(name="--as")] = "rpy",
+) -> None:
+    """Cartesian setpoints as a table: seconds, T6 in millimetres, and its orientation.
+
+    Parameters
+    ----------
+    file
+        The stream.
+    output
+        File to write: .csv, .parquet, .npy, .npz or .mat (MATLAB); default the terminal.
+    orientation
+        Roll, pitch and yaw; Euler angles; VAL's O, A and T; rotation vector (all degrees); quaternion; or n, o and a.
+    """
+    from qrobot.arcl.stream import cartesian_table
+
+    _give(cartesian_table(_read(file), orientation), output)
+
+
+def _read(file: Path) -> Stream:
+    """The stream; what is missing at its end is told."""
+    from qrobot.arcl.stream import read_stream
+
+    stream = read_stream(file)
+    if stream.damage:
+        note(f"{file}: {stream.damage}")
+    return stream
+
+
+def _give(table: TrajectoryTable, output: Path | None) -> None:
+    from qrobot.arcl.stream.tables import table_text, write_table
+
+    if output is None:
+        print(table_text(table), end="")
+        return
+    write_table(table, output)
+    note(f"{len(table['t_s'])} rows are in {output}")

@@ -1,0 +1,81 @@
+"""ARCL programs off line: a robot that begins at the paper's PARK, and what goes out to it."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qrobot.arcl import (
+    ARCL_AMI,
+    ARCL_START,
+    EQ,
+    T6,
+    TL,
+    arcl_close,
+    arcl_errproc,
+    arcl_open,
+    makeposition,
+)
+from qrobot.arcl.opened import open_robots
+from qrobot.arcl.program import end_all
+from qrobot.arcl.robot import ArclRobot
+from qrobot.arcl.switches import Switches, switches
+from qrobot.arcl.trans import new_trans_value
+from qrobot.model.transform import rpy, transform
+from qrobot.rci.machine_choice import MachineChoice, use_machine
+
+EXAMPLES = Path(__file__).parents[2] / "examples/arcl"
+PARK = (0.0, 90.0, -90.0, 0.0, 90.0, 0.0)  # degrees
+
+
+def forget_programs() -> None:
+    """Leave nothing of an earlier program behind."""
+    arcl_errproc(None)
+    switches.__dict__.update(Switches().__dict__)
+    for rp in open_robots():
+        rp.abandon()
+    end_all(well=False)
+
+
+def offline(*attributes: Any, start: tuple[float, ...] = PARK) -> ArclRobot:
+    return arcl_open(ARCL_AMI, "offline", ARCL_START, start, *attributes)
+
+
+def at(x: float, y: float, z: float, pitch: float = 90.0, *terms: Any):
+    """T6 at a place, mm, with a pitch in degrees; `terms` behind it."""
+    goal = new_trans_value("goal", transform(rpy(0.0, np.radians(pitch), 0.0), [x / 1e3, y / 1e3, z / 1e3]))
+    return makeposition(T6, EQ, goal, *terms, TL, terms[-1] if terms else goal)
+
+
+@contextmanager
+def recorded(rp: ArclRobot) -> Iterator[list[np.ndarray]]:
+    """The setpoints of each sample, degrees."""
+    rows: list[np.ndarray] = []
+    sample = rp.ami._cycle
+
+    def cycle(seen):
+        rows.append(np.degrees(sample(seen)))
+        return np.radians(rows[-1])
+
+    rp.ami._cycle = cycle
+    yield rows
+    rp.ami._cycle = sample
+
+
+def run_example(name: str, folder: Path, *arguments: str) -> None:
+    """An example as it is, off line, with its streams in a folder."""
+    argv = sys.argv
+    sys.argv = [str(EXAMPLES / name), *arguments]
+    try:
+        with use_machine(MachineChoice("offline", folder)):
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    finally:
+        sys.argv = argv
+        for rp in open_robots():
+            arcl_close(rp)

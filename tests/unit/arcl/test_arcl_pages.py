@@ -1,0 +1,50 @@
+"""The pages on ARCL: the reader printed on the stream's page works, the calls they name are there."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from qrobot import arcl
+from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter
+from qrobot.arcl.stream.layout import RecordKind as Kinds
+
+DOCS = Path(__file__).parents[3] / "docs"
+STREAM_PAGE = (DOCS / "reference/arcl-stream.md").read_text()
+CALLS_PAGE = (DOCS / "reference/arcl.md").read_text()
+
+
+def test_the_reader_printed_on_the_streams_page_reads_a_stream_cut_short(tmp_path: Path) -> None:
+    reader = re.search(r"```python\n(.*?)```", STREAM_PAGE, re.DOTALL)
+    assert reader is not None
+    (tmp_path / "reader.py").write_text(reader[1])
+    path = tmp_path / "run.arcl"
+    writer = StreamWriter(path, StreamStart("puma560", "RRRRRR", "prog", "offl", 56000))
+    writer.text(RecordKind.REQUEST, "request pos: t=0", 0.0)
+    writer.numbers(RecordKind.JOINTS, np.arange(6.0), 56.0)
+    writer.event(4, "pos", 112.0)
+    writer.close(112.0)
+    path.write_bytes(path.read_bytes()[:-3])
+    said = subprocess.run([sys.executable, tmp_path / "reader.py", path], capture_output=True, text=True, check=True)
+    assert [line.split() for line in said.stdout.splitlines()] == [
+        ["0.000", "START", "puma560", "RRRRRR", "prog", "offl"],
+        ["0.000", "REQUEST", "request", "pos:", "t=0"],
+        ["0.056", "JOINTS", *(f"{number:.6f}" for number in range(6))],
+        ["0.112", "EVENT", "4", "pos"],
+    ]
+
+
+def test_the_streams_page_lists_every_kind_of_record() -> None:
+    listed = dict(re.findall(r"^\| (\d+) \| ([A-Z]+) \|", STREAM_PAGE, re.MULTILINE))
+    assert listed == {str(int(kind)): kind.name for kind in Kinds}
+
+
+def test_everything_that_the_package_offers_is_there_and_on_its_page() -> None:
+    assert [name for name in arcl.__all__ if not hasattr(arcl, name)] == []
+    helpers = {"ERROR", "Event", "MotionFeedback"}
+    missing = [name for name in arcl.__all__ if not re.search(rf"\b{name}\b", CALLS_PAGE) and name not in helpers]
+    assert missing == []
