@@ -147,14 +147,17 @@ class Arm:
 
     def _judge(self, status: InverseStatus, T: Floats, branch: Branch, q: Floats) -> None:
         """Raise what `status` stands for."""
-        if status == InverseStatus.OK:
-            return
-        where = f"configuration {branch.letters!r}, wrist at {np.round(T[:3, 3], 4).tolist()} m"
+        if status != InverseStatus.OK:
+            raise self.inverse_error(status, T, branch, q)
+
+    def inverse_error(self, status: InverseStatus, T: Floats, branch: Branch, q: Floats) -> MotionError:
+        """What `status` of an inverse at pose `T` (4, 4), which filled in `q` (n,), says to people."""
+        where = f"configuration {branch.letters!r}, T6 at {np.round(1e3 * T[:3, 3], 1).tolist()} mm"
         if status == InverseStatus.UNREACHABLE:
-            raise Unreachable(f"{where}: outside the workspace")
+            return Unreachable(f"{where}: out of the arm's reach")
         if status == InverseStatus.JOINT_LIMIT:
-            raise JointLimit(f"{where}: {self.limits_passed(q)}")
-        raise Singular(f"{where}: {SINGULAR[status]}")
+            return JointLimit(f"{where}: {self.limits_passed(q)}")
+        return Singular(f"{where}: {SINGULAR[status]}")
 
     def limits_passed(self, q: Floats) -> str:
         """Which joints would be out of their range at `q` (n,), in words; empty when none."""

@@ -26,6 +26,7 @@ from qrobot.motion.request import (
     whole_samples,
 )
 from qrobot.motion.trajectory.output import Output
+from qrobot.motion.trajectory.planned_path import PlannedPath
 from qrobot.motion.warm_up import warm_up, warm_up_cartesian, warm_up_force
 from qrobot.motion.world.compliance import Compliance, Drift, ForceLimits
 from qrobot.motion.world.drive_transform import OrientationInterpolation
@@ -60,6 +61,7 @@ __all__ = [
     "MoveRequest",
     "OrientationInterpolation",
     "Output",
+    "PlannedPath",
     "SpeedShare",
     "Termination",
     "ToolSpeed",

@@ -18,16 +18,20 @@ where it can (path stop), `abort` brings the joints to rest wherever they can (j
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, Singular, Unreachable
+from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.event import Termination
 from qrobot.motion.path.blend import Blend, Correction
+from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path_piece import BlendSettings
 from qrobot.motion.path.phase import Phase
 from qrobot.motion.planning.planner import Planner
 from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.request import MoveRequest
 from qrobot.motion.trajectory.output import Output
+from qrobot.motion.trajectory.planned_path import PlannedPath
 from qrobot.motion.trajectory.sequencer import Sequencer
 from qrobot.motion.trajectory.setpoint_check import judge_next, reason
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
@@ -153,6 +157,43 @@ class Generator:
         Exact on joint paths; else of the parabola through the newest three setpoints.
         """
         return self._trajectory.state()
+
+    # ---------------------------------------------------------------------------------------------- before it happens
+
+    def plan(self) -> PlannedPath:
+        """The path from the newest sample on, if nothing else is asked; this generator goes on as if nobody had asked.
+
+        Monitors are not called. Takes about as long as the updates do whose setpoints it finds.
+
+        Raises:
+            MotionError: a goal moves, so that nobody can know the path.
+        """
+        return self.copy().run_to_rest()
+
+    def copy(self) -> Generator:
+        """Another generator in the same state, which goes its own way; requests and kinematics are shared.
+
+        Raises:
+            MotionError: a goal moves: its functions are to be called once for each sample.
+        """
+        requests = [queued.request for queued in self._queue] + self._sequencer.requests
+        moving = [request.name for request in requests if isinstance(goal := request.target, Goal) and not goal.fixed]
+        if moving or not self._path.coordinates.fixed:
+            what = ", ".join(moving) or "the goal that is followed"
+            raise MotionError(f"the path to {what} cannot be planned before it runs: the goal moves, or complies")
+        shared = [JOINTS, self._limits, self._kinematics, *requests, *(request.target for request in requests)]
+        return deepcopy(self, {id(thing): thing for thing in shared})
+
+    def run_to_rest(self) -> PlannedPath:
+        """Follow the path to where nothing is left to be done, without monitors."""
+        trajectory = self._trajectory
+        samples = [trajectory.sample(())]
+        while self.busy or self.has_events:
+            trajectory.advance(trajectory.tick + 1, None)
+            self._sample_goals()
+            output = self._sequencer.output(self._give_setpoint())
+            samples.append(trajectory.sample(output.events))
+        return PlannedPath(samples, self._settings)
 
     # ----------------------------------------------------------------------------------------------- once per sample
 

@@ -16,7 +16,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
-from qrobot.motion import Exerted, Trsf
+from qrobot.motion import Exerted, PlannedPath, Trsf
 from qrobot.rccl.arm_session import Hold, ended_well
 from qrobot.rccl.event import Event
 from qrobot.rccl.parameters import (
@@ -345,6 +345,19 @@ class Channel:
         """
         with self._hold.task():
             self._task.play(setpoints, label)
+
+    def plan(self) -> PlannedPath:
+        """The path from now to rest of the motions asked for so far, before it runs; SI units, as in `how`.
+
+        `plan().at(t)` has position, velocity and acceleration of the joints `t` seconds from now. Off line and in
+        lock-step nothing moves between `move` and the next wait.
+
+        Raises:
+            MotionError: a goal moves, or the arm complies: nobody can know the path.
+        """
+        with self._hold.task():
+            generator = self._task.generator.copy()
+        return generator.run_to_rest()
 
     def stop(self, ms: float = 0.0) -> None:
         """Forget all motions and come to rest, in at least `ms`; `completed` when the arm stands.

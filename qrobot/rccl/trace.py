@@ -27,7 +27,7 @@ class TracedRequest:
         number: from 1, in the order in which the program asked.
         name: of its position.
         mode: "joint" or "cartesian".
-        speed: how long it was to take, as it was asked for.
+        pace: how long it was to take, as it was asked for.
         code: a `Termination`, or the program's own number; 0 as long as it is under way.
         lost: time at which the arm, having arrived, could not follow its goal any further, and why.
     """
@@ -35,7 +35,7 @@ class TracedRequest:
     number: int
     name: str
     mode: str
-    speed: str
+    pace: str
     asked_s: float
     begun_s: float | None = None
     ended_s: float | None = None

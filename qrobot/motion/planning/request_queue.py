@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from typing import Final
 
 from qrobot.errors import MotionError
@@ -20,6 +21,9 @@ class RequestQueue:
 
     def __len__(self) -> int:
         return len(self._waiting)
+
+    def __iter__(self) -> Iterator[QueuedMotion]:
+        return iter(self._waiting)
 
     def push(self, queued: QueuedMotion) -> None:
         """Append. Raises MotionError when the queue is full."""

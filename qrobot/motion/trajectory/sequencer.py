@@ -69,6 +69,14 @@ class Sequencer:
         """The request whose segment is under way; None at rest."""
         return None if self._path.segment is None else self._path.segment.request
 
+    @property
+    def requests(self) -> list[MoveRequest]:
+        """Those that are under way, or whose end is still to be told."""
+        segments = [self._path.segment, None if self._passing is None else self._passing.segment]
+        under_way = [segment.request for segment in segments if segment is not None]
+        others = [None if self._stop is None else self._stop.request, self._arrived]
+        return under_way + [request for request in others if request is not None]
+
     def skip(self, code: int) -> None:
         """See `Generator.skip`."""
         if self.busy and not self.stopping:

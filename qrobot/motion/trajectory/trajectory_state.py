@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
+from qrobot.motion.event import MotionEvent
 from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path import Path
 from qrobot.motion.path.path_piece import BlendSettings
@@ -18,6 +19,7 @@ from qrobot.motion.planning.joint_stop import joint_stop_s
 from qrobot.motion.planning.path_stop import PathStop, plan_path_stop
 from qrobot.motion.planning.planner import SegmentEntry
 from qrobot.motion.planning.timing import Scheduler
+from qrobot.motion.trajectory.planned_path import PathSample
 from qrobot.motion.world.limits import MotionLimits
 
 
@@ -92,6 +94,12 @@ class TrajectoryState:
     def setpoints_with(self, q: Floats) -> History:
         """The newest setpoints, as if `q` (n,) were that of this sample."""
         return self._setpoints.with_now(self.tick, q)
+
+    def sample(self, events: tuple[MotionEvent, ...]) -> PathSample:
+        """What is followed from the newest sample on, in which `events` happened."""
+        path_stop = None if self._path_stop is None else (self._path_stop, self._path_stop_tick)
+        path = self.path
+        return PathSample(self.tick, self.newest, self.clock, path.piece, path.coordinates, path_stop, events)
 
     # ------------------------------------------------------------------------------------------ once per sample
 

@@ -7,7 +7,6 @@ from typing import Final, Protocol
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.arm import SINGULAR, Arm
 from qrobot.model.branch import Branch
 from qrobot.model.closed_form import CLOSED_FORMS
@@ -49,7 +48,6 @@ class ClosedFormKinematics:
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self._form = arm, arm.closed_form
-        self._q = np.empty(arm.robot.n)
 
     def forward(self, q: Floats) -> Floats:
         """See `ArmKinematics.forward`."""
@@ -62,26 +60,19 @@ class ClosedFormKinematics:
     def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
         """See `ArmKinematics.inverse`."""
         pose, around = np.array(T), np.array(near)  # the one type for which the kernel is compiled
-        status = self._form.inverse(pose, self._arm.params, int(branch), around, self._q)
-        if status != InverseStatus.OK and not (singular and status in SINGULAR and self._inside()):
-            raise self._error(InverseStatus(status), T, branch)
-        return self._q.copy()
+        q = np.empty(self._arm.robot.n)
+        status = self._form.inverse(pose, self._arm.params, int(branch), around, q)
+        if status != InverseStatus.OK and not (singular and status in SINGULAR and self._inside(q)):
+            raise self._arm.inverse_error(InverseStatus(status), T, branch, q)
+        return q
 
     def near_singular(self, q: Floats) -> bool:
         """See `ArmKinematics.near_singular`."""
         return float(np.linalg.svd(self._arm.jacobian(q), compute_uv=False)[-1]) < NEAR_SINGULAR
 
-    def _inside(self) -> bool:
+    def _inside(self, q: Floats) -> bool:
         params = self._arm.params
-        return bool(((params.q_min <= self._q) & (self._q <= params.q_max)).all())
-
-    def _error(self, status: InverseStatus, T: Floats, branch: Branch) -> MotionError:
-        where = f"configuration {branch.letters!r}, T6 at {np.round(1e3 * T[:3, 3], 1).tolist()} mm"
-        if status == InverseStatus.UNREACHABLE:
-            return Unreachable(f"{where}: out of the arm's reach")
-        if status == InverseStatus.JOINT_LIMIT:
-            return JointLimit(f"{where}: {self._arm.limits_passed(self._q)}")
-        return Singular(f"{where}: {SINGULAR[status]}")
+        return bool(((params.q_min <= q) & (q <= params.q_max)).all())
 
 
 def kinematics_of(arm: Arm) -> ArmKinematics | None:

@@ -154,7 +154,7 @@ def test_poses_out_of_reach_are_unreachable_on_every_branch(position: tuple[floa
     target = transform(translation=position)
     assert ARM.inverses(target, PARK) == {}
     for branch in ALL_BRANCHES:
-        with pytest.raises(Unreachable, match="outside the workspace"):
+        with pytest.raises(Unreachable, match="out of the arm's reach"):
             ARM.inverse(target, branch, PARK)
     with pytest.raises(Unreachable):
         ARM.nearest(target, PARK)
