@@ -1,13 +1,13 @@
 """The cycle of a task that has a robot (Figure 4 of the paper), from power-up to release.
 
-read the robot - check - post `how` - control1 - check `chg` - send it - control2
+At each sample: read the robot - check - post `how` - control1 - check `chg` - send it - control2. Its phases:
 
-POWERING    power is asked for                            until the arm holds its position
-STARTING    its present setpoints stream                  until the servo follows them
-FOLLOWING   as above, once the task is active; at rest    until it is released, or something is wrong
-            where it stands before that
-STOPPING    a controlled stop, on which the arm stays on its path
-LEFT        nothing more to say
+    POWERING    power is asked for                            until the arm holds its position
+    STARTING    its present setpoints stream                  until the servo follows them
+    FOLLOWING   as above, once the task is active; at rest    until it is released, or something is wrong
+                where it stands before that
+    STOPPING    a controlled stop, on which the arm stays on its path
+    LEFT        nothing more to say
 """
 
 from __future__ import annotations

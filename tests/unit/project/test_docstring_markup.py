@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import runpy
+from collections.abc import Iterator
 from pathlib import Path
 
-DOCSTRINGS = runpy.run_path(str(Path(__file__).parents[3] / "docs/docstrings.py"))
+ROOT = Path(__file__).parents[3]
+DOCSTRINGS = runpy.run_path(str(ROOT / "docs/docstrings.py"))
+SECTION_OR_LIST = re.compile(r".*:$|[-*] |\d+\. ")
 
 
 def converted(text: str) -> str:
@@ -36,3 +41,27 @@ def test_a_bar_in_prose_is_escaped_and_one_in_code_is_not() -> None:
 
 def test_a_letter_right_behind_code_does_not_spoil_it() -> None:
     assert converted("Use their `Channel`s, `a` and `b`.") == "Use their `Channel`\\ s, `a` and `b`.\n"
+
+
+def crooked(text: str) -> Iterator[str]:
+    """First lines of paragraphs at the margin that go on indented, and are neither section, list nor drawn."""
+    for paragraph in DOCSTRINGS["_paragraphs"](text.splitlines()):
+        straight = not paragraph[0].startswith(" ") and any(line.startswith(" ") for line in paragraph)
+        underlined = len(paragraph) > 1 and set(paragraph[1]) == {"-"}
+        plain = DOCSTRINGS["to_restructured_text"](paragraph)[0] != "::"
+        if straight and plain and not underlined and not SECTION_OR_LIST.match(paragraph[0]):
+            yield paragraph[0]
+
+
+def test_what_is_drawn_in_a_docstring_is_indented() -> None:
+    found = {}
+    for path in (ROOT / "qrobot").rglob("*.py"):
+        nodes = ast.walk(ast.parse(path.read_text()))
+        kinds = ast.Module | ast.ClassDef | ast.FunctionDef
+        texts = [ast.get_docstring(node) or "" for node in nodes if isinstance(node, kinds)]
+        found[str(path.relative_to(ROOT))] = [line for text in texts for line in crooked(text)]
+    assert {name: lines for name, lines in found.items() if lines} == {}
+
+
+def test_a_table_without_lines_at_the_margin_is_seen() -> None:
+    assert list(crooked("A cycle.\n\nONE   first\n      and more\n\n- a list\n  goes on")) == ["ONE   first"]
