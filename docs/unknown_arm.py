@@ -18,7 +18,7 @@ from qrobot.ident.excitation import FEWEST, Excitation, make_excitation
 from qrobot.ident.plan import ExcitationPlan, make_plan
 from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_parameters
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.settings import ServoSettings
 
 FOLDER: Final = Path(__file__).parents[1] / "config/data"
@@ -40,7 +40,7 @@ def plans(robot: Robot) -> dict[str, ExcitationPlan | Excitation]:
 def recorded(plan: ExcitationPlan | Excitation, name: str = "puma560") -> CompactRecording:
     """The arm's recording of a plan, with the truth beside it."""
     robot, settings, regressor = load_robot(name), ServoSettings(rate_hz=RATE_HZ), inertial_regressor(load_robot(name))
-    arm = UnknownArm.drawn(robot, SEED)
+    arm = PerturbedArm.drawn(robot, SEED)
     rows = record_lockstep(robot, name, settings, arm.emulator(), plan)
     facts = {
         "made_by": "docs/unknown_arm.py",

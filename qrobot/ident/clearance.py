@@ -1,6 +1,6 @@
 """Whether an arm, led through joint space, stays clear of the floor, of its column and of itself.
 
-As far as its file tells: bodies are lines (`skeleton`) with a thickness that is assumed. The hand, with room for a
+As far as its file tells: bodies are lines (`link_lines`) with a thickness that is assumed. The hand, with room for a
 tool, keeps farther away than the others. What stands around the arm is for whoever starts the plan to keep away.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
-from qrobot.ident.link_lines import HAND_M, Skeleton
+from qrobot.ident.link_lines import HAND_M, LinkLines
 
 FLOOR: Final = 0.25  # m that wrist and flange stay above the floor
 COLUMN: Final = 0.30  # m from the first axis that they keep below the shoulder
@@ -26,14 +26,14 @@ class Clearance:
     """Subsample at poses and ways of one robot."""
 
     def __init__(self, robot: Robot) -> None:
-        self._geometry, self._skeleton = robot.geometry, Skeleton(robot)
-        lengths = self._skeleton.lengths
+        self._geometry, self._link_lines = robot.geometry, LinkLines(robot)
+        lengths = self._link_lines.lengths
         long = np.flatnonzero(lengths).tolist()
         self._pairs = [(j, k) for j, k in combinations(long, 2) if lengths[j + 1 : k].sum() > NEIGHBOURS]
 
     def of_poses(self, q: Floats) -> Bools:
         """True for each of the positions (m, n) that is clear. Shape (m,)."""
-        lines = self._skeleton.lines(q)
+        lines = self._link_lines.lines(q)
         clear = self._hand(lines[-1]) & self._above_floor(lines[2:])
         for j, k in self._pairs:
             clear[clear] = _distance(lines[j][clear], lines[k][clear]) >= APART

@@ -18,7 +18,7 @@ HAND_M: Final = 0.1  # beyond the flange: room for a tool
 SPACING_M: Final = 0.08  # of points along a line, at most
 
 
-class Skeleton:
+class LinkLines:
     """Lines of the bodies of one robot: base, what each joint carries, hand.
 
     Attributes:

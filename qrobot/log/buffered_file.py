@@ -13,7 +13,7 @@ from pathlib import Path
 from qrobot.errors import LogError
 
 
-class SpoolFile:
+class BufferedFile:
     """Write-only, append-only file for `foxglove.open_mcap`.
 
     Attributes:

@@ -19,7 +19,7 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from qrobot.config import Robot
 from qrobot.log import law_message
 from qrobot.log.arm_view import NO_TOOL, ArmView, Point
-from qrobot.log.buffered_file import SpoolFile
+from qrobot.log.buffered_file import BufferedFile
 from qrobot.log.header import METADATA_NAME, Attachment, LogHeader
 from qrobot.log.status import SCHEMA_NAME, LogStatus
 from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
@@ -91,7 +91,7 @@ class LogPart:
     """One file of a log; open at most one at a time."""
 
     def __init__(self, stream: LogStream, path: Path, header: LogHeader, attachments: Iterable[Attachment]) -> None:
-        self.spool = SpoolFile(path)
+        self.spool = BufferedFile(path)
         options = MCAPWriteOptions(
             profile="ros2", compression=MCAPCompression.Zstd, disable_seeking=True, compression_threads=0
         )

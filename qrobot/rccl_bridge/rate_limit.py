@@ -5,7 +5,7 @@ from __future__ import annotations
 _SECOND_NS = 1_000_000_000
 
 
-class Throttle:
+class RateLimit:
     """Lets `per_second` events through in each second; counts the rest in `held_back`."""
 
     def __init__(self, per_second: int = 10) -> None:

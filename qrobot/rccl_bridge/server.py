@@ -22,7 +22,7 @@ from qrobot.rccl_bridge.actions import Action, carry_out
 from qrobot.rccl_bridge.lease import ArmAuthority, Lease
 from qrobot.rccl_bridge.listener import Listener, precise_loop
 from qrobot.rccl_bridge.places import Places
-from qrobot.rccl_bridge.rate_limit import Throttle
+from qrobot.rccl_bridge.rate_limit import RateLimit
 from qrobot.rccl_bridge.servo_interface import RobotPort, RobotState
 from qrobot.rccl_bridge.session import Peer, Session
 from qrobot.rccl_bridge.settings import BridgeSettings
@@ -54,7 +54,7 @@ class BridgeServer:
         self.token = b""
         self.clients: dict[_Client, None] = {}  # in the order in which they came
         self._listener: Listener | None = None
-        self._messages = Throttle()
+        self._messages = RateLimit()
 
     @property
     def address(self) -> tuple[str, int]:

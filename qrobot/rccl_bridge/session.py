@@ -18,7 +18,7 @@ from qrobot.rccl_bridge.frames import FrameMaker
 from qrobot.rccl_bridge.handshake import HandshakeRequest, judge
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.places import Places
-from qrobot.rccl_bridge.rate_limit import Throttle
+from qrobot.rccl_bridge.rate_limit import RateLimit
 from qrobot.rccl_bridge.servo_interface import RobotState
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.wire import (
@@ -89,7 +89,7 @@ class Session:
         self._heard_ns = now_ns
         self._blocked_since_ns: int | None = None
         self._servo_gone = False
-        self._warnings = Throttle()
+        self._warnings = RateLimit()
 
     @property
     def ended(self) -> bool:

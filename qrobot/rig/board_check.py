@@ -51,7 +51,7 @@ PUSH_SHARES: Final = (0.05, 0.6)  # of full torque, at least and at most
 PUSH_COUNTS: Final = 4  # least difference that a push must make
 
 
-class Amiss(QRobotError):  # noqa: N818
+class StepError(QRobotError):
     """A step found something wrong.
 
     Attributes:
@@ -128,7 +128,7 @@ def _make(step: CheckStep, walk: Walk, allowed: Permissions) -> StepResult:
         if step.question and not walk.ask(step.question):
             return StepResult(step.name, None, "left out: not wanted")
         return StepResult(step.name, True, step.look(walk))
-    except Amiss as error:
+    except StepError as error:
         return StepResult(step.name, False, str(error), error.remedy)
     except QRobotError as error:
         return StepResult(step.name, False, str(error), "look at the link to the board")
@@ -149,18 +149,20 @@ def see_images(walk: Walk) -> str:
     walk.wait(0.05)
     words = {walk.word(offset) for offset in (STATUS, *range(ENC_COUNT, ENC_COUNT + 12, 2))}
     if words == {0xFFFF}:
-        raise Amiss("every register reads 0xFFFF", "nothing answers at this address: check base address and cable")
+        raise StepError(
+            "every register reads 0xFFFF", "nothing answers at this address: check base address and cable"
+        )
     if walk.count == first:
-        raise Amiss("the image stands still", "does the board have power?")
+        raise StepError("the image stands still", "does the board have power?")
     return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {walk.count - first} images in 50 ms"
 
 
 def see_status(walk: Walk) -> str:
     """Emergency stop healthy, arm power off."""
     if walk.status & STATUS_POWER:
-        raise Amiss("arm power is on", "switch it off before anything else")
+        raise StepError("arm power is on", "switch it off before anything else")
     if not walk.status & STATUS_ESTOP_OK:
-        raise Amiss("the emergency stop is pressed, or its chain is open", "close it; the walk needs it closed")
+        raise StepError("the emergency stop is pressed, or its chain is open", "close it; the walk needs it closed")
     calibrated = "calibrated" if walk.status & STATUS_CALIBRATED else "not calibrated"
     return f"STATUS {walk.status:#06x}: emergency stop healthy, power off, {calibrated}"
 
@@ -170,7 +172,7 @@ def zero_outputs(walk: Walk) -> str:
     kept = walk.status & SCRATCH
     walk.make_safe()
     if walk.status & SCRATCH != kept:
-        raise Amiss("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
+        raise StepError("the scratch bits did not stay", "bits 6 and 7 of DISCRETE and STATUS do not belong together")
     return "all converters at 0 V, power disabled"
 
 
@@ -181,7 +183,9 @@ def toggle_scratch(walk: Walk) -> str:
         for bits in (DISCRETE_CALIBRATED, DISCRETE_J6_OVERFLOW, 0):
             walk.write((DISCRETE, bits | DISCRETE_HAND_RELAXED))
             if (back := walk.status & SCRATCH) != bits:
-                raise Amiss(f"wrote {bits:#04x} to DISCRETE, STATUS shows {back:#04x}", "do writes reach the board?")
+                raise StepError(
+                    f"wrote {bits:#04x} to DISCRETE, STATUS shows {back:#04x}", "do writes reach the board?"
+                )
     finally:  # a board must not be left calibrated that was not
         walk.write((DISCRETE, before))
     return "bits 6 and 7 can be written and read back"
@@ -196,7 +200,7 @@ def load_counters(walk: Walk) -> str:
     wrong = [joint + 1 for joint, by in enumerate(moved) if abs(by - LOAD_STEP) > STILL]
     if wrong:
         walk.write((DISCRETE, walk.kept & ~DISCRETE_CALIBRATED))  # who knows what the counters hold now
-        raise Amiss(f"{_joints(wrong)} did not take a load", "is the arm at rest? else its counter is at fault")
+        raise StepError(f"{_joints(wrong)} did not take a load", "is the arm at rest? else its counter is at fault")
     return f"{len(before)} counters take a load; their counts are back"
 
 
@@ -209,7 +213,7 @@ def arm_indexes(walk: Walk) -> str:
     walk.write((DISCRETE, walk.kept))
     wrong = [joint + 1 for joint in range(walk.robot.n) if not armed >> (8 + joint) & 1]
     if wrong:
-        raise Amiss(
+        raise StepError(
             f"the index flag of {_joints(wrong)} is not armed by its mask",
             "does the joint stand just on its index pulse? turn it a little; else the board's decoder differs",
         )
@@ -230,7 +234,7 @@ def convert_all(walk: Walk) -> str:
         walk.start_conversion(channel, base)
         if not walk.wait(CONVERSION_S, lambda: not walk.status & STATUS_ADC_BUSY):
             walk.write((DISCRETE, base))
-            raise Amiss(
+            raise StepError(
                 f"channel {channel} is not done in {CONVERSION_S * 1e3:.0f} ms", f"is it revision {_other(walk)}?"
             )
         volts.append(code_volts(walk.word(ADC_VALUE), ord(walk.facts.revision)))
@@ -248,7 +252,7 @@ def measure_outputs(walk: Walk) -> str:
     walk.write(*((DAC + 2 * channel, word) for channel in range(N_DACS)))
     try:
         if not walk.ask("Every analogue output now stands at +1.00 V. Does the voltmeter say so on each?"):
-            raise Amiss("an output is not at +1 V", "trim its zero at 0x800 first, then look at its wiring")
+            raise StepError("an output is not at +1 V", "trim its zero at 0x800 first, then look at its wiring")
     finally:
         walk.write(*((DAC + 2 * channel, DAC_ZERO) for channel in range(N_DACS)))
     return "+1 V on every output, by the operator's word; back at 0 V"
@@ -261,11 +265,11 @@ def turn_by_hand(walk: Walk) -> str:
     for joint in free:
         before = walk.counts()
         if not walk.ask(f"Turn joint {joint + 1} by hand towards positive angles, by some ten degrees. Done?"):
-            raise Amiss(f"joint {joint + 1} was not turned", "make the walk again")
+            raise StepError(f"joint {joint + 1} was not turned", "make the walk again")
         walk.look()
         by = walk.moved(before)[joint] * float(np.sign(walk.robot.transmission.rad_per_count[joint]))
         if by <= STILL:
-            raise Amiss(f"joint {joint + 1} counted {by:+.0f}", "swap A and B of its encoder, or its count_sign")
+            raise StepError(f"joint {joint + 1} counted {by:+.0f}", "swap A and B of its encoder, or its count_sign")
         told.append(f"joint {joint + 1} {by:+.0f}")
     return "counts towards positive angles: " + ", ".join(told)
 
@@ -278,7 +282,7 @@ def power_for_an_instant(walk: Walk) -> str:
     took_s = walk.t_s - begin
     walk.make_safe()
     if not walk.wait(0.5, lambda: not walk.status & STATUS_POWER):
-        raise Amiss("power does not go off", "PRESS THE EMERGENCY STOP; the power relay is stuck")
+        raise StepError("power does not go off", "PRESS THE EMERGENCY STOP; the power relay is stuck")
     walk.wait(0.3)
     largest = max(map(abs, walk.moved(before)))
     return f"on after {took_s * 1e3:.0f} ms, off at once; the arm moved by {largest} counts at most"
@@ -292,9 +296,13 @@ def push_each_joint(walk: Walk) -> str:
         up, down = (_pushed(walk, joint, side) for side in (1, -1))
         by = (up - down) * float(np.sign(scale))
         if abs(by) < PUSH_COUNTS:
-            raise Amiss(f"joint {joint + 1} does not answer to torque", "amplifier, fuse, or a brake that stays closed")
+            raise StepError(
+                f"joint {joint + 1} does not answer to torque", "amplifier, fuse, or a brake that stays closed"
+            )
         if by < 0:
-            raise Amiss(f"joint {joint + 1} runs against its torque", "swap its motor leads, or the sign of dac_per_Nm")
+            raise StepError(
+                f"joint {joint + 1} runs against its torque", "swap its motor leads, or the sign of dac_per_Nm"
+            )
         told.append(f"{joint + 1}: {by:+.0f}")
     return "counts in the direction of torque, joint " + ", ".join(told)
 
@@ -325,7 +333,7 @@ def _power_on(walk: Walk) -> None:
     walk.write((DISCRETE, walk.kept | DISCRETE_POWER))
     if not walk.wait(POWER_S, lambda: bool(walk.status & STATUS_POWER)):
         walk.make_safe()
-        raise Amiss(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")
+        raise StepError(f"no arm power within {POWER_S:.0f} s", "press ARM POWER when the walk asks for it")
 
 
 def _joints(numbers: list[int]) -> str:

@@ -27,7 +27,7 @@ LARGEST_LOAD_KG: Final = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class UnknownArm:
+class PerturbedArm:
     """An arm as it is.
 
     Attributes:
@@ -43,7 +43,7 @@ class UnknownArm:
     stiction: float = 1.0
 
     @classmethod
-    def drawn(cls, robot: Robot, seed: int, wrong_torque: bool = False, stiction: float = 1.0) -> UnknownArm:
+    def drawn(cls, robot: Robot, seed: int, wrong_torque: bool = False, stiction: float = 1.0) -> PerturbedArm:
         """An arm of the kind of `robot`; the same seed gives the same, `wrong_torque` and `stiction` or not."""
         random, links = np.random.default_rng(seed), robot.links
         low, high = 1.0 - SPREAD, 1.0 + SPREAD
@@ -66,7 +66,7 @@ class UnknownArm:
         """The arm behind an emulated board."""
         return Emulator(self.robot, mismatch=self._mismatch, payload_kg=self.payload_kg)
 
-    def holding(self, payload_kg: float) -> UnknownArm:
+    def holding(self, payload_kg: float) -> PerturbedArm:
         """The same arm with another load."""
         return replace(self, payload_kg=payload_kg)
 

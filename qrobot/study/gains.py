@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import explain
-from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
@@ -50,7 +50,7 @@ class GainStudy(Study):
             tried: of each pair `rms` and `largest` error, as shares of what the guard allows, and `chatter`, all of the
                 worst joint; or `fault`, the reason why the servo stopped the arm.
         """
-        arm = UnknownArm.drawn(self.robot, seed, wrong_torque=True)
+        arm = PerturbedArm.drawn(self.robot, seed, wrong_torque=True)
         pairs = product(self.dampings, self.bandwidths)
         return {
             "payload_kg": kept(arm.payload_kg),
@@ -59,7 +59,7 @@ class GainStudy(Study):
             ],
         }
 
-    def _tried(self, believed: Robot, arm: UnknownArm) -> ArmResult:
+    def _tried(self, believed: Robot, arm: PerturbedArm) -> ArmResult:
         settings = ServoSettings(rate_hz=self.rate_hz, law=self.law, velocity=self.velocity)
         try:
             tracked = track_experiment(believed, self.robot_file, settings, arm.emulator())

@@ -20,7 +20,7 @@ from qrobot.ident.regressor import gravity_regressor, inertial_regressor, known_
 from qrobot.ident.result import model_of
 from qrobot.ident.session import identify_log, inertia_of_log
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.settings import ServoSettings
 from qrobot.study.study import ArmResult, Study, kept
@@ -57,7 +57,7 @@ class IdentificationStudy(Study):
         Raises:
             QRobotError: the arm could not be moved, or its motion does not determine a model.
         """
-        arm, measured = UnknownArm.drawn(self.robot, seed, True, self.stiction), self.torque == "known"
+        arm, measured = PerturbedArm.drawn(self.robot, seed, True, self.stiction), self.torque == "known"
         believed = arm.with_known_torque(self.robot) if measured else self.robot
         rows, period_s = self._recorded(arm, believed, _plan(self.robot_file, self.poses))
         found = identify_log(believed, rows, period_s, known_torque=measured)
@@ -71,13 +71,13 @@ class IdentificationStudy(Study):
             outcome["tracking"] = self._tracked(arm, {"before": believed, "after": identified, "exact": arm.told})
         return outcome
 
-    def _recorded(self, arm: UnknownArm, believed: Robot, plan: ExcitationPlan | Excitation) -> tuple[Rows, float]:
+    def _recorded(self, arm: PerturbedArm, believed: Robot, plan: ExcitationPlan | Excitation) -> tuple[Rows, float]:
         """Telemetry of the moves of a plan, and its period."""
         settings = ServoSettings(rate_hz=self.rate_hz)
         rows = record_lockstep(believed, self.robot_file, settings, arm.emulator(), plan)
         return rows, settings.period_ns * 1e-9
 
-    def _tracked(self, arm: UnknownArm, beliefs: dict[str, Robot]) -> ArmResult:
+    def _tracked(self, arm: PerturbedArm, beliefs: dict[str, Robot]) -> ArmResult:
         """Rms errors by joint, by what the servo believes."""
         settings = ServoSettings(rate_hz=self.rate_hz)
         return {
@@ -102,7 +102,7 @@ def _runs(robot_file: str) -> Excitation:
     return make_excitation(robot, regressor, base_of_robot(robot, regressor))
 
 
-def compared(arm: UnknownArm, found: Identified, seed: int) -> ArmResult:
+def compared(arm: PerturbedArm, found: Identified, seed: int) -> ArmResult:
     """Compare a model with the true arm.
 
     Returns:
@@ -127,7 +127,7 @@ def compared(arm: UnknownArm, found: Identified, seed: int) -> ArmResult:
     }
 
 
-def inertia_compared(arm: UnknownArm, inertial: InertialModel, measured: bool) -> ArmResult:
+def inertia_compared(arm: PerturbedArm, inertial: InertialModel, measured: bool) -> ArmResult:
     """Compare the inertia found by fast runs with the true arm's.
 
     Where torque was not `measured`, nothing is in the unit of the truth, because of the rotors, and only errors tell.

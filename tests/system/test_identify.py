@@ -22,7 +22,7 @@ from qrobot.log.record import write_log
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
@@ -34,7 +34,7 @@ SETTINGS = ServoSettings(rate_hz=500.0)
 LAW_JOINTS = slice(1, 3)  # those whose gravity a PUMA's law has always compensated
 
 
-UNKNOWN = UnknownArm.drawn(PUMA, seed=1)
+UNKNOWN = PerturbedArm.drawn(PUMA, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def identified(model_file: Path) -> Robot:
     return with_model(PUMA, load_model(model_file, PUMA))
 
 
-def gravity_error(robot: Robot, truth: UnknownArm) -> np.ndarray:
+def gravity_error(robot: Robot, truth: PerturbedArm) -> np.ndarray:
     """Rms over poses the arm never took, N m. Shape (n,)."""
     q = np.random.default_rng(99).uniform(PUMA.limits.q_min, PUMA.limits.q_max, (500, N))
     regressor = gravity_regressor(PUMA)
@@ -108,7 +108,7 @@ def test_the_model_says_how_well_it_predicts(model_file: Path) -> None:
     assert (quality.held_back_rms < 0.3 * quality.before_rms).all()
 
 
-def tracking_error(believed: Robot, truth: UnknownArm) -> np.ndarray:
+def tracking_error(believed: Robot, truth: PerturbedArm) -> np.ndarray:
     """Rms of the paper's experiment, rad. Shape (n,)."""
     rig = LockstepRig(believed, SETTINGS, truth.emulator())
     run_program(rig, program_path())

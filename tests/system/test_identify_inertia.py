@@ -17,12 +17,12 @@ from qrobot.ident.regressor import inertial_regressor, known_parameters
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.rig.identify import record_lockstep
-from qrobot.rig.perturbed_arm import UnknownArm
+from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.settings import ServoSettings
 
 SHIPPED = load_recording("unknown_arm")
 PUMA = SHIPPED.robot
-ARM = UnknownArm.drawn(PUMA, seed=7)  # `docs/unknown_arm.py`
+ARM = PerturbedArm.drawn(PUMA, seed=7)  # `docs/unknown_arm.py`
 SETTINGS = ServoSettings(rate_hz=250.0)
 HEAVY = slice(0, 3)
 

@@ -9,7 +9,7 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.ident.clearance import Clearance
-from qrobot.ident.link_lines import HAND_M, Skeleton
+from qrobot.ident.link_lines import HAND_M, LinkLines
 from qrobot.model.arm import Arm
 from qrobot.model.transform import transform
 
@@ -21,7 +21,7 @@ FOLDED = (0, -90, 240, 0, 0, 0)  # the forearm beside the upper arm, as far as t
 def test_lines_lead_from_the_floor_to_the_end_of_the_hand(name: str) -> None:
     robot = load_robot(name)
     q = np.random.default_rng(1).uniform(robot.limits.q_min, robot.limits.q_max, (20, robot.n))
-    lines = Skeleton(robot).lines(q)
+    lines = LinkLines(robot).lines(q)
     assert len(lines) == robot.n + 2
     np.testing.assert_allclose(lines[0][:, 0], np.tile([0.0, 0.0, -robot.geometry.base_height_m], (20, 1)))
     for before, after in pairwise(lines):
@@ -31,7 +31,7 @@ def test_lines_lead_from_the_floor_to_the_end_of_the_hand(name: str) -> None:
 
 
 def test_points_along_a_body_are_close_together() -> None:
-    for line in Skeleton(PUMA).lines(np.zeros((1, PUMA.n))):
+    for line in LinkLines(PUMA).lines(np.zeros((1, PUMA.n))):
         assert (np.linalg.norm(np.diff(line[0], axis=0), axis=1) <= 0.081).all()
 
 
