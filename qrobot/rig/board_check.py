@@ -149,9 +149,7 @@ def see_images(walk: Walk) -> str:
     walk.wait(0.05)
     words = {walk.word(offset) for offset in (STATUS, *range(ENC_COUNT, ENC_COUNT + 12, 2))}
     if words == {0xFFFF}:
-        raise StepError(
-            "every register reads 0xFFFF", "nothing answers at this address: check base address and cable"
-        )
+        raise StepError("every register reads 0xFFFF", "nothing answers at this address: check base address and cable")
     if walk.count == first:
         raise StepError("the image stands still", "does the board have power?")
     return f"revision {walk.facts.revision}, {walk.facts.joints} joints, {walk.count - first} images in 50 ms"
