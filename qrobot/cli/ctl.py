@@ -13,6 +13,7 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
 from qrobot.cli.option_types import GainsOption, Indexes, Seconds
 from qrobot.config import Robot
+from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import ConfigError
 from qrobot.servo.memory.law_history import settings_text
 from qrobot.servo.operator.client import ServoClient
@@ -83,6 +84,8 @@ def status(*, where: Where | None = None) -> int:
     out.print(_line(now), soft_wrap=True)
     print_table(_joints(robot_of_arm(chosen), now))
     out.print(_lines_line(now), soft_wrap=True)
+    if any(value is not None for value in now.force):
+        out.print(_force_line(now.force), soft_wrap=True)
     out.print(_board_line(now.board), soft_wrap=True)
     return SUCCESS
 
@@ -91,6 +94,11 @@ def _lines_line(now: ServoStatus) -> str:
     inputs = " ".join(map(str, now.inputs)) or "none"
     outputs = "".join(f", {name} {'on' if on else 'off'}" for name, on in now.outputs.items())
     return f"hand {now.hand}, inputs on: {inputs}{outputs}"
+
+
+def _force_line(force: tuple[float | None, ...]) -> str:
+    units = zip(FORCE_AXES, force, ("N",) * 3 + ("N m",) * 3, strict=True)
+    return "force: " + ", ".join(f"{axis} {value:.4g} {unit}" for axis, value, unit in units if value is not None)
 
 
 def _board_line(board: BoardStatus) -> str:
@@ -145,6 +153,12 @@ def calibrate(*, indexes: Indexes | None = None, where: Where | None = None) -> 
         Index pulses of each joint, 3 to 14; left to the servo if left out.
     """
     return _do(where, lambda servo: servo.calibrate(indexes or 0))
+
+
+@app.command
+def tare(*, where: Where | None = None) -> int:
+    """Zero the force sensor of an arm at rest: what it shows now counts as no load, until the servo ends."""
+    return _do(where, lambda servo: servo.zero_force())
 
 
 @app.command

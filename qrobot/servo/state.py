@@ -68,6 +68,7 @@ class ServoState:
     torque_setpoint: Any
     frame: Any
     wrench: Any  # (6,) force and torque at the wrist, N and N m; NaN where it is not known
+    force_zero: Any  # (8,) volts that the force sensor's channels show without a load
     sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
     adc: AdcState
     index_watch: IndexWatch
@@ -168,7 +169,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
         torque_setpoint=vector(), frame=frame, wrench=np.full(N_COMPONENTS, np.nan),
-        sensors=np.zeros(N_ADCS), adc=make_adc_state(),
+        force_zero=np.array(params.wrench.bias), sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law, params.gains), copies=make_law_copies(n),

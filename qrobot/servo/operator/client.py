@@ -22,6 +22,7 @@ from qrobot.servo.operator.messages import (
     ServoStatus,
     StatusRequest,
     StopRequest,
+    ZeroForce,
     decode_reply,
     encode,
     make_request,
@@ -108,6 +109,10 @@ class ServoClient:
         if status.mode == "UNCALIBRATED":
             raise QRobotError(f"no calibration: {status.text or 'it has ended already'}")
         return status
+
+    def zero_force(self) -> ServoStatus:
+        """Count what the force sensor shows now as no load. Raises QRobotError unless the arm is at rest."""
+        return self._ask(ZeroForce())
 
     def change_law(self, name: str, settings: Mapping[str, float] | None = None) -> ServoStatus:
         """Swap the control law, holding or without power; its `settings` that are left out have their default.

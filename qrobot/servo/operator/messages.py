@@ -69,6 +69,12 @@ class ChangeLaw(OperatorMessage):
     settings: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = Field(default={}, max_length=32)
 
 
+class ZeroForce(OperatorMessage):
+    """Count what the force sensor shows now as no load, at rest."""
+
+    command: Literal["tare"] = "tare"
+
+
 Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
 
 
@@ -87,7 +93,7 @@ class ChangeGains(OperatorMessage):
 
 
 OperatorRequest = Annotated[
-    StatusRequest | StopRequest | PowerOff | PowerOn | Clear | Calibrate | ChangeLaw | ChangeGains,
+    StatusRequest | StopRequest | PowerOff | PowerOn | Clear | Calibrate | ChangeLaw | ChangeGains | ZeroForce,
     Field(discriminator="command"),
 ]
 ANYBODY: Final = (StatusRequest, StopRequest, PowerOff)  # what needs no authority
@@ -129,6 +135,7 @@ class ServoStatus(OperatorMessage):
         board: what became of the way to the board.
         page_faults: how often the loop had to wait for memory since it began.
         commander: who commands, "" for nobody.
+        force: on the wrist's sensor, fx fy fz tx ty tz, N and N m; None where it is not known.
     """
 
     version: int = VERSION
@@ -147,6 +154,7 @@ class ServoStatus(OperatorMessage):
     estop_ok: bool
     guarded: bool
     commander: str
+    force: tuple[float | None, ...] = Field(default=(), strict=False)
     tick: int
     late_cycles: int
     page_faults: int

@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
@@ -53,6 +54,7 @@ from qrobot.servo.memory.mailbox import (
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.operator.board_status import board_status
+from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.operator.messages import (
     Calibrate,
     ChangeGains,
@@ -65,6 +67,7 @@ from qrobot.servo.operator.messages import (
     ServoStatus,
     StatusRequest,
     StopRequest,
+    ZeroForce,
     decode_request,
     encode,
 )
@@ -82,6 +85,7 @@ HANGS: Final = (
     "End the servo of {arm} (SIGTERM, or Ctrl-C of `qrobot up`) and start it again"
 )
 _POLL_S: Final = 0.002
+_READING_S: Final = 0.005  # between two readings of a sensor
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
 Matrix = NDArray[np.float64]
@@ -105,6 +109,14 @@ class Controlled(Protocol):
     @property
     def swap(self) -> SwapState:
         """Where a swap is asked for."""
+
+    @property
+    def volts(self) -> Floats:
+        """At the converter's channels, shape (8,)."""
+
+    @property
+    def force_zero(self) -> Floats:
+        """Volts of the force sensor without a load, shape (8,); the loop reads what is written here."""
 
     @property
     def incident(self) -> Incident | None:
@@ -225,6 +237,7 @@ class Controls:
             hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
             inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
             outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
+            force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
             q=_floats(snapshot.q),
             v=_floats(snapshot.v),
             tau=_floats(snapshot.tau),
@@ -256,6 +269,8 @@ class Controls:
                 self._clear_by_loop()
             case Calibrate():
                 self._calibrate(request)
+            case ZeroForce():
+                self._zero_force()
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
                 raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():
@@ -314,6 +329,12 @@ class Controls:
         if given_up.is_set():
             raise LinkLost("whoever asked for the law has gone: it has not been taken")
         self._swap(law, request.name, np.array(servo.swap.gains))
+
+    def _zero_force(self) -> None:
+        zero = zero_force(self._servo, partial(time.sleep, _READING_S))
+        self._wait_for_loop()
+        listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
+        self._servo.say(f"force sensor zeroed: {listed}")
 
     def _gains(self, request: ChangeGains) -> Matrix:
         control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)

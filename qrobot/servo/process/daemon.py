@@ -20,7 +20,7 @@ from functools import cached_property
 from types import FrameType
 from typing import Any
 
-from qrobot.arrays import Words
+from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
 from qrobot.faultcodes import FaultCode, explain
@@ -172,6 +172,16 @@ class ServoProcess:
     def swap(self) -> SwapState:
         """Where another law is asked for."""
         return self.state.swap
+
+    @property
+    def volts(self) -> Floats:
+        """At the converter's channels."""
+        return self.state.sensors  # type: ignore[no-any-return]
+
+    @property
+    def force_zero(self) -> Floats:
+        """Volts of the force sensor without a load."""
+        return self.state.force_zero  # type: ignore[no-any-return]
 
     @property
     def page_faults(self) -> int:

@@ -74,7 +74,8 @@ def read(params: ServoParameters, state: ServoState) -> None:
     if fresh and state.image_ok != 0:
         read_encoders(params, state)
     channel = collect_sample(state.adc, state.sensors, state.image, state.revision, params.adc_patience)
-    measure_wrench(params.wrench, state.sensors, state.adc.done, state.image_ok != 0, state.wrench)
+    seen = state.image_ok != 0
+    measure_wrench(params.wrench.matrix, state.force_zero, state.sensors, state.adc.done, seen, state.wrench)
     if state.started != 0:
         watch_pots(params, state, channel)
         hear_pots(params, state, channel)

@@ -1,6 +1,9 @@
 """Force and torque of the tool on the wrist's sensor, from the volts at the board's converter.
 
-    wrench[i] = sum over channels c of  matrix[i, c] (volts[c] - bias[c])
+    wrench[i] = sum over channels c of  matrix[i, c] (volts[c] - zero[c])
+
+`zero` is what the channels show without a load: the calibration's bias, until somebody zeroes the sensor
+(`servo.operator.force_zero`).
 
 NaN is what is not known: a component that is not wired, and every one that needs a channel without a value - not
 sampled yet, given up by the converter, no longer heard of on CAN - or a board that is gone. A sensor on CAN or on a
@@ -25,7 +28,7 @@ class WrenchParams(NamedTuple):
     """A force sensor's calibration for the kernels; all zeros without a sensor."""
 
     matrix: Any  # (6, 8) N/V and N m/V
-    bias: Any  # (8,) V
+    bias: Any  # (8,) V without a load, by the calibration
 
 
 def wrench_params(calibration: ForceCalibration | None) -> WrenchParams:
@@ -39,18 +42,18 @@ def wrench_params(calibration: ForceCalibration | None) -> WrenchParams:
 
 
 @lean_kernel
-def measure_wrench(sensor: Any, volts: Any, done: Any, seen: bool, wrench: Any) -> None:
+def measure_wrench(matrix: Any, zero: Any, volts: Any, done: Any, seen: bool, wrench: Any) -> None:
     """Fill `wrench`, N and N m, shape (6,).
 
     Args:
-        sensor: `WrenchParams`. volts: at the channels, shape (8,). done: conversions of each so far, int64[8].
-        seen: the board's image is whole.
+        matrix: of `WrenchParams`. zero, volts: without a load and now, shape (8,). done: conversions of each channel
+        so far, int64[8]. seen: the board's image is whole.
     """
     for i in range(N_COMPONENTS):
         total, wired = 0.0, False
         for c in range(N_ADCS):
-            gain = sensor.matrix[i, c]
+            gain = matrix[i, c]
             if gain != 0.0:
                 wired = True
-                total += gain * (volts[c] - sensor.bias[c]) if done[c] > 0 else math.nan
+                total += gain * (volts[c] - zero[c]) if done[c] > 0 else math.nan
         wrench[i] = total if wired and seen else math.nan

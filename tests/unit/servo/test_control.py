@@ -78,6 +78,14 @@ class Bench:
         return self.bench.state.swap
 
     @property
+    def volts(self) -> Any:
+        return self.bench.state.sensors
+
+    @property
+    def force_zero(self) -> Any:
+        return self.bench.state.force_zero
+
+    @property
     def incident(self) -> Incident | None:
         return read_incident(self.bench.state.watch.incident)
 
@@ -179,6 +187,12 @@ def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, clie
     assert before.tick <= tick < entry.tick <= client.status().tick
     assert entry.t_ns - before.t_ns == (entry.tick - before.tick) * servo.bench.settings.period_ns
     client.change_gains(kp=servo.robot.control.kp.tolist())
+
+
+def test_an_arm_without_a_force_sensor_has_none_to_zero(client: ServoClient) -> None:
+    assert client.status().force == (None,) * 6
+    with pytest.raises(QRobotError, match="no force sensor"):
+        client.zero_force()
 
 
 def test_an_unknown_law_is_refused_and_the_old_one_stays(client: ServoClient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from qrobot.cli.arms import force_calibration_of
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.scene import FORCE_AXES, ForceSensor, Scene
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, QRobotError
 from qrobot.rccl.c.variables import ADC_NONE, reading
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.mailbox import FLAG_AT_REST
+from qrobot.servo.modes import Mode
+from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.wrench import measure_wrench, wrench_params
 from qrobot.sim_board.emulator import Emulator
@@ -34,7 +38,8 @@ EVERY = np.ones(8, dtype=np.int64)
 
 def measured(calibration: ForceCalibration | None, volts, done=EVERY, seen=True) -> np.ndarray:
     wrench = np.zeros(6)
-    measure_wrench(wrench_params(calibration), np.array(volts), np.array(done), seen, wrench)
+    params = wrench_params(calibration)
+    measure_wrench(params.matrix, params.bias, np.array(volts), np.array(done), seen, wrench)
     return wrench
 
 
@@ -117,6 +122,80 @@ def test_a_sensor_is_unknown_before_its_first_conversion_and_when_the_board_is_g
     assert not np.isnan(known[-1]).any()
     first = np.isnan(known).all(axis=1).argmin()
     assert 0 < first < 60  # six channels, two cycles each
+
+
+def sensing(rig: LockstepRig) -> SimpleNamespace:
+    """The rig, as zeroing sees a servo process."""
+    state = rig.state
+    return SimpleNamespace(settings=rig.settings, mailbox=rig.mailbox, volts=state.sensors, force_zero=state.force_zero)
+
+
+def test_a_sensor_that_is_zeroed_shows_what_is_added_from_then_on() -> None:
+    """The weight of the tool and the sensor's own offset vanish."""
+    rig = held(force_sensor=calibration_of_emulated(ALL_SIX))
+    rig.run_for(0.3)
+    before = np.array(MailboxPort(rig.mail).read_state().force)
+    zero = zero_force(sensing(rig), lambda: rig.ticks(5))
+    rig.run_for(0.1)
+    after = np.array(MailboxPort(rig.mail).read_state().force)
+    step = 10.0 * ALL_SIX.newton_per_volt / 2048  # of the converter
+    assert abs(before[2]) > 4 * step
+    np.testing.assert_allclose(after, 0.0, atol=1.5 * step)
+    assert list(zero) == list(range(6))
+    rig.state.sensors[2] += 1.0
+    np.testing.assert_allclose(measured_now(rig)[2] - after[2], ALL_SIX.newton_per_volt, rtol=1e-9)
+
+
+def measured_now(rig: LockstepRig) -> np.ndarray:
+    wrench = np.zeros(6)
+    measure_wrench(rig.params.wrench.matrix, rig.state.force_zero, rig.state.sensors, EVERY, True, wrench)
+    return wrench
+
+
+def resting(mode: Mode = Mode.HOLDING, flags: int = FLAG_AT_REST, **volts: float) -> SimpleNamespace:
+    """A servo process with a volt at each channel but those given, as zeroing sees it."""
+    shown = np.array([volts.get(f"channel{k}", 1.0) for k in range(8)])
+    return SimpleNamespace(
+        settings=ServoSettings(force_sensor=calibration_of_emulated(ALL_SIX)),
+        mailbox=SimpleNamespace(snapshot=lambda: SimpleNamespace(mode=mode, flags=flags)),
+        volts=shown,
+        force_zero=np.zeros(8),
+    )
+
+
+@pytest.mark.parametrize(
+    ("servo", "complaint"),
+    [
+        (resting(flags=0), "the arm moves"),
+        (resting(mode=Mode.TRACKING), "not in mode TRACKING"),
+        (resting(mode=Mode.STOPPING), "not in mode STOPPING"),
+        (resting(channel3=math.nan), "channel 3 of the force sensor shows nan V"),
+        (resting(channel0=-9.95), "channel 0 .* no zero: check its cable"),
+    ],
+)
+def test_what_moves_or_shows_no_zero_is_not_zeroed(servo: SimpleNamespace, complaint: str) -> None:
+    with pytest.raises(QRobotError, match=complaint):
+        zero_force(servo, lambda: None)
+    assert not servo.force_zero.any()
+
+
+def test_an_arm_that_begins_to_move_meanwhile_is_not_zeroed() -> None:
+    servo = resting()
+    left = iter(range(10))
+
+    def pause() -> None:
+        if next(left) == 9:
+            servo.mailbox = resting(mode=Mode.TRACKING).mailbox
+
+    with pytest.raises(QRobotError, match="TRACKING"):
+        zero_force(servo, pause)
+    assert not servo.force_zero.any()
+
+
+def test_a_channel_that_is_no_force_keeps_its_zero() -> None:
+    servo = resting()
+    assert zero_force(servo, lambda: None) == dict.fromkeys(range(6), 1.0)
+    assert servo.force_zero.tolist() == [1.0] * 6 + [0.0] * 2
 
 
 def arm(board: dict[str, object], servo: dict[str, object]) -> DeployedArm:
