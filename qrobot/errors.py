@@ -106,6 +106,9 @@ class ServoFault(QRobotError):
         self.code = code
         self.trace = trace
 
+    def __reduce__(self) -> tuple[type[ServoFault], tuple[int, str, Any]]:
+        return ServoFault, (self.code, str(self), self.trace)
+
 
 class Stalled(QRobotError):
     """A run on the wall clock was stopped by a process that came too late, and not by the arm."""

@@ -2,7 +2,8 @@
 
 `link` says what a way to the robot is, `tcp` and `virtual` are the two there are, `client` is what they share, and
 `blackboard` holds what was heard and what is to be said. `calls` are the papers' calls for programs of several tasks:
-`schedule` says when a task is woken, `monitor` and `task_runner` run it, `robot_cycle` is its cycle around robot I/O.
+`schedule` says when a task is woken, `monitor` and `task_runner` run it, `robot_cycle` is its cycle around robot I/O;
+`virtual_time` and `real_time` are the processors, `host_thread` and `process_processor` the two kinds of them.
 """
 
 from qrobot.rci.blackboard import Chg
@@ -20,6 +21,7 @@ from qrobot.rci.calls import (
     rci_onclock,
     rci_onfunction,
     rci_print,
+    rci_processors,
     rci_receive,
     rci_release,
     rci_robot,
@@ -68,6 +70,7 @@ __all__ = [
     "rci_onclock",
     "rci_onfunction",
     "rci_print",
+    "rci_processors",
     "rci_receive",
     "rci_release",
     "rci_robot",

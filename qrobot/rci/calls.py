@@ -6,7 +6,6 @@ functions of tasks use memory, messages and signals. One set of tasks lives from
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -20,36 +19,52 @@ from qrobot.errors import ConfigError
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import environment
 from qrobot.rci.mail_lane import clear_word, set_word
+from qrobot.rci.processor_names import ProcessorInfo, processors
 from qrobot.rci.program import HasFileno, RciProgram
 from qrobot.rci.robot_data import KnownRobot
 from qrobot.rci.task_runner import ControlFunction, ControlFunctions, current_task, nothing
-from qrobot.rci.task_table import ALL, Bytes, TaskTable, signal_parent
+from qrobot.rci.task_table import ALL, Bytes, SharedProgram, TaskTable, signal_parent
 
 _WORD: Final = 8  # bytes
-_program: RciProgram | None = None
+_program: RciProgram | None = None  # in the process of the planning program
+_shared: SharedProgram | None = None  # wherever tasks run
+
+
+def be_processor(shared: SharedProgram) -> None:
+    """This process runs tasks of a program, whose calls reach it by `shared`."""
+    global _shared  # noqa: PLW0603 (the papers' calls name no program)
+    _shared = shared
 
 
 def _begun() -> RciProgram:
     """The program, begun with the first call."""
-    global _program  # noqa: PLW0603 (the papers' calls name no program)
+    global _program, _shared  # noqa: PLW0603 (as above)
+    if _program is None and _shared is not None:
+        raise ConfigError("a task on a processor of its own uses what there is; the program creates and starts")
     if _program is None:
         _program = RciProgram(environment())
+        _shared = _program.shared
     return _program
 
 
 def _running() -> RciProgram:
-    if _program is None:
+    _seen()
+    return _begun()
+
+
+def _seen() -> SharedProgram:
+    if _shared is None:
         raise ConfigError("there are no tasks: call rci_create() first")
-    return _program
+    return _shared
 
 
 def _table() -> TaskTable:
-    return _running().table
+    return _seen().table
 
 
 def _self() -> TaskDescriptor:
     """Whoever calls: a task, or the planning program."""
-    return current_task() or _running().parent
+    return current_task() or _seen().parent
 
 
 # ----------------------------------------------------------------------------------------------- creation and deletion
@@ -83,7 +98,8 @@ def rci_create(name: str, proc: str | None = None, priority: int = 0) -> TaskDes
 
     Args:
         name: of the task. That of a robot connects it: its `td.how` and `td.chg` are that robot's.
-        proc: processor it runs on, "host" by default.
+        proc: processor it runs on, "host" by default: the program's own; "cpu1" for a process kept on that processor,
+            "aux", "aux1" and so on for one that the system places.
         priority: of tasks of one processor that are due together the highest goes first, equals in turn.
 
     Raises:
@@ -92,11 +108,17 @@ def rci_create(name: str, proc: str | None = None, priority: int = 0) -> TaskDes
     return _begun().create(name, proc, priority)
 
 
+def rci_processors() -> list[ProcessorInfo]:
+    """The processors that tasks can run on, and whether a program can have them now."""
+    return processors()
+
+
 def rci_close() -> None:
     """Release all tasks, stop their robots, and forget tasks and memory. Raises what ended a task and was not told."""
-    global _program
-    program, _program = _program, None
+    global _program, _shared  # noqa: PLW0603 (as above)
+    program = _program
     if program is not None:
+        _program = _shared = None
         program.close()
 
 
@@ -198,7 +220,7 @@ def rci_release(mask: int, power_off: bool = False) -> None:
 
 def rci_ticks() -> int:
     """The newest tick of the common clock, -1 before the first."""
-    return _running().ticks
+    return _seen().clock_ticks()
 
 
 def rci_wait(predicate: Callable[[], object]) -> None:
@@ -255,7 +277,9 @@ def rci_shared_data(access_mask: int, module: ModuleType | str, name: str) -> ND
         raise ConfigError(
             f"shared data {name!r}: a global NumPy array of numbers is needed, not {type(array).__name__}"
         )
-    memory = _begun().share_memory(f"{place.__name__}.{name}", array.nbytes, None, access_mask)  # type: ignore[union-attr]
+    where = place.__name__  # type: ignore[union-attr]
+    variable = (where, name, array.dtype.str, array.shape)
+    memory = _begun().share_memory(f"{where}.{name}", array.nbytes, None, access_mask, variable)
     shared = memory.view(array.dtype).reshape(array.shape)
     shared[...] = array
     setattr(place, name, shared)
@@ -281,7 +305,7 @@ def rci_receive(getcode: int = ALL) -> tuple[bytes, TaskDescriptor | None]:
 
 def rci_signal(number: int = signal.SIGUSR1) -> None:
     """Interrupt the planning program by a signal. Raises ConfigError when it has no handler for it."""
-    signal_parent(os.getpid(), number)
+    signal_parent(_seen().parent_pid, number)
 
 
 # ---------------------------------------------------------------------------------------------------------- support

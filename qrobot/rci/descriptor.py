@@ -68,7 +68,8 @@ class TaskDescriptor:
         self.name, self.bit, self.processor, self.robot, self.priority = name, bit, processor, robot, priority
         self.words = words
         self.error: BaseException | None = None
-        words[TaskWord.ALLOWED_NS] = round(ALLOWED_S * NS_PER_S)
+        if not words[TaskWord.ALLOWED_NS]:  # otherwise another processor knows the task already
+            words[TaskWord.ALLOWED_NS] = round(ALLOWED_S * NS_PER_S)
         self._how: RobotState | None = None
         self._chg = None if robot is None else Chg(robot.n)
 

@@ -6,13 +6,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, TypeAlias
 
 from qrobot.errors import ConfigError
-from qrobot.rci.link import Link, LinkFactory
-from qrobot.rci.robot_data import KnownRobot
+from qrobot.rci.link import Link, LinkFactory, hello_for
+from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.tcp import TcpLink, bridge_address
 from qrobot.wire import Hello
+
+OpenLink: TypeAlias = Callable[[int], Link]
+"""The way to the robot of a task, greeted with a sample period in us, 0 for the bridge's."""
 
 RobotLinks: TypeAlias = Callable[[KnownRobot, Hello], Link]
 
@@ -42,6 +46,15 @@ _environment: ContextVar[Environment] = ContextVar("environment", default=_REAL_
 def environment() -> Environment:
     """That of the program that calls."""
     return _environment.get()
+
+
+def link_maker(environment: Environment, known: KnownRobot | None, data: RobotData | None) -> OpenLink | None:
+    """What opens the way to a robot of the data base; None without one."""
+    return None if known is None or data is None else partial(_greet, environment, known, data.robot.name)
+
+
+def _greet(environment: Environment, known: KnownRobot, robot: str, period_us: int) -> Link:
+    return environment.links(known, hello_for(robot, period_us))
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from qrobot.units import NS_PER_S
 PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 # How long a program that computes keeps the interpreter when a task is due, which asks several times.
 SWITCH_S: Final = 0.0005
+WATCH_S: Final = 0.005  # [A] between two looks at how long tasks have been running
 PATIENCE_S: Final = 1.0  # [A] with a task that was told to end and is inside a library that knows no exceptions
 
 
@@ -75,6 +76,11 @@ class HostThread:
             if runner.td.state not in (TaskState.CREATED, TaskState.RELEASED, TaskState.ENDED):
                 runner.abandon(RogueTask(f"task {rogue.name} does not return, and its processor with it"))
         self._happened()
+
+    @property
+    def hung(self) -> bool:
+        """It never comes back, and its tasks have ended."""
+        return self._hung
 
     def close(self) -> None:
         """End the thread, unless it never comes back."""

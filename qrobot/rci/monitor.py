@@ -13,8 +13,9 @@ from typing import Any
 from qrobot.errors import ConfigError, LinkTimeout
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor
+from qrobot.rci.environment import OpenLink
 from qrobot.rci.schedule import ClockEntry, TaskScheduler
-from qrobot.rci.task_runner import ControlFunctions, OpenLink, TaskRunner
+from qrobot.rci.task_runner import ControlFunctions, TaskRunner
 
 
 class Monitor:

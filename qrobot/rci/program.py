@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import atexit
+import os
 import select
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
@@ -16,13 +16,13 @@ from qrobot.arrays import Words
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.environment import Environment
-from qrobot.rci.link import Link, hello_for
+from qrobot.rci.environment import Environment, link_maker
+from qrobot.rci.processor_image import KnownArea, KnownTask, Variable
 from qrobot.rci.real_time import RealTimeProcessors
-from qrobot.rci.robot_data import KnownRobot, RobotData, RobotTable
+from qrobot.rci.robot_data import KnownRobot, RobotTable
 from qrobot.rci.schedule import check_interval
-from qrobot.rci.task_runner import ControlFunction, ControlFunctions, OpenLink
-from qrobot.rci.task_table import ALL, Bytes, SharedArea, TaskTable
+from qrobot.rci.task_runner import ControlFunction, ControlFunctions
+from qrobot.rci.task_table import ALL, Bytes, SharedArea, SharedProgram, TaskTable
 from qrobot.rci.virtual_time import VirtualProcessors
 from qrobot.units import NS_PER_S
 
@@ -63,6 +63,12 @@ class Processors(Protocol):
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let its monitor do something."""
 
+    def words(self, n: int) -> Words:
+        """Zeroed memory that all of them reach."""
+
+    def seal(self, tasks: list[KnownTask], areas: list[KnownArea], environment: Environment) -> None:
+        """Get ready to run, now that all tasks and memory are known."""
+
     def wait(self, predicate: Callable[[], object], look: Callable[[], object]) -> None:
         """Return when `predicate` is true, calling `look` as time passes. Raises what they raise."""
 
@@ -87,10 +93,12 @@ class RciProgram:
         self._processors: Processors = VirtualProcessors() if environment.virtual_time else RealTimeProcessors()
         self.table = TaskTable(self._processors.stamp)
         self.robots = RobotTable()
-        self.parent = TaskDescriptor("parent", PARENT, HOST, self._words(AREA_WORDS))
+        self.parent = TaskDescriptor("parent", PARENT, HOST, self._processors.words(AREA_WORDS))
         self.table.add(self.parent)
         self._tasks: list[TaskDescriptor] = []
         self._functions: dict[int, ControlFunctions] = {}
+        self._robots_of: dict[int, KnownRobot | None] = {}
+        self._areas: list[KnownArea] = []
         self._sealed = False
         self._told: set[int] = set()  # tasks whose end the program has heard of
         atexit.register(self._at_exit)
@@ -108,33 +116,37 @@ class RciProgram:
         data = None if known is None else known.data()
         self._processors.add(where)
         bit = PARENT << (len(self._tasks) + 1)
-        td = TaskDescriptor(name, bit, where, self._words(AREA_WORDS), data, priority)
+        td = TaskDescriptor(name, bit, where, self._processors.words(AREA_WORDS), data, priority)
         self._tasks.append(td)
         self.table.add(td)
-        self._processors.order(where, "add", td, self._link_to(known, data))
+        self._robots_of[td.bit] = known
+        self._processors.order(where, "add", td, link_maker(self._environment, known, data))
         return td
-
-    def _link_to(self, known: KnownRobot | None, data: RobotData | None) -> OpenLink | None:
-        if known is None or data is None:
-            return None
-        return partial(_greeting_link, self._environment, known, data.robot.name)
-
-    def _words(self, n: int) -> Words:
-        return np.zeros(n, np.int64)
 
     def _check_not_sealed(self, what: str) -> None:
         if self._sealed:
             raise ConfigError(f"{what}: create all tasks and shared memory before the first rci_start()")
 
-    def share_memory(self, label: str, size: int, host: TaskDescriptor | None, access: int) -> Bytes:
+    def share_memory(
+        self, label: str, size: int, host: TaskDescriptor | None, access: int, variable: Variable | None = None
+    ) -> Bytes:
         """A region of memory; see `rci_shared_memory`."""
         self._check_not_sealed(f"shared memory {label!r}")
         if not isinstance(size, int) or isinstance(size, bool) or not 0 < size <= 1 << 30:
             raise ConfigError(f"shared memory {label!r}: 1 to {1 << 30} bytes, not {size!r}")
         self.table.of(access, f"shared memory {label!r}")
-        memory = self._words(-(-size // 8)).view(np.uint8)[:size]
-        self.table.share(SharedArea(label, memory, access | PARENT | (0 if host is None else host.bit)))
+        memory = self._processors.words(-(-size // 8)).view(np.uint8)[:size]
+        area = SharedArea(label, memory, access | PARENT | (0 if host is None else host.bit))
+        self.table.share(area)
+        self._areas.append(KnownArea(area, variable))
         return memory
+
+    def _seal(self) -> None:
+        """All tasks and memory are known from now on."""
+        if not self._sealed:
+            tasks = [KnownTask(td, self._robots_of.get(td.bit)) for td in (self.parent, *self._tasks)]
+            self._processors.seal(tasks, self._areas, self._environment)
+        self._sealed = True
 
     def set_clock_rate(self, rate_hz: int) -> None:
         """Ticks a second of the common clock; see `rci_clock`."""
@@ -205,7 +217,7 @@ class RciProgram:
                 raise ConfigError(f"task {td.name} is active already")
             td.error = None
             self._told.discard(td.bit)
-        self._sealed = True
+        self._seal()
         try:
             self._each(chosen, "attach")
             self._wait_for(lambda: all(td.state is not TaskState.ATTACHING for td in chosen))
@@ -240,9 +252,9 @@ class RciProgram:
     # --------------------------------------------------------------------------------------------------------- waiting
 
     @property
-    def ticks(self) -> int:
-        """The newest tick of the common clock."""
-        return self._processors.ticks
+    def shared(self) -> SharedProgram:
+        """The program as its tasks know it."""
+        return SharedProgram(self.table, self.parent, lambda: self._processors.ticks, os.getpid())
 
     def wait(self, predicate: Callable[[], object]) -> None:
         """Return when `predicate` is true; see `rci_wait`."""
@@ -276,10 +288,6 @@ class RciProgram:
         except QRobotError as error:
             with suppress(OSError):
                 print(f"rci: {error}", file=sys.stderr)
-
-
-def _greeting_link(environment: Environment, known: KnownRobot, robot: str, period_us: int) -> Link:
-    return environment.links(known, hello_for(robot, period_us))
 
 
 __all__ = ["ALL", "HOST", "Processors", "RciProgram"]

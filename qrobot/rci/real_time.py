@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
 from typing import Final
 
+from qrobot.arrays import Words
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import HOST
-from qrobot.rci.host_thread import HostThread
+from qrobot.rci.environment import Environment
+from qrobot.rci.host_thread import WATCH_S, HostThread
+from qrobot.rci.mapped_area import MappedArea
+from qrobot.rci.process_processor import ProcessProcessor
+from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskRecord
 from qrobot.rci.task_runner import current_task
+from qrobot.rci.task_table import Bytes
 
 START_LEAD_S: Final = 0.01  # [A] in which every processor hears that its tasks are to begin at one tick
-WATCH_S: Final = 0.005  # between two looks at how long tasks have been running
 _LOOK_S: Final = 0.002  # a waiting program looks up so often
 
 
@@ -27,7 +33,8 @@ class RealTimeProcessors:
 
     def __init__(self) -> None:
         self.clock = CommonClock(time.monotonic_ns, epoch_ns=time.monotonic_ns())
-        self._processors: dict[str, HostThread] = {}
+        self._processors: dict[str, HostThread | ProcessProcessor] = {}
+        self._areas: dict[int, MappedArea] = {}  # by the address of their words
         self._happened = threading.Event()
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._watch_tasks, name="rci-watch", daemon=True)
@@ -49,15 +56,45 @@ class RealTimeProcessors:
     def add(self, processor: str) -> None:
         """Have a processor of that name. Raises ConfigError when there is none."""
         if processor not in self._processors:
-            if processor != HOST:
-                raise ConfigError(f"no processor {processor!r}: in real time there is {HOST!r}")
-            self._processors[processor] = HostThread(processor, self.clock, self._happened.set)
+            self._processors[processor] = (
+                HostThread(processor, self.clock, self._happened.set)
+                if processor == HOST
+                else ProcessProcessor(processor, self._happened.set)
+            )
         if not self._watch.is_alive():
             self._watch.start()
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let the monitor of a processor do something, and wait until it has. Raises what it raises."""
         self._processors[processor].order(order, *arguments)
+
+    def words(self, n: int) -> Words:
+        """Zeroed memory that all processors reach."""
+        area = MappedArea(n)
+        self._areas[area.words.ctypes.data] = area
+        return area.words
+
+    def seal(self, tasks: list[KnownTask], areas: list[KnownArea], environment: Environment) -> None:
+        """Start the processors that are processes, now that all tasks and memory are known."""
+        records = [
+            TaskRecord(t.td.name, t.td.bit, t.td.processor, t.td.priority, self._area_of(t.td.words), t.robot)
+            for t in tasks
+        ]
+        regions = [
+            AreaRecord(a.area.label, a.area.memory.nbytes, a.area.access, self._area_of(a.area.memory), a.variable)
+            for a in areas
+        ]
+        rate_hz, epoch_ns = self.clock.rate_hz, self.clock.epoch_ns
+        for processor in self._processors.values():
+            if isinstance(processor, ProcessProcessor):
+                processor.boot(
+                    ProcessorImage(
+                        processor.name, processor.cpu, rate_hz, epoch_ns, os.getpid(), records, regions, environment
+                    )
+                )
+
+    def _area_of(self, words: Words | Bytes) -> MappedArea:
+        return self._areas[words.ctypes.data]
 
     def wait(self, predicate: Callable[[], object], look: Callable[[], object]) -> None:
         """Return when `predicate` is true, calling `look` as time passes. Raises what they raise."""
@@ -71,8 +108,12 @@ class RealTimeProcessors:
     def close(self) -> None:
         """End them."""
         self._over.set()
+        if self._watch.is_alive():
+            self._watch.join()
         for processor in self._processors.values():
             processor.close()
+        for area in self._areas.values():
+            area.close()
 
     def _watch_tasks(self) -> None:
         """End what takes longer than it is allowed."""

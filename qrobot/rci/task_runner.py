@@ -16,6 +16,7 @@ from typing import TypeAlias
 from qrobot.errors import ConfigError, LinkError, RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
+from qrobot.rci.environment import OpenLink
 from qrobot.rci.link import Link
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import RobotData
@@ -26,8 +27,6 @@ from qrobot.wire import Command, State, Welcome
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 ControlFunction: TypeAlias = Callable[[TaskDescriptor], object]
-OpenLink: TypeAlias = Callable[[int], Link]
-"""The way to the robot of a task, greeted with a sample period in us, 0 for the bridge's."""
 
 _current: ContextVar[TaskDescriptor | None] = ContextVar("current_task", default=None)
 

@@ -112,6 +112,16 @@ class TaskTable:
         return self._payload.tobytes()[:n_bytes], first
 
 
+@dataclass(frozen=True)
+class SharedProgram:
+    """A program as its tasks know it, on whichever processor they run."""
+
+    table: TaskTable
+    parent: TaskDescriptor
+    clock_ticks: Callable[[], int]
+    parent_pid: int
+
+
 def catches(pid: int, number: int) -> bool:
     """True when a process has a handler for a signal, by what the kernel says of it (proc(5), SigCgt)."""
     status = Path(f"/proc/{pid}/status").read_text()

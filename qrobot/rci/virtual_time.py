@@ -9,9 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from itertools import count
 
+import numpy as np
+
+from qrobot.arrays import Words
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.monitor import Monitor, readable
+from qrobot.rci.processor_names import check_processor_name
 from qrobot.rci.task_runner import current_task
 
 
@@ -36,7 +40,8 @@ class VirtualProcessors:
         return next(self._stamps)
 
     def add(self, processor: str) -> None:
-        """Have a processor of that name."""
+        """Have a processor of that name, which needs not exist. Raises ConfigError when it cannot."""
+        check_processor_name(processor)
         self._monitors.setdefault(processor, Monitor(processor, self.clock))
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
@@ -74,6 +79,13 @@ class VirtualProcessors:
             monitor.ask_functions()
             for runner in readable(monitor.devices).values():
                 monitor.wake_by_function(runner)
+
+    def words(self, n: int) -> Words:
+        """Zeroed memory that all processors reach."""
+        return np.zeros(n, np.int64)
+
+    def seal(self, tasks: object, areas: object, environment: object) -> None:
+        """All tasks and memory are known."""
 
     def close(self) -> None:
         """Nothing runs by itself."""

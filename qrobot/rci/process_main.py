@@ -1,0 +1,131 @@
+"""A processor in a process of its own: what the process does from its start to its end.
+
+It is started from the program's image, as the papers' auxiliaries are: the same modules, in which it finds the tasks'
+functions by name. Tasks run in one thread; another one takes the planning program's orders. When the planning program
+is gone, its tasks are released and the process ends.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pickle
+import signal
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from qrobot.errors import QRobotError
+from qrobot.rci import calls
+from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.descriptor import TaskDescriptor, TaskState
+from qrobot.rci.environment import link_maker
+from qrobot.rci.host_thread import WATCH_S, HostThread
+from qrobot.rci.processor_image import AreaRecord, ProcessorImage, TaskRecord
+from qrobot.rci.task_table import SharedArea, SharedProgram, TaskTable
+from qrobot.realtime.setup import lock_memory, pin_threads, tighten_timers
+
+_HELD = (TaskState.ATTACHING, TaskState.READY, TaskState.ACTIVE, TaskState.RELEASING)
+FAREWELL_S = 8.0  # [A] with robots that come to rest, when the planning program is gone
+
+
+def run_processor(image: ProcessorImage, orders: Connection, events: Connection) -> None:
+    """Be a processor until the planning program closes it, or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends us in good order
+    if image.cpu is not None:
+        pin_threads(image.cpu)
+    lock_memory()
+    tighten_timers()
+    AuxiliaryProcessor(image, events).obey(orders)
+
+
+class AuxiliaryProcessor:
+    """One processor in its process."""
+
+    def __init__(self, image: ProcessorImage, events: Connection) -> None:
+        self._events = events
+        self._told: set[int] = set()
+        clock = CommonClock(time.monotonic_ns, image.rate_hz, image.epoch_ns)
+        self._table = TaskTable(time.monotonic_ns)
+        self._host = HostThread(image.name, clock, lambda: None)
+        self._tds: list[TaskDescriptor] = []
+        for record in image.tasks:
+            self._take_task(record, image)
+        for area in image.areas:
+            self._take_area(area)
+        parent = self._table.find("parent")
+        calls.be_processor(SharedProgram(self._table, parent, lambda: clock.ticks, image.parent_pid))
+
+    def _take_task(self, record: TaskRecord, image: ProcessorImage) -> None:
+        data = None if record.robot is None else record.robot.data()
+        words = record.area.words
+        td = TaskDescriptor(record.name, record.bit, record.processor, words, data, record.priority)
+        self._table.add(td)
+        if record.processor == image.name:
+            self._tds.append(td)
+            self._host.order("add", td, link_maker(image.environment, record.robot, data))
+
+    def _take_area(self, record: AreaRecord) -> None:
+        memory = record.area.words.view(np.uint8)[: record.size]
+        self._table.share(SharedArea(record.label, memory, record.access))
+        if record.variable is not None and any(td.bit & record.access for td in self._tds):
+            module, name, dtype, shape = record.variable
+            setattr(importlib.import_module(module), name, memory.view(np.dtype(dtype)).reshape(shape))
+
+    def obey(self, orders: Connection) -> None:
+        """Carry out orders, and look after the tasks, until there is nobody to give any."""
+        try:
+            while self._look_after() and self._take_order(orders):
+                pass
+        except (EOFError, OSError):
+            self._farewell()
+        os._exit(0)  # the thread of a task that never comes back would keep us
+
+    def _take_order(self, orders: Connection) -> bool:
+        if not orders.poll(WATCH_S):
+            return True
+        order, arguments = orders.recv()
+        if order == "end":
+            return False
+        orders.send(_outcome(self._host, order, arguments))
+        return True
+
+    def _look_after(self) -> bool:
+        """End rogues, tell of tasks that have ended; false when no task runs here any more."""
+        self._host.end_rogues(time.monotonic_ns())
+        for td in self._tds:
+            if td.error is None:
+                self._told.discard(td.bit)
+            elif td.bit not in self._told:
+                self._told.add(td.bit)
+                self._events.send((td.bit, portable(td.error)))
+        return not self._host.hung
+
+    def _farewell(self) -> None:
+        """Bring all robots to a controlled stop."""
+        deadline = time.monotonic() + FAREWELL_S
+        with suppress(QRobotError):
+            self._host.order("release", sum(td.bit for td in self._tds), False)
+        while any(td.state in _HELD for td in self._tds) and time.monotonic() < deadline:
+            self._host.end_rogues(time.monotonic_ns())
+            time.sleep(WATCH_S)
+
+
+def _outcome(host: HostThread, order: str, arguments: Any) -> BaseException | None:
+    try:
+        host.order(order, *arguments)
+    except Exception as error:
+        return portable(error)
+    return None
+
+
+def portable(error: BaseException) -> BaseException:
+    """An exception that another process can make again; one that it cannot becomes text."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return QRobotError(f"{type(error).__name__}: {error}")
+    return error

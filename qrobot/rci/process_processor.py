@@ -1,0 +1,160 @@
+"""The planning program's side of a processor in a process of its own: start it, give it orders, notice its death."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from qrobot.errors import ConfigError, LinkLost, RogueTask
+from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
+from qrobot.rci.host_thread import PATIENCE_S, lateness
+from qrobot.rci.process_main import run_processor
+from qrobot.rci.processor_image import ProcessorImage
+from qrobot.rci.processor_names import claim_processor, cpu_of
+from qrobot.units import NS_PER_S
+
+START_S: Final = 60.0  # [A] for an interpreter and its imports, on a machine that is busy
+END_S: Final = 10.0  # [A] with robots that come to rest
+_LOOK_S: Final = 0.1
+
+
+class ProcessProcessor:
+    """One processor of a program.
+
+    It is started with the first task that is, when all tasks and memory are known; orders before that wait.
+
+    Args:
+        name: "cpu0", "aux1" and so on.
+        happened: called when one of its tasks, or itself, has ended.
+
+    Raises:
+        ConfigError: there is no such processor. LinkBusy: another program has it.
+    """
+
+    def __init__(self, name: str, happened: Callable[[], object]) -> None:
+        self.name, self.cpu = name, cpu_of(name)
+        self._claim = None if self.cpu is None else claim_processor(name)
+        self._happened = happened
+        self._tds: dict[int, TaskDescriptor] = {}
+        self._waiting: list[tuple[str, tuple[Any, ...]]] = []
+        self._process: Any = None
+        self._dead = ""  # why it can do nothing any more
+
+    # --------------------------------------------------------------------------------------------------------- orders
+
+    def order(self, order: str, *arguments: Any) -> None:
+        """Let its monitor do something, and wait until it has; before it runs, when it does. Raises what it raises."""
+        if order == "add":
+            self._tds[arguments[0].bit] = arguments[0]  # its process makes a task of the image by itself
+            return
+        check_portable(order, arguments)
+        if self._process is None:
+            self._waiting.append((order, arguments))
+        elif not self._dead:
+            self._ask(order, arguments)
+
+    def boot(self, image: ProcessorImage) -> None:
+        """Start its process, once. Raises ConfigError when what it needs cannot be handed over."""
+        if self._process is not None:
+            return
+        check_portable("robots", (image.environment,))
+        context = multiprocessing.get_context("spawn")  # a fork would share locks, threads and sockets
+        self._orders, theirs = context.Pipe()
+        self._events, told = context.Pipe(duplex=False)
+        process = context.Process(
+            target=run_processor, args=(image, theirs, told), name=f"rci-{self.name}", daemon=True
+        )
+        process.start()
+        self._process = process  # from now on it is looked after
+        theirs.close()
+        told.close()
+        for order, arguments in self._waiting:
+            self._ask(order, arguments)
+
+    def _ask(self, order: str, arguments: tuple[Any, ...]) -> None:
+        try:
+            self._orders.send((order, arguments))
+            while not self._orders.poll(_LOOK_S):
+                if not self._process.is_alive():
+                    raise EOFError
+            error = self._orders.recv()
+        except (EOFError, OSError):
+            self._bury(f"processor {self.name} has died: {self._end_of_process()}")
+            return
+        if error is not None:
+            raise error
+
+    # ---------------------------------------------------------------------------------------------------- looking after
+
+    def end_rogues(self, now_ns: int) -> None:
+        """Hear which tasks have ended; kill the process when a function neither ends nor lets itself be ended."""
+        if self._process is None or self._dead:
+            return
+        self._hear()
+        for td in self._tds.values():
+            if lateness(td, now_ns) > 2 * PATIENCE_S * NS_PER_S:
+                self._process.kill()
+                self._bury(f"task {td.name} does not return, and its processor with it", RogueTask)
+                return
+        if not self._process.is_alive():
+            self._hear()
+            self._bury(f"processor {self.name} has died: {self._end_of_process()}")
+
+    def _hear(self) -> None:
+        try:
+            while self._events.poll():
+                bit, error = self._events.recv()
+                self._tds[bit].error = error
+                self._happened()
+        except (EOFError, OSError):
+            return  # its end is noticed by itself
+
+    def _end_of_process(self) -> str:
+        self._process.join(END_S)
+        return f"exit status {self._process.exitcode}; the bridges of its robots have stopped them"
+
+    def _bury(self, why: str, kind: type[Exception] = LinkLost) -> None:
+        """Tell of every task that ran there."""
+        self._dead = why
+        for td in self._tds.values():
+            if td.state not in (TaskState.RELEASED, TaskState.ENDED):
+                td.error = td.error or kind(why)
+                td.words[TaskWord.BEGAN_NS] = 0
+                td.words[TaskWord.STATE] = TaskState.ENDED
+        self._happened()
+
+    def close(self) -> None:
+        """End the process; kill it when it does not end."""
+        if self._process is not None:
+            if not self._dead:
+                _tell_end(self._orders)
+            self._process.join(END_S)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process.close()
+            self._orders.close()
+            self._events.close()
+        if self._claim is not None:
+            self._claim.close(unlink=True)
+
+
+def _tell_end(orders: Connection) -> None:
+    try:
+        orders.send(("end", ()))
+    except OSError:
+        return  # it has ended
+
+
+def check_portable(what: str, arguments: tuple[Any, ...]) -> None:
+    """Raise ConfigError for functions that another process cannot find by their name."""
+    try:
+        pickle.dumps(arguments)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise ConfigError(
+            f"{what}: a processor of its own finds functions by name: define them in a module, not in another "
+            f"function, and reach robots by their bridges ({error})"
+        ) from None

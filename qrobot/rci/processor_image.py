@@ -1,0 +1,66 @@
+"""What a processor in a process of its own has to know of its program, as it is handed over at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from qrobot.rci.descriptor import TaskDescriptor
+from qrobot.rci.environment import Environment
+from qrobot.rci.mapped_area import MappedArea
+from qrobot.rci.robot_data import KnownRobot
+from qrobot.rci.task_table import SharedArea
+
+Variable = tuple[str, str, str, tuple[int, ...]]
+"""Module, name, type and shape of a global array in shared memory."""
+
+
+class KnownTask(NamedTuple):
+    """A task of the program, and the entry of its robot."""
+
+    td: TaskDescriptor
+    robot: KnownRobot | None
+
+
+class KnownArea(NamedTuple):
+    """A region of shared memory, and the variable that lies there."""
+
+    area: SharedArea
+    variable: Variable | None
+
+
+@dataclass(frozen=True)
+class TaskRecord:
+    """What makes a descriptor: `TaskDescriptor`, with its words and the entry of its robot."""
+
+    name: str
+    bit: int
+    processor: str
+    priority: int
+    area: MappedArea
+    robot: KnownRobot | None
+
+
+@dataclass(frozen=True)
+class AreaRecord:
+    """What makes a region of shared memory; `variable` is the module and name of shared data, with type and shape."""
+
+    label: str
+    size: int
+    access: int
+    area: MappedArea
+    variable: Variable | None = None
+
+
+@dataclass(frozen=True)
+class ProcessorImage:
+    """All that a processor has to know of its program."""
+
+    name: str
+    cpu: int | None
+    rate_hz: int
+    epoch_ns: int
+    parent_pid: int
+    tasks: list[TaskRecord]
+    areas: list[AreaRecord]
+    environment: Environment

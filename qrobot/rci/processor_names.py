@@ -1,0 +1,89 @@
+"""Which processors there are, and whether a program can have one (section 5.3.1).
+
+host            a thread of the program, with its interpreter and its memory
+cpu0, cpu1 ...  a process of its own, kept on that processor of this machine; of one program at a time
+aux, aux1 ...   a process of its own, where the system puts it
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+
+from qrobot.errors import ConfigError, LinkBusy
+from qrobot.rci.descriptor import HOST
+from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, segment_path
+
+_LAYOUT = 1
+
+
+@dataclass(frozen=True)
+class ProcessorInfo:
+    """One processor for people and programs.
+
+    Attributes:
+        name: for `rci_create`.
+        description: what it is.
+        available: a program can have it now.
+        remark: why not; empty otherwise.
+    """
+
+    name: str
+    description: str
+    available: bool = True
+    remark: str = ""
+
+
+def processors() -> list[ProcessorInfo]:
+    """What this machine has: the host, each of its processors, and one more process that is bound to none."""
+    allowed = sorted(os.sched_getaffinity(0))
+    return [
+        ProcessorInfo(HOST, "a thread of the program"),
+        *(_cpu_info(cpu) for cpu in allowed),
+        ProcessorInfo("aux", "a process of its own, as aux1, aux2 ... too"),
+    ]
+
+
+def _cpu_info(cpu: int) -> ProcessorInfo:
+    name, what = f"cpu{cpu}", f"a process of its own on processor {cpu}"
+    try:
+        claim_processor(name).close(unlink=True)
+    except LinkBusy as error:
+        return ProcessorInfo(name, what, False, str(error))
+    return ProcessorInfo(name, what)
+
+
+def check_processor_name(name: str) -> None:
+    """Raise ConfigError for a name that is none of a processor, on this machine or any other."""
+    if not re.fullmatch(rf"{HOST}|aux\d*|cpu\d+", name):
+        cpu_of(name)
+
+
+def cpu_of(name: str) -> int | None:
+    """The processor of this machine that a name binds to, None for one that binds to none.
+
+    Raises:
+        ConfigError: there is no such processor here.
+    """
+    if re.fullmatch(r"aux\d*", name):
+        return None
+    found = re.fullmatch(r"cpu(\d{1,4})", name)
+    allowed = sorted(os.sched_getaffinity(0))
+    if found is None or int(found[1]) not in allowed:
+        if "://" in name or ":" in name:
+            raise ConfigError(f"processor {name!r}: tasks on another host are not there yet; {_known(allowed)}")
+        raise ConfigError(f"no processor {name!r}; {_known(allowed)}")
+    return int(found[1])
+
+
+def _known(allowed: list[int]) -> str:
+    return f"there are {HOST}, {', '.join(f'cpu{cpu}' for cpu in allowed)}, and aux, aux1 ... for processes anywhere"
+
+
+def claim_processor(name: str) -> SharedMemory:
+    """Have a processor of this machine as long as the segment is open. Raises LinkBusy when another program has it."""
+    try:
+        return SharedMemory.create(f"rci-{name}", _LAYOUT, HEADER_WORDS)
+    except LinkBusy:
+        raise LinkBusy(f"processor {name} belongs to another program ({segment_path(f'rci-{name}')})") from None
