@@ -52,10 +52,17 @@ def note(message: str) -> None:
     err.print(Text("\n".join(map(printable, message.split("\n")))), soft_wrap=True)
 
 
-def tell_every_tenth(name: str, number: int, of: int) -> None:
-    """Ten lines for who waits for the compiler, the first at once."""
-    if number == 1 or number * 10 // of > (number - 1) * 10 // of:
-        note(f"compiling kernel {number} of {of}, once for this version on this machine: {name}")
+class EveryTenth:
+    """Some ten lines for who waits for the compiler, the first at once; numbers of kernels may be left out."""
+
+    _tenth = 0
+
+    def __call__(self, name: str, number: int, of: int) -> None:
+        """Tell that a kernel is being compiled, when it is the first one or another tenth is done."""
+        tenth = number * 10 // of
+        if number == 1 or tenth > self._tenth:
+            note(f"compiling kernel {number} of {of}, once for this version on this machine: {name}")
+        self._tenth = tenth
 
 
 def plain_table(title: str, *headings: str, words: Collection[str] = ()) -> Table:

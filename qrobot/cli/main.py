@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from cyclopts import App, Group
 
-from qrobot.cli.console import run_app, tell_every_tenth
+from qrobot.cli.console import EveryTenth, run_app
 from qrobot.realtime.compile_progress import tell_compiling
 from qrobot.realtime.startup_order import turn_is_awaited
 from qrobot.realtime.supervised import end_with_supervisor
@@ -110,6 +110,6 @@ def main() -> None:
     """Entry point: run the command line and exit with its status."""
     end_with_supervisor()
     if not turn_is_awaited():  # of the processes of an arm nobody reads along
-        tell_compiling(tell_every_tenth)
+        tell_compiling(EveryTenth())
     chosen = next(iter(sys.argv[1:]), "")
     sys.exit(run_app(make_app(chosen), sys.argv[1:], partial(import_command, chosen)))

@@ -20,7 +20,7 @@ from qrobot.log.header import LOCKSTEP, attach_files, header_for
 from qrobot.log.record import write_log
 from qrobot.rci import LinkFactory
 from qrobot.realtime.interrupt import heed_interrupts
-from qrobot.rig.compile_ahead import motion_compiled_beside
+from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.sim_board.deployed import emulator_of_arm
 from qrobot.units import US_PER_MS
@@ -44,7 +44,7 @@ class LockstepRun:
         Raises:
             ConfigError: law, model, rate or the program's own settings cannot be. LogError: no log can be written.
         """
-        with motion_compiled_beside(self.arm.robot):
+        with compiled_beside(self.arm.robot):
             rig = self._rig(keep=log is not None)
             rig.compile()
         factory = partial(link_factory, rig, round(self.arm.bridge.period_ms * US_PER_MS))

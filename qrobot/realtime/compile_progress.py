@@ -15,8 +15,8 @@ _listeners: Final[list[CompileListener]] = []
 class _Entry:
     """The kernel being compiled with all below it."""
 
-    done = 0
-    of = 0
+    below: frozenset[str] = frozenset()
+    waiting: set[str] = set()  # noqa: RUF012 (the one entry there is)
 
 
 def tell_compiling(listener: CompileListener) -> None:
@@ -24,14 +24,24 @@ def tell_compiling(listener: CompileListener) -> None:
     _listeners.append(listener)
 
 
-def begin_entry(kernels: int) -> None:
-    """Note how many kernels have to be compiled for the one that is called."""
-    _Entry.done, _Entry.of = 0, kernels
+def begin_entry(below: set[str]) -> None:
+    """Note which kernels have to be compiled for the one that is called; a part of that one brings no new ones."""
+    if not below <= _Entry.below:
+        _Entry.below, _Entry.waiting = frozenset(below), set(below)
 
 
 def begin_kernel(name: str) -> None:
     """Tell that one of them is compiled now. A few come once more, for arguments of other types; they are not told."""
-    _Entry.done += 1
-    if _Entry.done <= _Entry.of >= SHORT:
-        for listener in _listeners:
-            listener(name, _Entry.done, _Entry.of)
+    end_part({name})
+
+
+def end_part(names: set[str]) -> None:
+    """Tell that these need not be compiled any more; of a part, another process may have done it."""
+    if done := names & _Entry.waiting:
+        _Entry.waiting -= done
+        _tell(min(done), len(_Entry.below) - len(_Entry.waiting), len(_Entry.below))
+
+
+def _tell(name: str, number: int, of: int) -> None:
+    for listener in _listeners if of >= SHORT else ():
+        listener(name, number, of)

@@ -15,18 +15,18 @@ import numba
 
 from qrobot.realtime.compile_once import compile_once
 from qrobot.realtime.source_digest import source_stamp
-from qrobot.realtime.whole_program import EntryCompiler, split
+from qrobot.realtime.whole_program import EntryCompiler, separate, split
 
 F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
-def _compile(function: F, **extra: Any) -> F:
+def _compile(function: F, halves: Callable[[Any], None] = split, **extra: Any) -> F:
     options: dict[str, Any] = _OPTIONS | extra
     compiled: F
     try:
         compiled = numba.njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
-        _cover_imports(compiled, Path(function.__code__.co_filename))
+        _cover_imports(compiled, Path(function.__code__.co_filename), halves)
     except (
         RuntimeError,
         OSError,
@@ -36,14 +36,14 @@ def _compile(function: F, **extra: Any) -> F:
     return compiled
 
 
-def _cover_imports(compiled: Any, path: Path) -> None:
+def _cover_imports(compiled: Any, path: Path, halves: Callable[[Any], None]) -> None:
     """Let the cached code go stale with everything it was made of, see `stamp`. Raises AttributeError or OSError."""
     if not jit_disabled():
         index = compiled._cache._cache_file
         index._source_stamp = source_stamp(path)
         index._load_index = _forgiving(index._load_index)
         compile_once(compiled)
-        split(compiled)
+        halves(compiled)
 
 
 def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
@@ -71,6 +71,11 @@ def lean_kernel(function: F) -> F:
     the arrays anyway. In return the compiler refuses a function that would allocate (a new array, a list, a string).
     """
     return _compile(function, _nrt=False)
+
+
+def part_kernel(function: F) -> F:
+    """A `lean_kernel` with machine code of its own, of a module: what is large and called by several loops."""
+    return _compile(function, separate, _nrt=False)
 
 
 def jit_disabled() -> bool:

@@ -7,6 +7,8 @@ Python calls one. Here a kernel has two halves:
 - the *entry* is called from Python or through a pointer: linked with all it needs, optimised and compiled once;
 - the *callee* is called from other kernels: types and LLVM's intermediate code, nothing more.
 
+A *part* (`separate`) is called both ways and linked into none of its callers, see `separate_parts`.
+
 A kernel that is called both ways passes Numba's front end twice, some fifty milliseconds. Literal arguments are widened
 first: a callee would be compiled anew for each fault code it is handed, and inlining finds the constants anyway.
 """
@@ -14,19 +16,25 @@ first: a callee would be compiled anew for each fault code it is handed, and inl
 from __future__ import annotations
 
 import gc
+import hashlib
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType
 from typing import Any, Final
 
 import llvmlite.binding as llvm
 from numba import types
-from numba.core import compiler, typing
+from numba.core import compiler, typed_passes, typing, untyped_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.errors import TypingError
+from numba.core.errors import ForceLiteralArg, TypingError
 from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
 
 from qrobot.realtime.compile_progress import begin_entry, begin_kernel
+from qrobot.realtime.separate_part import parts_in, stand_apart
+from qrobot.realtime.source_digest import source_stamp
 
 SELDOM: Final = 100_000, 50, 100  # objects, then looks at the younger generation
 STACK_SLOTS: Final = 140_000  # a little more than a megabyte: the next chunk of Python's stack has two
@@ -108,6 +116,7 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
 class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
     """A kernel with all it calls, as machine code."""
 
+    _shared_module: Any
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
@@ -115,6 +124,7 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
         direct, self._linking_libraries = self._linking_libraries, []
         for library in _all_behind(direct):
             self._reload_init.update(library._reload_init)
+            self._reload_init.update(parts_in(library))
             self._final_module.link_in(_module_of(library), preserve=True)
         _keep_in(self._final_module)
         super().finalize()
@@ -127,6 +137,8 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
 
     def _get_module_for_linking(self) -> Any:
         """Names alone, which are kept beside the machine code: nobody links an entry, kernels call the callee."""
+        if self._shared_module is not None:
+            return self._shared_module
         names = (f.name for f in self._final_module.functions if f.linkage == llvm.Linkage.external)
         return llvm.parse_assembly("\n".join(f'define void @"{name}"() {{ ret void }}' for name in names))
 
@@ -162,6 +174,20 @@ def _module_of(library: Any) -> Any:
     return library._final_module if isinstance(library, _CalleeLibrary) else library._get_module_for_linking()
 
 
+# Blocks in object mode, and a report on parallel loops: no kernel has them.
+NEVER: Final = frozenset({untyped_passes.WithLifting, typed_passes.DumpParforDiagnostics})
+# For functions inside a function and arrays made of comprehensions; and for operations on arrays that make an array.
+ONLY_WITH_MEMORY: Final = frozenset(
+    {untyped_passes.InlineClosureLikes, untyped_passes.MakeFunctionToJitFunction, typed_passes.NopythonRewrites}
+)
+
+
+def _needless(state: Any) -> frozenset[Any]:
+    """Passes that would leave this kernel as it is."""
+    names_function = any(isinstance(constant, CodeType) for constant in state.func_id.code.co_consts)
+    return NEVER if state.flags.nrt or names_function else NEVER | ONLY_WITH_MEMORY
+
+
 class _KernelCompiler(compiler.Compiler):  # type: ignore[misc]
     """Numba's compiler, without what no kernel needs and costs time at each of the three hundred."""
 
@@ -172,11 +198,13 @@ class _KernelCompiler(compiler.Compiler):  # type: ignore[misc]
         super().__init__(typing_context, context, library, _Types(args), returns, _KernelFlags(flags), variables)
 
     def define_pipelines(self) -> Any:
-        """Numba's passes, into our library."""
+        """Numba's passes as far as the kernel needs them, into our library."""
         state = self.state
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return super().define_pipelines()
+        (passes,) = super().define_pipelines()
+        passes.passes = [each for each in passes.passes if each[0] not in _needless(state)]
+        return [passes]
 
 
 class EntryCompiler(_KernelCompiler):
@@ -185,8 +213,11 @@ class EntryCompiler(_KernelCompiler):
     library = _EntryLibrary
 
     def define_pipelines(self) -> Any:
-        """The same, with all it calls."""
-        begin_entry(sum(not callee.overloads for callee in callees_below(self.state.func_id.func)))
+        """The same, with all it calls, under a name of its own."""
+        identity = self.state.func_id
+        begin_entry(_told_below(identity.func))
+        identity.unique_id = f"{_digest_of(identity.func, tuple.__repr__(self.state.args))}n{identity.unique_id}"
+        identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
         return super().define_pipelines()
 
 
@@ -197,13 +228,19 @@ class _CalleeCompiler(_KernelCompiler):
 
     def define_pipelines(self) -> Any:
         """The same, into the other library."""
-        begin_kernel(f"{self.state.func_id.modname.rpartition('.')[2]}.{self.state.func_id.func_qualname}")
+        begin_kernel(told_name(self.state.func_id.func))
         self.state.flags.no_cpython_wrapper = self.state.flags.no_cfunc_wrapper = True
         return super().define_pipelines()
 
 
 class _Callee(CPUDispatcher):  # type: ignore[misc]
     """The half of a kernel that other kernels call."""
+
+    def compile(self, arguments: tuple[Any, ...]) -> None:
+        """Compile for these types. Without Numba's timers: each level of calls would add one that hears all others."""
+        if arguments not in self.overloads:
+            with self._compiling_counter:
+                self.add_overload(self._compiler.compile(arguments, None))
 
     def add_overload(self, result: Any) -> None:
         """Keep it for kernels; from Python there is nothing to call."""
@@ -214,10 +251,15 @@ class _Callee(CPUDispatcher):  # type: ignore[misc]
         signature, args = self._compiler.fold_argument_types(args, kws)
         try:
             self.compile(tuple(map(types.unliteral, args)))
-        except TypingError:  # it has to know a value, to index a tuple of several types for example
+        except (TypingError, ForceLiteralArg):  # it has to know a value, to index a tuple of several types for example
             self.compile(tuple(args))
         name = self.py_func.__name__
         return typing.make_concrete_template(name, name, self.nopython_signatures), signature, args, {}
+
+
+def separate(entry: Any) -> None:
+    """Let kernels call `entry` as a part with machine code of its own."""
+    stand_apart(entry, lambda function: {told_name(each.py_func) for each in {entry, *callees_below(function)}})
 
 
 def split(entry: Any) -> None:
@@ -225,6 +267,27 @@ def split(entry: Any) -> None:
     callee = _Callee(entry.py_func, targetoptions=entry.targetoptions, pipeline_class=_CalleeCompiler)
     entry.callee = callee
     entry.get_call_template, entry.get_overload = callee.get_call_template, callee.get_overload
+
+
+def _digest_of(function: Any, arguments: str) -> str:
+    """Sixteen digits that name an entry, whichever process compiled it.
+
+    Numba numbers functions and records in the order in which a process meets them. Two entries out of the cache, which
+    different processes compiled, could bear one name, and the loader would take the first one for both.
+    """
+    words = function.__module__, function.__qualname__, source_stamp(Path(function.__code__.co_filename)), arguments
+    cells = dumps(tuple(cell.cell_contents for cell in function.__closure__ or ()))
+    return hashlib.sha256("\n".join(words).encode() + cells).hexdigest()[:16]
+
+
+def _told_below(function: Any) -> set[str]:
+    """Names of the kernels that have to be compiled for it."""
+    return {told_name(each.py_func) for each in callees_below(function) if not each.overloads}
+
+
+def told_name(function: Any) -> str:
+    """The name of a kernel for who waits for it."""
+    return f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
 
 
 @contextmanager

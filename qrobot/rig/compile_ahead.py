@@ -1,30 +1,50 @@
-"""Second process that compiles a program's motion kernels while the first one compiles servo and board.
+"""Half of what a first program needs, compiled by a second process while the first one compiles the other half.
 
-`python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. Whoever needs a kernel that it is just
-compiling waits for it (`realtime.compile_once`).
+`python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. It takes the parts of a cycle from the last
+one on, as a loop that is being compiled takes them from the first one on, then what a program moves by. Whoever needs a
+kernel that it is just compiling waits for it (`realtime.compile_once`).
 """
 
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
+from numba import typeof, types
+
+from qrobot.config import load_robot
 from qrobot.motion.path.path_piece import evaluate
 from qrobot.rccl.connect import compile_motion
 from qrobot.realtime.jit import jit_disabled
+from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.cycle import update_reference
+from qrobot.servo.protection import check_inputs
+from qrobot.servo.settings import ServoSettings
+from qrobot.servo.stages.inputs import read
+from qrobot.servo.stages.mode_machine import handle_requests
+from qrobot.servo.stages.torque_output import drive, write
+from qrobot.sim_board.emulator import EmulatorBundle, advance
+
+# Of servo and emulated board, in the order of the lock-step loop: what `part_kernel` marks.
+PARTS: Final[tuple[Any, ...]] = read, check_inputs, handle_requests, update_reference, drive, write, advance
 
 
 def is_compiled() -> bool:
-    """True when the cache has a kernel that every motion needs, or is not asked."""
-    kernel: Any = evaluate
-    return jit_disabled() or not hasattr(kernel, "_cache") or bool(kernel._cache._cache_file._load_index())
+    """True when the cache has the parts and a kernel that every motion needs, or is not asked."""
+    return jit_disabled() or all(map(_in_cache, (*PARTS, evaluate)))
+
+
+def _in_cache(kernel: Any) -> bool:
+    """True as well for a kernel that is never kept there."""
+    return not hasattr(kernel, "_cache") or bool(kernel._cache._cache_file._load_index())
 
 
 @contextmanager
-def motion_compiled_beside(robot: str) -> Iterator[None]:
+def compiled_beside(robot: str) -> Iterator[None]:
     """Let another process compile within the block; it ends with the block at the latest."""
     if is_compiled():
         yield
@@ -38,5 +58,28 @@ def motion_compiled_beside(robot: str) -> Iterator[None]:
             process.kill()  # the cache is written whole or not at all, and locks go with the process
 
 
+def compile_parts(robot: str) -> None:
+    """Compile the parts of a cycle for `robot`, the last one first. Raises ConfigError when there is no such robot."""
+    rig = LockstepRig(load_robot(robot), ServoSettings())
+    known = argument_types(rig)
+    for part in reversed(PARTS):
+        part.compile(tuple(known[name] for name in inspect.signature(part.py_func).parameters))
+
+
+def argument_types(rig: LockstepRig) -> dict[str, Any]:
+    """Numba's types of what the parts are handed, by the names of their arguments."""
+    *blocks, emulated = rig.loop_arguments
+    known = dict(zip(("params", "state", "mail", "memory"), map(_type_in_kernel, blocks), strict=True))
+    bundle = types.NamedTuple(tuple(map(_type_in_kernel, emulated)), EmulatorBundle)
+    return {**known, "bundle": bundle, "now_ns": types.int64, "sample_ns": types.int64}
+
+
+def _type_in_kernel(value: Any) -> Any:
+    """Of a block the record, which the loop takes out of it."""
+    found = typeof(value)
+    return found.dtype if isinstance(getattr(found, "dtype", None), types.Record) else found
+
+
 if __name__ == "__main__":
+    compile_parts(sys.argv[1])
     compile_motion(sys.argv[1])

@@ -28,7 +28,7 @@ from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
 from qrobot.log.summary import TrackingSummary, tracking_summary
-from qrobot.rig.compile_ahead import motion_compiled_beside
+from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.laws import DEFAULT_LAW, law_label
@@ -150,7 +150,7 @@ def run_lockstep(run: ExperimentRun, directory: Path, robot: Robot | None = None
     """The experiment on virtual time; its log is written below `directory` afterwards."""
     robot = robot or load_robot("puma560")
     wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
-    with motion_compiled_beside(robot.name):
+    with compiled_beside(robot.name):
         rig = LockstepRig(robot, run.settings, Emulator(robot, mismatch=wrong))
         rig.ticks(1)  # loads the compiled loop, which is not the motion's time
         run_program(rig, program_path())

@@ -85,6 +85,7 @@ class LockstepRig:
 
     Attributes:
         now_ns: virtual time.
+        loop_arguments: what the compiled loop works on.
         lease: who commands; as in real time, one program at a time.
         realtime_factor: virtual time over wall-clock time of the newest program, from its first packet on: generator,
             packets, bridge, servo, board and plant together.
@@ -124,7 +125,7 @@ class LockstepRig:
         self._kept: list[Rows] | None = [] if keep_telemetry else None
         bundle: Any = self.emulator.bundle
         emulated = bundle._replace(board=block_of(bundle.board), drive=block_of(bundle.drive))
-        self._blocks = block_of(self.params), block_of(self.state), self.mail, block_of(self.board), emulated
+        self.loop_arguments = block_of(self.params), block_of(self.state), self.mail, block_of(self.board), emulated
         self.emulator.connect(self.board, self.now_ns)
 
     @property
@@ -134,13 +135,13 @@ class LockstepRig:
 
     def compile(self) -> None:
         """Compile the loop, or load it, without advancing."""
-        run_blocks(*self._blocks, self.now_ns, 0, self.substeps)
+        run_blocks(*self.loop_arguments, self.now_ns, 0, self.substeps)
 
     def ticks(self, n: int) -> None:
         """Advance by `n` servo cycles, at most the telemetry ring's length at a time."""
         while n > 0:
             chunk = min(n, RING_ROWS // 2)
-            self.now_ns = run_blocks(*self._blocks, self.now_ns, chunk, self.substeps)
+            self.now_ns = run_blocks(*self.loop_arguments, self.now_ns, chunk, self.substeps)
             self.keep()
             n -= chunk
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
 from qrobot.servo.checks.fault_monitors import watch_timing
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
@@ -87,7 +87,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
     watch_timing(params, state, dt_ns, late)
 
 
-@lean_kernel
+@part_kernel
 def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.mode

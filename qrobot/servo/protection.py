@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors
 from qrobot.servo.checks.hold_to_run import watch_key
 from qrobot.servo.checks.reduced_speed import watch_tool
@@ -35,7 +35,7 @@ from qrobot.servo.stages.mode_machine import watch_surroundings
 from qrobot.servo.state import ServoState
 
 
-@lean_kernel
+@part_kernel
 def check_inputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Judge what the board says, and what the arm did under the torque of the cycles before."""
     watch_surroundings(params, state, mail, now_ns)

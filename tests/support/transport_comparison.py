@@ -47,7 +47,7 @@ class MemoryRig(LockstepRig):
     def ticks(self, n: int) -> None:
         """Advance by `n` servo cycles; a board that does not run costs no virtual time of the arm."""
         for _ in range(n):
-            run_blocks(*self._blocks, self.now_ns, 1, 0)
+            run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
             if self.board_runs:
                 emulator_run(self.emulator.bundle, self._far, self.now_ns, self.substeps)
             self.now_ns += self.period_ns
@@ -71,7 +71,7 @@ class CardRig(LockstepRig):
         """Advance by `n` servo cycles; a card that is pulled costs no virtual time of the arm."""
         for _ in range(n):
             show_card(self.card.words, self.board, self.now_ns)
-            run_blocks(*self._blocks, self.now_ns, 1, 0)
+            run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
             serve_card(self.card.words, self.board, self.now_ns)
             self.card.settle()
             self.now_ns += self.period_ns

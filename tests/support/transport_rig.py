@@ -53,7 +53,7 @@ class TransportRig(LockstepRig):
         """Advance by `n` servo cycles, each with one exchange; a transport that is cut costs no virtual time of the
         arm."""
         for _ in range(n):
-            run_blocks(*self._blocks, self.now_ns, 1, 0)
+            run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
             self.gateway.step(self.now_ns)
             self.now_ns += self.period_ns
             self.keep()

@@ -17,7 +17,7 @@ from qrobot.model.transmission import (
     signed_word,
     unwrap_counts,
 )
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import forget_pots, gather_pot, has_table, watch_pots
 from qrobot.servo.calibration.procedure import see_load
 from qrobot.servo.calibration.state import Stage
@@ -55,7 +55,7 @@ ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
 
 
-@lean_kernel
+@part_kernel
 def read(params: ServoParameters, state: ServoState) -> None:
     """Judge the image; unwrap the encoder words, holding back what no joint can have moved.
 

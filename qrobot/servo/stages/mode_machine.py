@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table, pots_judged
 from qrobot.servo.calibration.state import (
     DEFAULT_INDEXES,
@@ -340,7 +340,7 @@ def power_wanted(state: ServoState, mail: Any) -> int:
     return 1 if asked and state.power_locked == 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
 
 
-@lean_kernel
+@part_kernel
 def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Act on what the commander asks and on what the present mode waits for."""
     power = power_wanted(state, mail)

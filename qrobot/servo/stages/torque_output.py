@@ -29,7 +29,7 @@ from qrobot.model.transmission import (
     torque_to_dac,
     torque_to_motor,
 )
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table
 from qrobot.servo.calibration.procedure import post_latches
 from qrobot.servo.checks.guardian_arming import keep_armed, say_again
@@ -73,7 +73,7 @@ LAW_NAN: Final = int(FaultCode.LAW_NAN)
 LAW_BOUNDS: Final = int(FaultCode.LAW_BOUNDS)
 
 
-@lean_kernel
+@part_kernel
 def drive(params: ServoParameters, state: ServoState) -> None:
     """Torque of the law, guarded, in modes that give any."""
     state.clipped = 0
@@ -222,7 +222,7 @@ def add_torque_setpoints(state: ServoState) -> None:
         state.tau[j] += state.torque_setpoint[j]
 
 
-@lean_kernel
+@part_kernel
 def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
     """Register writes of this cycle: every DAC, and DISCRETE when it changes; none when the guardian has the board."""
     if not gives_torque(state.mode):  # a fault may have come up after the law had run

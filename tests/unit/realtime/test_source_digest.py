@@ -55,8 +55,16 @@ def test_a_change_in_an_imported_kernel_recompiles_the_caller(tmp_path: Path) ->
     """In a copy of the package whose two kernels stand in two files."""
     copy = tmp_path / "qrobot"
     (copy / "realtime").mkdir(parents=True)
-    compiler = ("__init__", "jit", "compile_once", "compile_progress", "source_digest", "whole_program")
-    for name in ("__init__.py", *(f"realtime/{each}.py" for each in compiler)):
+    compiler = (
+        "__init__",
+        "jit",
+        "compile_once",
+        "compile_progress",
+        "separate_part",
+        "source_digest",
+        "whole_program",
+    )
+    for name in ("__init__.py", "realtime/__init__.py", *(f"realtime/{each}.py" for each in compiler)):
         (copy / name).write_bytes((PACKAGE / name).read_bytes())
     (copy / "outer.py").write_text(OUTER)
 
