@@ -272,8 +272,8 @@ def split(entry: Any) -> None:
 def _digest_of(function: Any, arguments: str) -> str:
     """Sixteen digits that name an entry, whichever process compiled it.
 
-    Numba numbers functions and records in the order in which a process meets them. Two entries out of the cache, which
-    different processes compiled, could bear one name, and the loader would take the first one for both.
+    Numba numbers functions and records in the order in which a process meets them. Two parts out of the cache, which
+    different processes compiled, could bear one name, and the loader would take one for the other.
     """
     words = function.__module__, function.__qualname__, source_stamp(Path(function.__code__.co_filename)), arguments
     cells = dumps(tuple(cell.cell_contents for cell in function.__closure__ or ()))
