@@ -130,7 +130,7 @@ def test_a_part_is_not_taken_for_one_of_other_types_that_another_process_compile
     (programs.folder / "sizes.py").write_text(SIZES)
     for n in (3, 7):
         assert programs.run(f"import sizes as s; print(s.total(s.block({n})))") == str(n)
-    both = "b = s.block(3), s.block(7); print(*map(s.length, b), *map(s.total, b), sum(s.total.stats.cache_hits.values()))"
+    both = "b = s.block(3), s.block(7); print(*map(s.length, b), *map(s.total, b), len(s.total.stats.cache_hits))"
     assert programs.run(f"import sizes as s; {both}") == "3 7 3 7 2"
 
 
