@@ -110,7 +110,7 @@ class MotionQueue:
 
     def sample(self, seen: MachineSample) -> Floats:
         """The setpoints of the next sample period. Shape (n,)."""
-        self._tick += 1
+        self._tick += 1 + seen.left_out
         self._dequeue(seen)
         self._take_skip()
         self._bind()

@@ -21,7 +21,7 @@ from qrobot.arcl.switches import say, switches
 from qrobot.arcl.trans import Trans
 from qrobot.config import Robot, load_robot
 from qrobot.errors import MotionError, QRobotError
-from qrobot.motion import Trsf
+from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.machine_choice import machine_choice
 
 DEFAULT_ROBOT = "puma560"
@@ -52,6 +52,9 @@ def arcl_open(*attributes: Any) -> ArclRobot:
         arm, aki.zero, one.get(Attribute.ARCL_PERIOD), _stream(one, arm), Path(sys.argv[0] or "python").name,
         Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm),
     )  # fmt: skip
+    if layer != "offline":  # no sample may wait for the compiler
+        warm_up(arm.n, Blend.ZERO_JERK)
+        warm_up_cartesian(aki.limits, aki, arm.poses["park"] - aki.zero, Blend.ZERO_JERK)
     rp = ArclRobot(arm, aki, machine(layer, settings))
     remember(rp)
     return rp

@@ -20,7 +20,7 @@ from qrobot.arcl.trace import exec_line, request_line
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
+from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault
 from qrobot.motion import Trsf, whole_samples
 from qrobot.units import MM_PER_M, S_PER_MS
 
@@ -48,8 +48,9 @@ class ArclRobot:
         self._units = units_of(robot)
         self._options = MotionOptions()
         self._error: QRobotError | None = None
-        self._closed = False
-        self._motions = MotionQueue(aki, ami.period_s, ami.open(), self)
+        self._closed = self._loss_told = False
+        q = ami.open()
+        self._motions = MotionQueue(aki, ami.period_s, q, self)
         ami.start(self._sample)
 
     # -------------------------------------------------------------------------------------------------- positions
@@ -150,7 +151,11 @@ class ArclRobot:
                 raise MotionError(f"{self.name}: no motion is left that could end this waiting")
             return False
 
-        self.ami.wait(done)
+        try:
+            self.ami.wait(done)
+        except (LinkError, ServoFault) as error:
+            self._tell_loss(error)
+            raise
 
     # --------------------------------------------------------------------------------------------- hand and lines
 
@@ -266,6 +271,12 @@ class ArclRobot:
         if self._closed:
             raise LinkError(f"{self.name} was closed; call arcl_open first")
         return self.ami.lock()
+
+    def _tell_loss(self, error: QRobotError) -> None:
+        """Control of the arm is lost: tell the program's handler, once; its answer does not matter."""
+        if not self._loss_told:
+            self._loss_told = True
+            goes_on(ArclEvent.EVENT_FAULT, self, error)
 
     def _raise_error(self) -> None:
         error, self._error = self._error, None

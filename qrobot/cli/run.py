@@ -104,6 +104,10 @@ def run(
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
             with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen))):
                 return _run_virtual(_offline_links(chosen), start, folder, ideal=True)
+        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen))):
+            return perform_on_bridge()
+
+    def perform_on_bridge() -> int:
         if not lockstep:
             _tell_scene(program)
             return _run_through(_bridge_links(chosen), start, output)

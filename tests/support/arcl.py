@@ -68,12 +68,12 @@ def recorded(rp: ArclRobot) -> Iterator[list[np.ndarray]]:
     rp.ami._cycle = sample
 
 
-def run_example(name: str, folder: Path, *arguments: str) -> None:
-    """An example as it is, off line, with its streams in a folder."""
+def run_example(name: str, folder: Path, *arguments: str, ami: str = "offline") -> None:
+    """An example as it is, with its streams in a folder."""
     argv = sys.argv
     sys.argv = [str(EXAMPLES / name), *arguments]
     try:
-        with use_machine(MachineChoice("offline", folder)):
+        with use_machine(MachineChoice(ami, folder)):
             runpy.run_path(str(EXAMPLES / name), run_name="__main__")
     finally:
         sys.argv = argv

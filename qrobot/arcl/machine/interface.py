@@ -25,7 +25,8 @@ class MachineSample:
         t_ms: time since the first sample.
         q, v, tau: measured positions and velocities, commanded torques (N m, N; NaN where not known). Shapes (n,).
         inputs, outputs: binary lines, line 1 in bit 0.
-        hand: as commanded, a `wire.vocabulary.Hand`.
+        hand: as commanded.
+        left_out: samples before this one that were never heard of.
     """
 
     t_ms: float
@@ -35,6 +36,7 @@ class MachineSample:
     inputs: int = 0
     outputs: int = 0
     hand: int = 0
+    left_out: int = 0
 
 
 SetpointCycle: TypeAlias = Callable[[MachineSample], Floats]

@@ -6,21 +6,21 @@ share one time.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
+from qrobot.arcl.machine import shared_time
 from qrobot.arcl.machine.digital import set_bits
 from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
 from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.trace import done_line
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, MotionError
+from qrobot.errors import MotionError
 from qrobot.units import MM_PER_M
 
 OFFLINE_PERIOD_MS: Final = 56.0  # dT in Figure 5 of the paper
@@ -40,7 +40,6 @@ class OfflineMachine:
 
     name = "offl"
     virtual_time = True
-    _running: ClassVar[list[OfflineMachine]] = []
 
     def __init__(self, settings: MachineSettings) -> None:
         period_ms = OFFLINE_PERIOD_MS if settings.period_ms is None else settings.period_ms
@@ -53,12 +52,10 @@ class OfflineMachine:
         self._v = np.zeros_like(self._q)
         self._period_ms = period_ms
         self._ticks = 0
-        self._origin_ms = 0.0
         self._hand = self._outputs = 0
         self._cycle: SetpointCycle | None = None
-        self._sampling = False
+        self.sampling = False
         self.error: BaseException | None = None
-        self._thread = threading.get_ident()
         self.stream = open_stream(settings, self.name, period_ms)
 
     def open(self) -> Floats:
@@ -68,8 +65,7 @@ class OfflineMachine:
     def start(self, cycle: SetpointCycle) -> None:
         """See `RobotMachine.start`: time passes from now on, beside that of the program's other machines."""
         self._cycle = cycle
-        self._origin_ms = max((other._now_ms for other in self._all()), default=0.0)
-        self._running.append(self)
+        shared_time.join(self)
 
     def treal(self) -> float:
         """See `RobotMachine.treal`."""
@@ -83,14 +79,7 @@ class OfflineMachine:
 
     def wait(self, predicate: Callable[[], bool]) -> None:
         """See `RobotMachine.wait`."""
-        if any(machine._sampling for machine in self._all()):
-            raise MotionError("a function that is called at each sample must not wait: let it give a semaphore")
-        while not predicate():
-            if self.error is not None:
-                raise self.error
-            if self not in self._running:
-                raise LinkError("the robot was closed: nothing can happen any more")
-            min(self._all(), key=lambda machine: machine._now_ms)._step()
+        shared_time.wait(self, predicate)
 
     def grip(self, command: int, value: float) -> None:
         """See `RobotMachine.grip`: any command goes into the stream."""
@@ -104,7 +93,7 @@ class OfflineMachine:
 
     def close(self, power_off: bool) -> None:  # noqa: ARG002 (there is no power)
         """See `RobotMachine.close`."""
-        self._leave()
+        shared_time.leave(self)
         if self.stream is not None:
             self.stream.close(self.treal())
 
@@ -113,23 +102,14 @@ class OfflineMachine:
         return done_line(self.name, self.treal() / 1e3)
 
     @property
-    def _now_ms(self) -> float:
-        """Time that all machines of a program share."""
-        return self._origin_ms + self._ticks * self._period_ms
+    def elapsed_ms(self) -> float:
+        """See `SteppedMachine.elapsed_ms`."""
+        return self._ticks * self._period_ms
 
-    def _all(self) -> list[OfflineMachine]:
-        """The machines of this thread, in the order in which they were opened."""
-        return [machine for machine in self._running if machine._thread == self._thread]
-
-    def _leave(self) -> None:
-        """Take no more part in the passing of time."""
-        if self in self._running:
-            self._running.remove(self)
-
-    def _step(self) -> None:
-        """One sample. What goes wrong is told when the program turns to this arm."""
+    def step(self) -> None:
+        """See `SteppedMachine.step`."""
         self.sample = MachineSample(
-            self._ticks * self._period_ms,
+            self.elapsed_ms,
             self._q.copy(),
             self._v.copy(),
             np.full_like(self._q, np.nan),
@@ -137,16 +117,15 @@ class OfflineMachine:
             self._outputs,
             self._hand,
         )
-        self._sampling = True
+        self.sampling = True
         try:
             assert self._cycle is not None  # it runs only from `start` on
             q = np.array(self._cycle(self.sample), dtype=np.float64)
         except BaseException as error:
             self.error = error
-            self._leave()
             return
         finally:
-            self._sampling = False
+            self.sampling = False
         self._v, self._q = (q - self._q) / self.period_s, q
         self.sample = replace(self.sample, q=q.copy(), v=self._v.copy())
         self._write(RecordKind.JOINTS, q)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
+from qrobot.arcl.machine.bridge import BridgeMachine
 from qrobot.arcl.machine.interface import MachineSettings, RobotMachine
 from qrobot.arcl.machine.offline import OfflineMachine
 from qrobot.errors import ConfigError
 
 MachineMaker: TypeAlias = Callable[[MachineSettings], RobotMachine]
 
-_MAKERS: Final[dict[str, MachineMaker]] = {"offline": OfflineMachine}
+_MAKERS: Final[dict[str, MachineMaker]] = {"bridge": BridgeMachine, "offline": OfflineMachine}
 
 
 def register_machine(name: str, maker: MachineMaker) -> None:

@@ -1,0 +1,166 @@
+"""ARCL programs through bridge, servo, emulated board and plant, on virtual time; and the same ones off line (D-19)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.arcl import (
+    ARCL_AMI,
+    ARCL_PERIOD,
+    ARCL_ROBOT,
+    ARCL_START,
+    ARCL_STREAM,
+    EVENT_FAULT,
+    GRIP_CLOSE,
+    GRIP_CLOSE_BY,
+    MOV_CONFIG,
+    MOV_SHARE,
+    MOV_TIME,
+    MOV_TRAJ,
+    TRAJ_CART,
+    ami_treal,
+    arcl_close,
+    arcl_errproc,
+    arcl_open,
+    arcl_wait,
+    gripper,
+    joint_pos,
+    move,
+    stop,
+)
+from qrobot.arcl.stream import RecordKind, Stream, read_stream
+from qrobot.errors import LinkBusy, LinkError, MotionError, ServoFault
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from tests.support.arcl import at, forget_programs, run_example
+from tests.support.puma import ROBOT
+
+SAMPLE_US = 28_000
+MEASURED = 0.02  # rad: the servo's error on the way, and half a sample of it
+AWAY = (20.0, 120.0, -10.0, 10.0, 60.0, -160.0)
+
+
+@pytest.fixture(autouse=True)
+def _alone() -> Iterator[None]:
+    forget_programs()
+    yield
+    forget_programs()
+
+
+@contextmanager
+def arms(n: int = 1) -> Iterator[list[LockstepRig]]:
+    """Emulated arms; each robot that a program opens gets the next one."""
+    rigs = [LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for _ in range(n)]
+    free = iter(rigs)
+    with rci.use(lambda hello: link_factory(next(free), SAMPLE_US, hello)):
+        yield rigs
+        forget_programs()
+
+
+def following_error(stream: Stream) -> float:
+    """The farthest that a joint was from its setpoint, rad, at the lag at which it follows best."""
+    (_, asked), (_, measured) = (stream.table(kind, 6) for kind in (RecordKind.JOINTS, RecordKind.MEASURED))
+    return float(min(np.abs(measured[lag:] - asked[:-lag]).max() for lag in (1, 2, 3)))
+
+
+def test_the_papers_program_moves_an_arm_that_follows_s11(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with arms() as (rig,):
+        run_example("s11_first_program.py", tmp_path, ami="bridge")
+        assert not rig.rows()["fault"].any()
+    said = re.search(r"T6 at ([-\d. ]+) mm", capsys.readouterr().out)
+    assert said is not None
+    assert np.allclose([float(word) for word in said[1].split()], [415.0, 150.0, 397.8], atol=2.0)
+    stream = read_stream(tmp_path / "puma560.arcl")
+    assert (stream.start.machine, stream.damage) == ("bridge", "")
+    assert following_error(stream) < MEASURED
+
+
+def test_the_tool_weaves_s12(tmp_path: Path) -> None:
+    with arms() as (rig,):
+        run_example("s12_weave.py", tmp_path, ami="bridge")
+        assert not rig.rows()["fault"].any()
+    stream = read_stream(tmp_path / "puma560.arcl")
+    assert following_error(stream) < MEASURED
+
+
+def test_two_arms_share_a_place_s13(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with arms(2) as rigs:
+        run_example("s13_two_arms.py", tmp_path, ami="bridge")
+        assert not any(rig.rows()["fault"].any() for rig in rigs)
+    said = re.findall(r"arm (\d) (enters|is done)", capsys.readouterr().out)
+    assert said in (
+        [("1", "enters"), ("1", "is done"), ("2", "enters"), ("2", "is done")],
+        [("2", "enters"), ("2", "is done"), ("1", "enters"), ("1", "is done")],
+    )
+
+
+def program(*attributes: object) -> None:
+    """Joints, a straight line, a via point, a stop."""
+    rp = arcl_open(*attributes, 0)
+    move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1500, 0)
+    move(rp, joint_pos(rp, "via", (-20.0, *AWAY[1:])), MOV_SHARE, 30, 0)
+    move(rp, at(450, -100, 250), MOV_CONFIG, "run", MOV_TIME, 3000, 0)
+    move(rp, at(450, 100, 250), MOV_TRAJ, TRAJ_CART, MOV_TIME, 2000, 0)
+    arcl_wait(rp, lambda: ami_treal() > 6500.0)
+    stop(rp)
+    arcl_close(rp)
+
+
+def test_the_same_program_asks_for_the_same_setpoints_off_line_and_of_an_arm(tmp_path: Path) -> None:
+    """What was asked of the arm, sample by sample, is what the off-line run wrote down before (D-19)."""
+    with arms():
+        program(ARCL_STREAM, str(tmp_path / "arm.arcl"))
+    _, asked = read_stream(tmp_path / "arm.arcl").table(RecordKind.JOINTS, 6)
+    start = tuple(np.degrees(asked[0]))
+    program(ARCL_AMI, "offline", ARCL_PERIOD, 28, ARCL_START, start, ARCL_STREAM, str(tmp_path / "off.arcl"))
+    _, alone = read_stream(tmp_path / "off.arcl").table(RecordKind.JOINTS, 6)
+    n = min(len(asked), len(alone))
+    assert n > 230
+    assert abs(len(asked) - len(alone)) <= 20  # the goodbye takes the arm a few samples
+    assert np.abs(asked[:n] - alone[:n]).max() < 1e-9
+
+
+def test_the_hand_closes_and_knows_no_positions() -> None:
+    with arms():
+        rp = arcl_open(0)
+        gripper(rp, GRIP_CLOSE)
+        end = ami_treal() + 300
+        arcl_wait(rp, lambda: ami_treal() > end)
+        assert rp.ami.sample.hand == 2
+        with pytest.raises(MotionError, match="no positions"):
+            gripper(rp, GRIP_CLOSE_BY, 40.0)
+
+
+def test_a_fault_of_the_servo_is_told_to_the_handler_and_raised_in_the_program() -> None:
+    with arms() as (rig,):
+        rp, told = arcl_open(0), []
+        arcl_errproc(lambda event, robot, error: told.append((event, robot is rp, type(error))))
+        move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 4000, 0)
+        arcl_wait(rp, lambda: ami_treal() > 1000.0)
+        rig.mailbox.request_stop()
+        with pytest.raises(ServoFault):
+            arcl_wait(rp)
+        assert told == [(EVENT_FAULT, True, ServoFault)]
+        with pytest.raises(ServoFault):
+            move(rp, joint_pos(rp, "away", AWAY), 0)
+
+
+def test_an_arm_that_somebody_else_commands_or_another_robot_is_refused() -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
+    with rci.use(lambda hello: link_factory(rig, SAMPLE_US, hello)):
+        rp = arcl_open(0)
+        with pytest.raises(LinkBusy):
+            arcl_open(0)
+        arcl_close(rp)
+        with pytest.raises(LinkError):
+            arcl_open(ARCL_ROBOT, "stanford", 0)
+        with pytest.raises(MotionError, match="1 to 100 ms"):
+            arcl_open(ARCL_PERIOD, 200, 0)
+        arcl_close(arcl_open(ARCL_PERIOD, 20, 0))
