@@ -26,10 +26,15 @@ from tests.unit.servo.test_control import Bench
 
 CODES = [code for code in FaultCode if code]
 JOINTS = (NO_JOINT, 0, 5)
-BENCH = ServoBench().tick(3)
 NUMBERS = [field.name for field in fields(ServoState) if field.default is not MISSING]
-AT_REST = {name: getattr(BENCH.state, name) for name in NUMBERS}
 NAMED = re.compile(r"\bjoint (\d+)\b")
+
+
+@pytest.fixture(scope="module")
+def at_rest() -> tuple[ServoBench, dict[str, float]]:
+    """A servo at rest, and the numbers of its state by which it is at rest again."""
+    bench = ServoBench().tick(3)
+    return bench, {name: getattr(bench.state, name) for name in NUMBERS}
 
 
 def named_in(text: str) -> int:
@@ -51,9 +56,11 @@ def test_every_text_of_a_code_names_its_joint_and_no_other(code: FaultCode, join
 
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize("code", CODES)
-def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(code: FaultCode, joint: int) -> None:
-    bench = BENCH
-    for name, value in AT_REST.items():
+def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(
+    at_rest: tuple[ServoBench, dict[str, float]], code: FaultCode, joint: int
+) -> None:
+    bench, numbers = at_rest
+    for name, value in numbers.items():
         setattr(bench.state, name, value)
     note_event(bench.state, code, joint)
     bench.tick()
