@@ -47,7 +47,7 @@ SCRATCH_BITS: Final = DISCRETE_CALIBRATED | DISCRETE_J6_OVERFLOW
 
 @dataclass(frozen=True)
 class BoardFacts:
-    """What a board says of itself.
+    """Facts that a board tells of itself.
 
     Attributes:
         revision: "E" or "F"; the converter is driven differently.
@@ -65,11 +65,11 @@ class BoardFacts:
 
 
 class Bus(Protocol):
-    """Near end of a transport to a board. One thread at a time; a context is not shared between processes."""
+    """Interface of the near end of a transport. One thread at a time; a context is not shared between processes."""
 
     @property
     def name(self) -> str:
-        """What people call it in messages: kind and address."""
+        """Name for messages: kind and address."""
 
     def connect(self) -> BoardFacts:
         """Find the board; again after an error. Raises LinkError (LinkBusy when somebody else has it)."""
@@ -96,7 +96,7 @@ class Endpoint(Protocol):
     """Far end: whatever has the board's register map."""
 
     def facts(self) -> BoardFacts:
-        """What the board says of itself. Raises LinkError when there is none."""
+        """The board's own facts. Raises LinkError when there is none."""
 
     def apply(self, operations: Operations) -> None:
         """Apply register operations in order. Raises LinkError when the board takes none."""
@@ -117,7 +117,7 @@ class MemoryEndpoint:
         self._memory, self._lane = memory, int(lane)
 
     def facts(self) -> BoardFacts:
-        """What the board has written into its memory. Raises LinkError before it has."""
+        """Facts that the board has written into its memory. Raises LinkError before it has."""
         revision, joints = int(self._memory.facts.revision), int(self._memory.facts.joints)
         if not revision:
             raise LinkError("the board has not said yet what it is")
@@ -152,7 +152,8 @@ def check_image(image: Words) -> None:
 
 
 def sane_operations(operations: Operations, references: bool = False) -> Operations:
-    """Those that make sense: register accesses at an even offset of the window, and outputs; values cut to 16 bits.
+    """Filter operations by sense: register accesses at an even offset of the window, and outputs; values cut to 16
+    bits.
 
     With `references` also those that say where a motor is to be, 32 bits each.
     """
@@ -167,7 +168,7 @@ def sane_operations(operations: Operations, references: bool = False) -> Operati
 
 
 def for_the_transport(operations: Operations) -> Operations:
-    """Those that go to the board: outputs are for the modules beside it."""
+    """Filter the operations that go to the board: outputs are for the modules beside it."""
     transport: Operations = operations[operations[:, 0] != OP_OUTPUTS]
     return transport
 

@@ -57,7 +57,7 @@ class RemoteChannels:
         self._converting = None
 
     def for_board(self, operations: Operations) -> Operations:
-        """What of the operations is for the board: all but the conversions that begin here."""
+        """Filter the operations for the board: all but the conversions that begin here."""
         keep = [self._passes(*row) for row in operations.tolist()]
         kept: Operations = operations[np.array(keep, bool)]
         return kept

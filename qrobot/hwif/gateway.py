@@ -75,7 +75,7 @@ class Gateway:
 
     @property
     def losses(self) -> int:
-        """How often the board was lost."""
+        """Number of times that the board was lost."""
         return int(self._memory.facts.losses)
 
     def step(self, now_ns: int) -> bool:
@@ -101,13 +101,13 @@ class Gateway:
         publish_image(self._memory, self._image)
 
     def _sane(self, taken: int) -> Operations:
-        """What of the operations taken makes sense; the rest, out of a memory that somebody damaged, is counted."""
+        """Filter the operations taken by sense; the rest, out of a memory that somebody damaged, is counted."""
         operations = sane_operations(self._operations[:taken], self._references)
         self._memory.facts.illegal_ops += taken - len(operations)
         return operations if self._outputs else for_the_transport(operations)
 
     def _remember_outputs(self, operations: Operations) -> None:
-        """What the outputs are to be when the board is made safe, as whoever posts says, also while it is away."""
+        """Remember the outputs requested last, as the safe state while disconnected."""
         for word in operations[(operations[:, 0] == OP_WRITE) & (operations[:, 1] == DISCRETE), 2][-1:].tolist():
             self._lines = word & self._held_lines
         for word in operations[operations[:, 0] == OP_OUTPUTS, 2][-1:].tolist():
@@ -117,7 +117,7 @@ class Gateway:
         return safe_operations(int(self._image[IMAGE_STATUS]), self._lines)
 
     def _welcome(self, facts: BoardFacts) -> Operations:
-        """What a board that was found is told: to be safe, and its modules what they have missed."""
+        """Make a board that was found safe, and tell its modules what they have missed."""
         if self._said_meanwhile is None or not facts.outputs:
             return self._safe()
         return np.vstack([self._safe(), (OP_OUTPUTS, 0, self._said_meanwhile)])

@@ -41,7 +41,8 @@ def post_operations(memory: BoardMemory, lane: int, operations: Any, n: int, t_n
 
 @lean_kernel
 def _done_with(lane: LaneBlock, head: Any) -> Any:
-    """How far a lane whose head is at `head` is done with: taken by the board, or forgotten by whoever posts."""
+    """Position up to which a lane whose head is at `head` is done with: taken by the board, or forgotten by the
+    sender."""
     tail, forget = lane.tail, load_acquire(lane, "forget")
     return forget if tail < forget <= head else tail
 

@@ -56,7 +56,8 @@ class MemoryBus:
         return MemoryEndpoint(segment.memory, self._lane).facts()
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """As `Bus.exchange`: takes until the board has shown the second image after the operations were taken."""
+        """Exchange as `Bus.exchange` does, until the board has shown the second image after the operations were
+        taken."""
         memory = self._memory()
         end = MemoryEndpoint(memory, self._lane)
         deadline = Deadline(self.timeout_s)

@@ -59,11 +59,11 @@ class BusRecorder:
 
     @property
     def name(self) -> str:
-        """That of the bus."""
+        """Name of the bus."""
         return self._bus.name
 
     def connect(self) -> BoardFacts:
-        """As the bus does. Raises what it raises."""
+        """Connect the bus. Raises what it raises."""
         facts = self._bus.connect()
         self._before[:] = 0
         takes = (name for name in TAKES if getattr(facts, name))
@@ -71,7 +71,7 @@ class BusRecorder:
         return facts
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """As the bus does. Raises what it raises."""
+        """Exchange over the bus, and write it down. Raises what the bus raises."""
         done = " ".join(operation_text(*map(int, row)) for row in operations)
         try:
             self._bus.exchange(operations, image)

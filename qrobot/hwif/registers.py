@@ -23,7 +23,7 @@ N_INPUT_WORDS: Final = 16
 
 
 class Access(Enum):
-    """How a register is used."""
+    """Use of a register."""
 
     READ = "read"
     READ_TRIGGERS = "read, and reading acts"

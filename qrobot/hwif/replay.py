@@ -47,7 +47,7 @@ RecordedEvent = BoardFound | Exchange
 
 @dataclass(frozen=True)
 class BusRecording:
-    """What a file holds.
+    """Contents of a recording.
 
     Attributes:
         events: connections and exchanges in order.
@@ -60,7 +60,7 @@ class BusRecording:
 
     @property
     def exchanges(self) -> list[Exchange]:
-        """Those with an image and those without."""
+        """Numbers of exchanges with an image and without one."""
         return [event for event in self.events if isinstance(event, Exchange)]
 
     @property
@@ -70,7 +70,7 @@ class BusRecording:
         return (times[-1] - times[0]) * 1e-9 if times else 0.0
 
     def accesses(self) -> dict[str, int]:
-        """How often each register was written, or read for its side effect, by name."""
+        """Number of writes of each register, or of reads for their side effect, by name."""
         counted: dict[str, int] = {}
         for each in self.exchanges:
             for kind, offset, _ in each.operations.tolist():
@@ -80,7 +80,7 @@ class BusRecording:
 
 
 def operation_name(kind: int, offset: int) -> str:
-    """What an operation is about, for people."""
+    """Name of an operation for people."""
     if kind == OP_REFERENCE:
         return f"reference {offset + 1}"
     return "outputs" if kind == OP_OUTPUTS else register_name(offset)

@@ -151,7 +151,7 @@ class Arm:
             raise self.inverse_error(status, T, branch, q)
 
     def inverse_error(self, status: InverseStatus, T: Floats, branch: Branch, q: Floats) -> MotionError:
-        """What `status` of an inverse at pose `T` (4, 4), which filled in `q` (n,), says to people."""
+        """Sentence for people about `status` of an inverse at pose `T` (4, 4), which filled in `q` (n,)."""
         where = f"configuration {branch.letters!r}, T6 at {np.round(1e3 * T[:3, 3], 1).tolist()} mm"
         if status == InverseStatus.UNREACHABLE:
             return Unreachable(f"{where}: out of the arm's reach")
@@ -160,7 +160,7 @@ class Arm:
         return Singular(f"{where}: {SINGULAR[status]}")
 
     def limits_passed(self, q: Floats) -> str:
-        """Which joints would be out of their range at `q` (n,), in words; empty when none."""
+        """Joints that would be out of their range at `q` (n,), in words; empty when none."""
         low, high = self.robot.limits.q_min, self.robot.limits.q_max
         return ", ".join(
             f"{self.robot.joint_names[j]} would be at {self._told(j, q[j], 2)} of "

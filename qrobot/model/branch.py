@@ -1,4 +1,4 @@
-"""Which of the eight ways a PUMA-like arm takes to reach a pose: the configuration letters of RCCL and ARCL.
+"""The eight ways in which a PUMA-like arm reaches a pose: the configuration letters of RCCL and ARCL.
 
 | letters | names | meaning |
 |---|---|---|

@@ -1,4 +1,4 @@
-"""Which arms have an inverse in closed form, and the kernels that give it."""
+"""Inverse kinematics in closed form: the arms that have one, and the kernels that give it."""
 
 from __future__ import annotations
 

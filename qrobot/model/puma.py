@@ -23,7 +23,7 @@ from qrobot.realtime.jit import lean_kernel
 
 
 class InverseStatus(IntEnum):
-    """What came of an inverse solution."""
+    """Outcome of an inverse solution."""
 
     OK = 0
     UNREACHABLE = 1

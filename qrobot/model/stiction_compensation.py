@@ -37,7 +37,8 @@ def lead(v: Any, push: Any, p: FrictionParams) -> None:
 
 
 def added_at_rest(push: Floats, p: FrictionParams) -> Floats:
-    """What `lead` makes the friction model add to a push on motors at rest, but for viscous friction. Shapes (n,)."""
+    """Torque that `lead` makes the friction model add to a push on motors at rest, viscous friction left out. Shapes
+    (n,)."""
     coulomb = np.where(push > 0.0, p.coulomb_pos, p.coulomb_neg)
     way = np.clip(push / np.maximum(PUSH_SHARE * coulomb, _TINY), -1.0, 1.0)
     return np.array(REST_SHARE * way * coulomb, dtype=np.float64)

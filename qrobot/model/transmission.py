@@ -1,4 +1,4 @@
-"""Between counters and joints, between joint torques and DAC codes: gears, wrist coupling, words and offsets.
+"""Transmission between counters and joints, joint torques and DAC codes: gears, wrist coupling, words and offsets.
 
 Motor displacements r are counted in joint units (rad or m) from encoder zero, and are coupled in the wrist:
 
@@ -27,7 +27,7 @@ WORD: Final = 0x10000  # counters are 16 bits wide
 
 
 class TransmissionParams(NamedTuple):
-    """What the kernels need of a robot's transmission, n joints.
+    """Parameters of a robot's transmission for the kernels, n joints.
 
     Attributes:
         joint_per_count: C^-1 diag(rad_per_count). Shape (n, n).

@@ -1,4 +1,4 @@
-"""What the generator tells: which request began or ended, and how."""
+"""Events of the generator: which request began or ended, and how."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from qrobot.motion.request import MoveRequest
 
 
 class Termination(IntEnum):
-    """Why a request ended. Positive numbers are the program's own (`Generator.interrupt`)."""
+    """Reasons for which a request ended. Positive numbers are the program's own (`Generator.interrupt`)."""
 
     NONE = 0
     COMPLETED = -1
@@ -23,7 +23,7 @@ class Termination(IntEnum):
 
 
 class EventKind(Enum):
-    """What happened."""
+    """Kinds of events."""
 
     BEGUN = "begun"  # the transition into the request's segment begins
     INTERRUPTED = "interrupted"  # it is cut short, and the arm is brought to rest; ENDED follows when it stands

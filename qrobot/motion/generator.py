@@ -78,7 +78,7 @@ class Generator:
 
     @property
     def phase(self) -> Phase:
-        """How the arm is moved at the newest sample."""
+        """Phase of the motion at the newest sample."""
         return self._path.phase
 
     @property
@@ -103,7 +103,7 @@ class Generator:
 
     @property
     def goal(self) -> Goal | None:
-        """What is gone to, or followed, at the newest sample; None on a joint path."""
+        """Goal that is gone to, or followed, at the newest sample; None on a joint path."""
         return self._path.coordinates.goal
 
     @property
@@ -248,7 +248,7 @@ class Generator:
         return self._trajectory.setpoint()
 
     def _judge(self, q: Floats) -> Termination:
-        """What is wrong with the setpoint `q` (n,)."""
+        """Fault of the setpoint `q` (n,)."""
         code = judge_next(self._trajectory.setpoints_with(q), self.period_s, self._limits, self._settings.blend)
         if code is not Termination.TOO_FAST or self._kinematics is None:
             return code

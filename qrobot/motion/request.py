@@ -53,7 +53,7 @@ class Displacement:
 
 
 class MotionSpeed(Protocol):
-    """How long a segment takes; those below, or a library's own."""
+    """Rule for the length of a segment; those below, or a library's own."""
 
     def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float, /) -> int:
         """Samples from corner to corner, at least one."""
@@ -122,7 +122,7 @@ class ToolSpeed:
 
 
 class MotionMode(Enum):
-    """What is straight about the way."""
+    """Coordinates in which the way is straight."""
 
     JOINT = "joint"
     CARTESIAN = "cartesian"

@@ -16,7 +16,7 @@ class Event:
         self.count = count
 
     def signal(self) -> None:
-        """It happened once more."""
+        """Count one more event."""
         self.count += 1
 
     def take(self) -> bool:

@@ -25,7 +25,7 @@ _FAILURES: Final = {Termination.JOINT_LIMIT, Termination.UNREACHABLE, Terminatio
 
 
 class Orders:
-    """Those of one arm.
+    """Orders of one arm.
 
     Args:
         arm: whose measured T6 `update` takes.
@@ -63,7 +63,7 @@ class Orders:
                 self._end(event.request, event.code)
 
     def tell_progress(self, output: Output) -> None:
-        """How much of the motions under way is done: two of them in the first half of a transition."""
+        """Tell how much of the motions under way is done: two of them in the first half of a transition."""
         if output.request is not None:
             self._open[output.request].position.scal = output.scal
         if output.passing is not None:  # the older one; it counts when both go to one position

@@ -15,7 +15,7 @@ from qrobot.rccl.event import Event
 
 
 class Separator(Enum):
-    """What separates the arguments of `makeposition`."""
+    """Separators of the arguments of `makeposition`."""
 
     EQ = "EQ"
     TL = "TL"
@@ -28,7 +28,7 @@ Target: TypeAlias = "Floats | Equation | Here"
 
 
 class Position:
-    """Somewhere to move to, and how the latest motion to it goes.
+    """Goal of motions, and the state of the latest one to it.
 
     Args:
         name: for traces and messages.
@@ -102,7 +102,7 @@ def _parts(terms: tuple[Trsf | Separator, ...], at: int) -> tuple[tuple[Trsf | S
 
 
 def require_position(call: str, given: object) -> Position:
-    """What was given to a call. Raises MotionError when it is no position."""
+    """Check that a call was given a position. Raises MotionError when it is none."""
     if not isinstance(given, Position):
         raise MotionError(f"{call}: a position is needed, from makeposition, jposition or pose, not {given!r}")
     return given

@@ -48,7 +48,7 @@ class TracedRequest:
         return {**asdict(self), "reason": reason_of(self.code)}
 
     def line(self) -> str:
-        """For people."""
+        """One line for people."""
         times = " ".join("        -" if t is None else f"{t:9.3f}" for t in (self.asked_s, self.begun_s, self.ended_s))
         lost = "" if self.lost_s is None else f", lost its goal at {self.lost_s:.3f} s: {reason_of(self.lost_code)}"
         return f"{self.number:4d}  {self.name:<16} {self.mode:<10} {times}  {reason_of(self.code)}{lost}"
@@ -112,7 +112,7 @@ class Trace:
 
     @property
     def measured(self) -> Floats:
-        """Where the joints were at each of these samples, rad or m. Shape (samples, n)."""
+        """Positions of the joints at each of these samples, rad or m. Shape (samples, n)."""
         return np.array(self._measured).reshape(-1, self.robot.n)
 
     def text(self) -> str:

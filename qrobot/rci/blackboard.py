@@ -15,7 +15,7 @@ from qrobot.wire.packets import Values
 
 @dataclass
 class Chg:
-    """What the next command says. Fields mean what they mean in `wire.Command`.
+    """The next command. Fields mean what they mean in `wire.Command`.
 
     `clear_fault` and `stop` go out once and are lowered again. Once `hold_to_run` was said, the
     arm moves only while `key_held` is: a program that jogs sets it at each sample from its key. Output 1 is bit 0 of

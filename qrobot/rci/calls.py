@@ -63,7 +63,7 @@ def _table() -> TaskTable:
 
 
 def _self() -> TaskDescriptor:
-    """Whoever calls: a task, or the planning program."""
+    """The caller: a task, or the planning program."""
     return current_task() or _seen().parent
 
 

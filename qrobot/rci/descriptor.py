@@ -22,7 +22,7 @@ MOST_TASKS: Final = 30  # [A] the papers expect 1 to 5; masks fit 32 bits with t
 
 
 class TaskState(IntEnum):
-    """How far a task is."""
+    """States of a task."""
 
     CREATED = 0
     ATTACHING = 1
@@ -75,12 +75,12 @@ class TaskDescriptor:
 
     @property
     def state(self) -> TaskState:
-        """How far it is."""
+        """State of the task."""
         return TaskState(int(self.words[TaskWord.STATE]))
 
     @property
     def active(self) -> bool:
-        """It is woken and runs."""
+        """True when it is woken and runs."""
         return self.state is TaskState.ACTIVE
 
     @property
@@ -90,7 +90,7 @@ class TaskDescriptor:
 
     @property
     def runs(self) -> int:
-        """How often its control functions were called."""
+        """Number of calls of its control functions."""
         return int(self.words[TaskWord.RUNS])
 
     @property
@@ -117,7 +117,7 @@ class TaskDescriptor:
 
     @property
     def chg(self) -> Chg:
-        """What its next command says. Raises LinkError for a task without robot."""
+        """Its next command. Raises LinkError for a task without robot."""
         if self._chg is None:
             raise LinkError(f"task {self.name} has no robot: give it the name of one to connect it")
         return self._chg

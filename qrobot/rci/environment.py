@@ -1,4 +1,4 @@
-"""How a program that uses RCI reaches its robots, and whether its time is real: given by whoever starts it."""
+"""Surroundings of a program that uses RCI: the way to its robots, and whether its time is real."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def tcp_links(robot: KnownRobot, hello: Hello) -> Link:
 
 @dataclass(frozen=True)
 class Environment:
-    """What surrounds a program.
+    """Surroundings of a program.
 
     Attributes:
         links: makes the way to a robot.
@@ -44,12 +44,12 @@ _environment: ContextVar[Environment] = ContextVar("environment", default=_REAL_
 
 
 def environment() -> Environment:
-    """That of the program that calls."""
+    """Surroundings of the program that calls."""
     return _environment.get()
 
 
 def link_maker(environment: Environment, known: KnownRobot | None, data: RobotData | None) -> OpenLink | None:
-    """What opens the way to a robot of the data base; None without one."""
+    """Opener of the way to a robot of the data base; None without one."""
     return None if known is None or data is None else partial(_greet, environment, known, data.robot.name)
 
 

@@ -79,7 +79,7 @@ class HostThread:
 
     @property
     def hung(self) -> bool:
-        """It never comes back, and its tasks have ended."""
+        """True when it never comes back, and its tasks have ended."""
         return self._hung
 
     def close(self) -> None:
@@ -115,6 +115,6 @@ class Answer:
 
 
 def lateness(td: TaskDescriptor, now_ns: int) -> int:
-    """By how much a function that runs now has exceeded its time, ns; 0 or less when none has."""
+    """Time by which a function that runs now has exceeded its own, ns; 0 or less when none has."""
     began_ns, allowed_ns = int(td.words[TaskWord.BEGAN_NS]), int(td.words[TaskWord.ALLOWED_NS])
     return now_ns - began_ns - allowed_ns if began_ns else 0

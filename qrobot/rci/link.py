@@ -1,4 +1,4 @@
-"""What a way to the robot is."""
+"""Interface of a way to the robot."""
 
 from __future__ import annotations
 
@@ -52,6 +52,6 @@ LinkFactory: TypeAlias = Callable[[Hello], Link]
 
 
 def hello_for(robot_name: str, period_us: int = 0) -> Hello:
-    """How a program greets as commander of `robot_name`; a period of 0 takes the server's."""
+    """Greeting of a program as commander of `robot_name`; a period of 0 takes the server's."""
     program = Path(sys.argv[0] or "python").name[:PROGRAM_NAME_LENGTH]
     return Hello(ClientRole.COMMANDER, robot_name, program, period_us)

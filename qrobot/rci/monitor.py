@@ -172,7 +172,7 @@ class Monitor:
                 runner.end(LinkTimeout(f"task {runner.td.name}: the bridge of its robot has fallen silent"))
 
     def wake_sampled(self, now_ns: int) -> None:
-        """On virtual time: wake the tasks whose robots have a sample at this instant."""
+        """Wake the tasks whose robots have a sample at this instant of virtual time."""
         for runner in self.attached:
             if runner.next_ns == now_ns:
                 runner.wake()
@@ -190,5 +190,5 @@ class Monitor:
 
 
 def readable(devices: dict[int, TaskRunner]) -> dict[int, TaskRunner]:
-    """Those of some descriptors that can be read now."""
+    """Descriptors, of those given, that can be read now."""
     return {fd: devices[fd] for fd in select.select(devices, (), (), 0.0)[0]} if devices else {}

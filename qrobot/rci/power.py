@@ -1,4 +1,4 @@
-"""From whatever state the arm is in to holding its position under power, and back; one step per sample."""
+"""Power-up of an arm in any state until it holds its position, and power-down; one step per sample."""
 
 from __future__ import annotations
 

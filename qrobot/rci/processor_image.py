@@ -1,4 +1,4 @@
-"""What a processor in a process of its own has to know of its program, as it is handed over at its start."""
+"""Image of a program for a processor in a process of its own, handed over at its start."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class KnownArea(NamedTuple):
 
 @dataclass(frozen=True)
 class TaskRecord:
-    """What makes a descriptor: `TaskDescriptor`, with its words and the entry of its robot."""
+    """Ingredients of a descriptor: `TaskDescriptor`, with its words and the entry of its robot."""
 
     name: str
     bit: int
@@ -43,7 +43,8 @@ class TaskRecord:
 
 @dataclass(frozen=True)
 class AreaRecord:
-    """What makes a region of shared memory; `variable` is the module and name of shared data, with type and shape."""
+    """Ingredients of a region of shared memory; `variable` is the module and name of shared data, with type and
+    shape."""
 
     label: str
     size: int

@@ -1,4 +1,4 @@
-"""Which processors there are, and whether a program can have one (section 5.3.1).
+"""Names of processors, and whether a program can have one (section 5.3.1).
 
 host            a thread of the program, with its interpreter and its memory
 cpu0, cpu1 ...  a process of its own, kept on that processor of this machine; of one program at a time
@@ -36,7 +36,7 @@ class ProcessorInfo:
 
 
 def processors() -> list[ProcessorInfo]:
-    """What this machine has: the host, each of its processors, and one more process that is bound to none."""
+    """Processors of this machine: the host, each of its processors, and one more process that is bound to none."""
     allowed = sorted(os.sched_getaffinity(0))
     return [
         ProcessorInfo(HOST, "a thread of the program"),

@@ -38,7 +38,7 @@ class HasFileno(Protocol):
 
 
 class Processors(Protocol):
-    """Where the tasks of a program run, and by which clock.
+    """Processors on which the tasks of a program run, and their clock.
 
     Attributes:
         clock: the common one.
@@ -156,7 +156,7 @@ class RciProgram:
     # ------------------------------------------------------------------------------------------- attributes of a task
 
     def control(self, td: TaskDescriptor, functions: ControlFunctions) -> None:
-        """What it runs; see `rci_control`."""
+        """Set the functions that it runs; see `rci_control`."""
         for function in (functions.control1, functions.control2, functions.startup):
             if not callable(function):
                 raise ConfigError(f"task {td.name}: {function!r} is no function of its descriptor")
@@ -188,7 +188,7 @@ class RciProgram:
         self._order(td, "set_device", descriptor)
 
     def allow(self, td: TaskDescriptor, seconds: float) -> None:
-        """How long each of its functions may take; see `rci_timeout`."""
+        """Set how long each of its functions may take; see `rci_timeout`."""
         if not (isinstance(seconds, (int, float)) and 0.001 <= seconds <= LONGEST_S):
             raise ConfigError(f"task {td.name}: 0.001 to {LONGEST_S:g} s may be allowed, not {seconds!r}")
         td.words[TaskWord.ALLOWED_NS] = round(seconds * NS_PER_S)

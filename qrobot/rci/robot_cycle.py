@@ -32,7 +32,7 @@ _SEQ_MODULUS: Final = 1 << 32
 
 
 class CyclePhase(Enum):
-    """How far a robot's task is."""
+    """Phases of a robot's task."""
 
     POWERING = "powering"
     STARTING = "starting"

@@ -25,7 +25,7 @@ def check_interval(what: str, interval: int, offset: int) -> None:
 
 @dataclass
 class ClockEntry:
-    """What is due every `interval` ticks; `next_tick` is None while the entry is not active."""
+    """Entry that is due every `interval` ticks; `next_tick` is None while it is not active."""
 
     interval: int
     offset: int
@@ -36,7 +36,7 @@ class ClockEntry:
         return tick + 1 + (self.offset - tick - 1) % self.interval
 
     def take(self, tick: int) -> int:
-        """How often it was due since it was looked at last, `tick` included."""
+        """Number of times it was due since it was looked at last, `tick` included."""
         if self.next_tick is None or self.next_tick > tick:
             return 0
         times = (tick - self.next_tick) // self.interval + 1

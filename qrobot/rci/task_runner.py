@@ -111,7 +111,7 @@ class TaskRunner:
 
     @property
     def attached(self) -> bool:
-        """It holds a robot."""
+        """True when it holds a robot."""
         return self.port is not None
 
     def attach(self) -> None:
@@ -181,7 +181,7 @@ class TaskRunner:
 
     @property
     def runnable(self) -> bool:
-        """It has been woken, and may run."""
+        """True when it has been woken, and may run."""
         return self.td.run_count > 0 and (self.attached or self.td.active)
 
     def run(self) -> None:
@@ -242,7 +242,7 @@ class TaskRunner:
 
     @contextmanager
     def guarded(self) -> Iterator[None]:
-        """What is raised inside ends the task, and its robot comes to a controlled stop."""
+        """End the task with what is raised inside, and bring its robot to a controlled stop."""
         token = _current.set(self.td)
         try:
             yield

@@ -1,4 +1,4 @@
-"""What the tasks of a program share: each other's descriptors, memory, data and messages (section 4.3.5)."""
+"""Table that the tasks of a program share: descriptors, memory, data and messages (section 4.3.5)."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from qrobot.realtime.jit import lean_kernel
 
 
 class Mode(IntEnum):
-    """What the servo does with the arm. The numbers stand in logs and on the wire."""
+    """Modes in which the servo keeps the arm. The numbers stand in logs and on the wire."""
 
     OFF = 0
     POWERING = 1

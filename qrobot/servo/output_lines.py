@@ -44,7 +44,7 @@ class OutputWire:
 
 
 class OutputParams(NamedTuple):
-    """What the cycle has to know of them. Bits of lines: output 1 is bit 0."""
+    """Parameters of output lines for the cycle. Bits of lines: output 1 is bit 0."""
 
     lines: int  # those that there are
     off: int  # those that go off at a stop

@@ -1,4 +1,4 @@
-"""How a servo is to run: what the deployment file says of it, independent of the robot."""
+"""Settings of a servo out of the deployment file, independent of the robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DEFAULT_TIMEOUT_MS = 5.0  # as hostmot2's watchdog; 120 s of soak on a loaded PC
 
 @dataclass(frozen=True)
 class Overrun:
-    """How many late cycles are too many while the motors carry torque.
+    """Number of late cycles that are too many while the motors carry torque.
 
     Attributes:
         misses_in_a_row: cycles one after the other that were late or followed skipped ones; 0 is never too many.

@@ -1,4 +1,4 @@
-"""What the TRC004 does with its registers, as two kernels a board's tick is made of.
+"""The TRC004's actions on its registers, as two kernels of which a board's tick is made.
 
 `accept_operations` applies what controllers posted, strictly in order, and decides about power and brakes;
 `publish_sample` takes the shafts' positions, runs encoders and converter, and publishes the input words. Time is an
@@ -98,7 +98,7 @@ _ADC_IDLE: Final = -1
 
 
 class BoardOptions(NamedTuple):
-    """What differs between boards and what no source tells."""
+    """Options in which boards differ, and those that no source tells."""
 
     revision_f: bool = True
     relatch: bool = True  # a further index pulse replaces the latched count

@@ -15,7 +15,7 @@ from qrobot.sim_board.mismatch import PlantMismatch
 
 
 def board_options(choice: BoardChoice, robot: Robot) -> BoardOptions:
-    """What a deployment file says of an emulated board, and the robot file where it says nothing."""
+    """Options of an emulated board in a deployment file, and in the robot file where it has none."""
     return BoardOptions(
         revision_f=(choice.revision or robot.board.revision) == "F",
         adc_idle=choice.adc_idle == 1,

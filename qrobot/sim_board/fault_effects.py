@@ -1,4 +1,4 @@
-"""Where faults take hold of the board: knobs and switches that leave everything as it is while they are at neutral.
+"""Effects of faults on the board: knobs and switches that leave everything as it is while they are at neutral.
 
 The board's kernels read them at every step, fault or no fault, so a healthy board and a sick one are the same code.
 Who turns them is `injection`; what an encoder fault does is the same for all of them: of each step of its shaft a
@@ -64,7 +64,7 @@ _SWITCH_NEUTRAL: Final = np.array([0, 0, 0, 0, 0, 0, _WRITTEN, 0])
 
 
 class Upset(NamedTuple):
-    """What faults make of one board."""
+    """State of all faults of one board."""
 
     knob: Knobs  # [N_KNOBS, N_CHANNELS]
     switch: NDArray[np.int64]  # [N_SWITCHES]
@@ -80,7 +80,7 @@ def make_upset(seed: int = 0) -> Upset:
 
 @lean_kernel
 def to_neutral(upset: Upset) -> None:
-    """As if there were no fault; counts that were lost stay lost."""
+    """Set every knob as if there were no fault; counts that were lost stay lost."""
     for row in range(N_RESET):
         for channel in range(N_CHANNELS):
             upset.knob[row, channel] = _KNOB_NEUTRAL[row]
@@ -90,7 +90,7 @@ def to_neutral(upset: Upset) -> None:
 
 @lean_kernel
 def turn_counters(knob: Knobs, shaft: NDArray[np.float64], counted: NDArray[np.float64]) -> None:
-    """What the encoders make of the shafts at `shaft`, counts; `counted` is the output. Shapes (6,)."""
+    """Count the shafts at `shaft`, counts, as faulty encoders do; `counted` is the output. Shapes (6,)."""
     for channel in range(N_ENCODERS):
         step = shaft[channel] - knob[ENC_TURNED, channel]
         rate = knob[ENC_RATE_UP, channel] if step > 0.0 else knob[ENC_RATE_DOWN, channel]

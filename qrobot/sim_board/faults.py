@@ -1,4 +1,4 @@
-"""What can be made to break in an emulated board, and how a fault is written down.
+"""Faults of an emulated board, and the text in which one is written down.
 
 Modelled on PX4's failure injection: a component, a kind of fault, and when. One line says it all:
 
@@ -52,7 +52,7 @@ class FaultKind(NamedTuple):
 
     @property
     def address(self) -> str:
-        """How a line begins that names the component."""
+        """Beginning of a line that names the component."""
         return f"{self.component}:JOINT" if self.per_joint else self.component
 
 

@@ -236,7 +236,7 @@ def apply_faults(board: BoardState, memory: BoardMemory, now_ns: int) -> None:
 
 @lean_kernel
 def _open_slots(memory: BoardMemory, used: int) -> None:
-    """From now on the board looks at so many slots; what they hold was written before."""
+    """Let the board look at so many slots from now on; their contents were written before."""
     store_release(memory.faults, "used", used)
 
 
@@ -262,7 +262,7 @@ class Injected:
 
 
 class FaultPanel:
-    """Where faults enter an emulated board: `memory` is its board memory, of this process or a mapped one.
+    """Entry of faults into an emulated board: `memory` is its board memory, of this process or a mapped one.
 
     One process at a time should inject; two that do so in the same instant may take the same slot.
     """
@@ -302,7 +302,7 @@ class FaultPanel:
         _open_slots(self._memory, 0)
 
     def report(self, place: int) -> Injected:
-        """What came of the fault at a place. Raises KeyError when none was injected there."""
+        """Report of the fault at a place. Raises KeyError when none was injected there."""
         if not 0 <= place < self._memory.faults.used:
             raise KeyError(place)
         slot = self._memory.faults.slots[place]
@@ -310,7 +310,7 @@ class FaultPanel:
         return Injected(_fault_in(slot), int(slot.steps), int(slot.acted), over)
 
     def reports(self) -> list[Injected]:
-        """What came of every fault since the last `clear`, in the order they were injected."""
+        """Reports of all faults since the last `clear`, in the order they were injected."""
         in_use = min(max(int(self._memory.faults.used), 0), FAULT_SLOTS)
         return [self.report(place) for place in range(in_use)]
 

@@ -1,4 +1,4 @@
-"""How far the emulated arm is from the model the controller believes in.
+"""Distance of the emulated arm from the model that the controller believes in.
 
 A controller that compensates friction and gravity with the very numbers the plant was built from proves nothing. The
 mismatched plant is one fixed draw: every factor at its bound, its sign drawn. It is not a worst case.

@@ -91,7 +91,7 @@ class PlantMemory:
 
     @property
     def warnings(self) -> int:
-        """How often MuJoCo warned (a state that is not finite or huge, ...) since the last `place`."""
+        """Number of MuJoCo's warnings (a state that is not finite or huge, ...) since the last `place`."""
         return int(sum(warning.number for warning in self.data.warning))
 
     def place(self, q: NDArray[np.float64]) -> None:
@@ -120,7 +120,7 @@ class PlantMemory:
 
     @property
     def crank_angle(self) -> float:
-        """How far the crank has been turned, rad, counted on beyond a full turn."""
+        """Angle by which the crank has been turned, rad, counted on beyond a full turn."""
         return float(self.data.joint(CRANK).qpos[0])
 
 
@@ -259,7 +259,7 @@ def _step(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats
 
 @lean_kernel
 def _free_step(handles: NDArray[np.int64], numbers: Floats, q: Floats, v: Floats, torque: Floats) -> None:
-    """What is left of `mj_step` for hinges and slides that touch nothing, to the same bits in half the time.
+    """The rest of `mj_step` for hinges and slides that touch nothing, to the same bits in half the time.
 
     v <- v + dt M(q)^-1 (torque - bias(q, v)),    q <- q + dt v
 

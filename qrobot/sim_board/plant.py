@@ -1,4 +1,4 @@
-"""What a plant is to the emulator: arrays, and the address of the function that moves them on by one time step.
+"""Interface of a plant: arrays, and the address of the function that moves them on by one time step.
 
 One type for all kinds of physics, so that everything which steps a plant is compiled once and cached, as with laws.
 """
@@ -35,11 +35,11 @@ class Plant(NamedTuple):
 
 
 class PlantOwner(Protocol):
-    """What stands behind a plant."""
+    """Interface of the owner of a plant."""
 
     @property
     def plant(self) -> Plant:
-        """For compiled code; valid while the owner lives."""
+        """Plant for compiled code; valid while the owner lives."""
 
     def place(self, q: Floats) -> None:
         """Put the arm at `q` (n,) at rest."""

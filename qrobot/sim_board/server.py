@@ -42,7 +42,7 @@ PRIORITY: Final = 40  # below the servo's: hardware never keeps a processor from
 
 @lean_kernel
 def unlived_ns(memory: BoardMemory, due_ns: int, now_ns: int) -> int:
-    """Of a stall from `due_ns` to `now_ns`, the end in which nobody wrote to the board; 0 for what is no stall."""
+    """End of a stall from `due_ns` to `now_ns` in which nobody wrote to the board; 0 for what is no stall."""
     if now_ns - due_ns <= STALL_NS:
         return 0
     return max(0, now_ns - LIVED_NS - max(due_ns, min(newest_post_ns(memory), now_ns)))
@@ -159,7 +159,7 @@ def serve(
 
 
 def slip_line(newly_ns: int, in_all_ns: int) -> str:
-    """What people are told when time has slipped."""
+    """Line for people when time has slipped."""
     return (
         f"kept from running: the emulated arm's time stood still for {newly_ns / NS_PER_MS:.0f} ms, "
         f"{in_all_ns / NS_PER_MS:.0f} ms in all"

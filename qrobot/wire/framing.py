@@ -1,4 +1,4 @@
-"""What all packets share: header, checksum, and how names and texts travel.
+"""Frame of all packets: header, checksum, and the form of names and texts.
 
 What cannot be sent raises LocalProtocolError, what cannot be read RemoteProtocolError.
 """

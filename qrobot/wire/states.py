@@ -1,4 +1,4 @@
-"""Who may say what, when. The table below *is* the state machine; its picture in the docs is generated from it.
+"""State machine of a conversation. The table below *is* the machine; its picture in the docs is generated from it.
 
 Rules:
 
@@ -32,7 +32,7 @@ class Side(Enum):
 
 
 class Conversation(Enum):
-    """Where a conversation stands."""
+    """States of a conversation."""
 
     GREETING = "greeting"
     ANSWERING = "answering"
@@ -42,7 +42,7 @@ class Conversation(Enum):
 
 
 class PacketClass(Enum):
-    """What the table tells apart: kinds of packets, and of two of them what they say."""
+    """Inputs of the table: kinds of packets, and of two of them what they say."""
 
     HELLO = "HELLO"
     WELCOME_COMMANDER = "WELCOME as commander"
@@ -94,7 +94,7 @@ _PLAIN_WORDS: Final[dict[type, PacketClass]] = {
 
 
 def word_of(packet: Packet) -> PacketClass:
-    """What a packet says to the table."""
+    """Input of the table that a packet is."""
     if isinstance(packet, Welcome):
         return PacketClass.WELCOME_COMMANDER if packet.role is ClientRole.COMMANDER else PacketClass.WELCOME_OBSERVER
     if isinstance(packet, WireError):

@@ -17,14 +17,14 @@ LARGEST_SETPOINT: Final = 1e6
 
 
 class ClientRole(IntEnum):
-    """What a client may do: one commander at a time, any number of observers."""
+    """Rights of a client: one commander at a time, any number of observers."""
 
     COMMANDER = 1
     OBSERVER = 2
 
 
 class JointMode(IntEnum):
-    """What a joint's setpoint means."""
+    """Meaning of a joint's setpoint."""
 
     HOLD = 0
     POSITION = 1
@@ -40,7 +40,7 @@ class Hand(IntEnum):
 
 
 class RobotMode(IntEnum):
-    """What the servo does with the arm; the numbers of the servo's mode table."""
+    """Modes in which the servo keeps the arm; the numbers of the servo's mode table."""
 
     OFF = 0
     POWERING = 1
@@ -75,7 +75,7 @@ class Request(IntFlag):
 
 
 class ErrorCode(IntEnum):
-    """Why the bridge complains. Never renumber, only add."""
+    """Complaints of the bridge. Never renumber, only add."""
 
     MALFORMED = 1
     VERSION = 2

@@ -131,7 +131,7 @@ class DrivesBus:
 
     @property
     def _may_load(self) -> bool:
-        """Under a position loop a counter that jumps would be a jump of the arm."""
+        """False under a position loop: a counter that jumps would be a jump of the arm."""
         in_operation = any(drive.state is DriveState.ENABLED for drive in self._drives)
         return self._setpoints.mode != CYCLIC_POSITION or not in_operation
 

@@ -1,4 +1,4 @@
-"""What every near end on CAN needs: frames both ways, service data of at most four bytes, and who has restarted."""
+"""Common part of every near end on CAN: frames both ways, service data of at most four bytes, and who has restarted."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class CanLink:
 
     @property
     def emergencies(self) -> str:
-        """What the nodes complain of, for the end of an error message."""
+        """Complaints of the nodes, for the end of an error message."""
         told = ", ".join(f"{code:#06x} of node {node}" for node, code in sorted(self._emergencies.items()))
         return f"; emergency messages: {told}" if told else ""
 

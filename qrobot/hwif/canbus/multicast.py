@@ -59,7 +59,7 @@ class LocalMulticast(can.BusABC):
         return None, False
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def shutdown(self) -> None:

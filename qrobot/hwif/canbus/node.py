@@ -285,7 +285,7 @@ class BoardNode:
             self._node.emcy.send(code, self._error_register())
 
     def _settle(self, code: int) -> None:
-        """What an emergency told of is over; when nothing is left, say so (CiA 301, 7.2.7.1)."""
+        """Withdraw an emergency that is over; when nothing is left, say so (CiA 301, 7.2.7.1)."""
         if code in self._standing:
             self._standing.remove(code)
             if not self._standing:

@@ -53,7 +53,7 @@ class SensorBus:
         self._newest: dict[int, tuple[int, int]] = {}  # by channel: word, time
 
     def connect(self) -> BoardFacts:
-        """As that of the board's bus. Raises LinkError for a board of revision E."""
+        """Connect the board's bus and the sensor. Raises LinkError for a board of revision E."""
         facts = self._bus.connect()
         require_signed_converter(facts)
         self._link.open()

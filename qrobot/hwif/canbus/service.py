@@ -1,4 +1,4 @@
-"""What SDO reads and writes of the board's node mean: registers as they are, and as CiA 401 scales them."""
+"""Meaning of SDO reads and writes of the board's node: registers as they are, and as CiA 401 scales them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a drive of CiA 402 is told in each cycle: a torque out of a converter word, or a position out of a reference."""
+"""Setpoints of a drive of CiA 402 in each cycle: a torque out of a converter word, or a position out of a reference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WRAP: Final = 1 << 32  # of references and of positions
 
 @dataclass
 class DriveFeedback:
-    """What is known of a drive: status word, position in increments, counts to add to it."""
+    """Feedback of a drive: status word, position in increments, counts to add to it."""
 
     loaded: int
     status: int = 0
@@ -32,7 +32,7 @@ class DriveFeedback:
 
 
 class DriveSetpoints(Protocol):
-    """How to command the drives of an arm in one mode of operation.
+    """Interface of the setpoints of an arm's drives in one mode of operation.
 
     Attributes:
         mode: of operation. mode_name: in the words of CiA 402.
@@ -145,5 +145,5 @@ def _signed(number: int) -> int:
 
 
 def setpoints_of(transport: DrivesTransport) -> DriveSetpoints:
-    """Those of the mode that a deployment file chooses."""
+    """Make the setpoints of the mode that a deployment file chooses."""
     return PositionSetpoints(transport) if transport.mode == "position" else TorqueSetpoints(transport)

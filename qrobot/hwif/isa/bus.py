@@ -50,7 +50,7 @@ class PortBus:
         return BoardFacts(chr(int(self.card[CARD_REVISION])), self._joints)
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """As `Bus.exchange`. Raises LinkLost when no card answers."""
+        """Exchange as `Bus.exchange` does. Raises LinkLost when no card answers."""
         apply: Any = apply_all
         apply(self.card, operations)
         self.settle()
@@ -58,7 +58,7 @@ class PortBus:
         image[:] = self._newest
 
     def settle(self) -> None:
-        """What happens between writing and reading: on a card that is there, nothing need be done."""
+        """Do what happens between writing and reading: nothing on a card that is there."""
 
     def _read(self) -> None:
         read: Any = read_card

@@ -138,7 +138,7 @@ def read_card(card: Any, image: Any, now_ns: int) -> None:
 
 @lean_kernel
 def show_card(card: Any, memory: BoardMemory, now_ns: int) -> None:
-    """Before a cycle: publish the card's image in the board memory."""
+    """Publish the card's image in the board memory, before a cycle."""
     image = card[_IMAGE : _IMAGE + IMAGE_WORDS]
     read_card(card, image, now_ns)
     publish_image(memory, image)
@@ -160,7 +160,7 @@ def pour_lane(card: Any, memory: BoardMemory, lane: int, now_ns: int) -> None:
 
 @lean_kernel
 def serve_card(card: Any, memory: BoardMemory, now_ns: int) -> None:
-    """After a cycle: apply what servo and tools posted. The guardian's lane is the guardian's own to apply."""
+    """Apply what servo and tools posted, after a cycle. The guardian's lane is the guardian's own to apply."""
     for lane in _FIRST_LANES:
         pour_lane(card, memory, lane, now_ns)
     memory.facts.illegal_ops = card[CARD_ILLEGAL]

@@ -107,7 +107,7 @@ class ModbusLine:
 
 
 class ModbusBus:
-    """Near end of the transport.
+    """Near end of the transport over Modbus.
 
     Args:
         line: to the server.
@@ -138,7 +138,7 @@ class ModbusBus:
             sleep_between_looks(POLL_S)
 
     def exchange(self, operations: Operations, image: Words) -> None:
-        """As `Bus.exchange`; more than MAX_OPERATIONS operations need several requests."""
+        """Exchange as `Bus.exchange` does; more than MAX_OPERATIONS operations need several requests."""
         for first in range(0, max(len(operations), 1), MAX_OPERATIONS):
             registers = self._exchange(operations[first : first + MAX_OPERATIONS])
         decode_image(registers, image)

@@ -1,4 +1,4 @@
-"""What a Modbus server for a board does with a request, whatever carries it: no socket, no thread.
+"""A Modbus server's answers for a board, whatever carries the requests: no socket, no thread.
 
 One client at a time has the control: the first that writes, until it goes away or is silent for too long. Then the
 board is made safe - torque zero, power off - once. Readers are free.
@@ -89,7 +89,7 @@ class ModbusDevice:
 
     @property
     def has_robot(self) -> bool:
-        """There is a running robot to be shown."""
+        """True when a running robot is shown."""
         return self._robot is not None
 
     @property
@@ -115,7 +115,7 @@ class ModbusDevice:
             self._holder = None
 
     def control(self, client: object) -> int:
-        """Who may write, as `client` is told: NOBODY, YOU or ANOTHER."""
+        """The right to write, as `client` is told it: NOBODY, YOU or ANOTHER."""
         if self._holder is None:
             return NOBODY
         return YOU if client is self._holder else ANOTHER
@@ -176,7 +176,7 @@ class ModbusDevice:
         self._apply(written(DISCRETE // 2, [word]))
 
     def read(self, client: object, address: int, count: int) -> dict[int, list[int]]:
-        """What stands where, by first address: the whole group of registers that `address` belongs to.
+        """Registers by first address: the whole group that `address` belongs to.
 
         ADC_START read by itself acts, as it does on the board; read with its neighbours it does not. Registers of the
         window that the client in control reads show what it has written, a fence that one read costs; the image tells

@@ -31,7 +31,7 @@ SIGN: Final = 0x8000  # of a register
 
 @dataclass(frozen=True)
 class ModuleState:
-    """What a module said last: bits in their places of STATUS, voltage by converter channel, and when."""
+    """Newest state of a module: bits in their places of STATUS, voltage by converter channel, and when."""
 
     bits: int
     volts: Mapping[int, float]
@@ -201,7 +201,7 @@ class IoBus:
         self._threads: list[threading.Thread] = []
 
     def connect(self) -> BoardFacts:
-        """As that of the board's bus; the modules come when they come.
+        """Connect the board's bus; the modules come when they come.
 
         Raises LinkError also for a board of revision E with analogue inputs beside it.
         """
@@ -226,7 +226,7 @@ class IoBus:
         self._channels.answer(image, now_ns)
 
     def _tell(self, operations: Operations) -> None:
-        """What concerns the modules; they hear it also while the board is being lost."""
+        """Tell the modules what concerns them; they hear it also while the board is being lost."""
         for kind, offset, value in operations.tolist():
             for module in self._modules:
                 if kind == OP_OUTPUTS:

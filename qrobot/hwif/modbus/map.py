@@ -156,14 +156,14 @@ def encode_image(image: Words) -> list[int]:
 
 
 def decode_image(registers: Sequence[int], image: Words) -> None:
-    """Into `image`. Raises RemoteProtocolError for another number of registers."""
+    """Decode registers into `image`. Raises RemoteProtocolError for another number of registers."""
     if len(registers) != IMAGE_REGISTERS:
         raise RemoteProtocolError(f"an image has {IMAGE_REGISTERS} registers, not {len(registers)}")
     image[:] = _IMAGE_CODE.unpack(bytes_of(registers))
 
 
 def encode_identity(facts: BoardFacts) -> list[int]:
-    """What a board says of itself, as IDENTITY_REGISTERS registers."""
+    """Encode a board's facts as IDENTITY_REGISTERS registers."""
     return registers_of(_IDENTITY_CODE.pack(MAGIC, MAP_VERSION, ord(facts.revision), facts.joints, facts.period_ns))
 
 
@@ -192,7 +192,7 @@ def encode_operations(sequence: int, operations: Operations) -> list[int]:
 
 
 def decode_operations(registers: Sequence[int]) -> Operations:
-    """What stands in a mailbox behind the sequence number. Raises RemoteProtocolError when it means nothing."""
+    """Decode operations behind a mailbox's sequence number. Raises RemoteProtocolError when they mean nothing."""
     count, *rest = registers
     if len(rest) < OP_REGISTERS * count:
         raise RemoteProtocolError(f"{count} operations need {OP_REGISTERS * count} registers, there are {len(rest)}")

@@ -122,7 +122,7 @@ class ModbusServer:
 
 
 class ServerAddress(NamedTuple):
-    """Where to serve, after how many milliseconds of silence the board is made safe, and whom from elsewhere."""
+    """Address to serve at, silence in milliseconds after which the board is made safe, and clients from elsewhere."""
 
     host: str
     port: int
@@ -285,7 +285,7 @@ class Caller(ServerRequestHandler):
         self._unread = True
 
     def resume_writing(self) -> None:
-        """It reads again."""
+        """Go on writing: the client reads again."""
         self._unread = False
         self._work()
 

@@ -34,7 +34,7 @@ class ControlledFrame:
         return wrench
 
     def wrench_bound(self, tau: Floats) -> Floats:
-        """What independent torque errors of about `tau` (n,) amount to along each axis. Shape (6,)."""
+        """Bound of the wrench along each axis for independent torque errors of about `tau` (n,). Shape (6,)."""
         bound: Floats = np.sqrt(np.square(self.inverse).T @ np.square(tau))
         return bound
 

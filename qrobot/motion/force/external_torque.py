@@ -1,4 +1,4 @@
-"""What the joints exert on the world: the commanded torque less gravity, inertia and friction (B-06).
+"""External torque, which the joints exert on the world: commanded less gravity, inertia and friction (B-06).
 
     exerted = tau - ID(q, v, a) - F(v)
 
@@ -82,7 +82,7 @@ class DriveFriction:
         return self._joints(motor)
 
     def uncertainty(self, v: Floats) -> Floats:
-        """By how much `torque(v)` may be wrong. Shapes (n,)."""
+        """Bound of the error of `torque(v)`. Shapes (n,)."""
         dq_ds = self._rates(v)
         motor = np.empty(v.size)
         friction_torque(dq_ds, self._params, motor)
@@ -91,7 +91,7 @@ class DriveFriction:
         return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
 
     def added(self, push: Floats) -> Floats:
-        """What the servo adds to torque setpoints beyond gravity, `push`, of joints that stand. Shapes (n,)."""
+        """Torque that the servo adds beyond gravity to torque setpoints, `push`, of joints that stand. Shapes (n,)."""
         return self._joints(added_at_rest(self._motors(push), self._params))
 
     def setpoint(self, total: Floats, v: Floats) -> Floats:
@@ -114,7 +114,7 @@ class DriveFriction:
         return self._joints(PUSH_SHARE * displacement * coulomb * (1.0 - self._moving(v)))
 
     def _moving(self, v: Floats) -> Floats:
-        """How far the servo's friction of motion has come up on the motors, 0 to 1. Shapes (n,)."""
+        """Share to which the servo's friction of motion has come up on the motors, 0 to 1. Shapes (n,)."""
         return np.clip(np.abs(self._rates(v)) / self._params.velocity, 0.0, 1.0)
 
     def _motors(self, tau: Floats) -> Floats:
@@ -170,7 +170,7 @@ class ExternalTorque:
         return self._known
 
     def _torque_at(self, samples: list[tuple[int, ArmSample]], k: int) -> Floats:
-        """What was exerted at one of the samples, computed once. Shape (n,)."""
+        """External torque at one of the samples, computed once. Shape (n,)."""
         known = self._torques.get(samples[k][0])
         return self._exerted(samples[max(0, k + 1 - DEPTH) : k + 1]) if known is None else known
 

@@ -41,7 +41,7 @@ _SHARE: Final = 0.3  # of the drift found that one sample takes over: the other 
 
 @dataclass(frozen=True, eq=False)
 class JointCommand:
-    """What goes to the servo.
+    """Command of the joints for the servo.
 
     Attributes:
         setpoints: position, or torque on the joints that give way. Shape (n,), joint units.
@@ -140,7 +140,7 @@ class ForceControl:
             self.standing[list(self.joints)] = self._stood[list(self.joints)]
 
     def drive(self, q: Floats, sample: ArmSample, generator: Generator, tick: int) -> JointCommand:
-        """What the servo gets when the generator wants the joints at `q` (n,)."""
+        """Command for the servo when the generator wants the joints at `q` (n,)."""
         goal = generator.goal
         compliance = None if goal is None else goal.compliance
         planned = np.zeros(q.size) if self._asked is None else (q - self._asked) / self._period_s

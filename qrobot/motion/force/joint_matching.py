@@ -1,4 +1,4 @@
-"""Which joints give way for which axes: the joint matching of Paul and Shimano (1976), by relative gains.
+"""Matching of joints to compliant axes by relative gains (Paul and Shimano 1976).
 
 With J the Jacobian in the controlled frame and G its inverse, the gain of joint j for axis c, relative to the gain it
 has when all other axes are held, is J[c, j] G[j, c] (Bristol, "On a new measure of interaction for multivariable
@@ -35,7 +35,7 @@ def inverse_of(J: Floats) -> Floats:
 
 
 def fitness(J: Floats, G: Floats, axes: JointIndices, joints: JointIndices) -> float:
-    """How well `joints` serve `axes`, 1 at best and 0 when they cannot; J (6, n), its inverse G (n, 6)."""
+    """Fitness of `joints` for `axes`, 1 at best and 0 when they cannot serve; J (6, n), its inverse G (n, 6)."""
     if len(axes) == 1:
         gain = float(J[axes[0], joints[0]] * G[joints[0], axes[0]])
     else:
@@ -61,7 +61,7 @@ def match(J: Floats, G: Floats, axes: JointIndices) -> JointIndices:
 
 
 def drift_step(G: Floats, axes: JointIndices, joints: JointIndices, error: Floats) -> Floats:
-    """How far along `axes` the controlled frame is, all others held, when `joints` are off by `error` (k,).
+    """Displacement of the controlled frame along `axes`, all others held, when `joints` are off by `error` (k,).
 
     Shape (k,), m and rad: with the other axes held, joints move by G[S, C] times a motion along the axes (equation 16
     of Hayward & Paul 1986, solved so that the next solution has the compliant joints where they were found).

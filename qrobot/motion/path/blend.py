@@ -22,14 +22,14 @@ from qrobot.realtime.jit import kernel
 
 
 class Correction(IntEnum):
-    """Which polynomial fades out a velocity that the transition did not expect (frames that move, changes of mode)."""
+    """Polynomials that fade out a velocity which the transition did not expect (frames that move, changes of mode)."""
 
     CUBIC = 3  # Hayward & Paul 1986: c(h) = h (1 - h)^2; acceleration jumps at both ends
     SMOOTH = 5  # ours: c(h) = h (1 - h)^3 (1 + 3 h); it does not
 
 
 class Blend(IntEnum):
-    """Which polynomial joins two pieces of path; the number is its degree."""
+    """Polynomials that join two pieces of path; the number is the degree."""
 
     QUARTIC = 4
     ZERO_JERK = 6

@@ -45,7 +45,7 @@ class Coordinates(Protocol):
         """Joint positions (n,) of coordinates, at the newest sample. Raises Unreachable, JointLimit, Singular."""
 
     def solve_at(self, x: Floats, near: Floats) -> Floats:
-        """As `solve_next`, anywhere on the way, without going there; the arm would come from `near` (n,)."""
+        """Solve as `solve_next` does, anywhere on the way, without going there; the arm would come from `near` (n,)."""
 
     def from_joints(self, points: History) -> History:
         """Coordinates of joint positions, as far as the goal was seen at their samples."""
@@ -61,15 +61,15 @@ class JointCoordinates:
         """Nothing to look at."""
 
     def solve_next(self, x: Floats) -> Floats:
-        """They are the coordinates."""
+        """Return them: joints are the coordinates."""
         return x
 
     def solve_at(self, x: Floats, near: Floats) -> Floats:  # noqa: ARG002 (see Chart)
-        """They are the coordinates."""
+        """Return them: joints are the coordinates."""
         return x
 
     def from_joints(self, points: History) -> History:
-        """They are the coordinates."""
+        """Return them: joints are the coordinates."""
         return points
 
 

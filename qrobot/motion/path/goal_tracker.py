@@ -1,4 +1,4 @@
-"""What a queued motion aims at, followed from sample to sample so that its velocity is known when its turn comes."""
+"""Goal of a queued motion, followed from sample to sample so that its velocity is known when its turn comes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class GoalTracker:
 
     @property
     def newest(self) -> GoalSample:
-        """As it was sampled last."""
+        """The newest sample of the goal."""
         return self._samples[-1][1]
 
     def sample(self, tick: int) -> None:
@@ -56,7 +56,7 @@ class GoalTracker:
         self._samples.append((tick, GoalSample(self.goal.left.at(tick), self.goal.carried(tick))))
 
     def sample_at(self, tick: int) -> GoalSample | None:
-        """As it was at sample `tick`; None when nobody looked."""
+        """The goal at sample `tick`; None when nobody looked."""
         if self.goal.fixed:
             return self.newest
         return next((goal for sample, goal in self._samples if sample == tick), None)

@@ -17,7 +17,7 @@ from qrobot.motion.path.segment import Segment
 
 
 class Path:
-    """Where the arm is to be, as a function of path time.
+    """Desired position of the arm, as a function of path time.
 
     Args:
         q: where it stands at path time 0. Shape (n,).

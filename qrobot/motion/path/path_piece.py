@@ -53,7 +53,7 @@ def evaluate(
 
 @dataclass(frozen=True)
 class BlendSettings:
-    """How legs are drawn.
+    """Settings of the pieces' polynomials.
 
     Attributes:
         period_s: sample period.

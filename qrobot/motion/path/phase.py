@@ -16,7 +16,7 @@ from typing import Final
 
 
 class Phase(Enum):
-    """How an arm is moved at present."""
+    """Ways in which an arm is moved at present."""
 
     RESTING = "resting"  # at rest, or with a goal that moves
     MOVING = "moving"  # into a segment and along its straight line
@@ -42,7 +42,7 @@ class Phase(Enum):
 
 
 class PhaseStep(Enum):
-    """What leads from one phase into the next."""
+    """Steps from one phase into the next."""
 
     ENTER = "enter a segment"
     END = "end the segment"

@@ -63,7 +63,7 @@ class Segment:
 
     @property
     def dwells(self) -> bool:
-        """It stays where it is for a time that was asked for, so that there is nothing to come to rest from.
+        """True when it stays where it is for a time that was asked for, so that there is nothing to come to rest from.
 
         Not with a frame that moves: the frame may be a function of `scal`, which comes to rest as the motion does.
         """
@@ -76,7 +76,7 @@ class Segment:
         return self.end - self.schedule.resting
 
     def scal(self, clock: float, blend: Blend, ending: bool) -> float:
-        """How much of the segment is done, 0 to 1: the s of a way from rest, smooth where the motion is.
+        """Share of the segment that is done, 0 to 1: the s of a way from rest, smooth where the motion is.
 
         Args:
             clock: path time.

@@ -1,1 +1,1 @@
-"""From requests to segments: the way, its times, the transitions, and the ways to stop."""
+"""Planning of segments from requests: the way, its times, the transitions, and the ways to stop."""

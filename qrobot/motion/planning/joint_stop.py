@@ -1,4 +1,4 @@
-"""How joints come to rest from any state that a motion may have, wherever that is, within their limits.
+"""Stop of the joints from any state that a motion may have, wherever that is, within their limits.
 
 Together, in D seconds, from position x0, velocity v and acceleration a; a fades out first, joint by joint in A seconds
 (blend.py has beta and the polynomial c):

@@ -1,4 +1,4 @@
-"""From a queued request and the state of the arm to the segment that serves it."""
+"""Planner of the segment that serves a queued request, from the state of the arm."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LONGER: Final = 1.3
 
 @dataclass(frozen=True, eq=False)
 class SegmentEntry:
-    """How a segment is entered.
+    """Entry into a segment.
 
     Attributes:
         segment: to be served.
@@ -112,7 +112,8 @@ class Planner:
     def plan_entry(
         self, queued: QueuedMotion, via: Floats, points: History, clock: float, bounds: TransitionBounds
     ) -> SegmentEntry | None:
-        """Into `queued` now, at path time `clock`; None when no transition that was tried keeps the limits.
+        """Plan the entry into `queued` now, at path time `clock`; None when no transition that was tried keeps the
+        limits.
 
         Args:
             queued: what comes next.
@@ -136,13 +137,13 @@ class Planner:
         return SegmentEntry(segment, state) if bounds.at_any_rate and segment is not None else None
 
     def replan(self, queued: QueuedMotion, state: Floats, clock: float, following: Following) -> SegmentEntry | None:
-        """Out of a joint path, at `state` (3, n), into the joint path of `queued`; None when no such way is safe."""
+        """Plan the way out of a joint path, at `state` (3, n), into that of `queued`; None when no such way is safe."""
         plan_geometry = partial(self.plan_geometry, queued)
         segment = replan(queued.request, plan_geometry, state, clock, self.scheduler, self._settings, following)
         return None if segment is None else SegmentEntry(segment, state)
 
     def ahead(self, request: MoveRequest, points: History) -> Floats:
-        """Where the joints will be, at their present speed, half a transition later: the corner of a diversion.
+        """Joints half a transition later, at their present speed: the corner of a diversion.
 
         Shape (n,).
         """

@@ -17,7 +17,7 @@ from qrobot.motion.world.kinematics import ArmKinematics
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """What the request behind one in the queue asks of its far end.
+    """Demands of the request behind one in the queue on its far end.
 
     Attributes:
         transition: Ta, samples; 0 when there is no such request.
@@ -51,12 +51,12 @@ class QueuedMotion:
 
     @property
     def here(self) -> bool:
-        """It is an absolute stop."""
+        """True for an absolute stop."""
         return self.request.target is HERE
 
     @property
     def settled(self) -> bool:
-        """It can begin: the velocity of its goal is known."""
+        """True when it can begin: the velocity of its goal is known."""
         return self.tracker is None or self.tracker.settled
 
     def sample(self, tick: int) -> None:

@@ -1,4 +1,4 @@
-"""Into another segment from any instant of a motion (A-34, `nextmove`).
+"""Replanning into another segment from any instant of a motion (A-34, `nextmove`).
 
 The corner is where the arm would be, at its present speed, once the transition is half over: B = q + v Ta. So the
 transition begins with the velocity the arm has, and its present acceleration fades out during it (blend.absorb). That

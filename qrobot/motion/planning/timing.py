@@ -1,4 +1,4 @@
-"""How many samples a segment and its transitions take.
+"""Number of samples that a segment and its transitions take.
 
 A segment of T samples between two corners begins with a transition whose second half (Ta) lies in it and ends with one
 whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A transition
@@ -146,7 +146,7 @@ class Scheduler:
         return 0 if following.leaving is None else self.needed(following.leaving - arriving)
 
     def alone(self, request: MoveRequest, geometry: GeometricPath) -> Following:
-        """What a request asks of the one before it, from the times it would have from rest to rest."""
+        """Demand of a request on the one before it, from the times it would have from rest to rest."""
         schedule = self.plan(request, geometry, np.zeros(self.limits.n))
         ta = schedule.transition if request.transition_s is None else self.preferred(request)
         return Following(ta, geometry.leaving(schedule.length * self.period_s))

@@ -1,4 +1,4 @@
-"""What happened since the sample before, collected until the next one goes out."""
+"""Events since the sample before, collected until the next one goes out."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class EventQueue:
         self._events.append(MotionEvent(EventKind.BEGUN, request))
 
     def interrupted(self, request: MoveRequest, code: int) -> None:
-        """It is cut short: it will end with `code` when the arm has come to rest."""
+        """Note that a request is cut short: it will end with `code` when the arm has come to rest."""
         self._events.append(MotionEvent(EventKind.INTERRUPTED, request, code))
 
     def ended(self, request: MoveRequest, code: int) -> None:
-        """It ended with `code`."""
+        """Note that a request ended with `code`."""
         self._events.append(MotionEvent(EventKind.ENDED, request, code))
 
     def lost(self, request: MoveRequest | None, code: int) -> None:
@@ -41,7 +41,7 @@ class EventQueue:
         self._events.append(MotionEvent(EventKind.LOST, request, code))
 
     def dropped(self, requests: Iterable[MoveRequest]) -> None:
-        """They ended without having begun."""
+        """Note that requests ended without having begun."""
         for request in requests:
             self.ended(request, Termination.STOPPED)
 

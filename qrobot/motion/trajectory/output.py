@@ -1,4 +1,4 @@
-"""What the generator gives out, and what it ends with a stop."""
+"""Output of the generator, and its reasons for a stop."""
 
 from __future__ import annotations
 

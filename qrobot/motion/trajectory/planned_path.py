@@ -25,7 +25,7 @@ _ROUNDING: Final = 1e-6  # samples: a time so near to that of a sample is that o
 
 @dataclass(frozen=True, eq=False)
 class PathSample:
-    """What the generator follows at one sample, and until the next.
+    """Path that the generator follows at one sample, and until the next.
 
     Attributes:
         tick: its number.
@@ -86,7 +86,7 @@ class PlannedPath:
 
     @property
     def events(self) -> list[tuple[float, MotionEvent]]:
-        """What will happen, with its time in seconds: which motion begins or ends."""
+        """Events to come, with their time in seconds: which motion begins or ends."""
         return [(float(t), event) for t, sample in zip(self.t, self._samples, strict=True) for event in sample.events]
 
     def at(self, t: float) -> Floats:

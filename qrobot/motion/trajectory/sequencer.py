@@ -1,4 +1,4 @@
-"""Which segment comes when: from rest into a request, round via points, into stops, and to rest again."""
+"""Sequence of segments: from rest into a request, round via points, into stops, and to rest again."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Sequencer:
 
     @property
     def requests(self) -> list[MoveRequest]:
-        """Those that are under way, or whose end is still to be told."""
+        """Requests under way, and those whose end is still to be told."""
         segments = [self._path.segment, None if self._passing is None else self._passing.segment]
         under_way = [segment.request for segment in segments if segment is not None]
         others = [None if self._stop is None else self._stop.request, self._arrived]
@@ -99,7 +99,7 @@ class Sequencer:
         self._begin_joint_stop(self.serving, code)
 
     def last_end(self) -> Floats | None:
-        """Where the arm will be when it has done all that was asked; None when that moves. Shape (n,)."""
+        """Position of the arm when it has done all that was asked; None when that moves. Shape (n,)."""
         if (last := self._queue.last()) is not None:
             return last.end
         if not self._path.coordinates.fixed or self._path.phase is Phase.JOINT_STOP:
@@ -121,7 +121,7 @@ class Sequencer:
             self._pass_via_point()
 
     def output(self, q: Floats) -> Output:
-        """What is given out with the setpoint `q` (n,) of this sample."""
+        """Output with the setpoint `q` (n,) of this sample."""
         events = self.events.drain(self.busy)
         if self._stop is not None:
             return Output(q, self._stop.request, self._stop.scal, events, True)
@@ -144,7 +144,7 @@ class Sequencer:
         return self._leave_segment(segment)
 
     def _start(self) -> bool:
-        """From rest, or from the goal that is being followed, into the oldest request."""
+        """Enter the oldest request from rest, or from the goal that is being followed."""
         queued = self._queue.peek()
         if queued is None or not queued.settled:
             return False
@@ -158,7 +158,7 @@ class Sequencer:
         return False
 
     def _leave_segment(self, segment: Segment) -> bool:
-        """Into the transition to the request that follows, or to rest, once it is time for it."""
+        """Enter the transition to the request that follows, or to rest, once it is time for it."""
         queued = self._queue.peek()
         if self.stopping or queued is None or not queued.settled:
             return self._approach_rest(segment)
@@ -173,7 +173,7 @@ class Sequencer:
         return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
 
     def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
-        """How to turn into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
+        """Transition into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
         try:
             return self._via.transition_to(segment, queued, self._trajectory, self._queue.peek(1))
         except MotionError as error:
@@ -181,7 +181,7 @@ class Sequencer:
             return None
 
     def _enter_transition(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
-        """Into the transition to `queued` now; False when there turned out to be no way."""
+        """Enter the transition to `queued` now; False when there turned out to be no way."""
         if transition.geometry.coordinates is JOINTS and segment.coordinates is JOINTS:
             self._enter_on_time(segment, queued, transition)
             return True
@@ -189,13 +189,13 @@ class Sequencer:
         return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED)
 
     def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
-        """From one joint path into another, beginning when it should have, whichever samples were left out."""
+        """Enter one joint path from another as if on time, whichever samples were left out."""
         begin = segment.end - transition.schedule.transition
         there = self._planner.segment(queued, transition.geometry, transition.schedule, segment.end)
         self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
 
     def _approach_rest(self, segment: Segment) -> bool:
-        """Into the transition to rest, once it is time for it."""
+        """Enter the transition to rest, once it is time for it."""
         if self._trajectory.clock < segment.rest_begin:
             return False
         self._trajectory.approach_rest(segment)
@@ -217,7 +217,7 @@ class Sequencer:
     def _enter_from_state(
         self, queued: QueuedMotion, via: Floats, bounds: TransitionBounds, code: int | None = None
     ) -> bool:
-        """Into `queued` now; the present request ends with `code`. False when there turned out to be no way."""
+        """Enter `queued` now; the present request ends with `code`. False when there turned out to be no way."""
         points = self._trajectory.points()
         try:
             entry = self._planner.plan_entry(queued, via, points, self._trajectory.clock, bounds)
@@ -276,7 +276,7 @@ class Sequencer:
             self.events.ended(self._queue.pop().request, code)
 
     def _leave_for(self, queued: QueuedMotion, code: int) -> bool:
-        """From where the arm is now, at the speed it has, into `queued`; False when no such way is safe."""
+        """Enter `queued` from where the arm is now, at the speed it has; False when no such way is safe."""
         if queued.here:
             return self._begin_here(code)
         if self._trajectory.on_joint_path and queued.target is not None:
@@ -285,7 +285,7 @@ class Sequencer:
         return self._enter_from_state(queued, via, TransitionBounds(following=self._asked_behind()), code)
 
     def _replan(self, queued: QueuedMotion, code: int) -> bool:
-        """As `_leave_for`, from one joint path to another."""
+        """Replan from one joint path to another, as `_leave_for`."""
         clock = self._trajectory.clock
         entry = self._planner.replan(queued, self._path.state(clock), clock, self._asked_behind())
         if entry is None:
@@ -344,12 +344,12 @@ class Sequencer:
         self.events.dropped(queued.request for queued in self._queue.clear())
 
     def _scal(self) -> float:
-        """How much of the present segment is done, 0 to 1; 1 at rest."""
+        """Share of the present segment that is done, 0 to 1; 1 at rest."""
         segment = self._path.segment
         ending = self._path.phase.ending
         return 1.0 if segment is None else segment.scal(self._trajectory.clock, self._settings.blend, ending)
 
     def _asked_behind(self) -> Following:
-        """What the request behind the oldest asks for."""
+        """Demands of the request behind the oldest."""
         queued = self._queue.peek(1)
         return NO_FOLLOWER if queued is None else queued.asks

@@ -31,7 +31,7 @@ def reason(error: MotionError) -> Termination:
 
 
 def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Blend) -> Termination:
-    """What is wrong with the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
+    """Judge the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
 
     Right is one from which the arm can be halted (joint_stop.py) without passing a limit of position, speed or
     acceleration. A joint that could go on a whole turn away only is at its limit, too.

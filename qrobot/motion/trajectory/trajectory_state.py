@@ -1,4 +1,4 @@
-"""How far an arm is: its path, the time on it, and the setpoints it was given last.
+"""State of an arm's trajectory: its path, the time on it, and the setpoints it was given last.
 
 Path time is counted in samples. It passes as the clock does, except in a stop on the path, where it slows down and
 stands still (path_stop.py).
@@ -88,7 +88,7 @@ class TrajectoryState:
         return self.path.goal_joints(self.newest)
 
     def points(self) -> History:
-        """Where the arm was at the newest samples, this one included."""
+        """Positions of the arm at the newest samples, this one included."""
         return self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
 
     def setpoints_with(self, q: Floats) -> History:
@@ -96,7 +96,7 @@ class TrajectoryState:
         return self._setpoints.with_now(self.tick, q)
 
     def sample(self, events: tuple[MotionEvent, ...]) -> PathSample:
-        """What is followed from the newest sample on, in which `events` happened."""
+        """Path that is followed from the newest sample on, in which `events` happened."""
         path_stop = None if self._path_stop is None else (self._path_stop, self._path_stop_tick)
         path = self.path
         return PathSample(self.tick, self.newest, self.clock, path.piece, path.coordinates, path_stop, events)

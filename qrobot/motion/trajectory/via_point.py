@@ -13,7 +13,7 @@ from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 
 @dataclass(frozen=True, eq=False)
 class ViaTransition:
-    """How to turn into a request.
+    """Transition into a request.
 
     Attributes:
         geometry: the straight way behind the corner.
@@ -25,8 +25,8 @@ class ViaTransition:
 
 
 class ViaPlanner:
-    """Where the present segment ends. The way round it is planned when a request comes that is to follow, and again
-    when another one comes behind that.
+    """End of the present segment. The way round it is planned when a request comes that is to follow, and again when
+    another one comes behind that.
 
     Args:
         planner: of the arm.
@@ -44,7 +44,7 @@ class ViaPlanner:
     def transition_to(
         self, segment: Segment, queued: QueuedMotion, at: TrajectoryState, behind: QueuedMotion | None
     ) -> ViaTransition | None:
-        """How to turn into `queued` at the end of `segment`, the present one; None when it came too late for that.
+        """Transition into `queued` at the end of `segment`, the present one; None when it came too late for that.
 
         `behind` is the request behind it: when that comes too late, the way that was planned without it stays.
         Raises what `Planner.plan_geometry` raises.

@@ -1,1 +1,1 @@
-"""What a motion is about: transforms, position equations, the arm's kinematics and its limits."""
+"""World of a motion: transforms, position equations, the arm's kinematics and its limits."""

@@ -1,4 +1,4 @@
-"""What a program says about forces: along which axes of the controlled frame the arm gives way, and what it allows.
+"""Compliance that a program asks for: axes of the controlled frame along which the arm gives way, and limits of force.
 
 While the arm complies its equation carries one transform more (Hayward & Paul 1986, equation 15):
 
@@ -25,7 +25,7 @@ AXES: Final = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class Drift:
-    """How far the controlled frame of one arm was carried along its compliant axes.
+    """Drift of the controlled frame of one arm along its compliant axes.
 
     Attributes:
         values: m and rad, in the controlled frame. Shape (6,).
@@ -85,7 +85,7 @@ def _unlimited() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ForceLimits:
-    """What ends a motion before its goal; infinite where nothing does.
+    """Limits that end a motion before its goal; infinite where there is none.
 
     Attributes:
         force: along and about the axes of the controlled frame, N and N m. Shape (6,).

@@ -27,7 +27,7 @@ from qrobot.realtime.jit import lean_kernel
 
 
 class OrientationInterpolation(Enum):
-    """How orientations are interpolated in Cartesian mode."""
+    """Interpolations of orientation in Cartesian mode."""
 
     ONE_AXIS = "axis"
     TWO_ANGLES = "angles"

@@ -50,7 +50,7 @@ class Equation:
         return self.left + self.right
 
     def goal(self, offset: Floats | None = None, compliance: Compliance | None = None) -> Goal:
-        """What a motion takes along: values of constant and hold terms as they are now.
+        """Make the goal that a motion takes along: values of constant and hold terms as they are now.
 
         Args:
             offset: a small motion of the controlled frame that modifies the goal (A-10). Shape (4, 4).
@@ -86,7 +86,7 @@ class Equation:
         return rest if self._loop[at].inverted else inverted(rest)
 
     def _split_at(self, tool: Trsf) -> int:
-        """How many factors of T6's chain stand left of DRIVE."""
+        """Number of factors of T6's chain left of DRIVE."""
         chain = self._chain(self.unknown)
         if tool is self.unknown:
             return len(chain)
@@ -103,7 +103,7 @@ class Equation:
 
 
 class Goal:
-    """Where a motion is to go: T6 = left COMPLY right, and during the motion T6 = left DRIVE COMPLY right.
+    """Goal of a motion: T6 = left COMPLY right, and during the motion T6 = left DRIVE COMPLY right.
 
     Attributes:
         name: of the position.
@@ -136,6 +136,6 @@ class Goal:
         return self.right.at(tick)
 
     def carried(self, tick: int) -> Floats:
-        """What stands right of DRIVE: COMPLY and `right`. Shape (4, 4)."""
+        """Product right of DRIVE: COMPLY and `right`. Shape (4, 4)."""
         right = self.right.at(tick)
         return right if self.compliance is None else self.compliance.transform.at(tick) @ right

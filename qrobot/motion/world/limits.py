@@ -1,4 +1,4 @@
-"""What the joints may do, and the sentences that say which joint would do more."""
+"""Limits of the joints, and the sentences that say which joint would pass them."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def _sound(value: Floats) -> bool:
 
 
 class TransformKind(Enum):
-    """When the value of a transform counts."""
+    """Instants at which the value of a transform counts."""
 
     CONST = "const"
     VARB = "varb"

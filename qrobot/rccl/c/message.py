@@ -1,4 +1,4 @@
-"""What a C program and its engine say to each other: `struct message` and `enum op` of shim.h."""
+"""Messages between a C program and its engine: `struct message` and `enum op` of shim.h."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BRIEF: Final = _BRIEF.size
 
 
 class Op(IntEnum):
-    """What is asked, and how it is answered."""
+    """Requests, and the form of their answers."""
 
     HELLO = 1
     CONTROL = 2

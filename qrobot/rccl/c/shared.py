@@ -149,7 +149,7 @@ class SharedEvent(Event):
 
     @property
     def count(self) -> int:
-        """How often it was signalled and not taken."""
+        """Number of times it was signalled and not taken."""
         return int(self._count[0])
 
     @count.setter
@@ -157,7 +157,7 @@ class SharedEvent(Event):
         self._count[0] = count
 
     def signal(self) -> None:
-        """It happened once more."""
+        """Count one more event."""
         self._signal()
 
 
@@ -183,7 +183,7 @@ class SharedPosition(Position):
 
     @property
     def code(self) -> int:
-        """Why the latest motion to it ended."""
+        """Termination code of the latest motion to it."""
         return int(self._code[0])
 
     @code.setter
@@ -192,7 +192,7 @@ class SharedPosition(Position):
 
     @property
     def scal(self) -> float:
-        """How much of the motion is done, 0 to 1."""
+        """Share of the motion that is done, 0 to 1."""
         return float(self._scal[0])
 
     @scal.setter

@@ -20,7 +20,7 @@ LARGEST_READING: Final = 2e6  # N or N m that fit into an int of thousandths
 
 
 def reading(value: float) -> int:
-    """What `how.adcr` shows of a force or torque in N or N m: thousandths, ADC_NONE for NaN."""
+    """Reading of `how.adcr` for a force or torque in N or N m: thousandths, ADC_NONE for NaN."""
     if math.isnan(value):
         return ADC_NONE
     return round(MILLI * min(max(value, -LARGEST_READING), LARGEST_READING))
@@ -69,17 +69,17 @@ class Variables:
         self.t6.set(self._arm.forward(np.array(how.q)))
 
     def show_queue(self, channel: Channel | None) -> None:
-        """What waits; nothing when no arm is under control."""
+        """Show the motions that wait; none when no arm is under control."""
         self._completed[0] = 1 if channel is None else int(channel.completed.count > 0)
         self._nbrequest[0] = 0 if channel is None else channel.nbrequest
 
     def show_command(self, channel: Channel) -> None:
-        """What the next command says of the joints, for functions that change it."""
+        """Show the joints of the next command to functions that change it."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
         shown["modes"][:n], shown["setpoints"][:n] = chg.modes, chg.setpoints
 
     def take_command(self, channel: Channel) -> None:
-        """What they have made of it."""
+        """Take the joints as these functions have left them."""
         chg, shown, n = channel.chg, self._chg, channel.robot.n
         chg.modes, chg.setpoints = tuple(shown["modes"][:n].tolist()), tuple(shown["setpoints"][:n].tolist())
 
@@ -91,7 +91,8 @@ class Variables:
         self._hand = channel.chg.hand
 
     def take_outputs(self, channel: Channel) -> None:
-        """What the program wants of outputs and hand: it may say so anywhere. Of the hand OPEN and CLOSE do too."""
+        """Take what the program wants of outputs and hand: it may say so anywhere. Of the hand OPEN and CLOSE do
+        too."""
         channel.chg.outputs = int(self._chg["outputs"])
         with self._comparing:
             asked = int(self._chg["hand"])
@@ -102,7 +103,7 @@ class Variables:
             self._hand = channel.chg.hand
 
     def take_nextmove(self) -> int:
-        """What the program has put into `nextmove`, which is 0 then."""
+        """Take what the program has put into `nextmove`, which is 0 then."""
         code = int(self._nextmove[0])
         if code:
             self._nextmove[0] = 0

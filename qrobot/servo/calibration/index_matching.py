@@ -1,4 +1,4 @@
-"""Which rows of the calibration table a run of index pulses is.
+"""Matching of a run of index pulses to rows of the calibration table.
 
 Index pulses met one after the other are consecutive rows. The best first row s has the least sum of deviations
 

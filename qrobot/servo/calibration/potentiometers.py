@@ -1,4 +1,4 @@
-"""What the potentiometers say of an arm before it gets power.
+"""Reading of the potentiometers before an arm gets power.
 
 A potentiometer hangs on its motor, so that pot - slope * counts does not change when the joint moves: the mean of a few
 readings is good to a fraction of a turn, at rest or not.
@@ -103,7 +103,7 @@ def watch_pots(params: ServoParameters, state: ServoState, channel: int) -> None
 
 @lean_kernel
 def gather_pot(params: ServoParameters, state: ServoState, channel: int) -> None:
-    """While a joint sweeps: add a new conversion of its `channel` to the turn it was made in."""
+    """Add a new conversion of a sweeping joint's `channel` to the turn it was made in."""
     if state.cal.stage == SWEEPING and params.pot_channel[state.cal.joint_now] == channel:
         state.cal.residue += pot_residue(params, state, state.cal.joint_now)
         state.cal.samples += 1

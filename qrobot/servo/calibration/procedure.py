@@ -315,7 +315,7 @@ def _differ(words: Any, others: Any) -> int:
 
 @lean_kernel
 def see_load(params: ServoParameters, state: ServoState, words: Any) -> bool:
-    """While counters are being loaded: judge the encoder words of a new image.
+    """Judge the encoder words of a new image while counters are being loaded.
 
     A joint that moved by a count before its counter was loaded looks like one that moved after it, so any motion
     spoils the attempt.

@@ -1,4 +1,4 @@
-"""What potentiometers and calibration remember from cycle to cycle."""
+"""State of potentiometers and calibration from cycle to cycle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FEWEST_INDEXES: Final = 3  # a single one is not enough: 75 units decide, wavine
 
 
 class Stage(IntEnum):
-    """Where a calibration stands."""
+    """Stages of a calibration."""
 
     IDLE = 0
     BACKING = 1  # makes room to move on in the positive direction

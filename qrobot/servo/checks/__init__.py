@@ -1,1 +1,1 @@
-"""What protects the arm: limit checks of inputs and outputs, monitors of faults, and what they are called."""
+"""Protection of the arm: limit checks of inputs and outputs, monitors of faults, and their names."""

@@ -104,7 +104,7 @@ def predict_travel(
 
 @lean_kernel
 def is_missing(x: float, counts: float, unit_per_count: float) -> bool:
-    """So many counts were sure to come that did not."""
+    """True when so many counts were sure to come that did not."""
     return not abs(x) <= counts * unit_per_count
 
 
@@ -129,7 +129,7 @@ def follow_pot(
 
 @lean_kernel
 def gone_units(turn: float, spread: float, step: float) -> float:
-    """So far from its mean a potentiometer shows a motor that turns, ADC units.
+    """Distance from its mean at which a potentiometer shows a motor that turns, ADC units.
 
     Args:
         turn: units a motor turn. spread: greatest less least reading at rest, 0 where its noise is known. step: of the
@@ -140,7 +140,7 @@ def gone_units(turn: float, spread: float, step: float) -> float:
 
 @lean_kernel
 def has_followed(change: float, counts: float, counts_per_rev: float, turn: float) -> int:
-    """What a stretch of motion says of a potentiometer: 1 it goes with its encoder, -1 it does not, 0 too short.
+    """Judge a potentiometer by a stretch of motion: 1 it goes with its encoder, -1 it does not, 0 too short.
 
     Args:
         change: of its reading less what the counts account for, ADC units. counts: of the stretch. turn: units a turn.

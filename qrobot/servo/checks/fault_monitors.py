@@ -116,7 +116,8 @@ def watch_modules(state: ServoState) -> None:
 
 @lean_kernel
 def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None:
-    """After a new sample `dt` seconds later: which encoders count, and how fast the joint was when one last did."""
+    """Note, after a new sample `dt` seconds later, which encoders count, and how fast the joint was when one last
+    did."""
     watch = state.watch
     watch.sample_s = dt
     for j in range(state.q.size):
@@ -131,7 +132,7 @@ def follow_counts(params: ServoParameters, state: ServoState, dt: float) -> None
 
 @lean_kernel
 def unseen_s(params: ServoParameters, state: ServoState) -> float:
-    """For how long nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
+    """Time for which nothing was seen of the joints: the board is silent, or was until now, or the loop was."""
     images = state.unchanged
     silent = images * params.period_ns * 1e-9 if images > 0 else state.watch.sample_s
     return float(max(silent, state.dt))
@@ -175,7 +176,7 @@ def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> N
 
 @lean_kernel
 def motor_demand(params: ServoParameters, state: ServoState) -> None:
-    """What moves the motors: torque beyond the load into `tau_motor`, speed of the reference into `scratch`."""
+    """Compute what moves the motors: torque beyond the load into `tau_motor`, speed of the reference into `scratch`."""
     for j in range(state.q.size):
         state.scratch[j] = state.tau[j] - state.watch.load[j]
     torque_to_motor(state.scratch, params.transmission, state.tau_motor)
@@ -184,7 +185,7 @@ def motor_demand(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def inertial_torques(params: ServoParameters, state: ServoState) -> None:
-    """How far the references have gone, how hard they bend, and what the joints may put on each other by it."""
+    """Compute how far the references have gone, how hard they bend, and what the joints may put on each other by it."""
     watch, roots, dt, total, jolts = state.watch, params.watch.root_inertia, state.dt, 0.0, 0.0
     for j in range(state.q.size):
         jolt = unplanned_bend(params, state, j)
@@ -269,7 +270,7 @@ def held_by(params: ServoParameters, state: ServoState, j: int) -> int:
 
 @lean_kernel
 def _forget_motor(params: ServoParameters, state: ServoState, j: int) -> None:
-    """What the joint has is what it is expected to have."""
+    """Expect of a joint what it has."""
     watch = state.watch
     watch.expected[j], watch.push[j] = params.inertia[j] * state.v[j], 0.0
     watch.over_s[j], watch.clipped_s[j] = 0.0, 0.0
@@ -326,7 +327,7 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
 
 @lean_kernel
 def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> None:
-    """Without power an arm stays where its brakes caught it; one that does not is told of, once.
+    """Tell once of an arm without power that does not stay where its brakes caught it.
 
     The brakes close once the board shows that power is off, and have caught the arm when it has been seen without for
     `SETTLE_S`: what a servo sleeps through is not seen, and an arm that sags meanwhile has not slipped.

@@ -24,7 +24,7 @@ LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two ear
 
 @dataclass(eq=False)
 class IndexWatch:
-    """What the watch remembers."""
+    """State of the watch."""
 
     armed: int = 0  # bits of the latches that are armed, as in DISCRETE
     rearm: int = 0  # bits of those to arm in this cycle
@@ -38,7 +38,7 @@ def make_index_watch() -> IndexWatch:
 
 @lean_kernel
 def off_phase(count: int, phase: int, turn: int) -> int:
-    """By how many counts an index pulse at `count` is off its place, from -turn/2 to turn/2."""
+    """Counts by which an index pulse at `count` is off its place, from -turn/2 to turn/2."""
     return (count - phase + turn // 2) % turn - turn // 2
 
 

@@ -1,4 +1,4 @@
-"""What the watches over motors, brakes and timing remember from cycle to cycle, and the numbers they judge by."""
+"""State of the monitors of motors, brakes and timing from cycle to cycle, and the numbers they judge by."""
 
 from __future__ import annotations
 

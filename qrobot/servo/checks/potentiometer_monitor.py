@@ -97,7 +97,7 @@ def compared_now(params: ServoParameters, state: ServoState) -> bool:
 
 @lean_kernel
 def hear_pots(params: ServoParameters, state: ServoState, channel: int) -> None:
-    """Without a table: take a new conversion of `channel` (-1: none) before power, and judge their noise.
+    """Take a new conversion of `channel` (-1: none) before power, without a table, and judge their noise.
 
     A converter that stays silent is not asked again. Power waits for none of it.
     """

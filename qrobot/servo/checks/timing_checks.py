@@ -38,7 +38,7 @@ def check_overrun(in_a_row: int, most_in_a_row: int, missed: int, most_missed: i
 
 @lean_kernel
 def grown_row(row: int, busy_ns: int, allowed_ns: int) -> int:
-    """How many cycles in a row have taken longer than `allowed_ns`, with one more of `busy_ns`."""
+    """Number of cycles in a row that have taken longer than `allowed_ns`, with one more of `busy_ns`."""
     return 0 if busy_ns <= allowed_ns else row + 1
 
 

@@ -1,4 +1,4 @@
-"""What runs in the process in which a law from somebody's file is tried, see `servo.laws.trial_process`.
+"""Program of the process in which a law from somebody's file is tried, see `servo.laws.trial_process`.
 
 Nothing in it matters to anybody else: it may loop for ever, write past an array, or take all the memory it is
 allowed. It is asked once, on standard input, and answers once, on what was its standard output:

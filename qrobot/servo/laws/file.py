@@ -18,7 +18,7 @@ from qrobot.servo.laws.law import Law
 
 
 def is_file_law(name: str) -> bool:
-    """It names a file, not a shipped law."""
+    """True when it names a file, not a shipped law."""
     return split_name(name)[0].endswith(".py")
 
 

@@ -1,4 +1,4 @@
-"""What a law gets to see: copies of its arguments, with guarded words between them.
+"""Guarded copies of a law's arguments, with guarded words between them.
 
 A law is compiled without bounds checks. What it writes past the end of an array, or into one that it may only read,
 stays in the copies: it reaches neither the servo nor another argument of the next cycle. Words that nobody may write
@@ -74,7 +74,7 @@ def copy_vector(to: Any, source: Any) -> None:
 
 @lean_kernel
 def broken(words: Any) -> int:
-    """How many guarded words have been written; they are guarded again afterwards."""
+    """Number of guarded words that have been written; they are guarded again afterwards."""
     count = 0
     for k in range(words.size):
         count += words[k] != GUARDED
@@ -86,7 +86,7 @@ def broken(words: Any) -> int:
 
 @lean_kernel
 def broken_words(copies: Any) -> int:
-    """How many of all guarded words the law has written; they are guarded again afterwards."""
+    """Number of all guarded words that the law has written; they are guarded again afterwards."""
     return (
         broken(copies.edge_before) + broken(copies.edge_after)
         + broken(copies.after_q_ref) + broken(copies.after_v_ref) + broken(copies.after_a_ref)

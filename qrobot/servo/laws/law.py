@@ -127,7 +127,7 @@ class Law(KernelPointer):
 
     @cached_property
     def address(self) -> int:
-        """Where the compiled code is, while the law lives. Raises ConfigError when the law cannot be compiled."""
+        """Address of the compiled code, while the law lives. Raises ConfigError when the law cannot be compiled."""
         try:
             return super().address
         except (NumbaError, TypeError) as error:
@@ -194,7 +194,7 @@ def checked_signals(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def argument_names(function: Callable[..., Any], known: tuple[str, ...]) -> tuple[str, ...]:
-    """What a law's function takes. Raises ConfigError for what is not in `known`."""
+    """Arguments of a law's function. Raises ConfigError for those that are not in `known`."""
     names = tuple(inspect.signature(function).parameters)
     for name in names:
         if name not in known:
@@ -229,7 +229,7 @@ def _definition(function: LawBody) -> ast.FunctionDef | None:
 
 
 def _passed_on(function: LawBody) -> LawBody:
-    """What takes all the arguments and passes on those that `function` wants; cannot be cached."""
+    """Make a function that takes all the arguments and passes on those that `function` wants; it cannot be cached."""
     names = inspect.signature(function).parameters
     scope: dict[str, Any] = {"inner": kernel(function)}
     exec(f"def outer({', '.join(ARGUMENTS)}):\n    inner({', '.join(names)})\n", scope)
@@ -239,7 +239,7 @@ def _passed_on(function: LawBody) -> LawBody:
 
 
 def without_advice(error: Exception) -> str:
-    """What Numba says, without its advice and the source: where the last complaint is, and what comes first."""
+    """Numba's message without its advice and the source: where the last complaint is, and what comes first."""
     lines = [line.strip() for line in str(error).splitlines()]
     places = [found for line in lines if (found := _PLACE.match(line))]
     before_source = list(takewhile(lambda line: not _PLACE.match(line), lines))

@@ -32,7 +32,7 @@ class LoadedLaw(Law):
 
     @cached_property
     def address(self) -> int:
-        """Where the compiled code is, while the law lives."""
+        """Address of the compiled code, while the law lives."""
         return self._loaded.address
 
 

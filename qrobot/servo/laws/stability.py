@@ -48,7 +48,7 @@ TOLD_JOINTS: Final = 2  # with the gains they may have; the others by number
 
 @dataclass(frozen=True)
 class Loop:
-    """What of a servo decides on stability.
+    """Numbers of a servo that decide on stability.
 
     Attributes:
         period_s: of a cycle. delay: cycles from a position to the torque that answers it, 0 or 1.
@@ -206,7 +206,7 @@ def _joint_refusal(robot: Robot, j: int, inertia: Floats, loop: Loop, kp: float,
 
 
 def inertia_alone(inertia: Floats, j: int) -> Floats:
-    """What joint `j` of mass matrices (m, n, n) feels: from the least, other joints free, to the most. Shape (5, 1, 1).
+    """Inertia of joint `j` of mass matrices (m, n, n): from the least, other joints free, to the most. Shape (5, 1, 1).
 
     With other joints held fast it feels M_jj, with all of them free 1 / (M^-1)_jj, and something between in a loop.
     """

@@ -1,4 +1,4 @@
-"""What a law is tried on: the robot's poses, motions within its limits, and what only a fault would bring."""
+"""Inputs on which a law is tried: the robot's poses, motions within its limits, and what only a fault would bring."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Arguments = tuple[Floats, ...]
 
 
 def at_pose(law: Law, robot: Robot, q: Floats) -> Arguments:
-    """What the law gets of an arm near its reference, in the order of `law.ARGUMENTS`; no result yet."""
+    """Arguments for the law of an arm near its reference, in the order of `law.ARGUMENTS`; no result yet."""
     n, control = robot.n, robot.control
     gains = np.zeros((N_GAINS, n))
     gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia

@@ -101,7 +101,7 @@ def _ask(question: Question, given_up: threading.Event, **environment: str) -> t
 
 
 def _answer(checker: subprocess.Popen[bytes], question: bytes, given_up: threading.Event) -> bytes:
-    """What the process says until it ends. Raises LinkLost when it was given up, ConfigError when it takes for ever."""
+    """The process's answer. Raises LinkLost when it was given up, ConfigError when it takes for ever."""
     patience, said = Deadline(PATIENCE_S), question
     while True:
         try:
@@ -116,7 +116,7 @@ def _answer(checker: subprocess.Popen[bytes], question: bytes, given_up: threadi
 
 
 def _cause_of_death(name: str, status: int) -> str:
-    """Why a process ended without an answer, in words for people."""
+    """Reason for which a process ended without an answer, in words for people."""
     if -status == TRIAL_SIGNAL:
         return f"law {name} does not come back within {TRIAL_S:g} s of computing: does it loop for ever?"
     if -status == LOAD_SIGNAL:

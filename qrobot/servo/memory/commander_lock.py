@@ -1,4 +1,4 @@
-"""Who commands an arm: one holder on this machine, whichever way they come.
+"""Lock of an arm's commander: one holder on this machine, whichever way they come.
 
 The bridge holds it for its commander, the control interface for whoever gives it a command that moves or changes
 something. It is a small piece of shared memory with a lock that the kernel drops however its holder dies, so nobody
@@ -56,7 +56,7 @@ class Authority:
                 SharedMemory.create(self._name, LAYOUT, _N_WORDS).close(unlink=True)
 
     def maybe_holder(self) -> str | None:
-        """Who holds it, in words for people, with the process that does; None when nobody does."""
+        """The holder, in words for people, with the process that is it; None when there is none."""
         try:
             segment = self._segment or SharedMemory.attach(self._name, LAYOUT)
         except LinkError:

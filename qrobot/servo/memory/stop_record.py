@@ -1,4 +1,4 @@
-"""What happened when the servo last stopped for a reason: a record for the log, written within the cycle.
+"""Record of the servo's last stop for a reason, for the log; written within the cycle.
 
 One record of int64 words, floats as bit patterns. The cycle fills it and then raises its number; a reader in the same
 process takes a copy that was not written to meanwhile.
@@ -34,7 +34,7 @@ _UNITS: Final = {
 
 @dataclass(frozen=True)
 class Incident:
-    """Why the servo left a mode.
+    """Reason for which the servo left a mode.
 
     Attributes:
         number: counts incidents from 1 since the servo started.
@@ -57,7 +57,7 @@ class Incident:
     frame_seq: int
 
     def measured(self, prismatic: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """What was measured and allowed, such as "joint 3: 4.51 rad/s, limit 4.1 rad/s"; empty for a mere event.
+        """Measured and allowed values, such as "joint 3: 4.51 rad/s, limit 4.1 rad/s"; empty for a mere event.
 
         `prismatic` says of each joint whether it slides; empty when none does.
         """

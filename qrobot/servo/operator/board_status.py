@@ -1,4 +1,4 @@
-"""What the control interface tells of the board: how old its image is, and what went wrong on the way to it."""
+"""Status of the board for the control interface: how old its image is, and what went wrong on the way to it."""
 
 from __future__ import annotations
 

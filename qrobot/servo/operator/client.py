@@ -70,7 +70,7 @@ class ServoClient:
             raise
 
     def status(self) -> ServoStatus:
-        """How the servo is."""
+        """Status of the servo."""
         return self._ask(StatusRequest())
 
     def power_on(self, patience_s: float = POWER_PATIENCE_S) -> ServoStatus:

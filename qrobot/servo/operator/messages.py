@@ -124,7 +124,7 @@ class BoardStatus(OperatorMessage):
 
 
 class ServoStatus(OperatorMessage):
-    """How a servo is. Vectors have one number a joint, SI units.
+    """Status of a servo. Vectors have one number a joint, SI units.
 
     Attributes:
         event: newest code worth knowing, 0 for none; `text` explains it, or the fault, to people.
@@ -172,7 +172,7 @@ class ServoStatus(OperatorMessage):
 
 
 class Reply(OperatorMessage):
-    """What became of a request."""
+    """Outcome of a request."""
 
     ok: bool
     error: str = ""

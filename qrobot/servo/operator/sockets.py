@@ -88,7 +88,7 @@ class OperatorConnection:
 
     @property
     def label(self) -> str:
-        """Who this is, in words for people."""
+        """Name of the peer, for people."""
         return f"process {self.pid} by way of the control interface"
 
     def read_lines(self) -> list[bytes] | None:

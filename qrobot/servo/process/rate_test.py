@@ -32,7 +32,7 @@ RATES: Final = (8000.0, 6000.0, 5000.0, 4000.0, 3000.0, 2000.0, 1500.0, 1000.0, 
 
 @dataclass(frozen=True)
 class RateTest:
-    """What a window of cycles showed.
+    """Result of a window of cycles.
 
     Attributes:
         cost_ns: of a cycle, in 99 of 100. late_ns: wake-up error, likewise.
@@ -53,7 +53,7 @@ class RateTest:
         return next((rate for rate in RATES if NS_PER_S / rate >= shortest_ns), LOWEST_RATE_HZ)
 
     def words(self, period_ns: int) -> str:
-        """For people."""
+        """Words for people."""
         cost, late = self.cost_ns / 1e3, self.late_ns / 1e3
         share = f"{self.cost_ns / period_ns:.0%} of the period"
         return f"a cycle takes {cost:.1f} µs ({share}) and wakes {late:.0f} µs late, {self.late_share:.1%} too late"

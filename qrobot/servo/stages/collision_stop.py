@@ -22,7 +22,7 @@ FELT_SHARE: Final = 0.5  # of the unexplained torque: smaller pushes may be the 
 
 @lean_kernel
 def give_way(params: ServoParameters, state: ServoState) -> None:
-    """After a collision: let the reference of each joint that is held back stand where the joint is."""
+    """Let the reference of each joint that is held back after a collision stand where the joint is."""
     if state.watch.yields == 0:
         return
     for j in range(state.q.size):

@@ -46,7 +46,7 @@ IMAGES_TO_ANSWER: Final = 2
 
 @dataclass(eq=False)
 class AdcState:
-    """What the sampling remembers from cycle to cycle."""
+    """State of the sampling from cycle to cycle."""
 
     done: Any  # int64[8] conversions of each channel so far
     channel: int = N_ADCS - 1  # being converted, or the one before

@@ -1,4 +1,4 @@
-"""Where the joints are taken to be while no image says: on along their reference, at the velocity last seen.
+"""Positions of the joints while no image shows them: on along their reference, at the velocity last seen.
 
     lag = q_ref - q        lag' = v_ref - v            as they were when the joints were last seen
     lag += lag' dt         q = q_ref - lag        v = v_ref - lag'        in every cycle without a sample
@@ -42,7 +42,8 @@ def note_lag(state: ServoState) -> None:
 
 @lean_kernel
 def hold_through_dropout(state: ServoState) -> None:
-    """Once the reference of this cycle is known: note the lag of joints that are seen, carry on those that are not."""
+    """Note the lag of joints that are seen, once the reference of this cycle is known, and carry on those that are
+    not."""
     if not gives_torque(state.mode):
         return
     if state.unseen == 0:

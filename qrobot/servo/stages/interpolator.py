@@ -1,4 +1,4 @@
-"""From setpoints 28 ms apart to a smooth reference at the servo rate.
+"""Smooth reference at the servo rate, out of setpoints 28 ms apart.
 
 Four knots are the setpoints of four successive frames. A form of interpolation
 (`servo.stages.interpolation_polynomials`) is a table that makes of them a polynomial p(u), on which the reference runs
@@ -43,7 +43,7 @@ def shift_in(knots: Any, setpoint: Any) -> None:
 
 @lean_kernel
 def shift_extrapolated(knots: Any) -> None:
-    """In place of a missing setpoint: go on at the last velocity. That a range may end is a matter of the stop."""
+    """Go on at the last velocity in place of a missing setpoint. That a range may end is a matter of the stop."""
     for j in range(knots.shape[1]):
         following = 2.0 * knots[3, j] - knots[2, j]
         for i in range(N_KNOTS - 1):

@@ -23,7 +23,7 @@ from qrobot.realtime.jit import lean_kernel
 
 
 class Estimator(IntEnum):
-    """How the servo knows velocities."""
+    """Estimators of velocity."""
 
     DIFFERENCE = 0
     OBSERVER = 1

@@ -10,86 +10,44 @@ import pytest
 
 SOURCES = Path(__file__).parents[3] / "qrobot"
 # With these a sentence begins whose subject is elsewhere or missing: "Of a window ...", "What is said is no error."
-NO_SUBJECT = frozenset(
-    [
-        "about",
-        "after",
-        "against",
-        "and",
-        "as",
-        "at",
-        "because",
-        "before",
-        "behind",
-        "below",
-        "beneath",
-        "beside",
-        "between",
-        "but",
-        "by",
-        "during",
-        "for",
-        "from",
-        "how",
-        "if",
-        "in",
-        "inside",
-        "instead",
-        "into",
-        "it",
-        "like",
-        "near",
-        "of",
-        "off",
-        "on",
-        "once",
-        "onto",
-        "or",
-        "out",
-        "outside",
-        "over",
-        "per",
-        "since",
-        "so",
-        "somewhere",
-        "than",
-        "that",
-        "their",
-        "them",
-        "then",
-        "there",
-        "these",
-        "they",
-        "those",
-        "through",
-        "till",
-        "to",
-        "toward",
-        "towards",
-        "under",
-        "unless",
-        "until",
-        "up",
-        "what",
-        "whatever",
-        "when",
-        "whenever",
-        "where",
-        "wherever",
-        "which",
-        "while",
-        "who",
-        "whoever",
-        "whom",
-        "whose",
-        "why",
-        "with",
-        "within",
-        "without",
-    ]
+WORDS = (
+    "about after against and as at because before behind below beneath beside between but by during for from how "
+    "if in inside instead into it like of off on once onto or out outside over per since so somewhere than that "
+    "their them then there these they those through till to toward towards under unless until up what whatever "
+    "when whenever where wherever which while who whoever whom whose why with within without "
 )
-TO_BE_REWRITTEN = ("hwif", "model", "motion", "rccl", "rci", "servo", "sim_board", "wire")
-PACKAGES = sorted({path.relative_to(SOURCES).parts[0] for path in SOURCES.rglob("*.py")} - set(TO_BE_REWRITTEN))
+NO_SUBJECT = frozenset(WORDS.split())
+TO_BE_REWRITTEN = {
+    "hwif/board_memory.py",
+    "rccl/c/dispatcher.py",
+    "rccl/c/object_registry.py",
+    "rccl/callback_timing.py",
+    "rccl/channel.py",
+    "rccl/connect.py",
+    "rccl/jog.py",
+    "rccl/offline.py",
+    "rccl/parameters.py",
+    "rccl/task.py",
+    "rccl/task_runners.py",
+    "servo/checks/guardian_arming.py",
+    "servo/laws/law_swap.py",
+    "servo/memory/mailbox.py",
+    "servo/memory/telemetry.py",
+    "servo/operator/calibration_client.py",
+    "servo/operator/force_zero.py",
+    "servo/operator/requests.py",
+    "servo/process/daemon.py",
+    "servo/process/guardian.py",
+    "servo/protection.py",
+    "servo/stages/inputs.py",
+    "servo/stages/mode_machine.py",
+    "servo/stages/publish.py",
+    "servo/stages/torque_output.py",
+    "sim_board/emulator.py",
+    "wire/layout.py",
+    "wire/packets.py",
+}
+PACKAGES = sorted({path.relative_to(SOURCES).parts[0] for path in SOURCES.rglob("*.py")})
 
 
 def first_words(text: str) -> Iterator[tuple[int, str]]:
@@ -109,7 +67,7 @@ def without_subject(text: str) -> list[tuple[int, str]]:
 def test_a_docstring_begins_with_a_noun_phrase_or_a_verb(package: str) -> None:
     files = [SOURCES / package] if package.endswith(".py") else sorted((SOURCES / package).rglob("*.py"))
     found = {str(path.relative_to(SOURCES)): without_subject(path.read_text()) for path in files}
-    assert {name: places for name, places in found.items() if places} == {}
+    assert {name: places for name, places in found.items() if places and name not in TO_BE_REWRITTEN} == {}
 
 
 @pytest.mark.parametrize(
