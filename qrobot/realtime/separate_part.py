@@ -23,7 +23,7 @@ from qrobot.realtime.compile_progress import end_part
 
 @dataclass(frozen=True)
 class Part:
-    """What the cache keeps beside a program about a part of it; to call it is to have the part loaded.
+    """Record of a part of a program in the cache beside it; to call it is to have the part loaded.
 
     Attributes:
         module, kernel: where the part stands. arguments: its types. symbol: its name in the program's machine code.

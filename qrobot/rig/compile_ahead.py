@@ -75,7 +75,7 @@ def argument_types(rig: LockstepRig) -> dict[str, Any]:
 
 
 def _type_in_kernel(value: Any) -> Any:
-    """Of a block the record, which the loop takes out of it."""
+    """Type of a block in kernels: of its record, which the loop takes out of it."""
     found = typeof(value)
     return found.dtype if isinstance(getattr(found, "dtype", None), types.Record) else found
 
