@@ -39,26 +39,36 @@ def precise_loop() -> asyncio.AbstractEventLoop:
 
 
 class Listener:
-    """Listens at one address, inside a running event loop.
+    """Takes one address, and listens there once it is opened; inside a running event loop.
 
     Args:
         host, port: where; port 0 takes a free one.
         welcome: called with each connection and its far end.
 
     Raises:
-        LinkBusy: the port is taken. LinkError: it cannot be listened on.
+        LinkBusy: the port is taken. LinkError: it cannot be had. `open` as well.
     """
 
     def __init__(self, host: str, port: int, welcome: AcceptConnection) -> None:
         self._welcome = welcome
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self._socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
+            self._socket.bind((host, port))
         except OSError as error:
+            self._socket.close()
             raise _explain(error, f"{host}:{port}") from error
         self._socket.setblocking(False)
+
+    def open(self) -> None:
+        """Listen: until then nobody can connect."""
+        try:
+            self._socket.listen(BACKLOG)
+        except OSError as error:
+            host, port = self.address
+            raise _explain(error, f"{host}:{port}") from error
         self._resume()
 
     @property

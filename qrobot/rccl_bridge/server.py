@@ -63,9 +63,15 @@ class BridgeServer:
             raise LinkError("the bridge has not been started")
         return self._listener.address
 
+    def take_address(self) -> Listener:
+        """Take the port; nobody can connect yet. Raises LinkBusy when it is taken, LinkError when it cannot be had."""
+        if self._listener is None:
+            self._listener = Listener(self.settings.host, self.settings.port, self._welcome)
+        return self._listener
+
     async def start(self) -> None:
-        """Listen. Raises LinkBusy when the port is taken, LinkError when it cannot be listened on."""
-        self._listener = Listener(self.settings.host, self.settings.port, self._welcome)
+        """Listen. Raises what `take_address` raises."""
+        self.take_address().open()
 
     async def close(self) -> None:
         """Say BYE to everybody, stop the arm if somebody commands it, and stop listening."""
@@ -247,9 +253,10 @@ async def _serve(server: BridgeServer, on_ready: Callable[[str, int], None] | No
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    await server.start()
+    server.take_address()
     try:
         with offered_token(server.address[1]) as server.token:
+            await server.start()  # not before: who connects has looked for the token already
             if on_ready is not None:
                 on_ready(*server.address)
             await stop.wait()

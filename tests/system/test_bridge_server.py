@@ -14,7 +14,8 @@ import struct
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import product
 
@@ -23,7 +24,7 @@ import pytest
 from qrobot.errors import ConfigError, LinkBusy, LinkError
 from qrobot.rccl_bridge import BridgeServer, BridgeSettings
 from qrobot.rccl_bridge.listener import PreciseSelector
-from qrobot.rccl_bridge.server import MAX_LINGERING, WRITE_BUFFER_BYTES
+from qrobot.rccl_bridge.server import MAX_LINGERING, WRITE_BUFFER_BYTES, run_bridge
 from qrobot.rccl_bridge.settings import SECOND_NS
 from qrobot.realtime.bridge_token import token_for
 from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, JointMode, State, WireError
@@ -272,6 +273,26 @@ def test_an_address_that_is_not_ours_is_one_clear_line() -> None:
 def test_a_period_nobody_can_keep_is_refused_in_the_settings() -> None:
     with pytest.raises(ConfigError, match="999 µs"):
         BridgeSettings(period_us=999)
+
+
+def test_nobody_can_connect_before_the_token_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who connects has looked for the token: one that came later, in place of a killed bridge's, would be refused."""
+    seen = []
+
+    @contextmanager
+    def offered(port: int) -> Iterator[bytes]:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port))
+        yield b"secret"
+
+    def ready(host: str, port: int) -> None:
+        with socket.create_connection((host, port)):
+            seen.append(port)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("qrobot.rccl_bridge.server.offered_token", offered)
+    run_bridge(FakePort(), BridgeSettings(port=0), ready)
+    assert len(seen) == 1
 
 
 PROCESS = """

@@ -1,0 +1,80 @@
+"""`qrobot jog`: an arm that moves while a key of the terminal is held."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import out
+from qrobot.errors import ConfigError
+
+PERIOD_MS: Final = 28.0  # the servo must hear of the key every 70 ms
+MOST_CHARACTERS: Final = 256
+
+
+def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None) -> None:
+    """Move one joint, or along or about one axis, as long as a key is held.
+
+    A terminal tells no release of a key: the arm moves from the first repeat of the key on, and is braked 0.12 s after
+    the last one came. When this program or its link hangs the servo stops the arm. This is no safety function: keep the
+    emergency stop at hand.
+
+      1 2 ...  joint      x y z  along an axis      u v w  about it      b t  axes of the base, of the last link
+      . ,      HOLD to move one way, the other      f s    faster, slower      q  quit
+
+    Parameters
+    ----------
+    offline
+        On an ideal arm inside this process, on virtual time.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    """
+    from qrobot.rccl.connect import open_channel
+    from qrobot.rccl.hold_to_run import KEYS, HeldJog
+    from qrobot.rccl.offline import OfflineLink
+    from qrobot.rci import LinkFactory, TcpLink
+
+    chosen = choose_arm(deployment, arm)
+    factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
+    if offline:
+        robot = robot_of_arm(chosen)
+        factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
+    with single_keys() as keys, open_channel(factory, chosen.robot, PERIOD_MS) as channel:
+        out.print(KEYS, markup=False)
+        HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True)).run()
+
+
+class TerminalKeys:
+    """Characters of a terminal, as they are typed. The end of the input reads as q."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+
+    def read(self) -> str:
+        """What has been typed since the last call; never waits."""
+        if not select.select([self._fd], [], [], 0)[0]:
+            return ""
+        return os.read(self._fd, MOST_CHARACTERS).decode("ascii", "replace") or "q"
+
+
+@contextmanager
+def single_keys() -> Iterator[TerminalKeys]:
+    """Read the terminal key by key inside; Ctrl-C works as ever. Raises ConfigError when there is no terminal."""
+    if not sys.stdin.isatty():
+        raise ConfigError("qrobot jog needs a terminal, whose keys repeat while they are held; try qrobot teach")
+    fd = sys.stdin.fileno()
+    before = termios.tcgetattr(fd)
+    tty.setcbreak(fd)
+    try:
+        yield TerminalKeys(fd)
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)
