@@ -49,6 +49,7 @@ COMMANDS: Final = (
     Subcommand("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
     Subcommand("arcl", "qrobot.cli.arcl:app", EVERYDAY, "Look at the streams that ARCL programs leave behind."),
     Subcommand("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
+    Subcommand("jog", "qrobot.cli.jog:jog", EVERYDAY, "Move an arm as long as a key of the terminal is held."),
     Subcommand(
         "ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."
     ),

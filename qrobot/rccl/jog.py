@@ -79,12 +79,8 @@ class Stepper:
 
     def _step(self, words: list[str], in_world: bool) -> str:
         step = _small_move(words)
-        goal = self._measure("GOAL")
-        value = goal.value @ step
-        if in_world:
-            value[:3, :3] = step[:3, :3] @ goal.value[:3, :3]
-            value[:3, 3] = goal.value[:3, 3] + step[:3, 3]
-        goal.set(value)
+        goal = measure(self._arm, "GOAL")
+        goal.set(moved_by(goal.value, step, in_world))
         return self._go(position_of(goal))
 
     def _turn(self, words: list[str]) -> str:
@@ -100,16 +96,10 @@ class Stepper:
         return self._go(self._arm.jposition(f"joint {number}", joints.tolist()))
 
     def _measure(self, name: str) -> Transform:
-        """Where the arm is, by `update`."""
-        here = newtrans(name)
-        self._record_into(here, position_of(here))
-        return here
+        return measure(self._arm, name)
 
     def _record_into(self, trsf: Transform, position: Position) -> None:
-        """Give `trsf` the value that makes the equation of `position` true where the arm is."""
-        self._arm.update(trsf, position)
-        self._arm.move(self._arm.there)
-        self._arm.waitfor(self._arm.completed)
+        record_into(self._arm, trsf, position)
 
     def _go(self, position: Position) -> str:
         self._arm.move(position)
@@ -127,6 +117,30 @@ class Stepper:
     def _quit(self) -> str:
         self.over = True
         return ""
+
+
+def measure(arm: Channel, name: str) -> Transform:
+    """Where an arm at rest is, by `update`."""
+    here = newtrans(name)
+    record_into(arm, here, position_of(here))
+    return here
+
+
+def record_into(arm: Channel, trsf: Transform, position: Position) -> None:
+    """Give `trsf` the value that makes the equation of `position` true where the arm is."""
+    arm.update(trsf, position)
+    arm.move(arm.there)
+    arm.waitfor(arm.completed)
+
+
+def moved_by(value: Floats, step: Floats, in_base: bool) -> Floats:
+    """A frame (4, 4) moved by a step (4, 4), about its own origin along the axes of the base, or along its own."""
+    if not in_base:
+        return value @ step
+    moved = value.copy()
+    moved[:3, :3] = step[:3, :3] @ value[:3, :3]
+    moved[:3, 3] += step[:3, 3]
+    return moved
 
 
 def position_of(trsf: Transform) -> Position:
