@@ -13,8 +13,8 @@ import fcntl
 import os
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from contextlib import contextmanager, nullcontext
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,13 +26,14 @@ LOCK_FILE: Final = "qrobot-compile.lock"
 
 
 def compile_once(dispatcher: Any) -> None:
-    """Let `dispatcher` compile under its lock. Raises AttributeError when Numba keeps its cache otherwise."""
+    """Let `dispatcher` compile under its lock, where it has a cache."""
     compile_now: Callable[[Any], Any] = dispatcher.compile
-    folder, name = Path(dispatcher._cache.cache_path), dispatcher._cache._cache_file._index_name
+    folder, files = dispatcher._cache.cache_path, getattr(dispatcher._cache, "_cache_file", None)
+    lock = nullcontext if files is None else partial(lock_of, Path(folder), files._index_name)
 
     def compile(signature: Any) -> Any:
         # In this order: a thread that waits has no other's lock.
-        with global_compiler_lock, lock_of(folder, name), seldom_collected():
+        with global_compiler_lock, lock(), seldom_collected():
             return with_room(compile_now, signature)
 
     dispatcher.compile = compile

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numba
 
 from qrobot.realtime.compile_once import compile_once
+from qrobot.realtime.compiled_files import keep_in_files
 from qrobot.realtime.source_digest import source_stamp
 from qrobot.realtime.whole_program import EntryCompiler, separate, split
 
@@ -22,40 +23,23 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 def _compile(function: F, halves: Callable[[Any], None] = split, **extra: Any) -> F:
-    options: dict[str, Any] = _OPTIONS | extra
+    options: dict[str, Any] = _OPTIONS | extra | {"pipeline_class": EntryCompiler}
     compiled: F
     try:
-        compiled = numba.njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
-        _cover_imports(compiled, Path(function.__code__.co_filename), halves)
-    except (
-        RuntimeError,
-        OSError,
-        AttributeError,
-    ):  # no source file (a notebook, a prompt) or another Numba's internals
+        compiled = numba.njit(cache=True, **options)(function)
+        _keep(compiled, Path(function.__code__.co_filename))
+    except (RuntimeError, OSError):  # no source file (a notebook, a prompt), or no folder that can be written
         compiled = numba.njit(**options)(function)
+    if not jit_disabled():
+        compile_once(compiled)
+        halves(compiled)
     return compiled
 
 
-def _cover_imports(compiled: Any, path: Path, halves: Callable[[Any], None]) -> None:
-    """Let the cached code go stale with everything it was made of, see `stamp`. Raises AttributeError or OSError."""
+def _keep(compiled: Any, path: Path) -> None:
+    """Let the cached code go stale with everything it was made of. Raises OSError when there is no source."""
     if not jit_disabled():
-        index = compiled._cache._cache_file
-        index._source_stamp = source_stamp(path)
-        index._load_index = _forgiving(index._load_index)
-        compile_once(compiled)
-        halves(compiled)
-
-
-def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """An index that names a class which is no more is as stale as any; Numba would let it fail the call."""
-
-    def load_index() -> dict[Any, str]:
-        try:
-            return load()
-        except (AttributeError, ImportError):
-            return {}
-
-    return load_index
+        keep_in_files(compiled, source_stamp(path))
 
 
 def kernel(function: F) -> F:

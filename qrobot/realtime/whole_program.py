@@ -275,7 +275,8 @@ def _digest_of(function: Any, arguments: str) -> str:
     Numba numbers functions and records in the order in which a process meets them. Two parts out of the cache, which
     different processes compiled, could bear one name, and the loader would take one for the other.
     """
-    words = function.__module__, function.__qualname__, source_stamp(Path(function.__code__.co_filename)), arguments
+    path = Path(function.__code__.co_filename)
+    words = function.__module__, function.__qualname__, source_stamp(path) if path.is_file() else "", arguments
     cells = dumps(tuple(cell.cell_contents for cell in function.__closure__ or ()))
     return hashlib.sha256("\n".join(words).encode() + cells).hexdigest()[:16]
 

@@ -39,8 +39,9 @@ def is_compiled() -> bool:
 
 
 def _in_cache(kernel: Any) -> bool:
-    """True as well for a kernel that is never kept there."""
-    return not hasattr(kernel, "_cache") or bool(kernel._cache._cache_file._load_index())
+    """True as well where nothing can be kept."""
+    files = getattr(kernel._cache, "_cache_file", None)
+    return files is None or bool(files._load_index())
 
 
 @contextmanager

@@ -55,17 +55,8 @@ def test_a_change_in_an_imported_kernel_recompiles_the_caller(tmp_path: Path) ->
     """In a copy of the package whose two kernels stand in two files."""
     copy = tmp_path / "qrobot"
     (copy / "realtime").mkdir(parents=True)
-    compiler = (
-        "__init__",
-        "jit",
-        "compile_once",
-        "compile_progress",
-        "separate_part",
-        "source_digest",
-        "whole_program",
-    )
-    for name in ("__init__.py", "realtime/__init__.py", *(f"realtime/{each}.py" for each in compiler)):
-        (copy / name).write_bytes((PACKAGE / name).read_bytes())
+    for path in (PACKAGE / "__init__.py", *(PACKAGE / "realtime").glob("*.py")):
+        (copy / path.relative_to(PACKAGE)).write_bytes(path.read_bytes())
     (copy / "outer.py").write_text(OUTER)
 
     def run(value: int) -> str:

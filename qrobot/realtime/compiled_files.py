@@ -1,0 +1,83 @@
+"""Files of compiled code: damaged ones are not read, none is kept on a full disk, each kind of processor has its own.
+
+Numba trusts its cache: an index that cannot be read, half a file or a full disk ends the call of the kernel, with the
+arm behind it. Here whatever is not whole counts as not there, and what cannot be kept is compiled again next time.
+Processors of several kinds may share a folder over a network, where locks are not to be relied on: they share no file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import llvmlite.binding as llvm
+from numba.core import config
+from numba.core.caching import IndexDataCacheFile
+
+DIGEST_BYTES: Final = hashlib.sha256().digest_size
+# What reading a damaged file, or one that names a class of the past, raises.
+UNREADABLE: Final = OSError, EOFError, ValueError, TypeError, KeyError, AttributeError, ImportError, pickle.PickleError
+
+
+class CompiledFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """Index and code of one kernel.
+
+    Args:
+        folder: of the cache. name: of the kernel, as Numba spells it. stamp: of the sources, see `source_digest`.
+    """
+
+    def __init__(self, folder: str, name: str, stamp: str) -> None:
+        super().__init__(folder, f"{name}.{processor_digest()}", stamp)
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return dict(super()._load_index())
+        except UNREADABLE:
+            return {}
+
+    def _save_data(self, name: str, data: Any) -> None:
+        written = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(self._digest(written) + written)
+
+    def _load_data(self, name: str) -> Any:
+        """Raises OSError, which Numba takes for a file that is not there."""
+        read = Path(self._data_path(name)).read_bytes()
+        digest, written = read[:DIGEST_BYTES], read[DIGEST_BYTES:]
+        if digest != self._digest(written):
+            raise OSError(f"{name} is not whole, or of other sources")
+        try:
+            return pickle.loads(written)
+        except UNREADABLE as error:
+            raise OSError(f"{name} cannot be read: {error}") from error
+
+    def _digest(self, written: bytes) -> bytes:
+        return hashlib.sha256(self._source_stamp.encode() + written).digest()
+
+
+@cache
+def processor_digest() -> str:
+    """Eight digits for the processor that code is made for."""
+    name = config.CPU_NAME or llvm.get_host_cpu_name()
+    features = llvm.get_host_cpu_features().flatten() if config.CPU_FEATURES is None else config.CPU_FEATURES
+    return hashlib.sha256(f"{name} {features}".encode()).hexdigest()[:8]
+
+
+def keep_in_files(dispatcher: Any, stamp: str) -> None:
+    """Let compiled code of `dispatcher` be kept in `CompiledFiles`."""
+    kept = dispatcher._cache
+    save_now = kept.save_overload
+
+    def save_overload(signature: Any, result: Any) -> None:
+        try:
+            save_now(signature, result)
+        except OSError as error:
+            text = f"compiled code cannot be kept in {kept.cache_path}: {error}; the next start compiles it again"
+            warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+    kept._cache_file = CompiledFiles(kept.cache_path, kept._impl.filename_base, stamp)
+    kept.save_overload = save_overload
