@@ -99,7 +99,8 @@ def rci_create(name: str, proc: str | None = None, priority: int = 0) -> TaskDes
     Args:
         name: of the task. That of a robot connects it: its `td.how` and `td.chg` are that robot's.
         proc: processor it runs on, "host" by default: the program's own; "cpu1" for a process kept on that processor,
-            "aux", "aux1" and so on for one that the system places.
+            "aux", "aux1" and so on for one that the system places; "compiled", "compiled1" and so on for a thread that
+            runs one task of compiled functions.
         priority: of tasks of one processor that are due together the highest goes first, equals in turn.
 
     Raises:
@@ -132,7 +133,8 @@ def rci_control(
 
     Args:
         td: the task; it may be active.
-        control1: called at each wake-up; with a robot between its read and its send.
+        control1: called at each wake-up; with a robot between its read and its send. On a compiled processor a function
+            that Numba has compiled, of the tick and of the numbers in the shared memory of the task's name.
         control2: called behind the send, to prepare the next cycle; without a robot right behind `control1`.
         startup: called once, when the task is started for the first time.
 

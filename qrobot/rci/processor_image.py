@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
+from qrobot.arrays import Floats
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import Environment
 from qrobot.rci.mapped_area import MappedArea
@@ -27,6 +30,22 @@ class KnownArea(NamedTuple):
 
     area: SharedArea
     variable: Variable | None
+
+
+class TaskNumbers:
+    """What compiled tasks work on: the region of shared memory that has the name of the task, as numbers."""
+
+    def __init__(self) -> None:
+        self._regions: dict[str, Floats] = {}
+
+    def know(self, areas: list[KnownArea]) -> None:
+        """All regions are known."""
+        for area, _ in areas:
+            self._regions[area.label] = area.memory[: area.memory.size // 8 * 8].view(np.float64)
+
+    def of(self, td: TaskDescriptor) -> Floats:
+        """The numbers of a task; none without a region of its name."""
+        return self._regions.get(td.name, np.empty(0))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 host            a thread of the program, with its interpreter and its memory
 cpu0, cpu1 ...  a process of its own, kept on that processor of this machine; of one program at a time
 aux, aux1 ...   a process of its own, where the system puts it
+compiled ...    a thread of the program that never waits for the interpreter, for one task of compiled functions
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from typing import Final
 
 from qrobot.errors import ConfigError, LinkBusy
 from qrobot.rci.descriptor import HOST
 from qrobot.realtime.shared_memory import HEADER_WORDS, SharedMemory, segment_path
 
 _LAYOUT = 1
+COMPILED: Final = "compiled"
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ def processors() -> list[ProcessorInfo]:
         ProcessorInfo(HOST, "a thread of the program"),
         *(_cpu_info(cpu) for cpu in allowed),
         ProcessorInfo("aux", "a process of its own, as aux1, aux2 ... too"),
+        ProcessorInfo(COMPILED, "a thread for one task of compiled functions, as compiled1, compiled2 ... too"),
     ]
 
 
@@ -56,8 +60,13 @@ def _cpu_info(cpu: int) -> ProcessorInfo:
 
 def check_processor_name(name: str) -> None:
     """Raise ConfigError for a name that is none of a processor, on this machine or any other."""
-    if not re.fullmatch(rf"{HOST}|aux\d*|cpu\d+", name):
+    if not re.fullmatch(rf"{HOST}|aux\d*|cpu\d+|{COMPILED}\d*", name):
         cpu_of(name)
+
+
+def is_compiled(name: str) -> bool:
+    """A processor of that name runs compiled functions."""
+    return re.fullmatch(rf"{COMPILED}\d*", name) is not None
 
 
 def cpu_of(name: str) -> int | None:
@@ -78,7 +87,8 @@ def cpu_of(name: str) -> int | None:
 
 
 def _known(allowed: list[int]) -> str:
-    return f"there are {HOST}, {', '.join(f'cpu{cpu}' for cpu in allowed)}, and aux, aux1 ... for processes anywhere"
+    cpus = ", ".join(f"cpu{cpu}" for cpu in allowed)
+    return f"there are {HOST}, {cpus}, and aux and {COMPILED}, with numbers or without"
 
 
 def claim_processor(name: str) -> SharedMemory:

@@ -11,12 +11,14 @@ from typing import Final
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.compiled_thread import CompiledThread
 from qrobot.rci.descriptor import HOST
 from qrobot.rci.environment import Environment
 from qrobot.rci.host_thread import WATCH_S, HostThread
 from qrobot.rci.mapped_area import MappedArea
 from qrobot.rci.process_processor import ProcessProcessor
-from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskRecord
+from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskNumbers, TaskRecord
+from qrobot.rci.processor_names import is_compiled
 from qrobot.rci.task_runner import current_task
 from qrobot.rci.task_table import Bytes
 
@@ -33,8 +35,9 @@ class RealTimeProcessors:
 
     def __init__(self) -> None:
         self.clock = CommonClock(time.monotonic_ns, epoch_ns=time.monotonic_ns())
-        self._processors: dict[str, HostThread | ProcessProcessor] = {}
+        self._processors: dict[str, HostThread | CompiledThread | ProcessProcessor] = {}
         self._areas: dict[int, MappedArea] = {}  # by the address of their words
+        self._numbers = TaskNumbers()
         self._happened = threading.Event()
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._watch_tasks, name="rci-watch", daemon=True)
@@ -56,13 +59,17 @@ class RealTimeProcessors:
     def add(self, processor: str) -> None:
         """Have a processor of that name. Raises ConfigError when there is none."""
         if processor not in self._processors:
-            self._processors[processor] = (
-                HostThread(processor, self.clock, self._happened.set)
-                if processor == HOST
-                else ProcessProcessor(processor, self._happened.set)
-            )
+            self._processors[processor] = self._new(processor)
         if not self._watch.is_alive():
             self._watch.start()
+
+    def _new(self, processor: str) -> HostThread | CompiledThread | ProcessProcessor:
+        happened = self._happened.set
+        if processor == HOST:
+            return HostThread(processor, self.clock, happened)
+        if is_compiled(processor):
+            return CompiledThread(processor, self.clock, self._numbers.of, happened)
+        return ProcessProcessor(processor, happened)
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let the monitor of a processor do something, and wait until it has. Raises what it raises."""
@@ -76,6 +83,7 @@ class RealTimeProcessors:
 
     def seal(self, tasks: list[KnownTask], areas: list[KnownArea], environment: Environment) -> None:
         """Start the processors that are processes, now that all tasks and memory are known."""
+        self._numbers.know(areas)
         records = [
             TaskRecord(t.td.name, t.td.bit, t.td.processor, t.td.priority, self._area_of(t.td.words), t.robot)
             for t in tasks

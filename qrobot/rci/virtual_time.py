@@ -14,8 +14,10 @@ import numpy as np
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
+from qrobot.rci.compiled_monitor import CompiledMonitor
 from qrobot.rci.monitor import Monitor, readable
-from qrobot.rci.processor_names import check_processor_name
+from qrobot.rci.processor_image import KnownArea, TaskNumbers
+from qrobot.rci.processor_names import check_processor_name, is_compiled
 from qrobot.rci.task_runner import current_task
 
 
@@ -33,6 +35,7 @@ class VirtualProcessors:
         self._tick = -1  # the newest that has passed
         self._monitors: dict[str, Monitor] = {}
         self._stamps = count()
+        self._numbers = TaskNumbers()
         self.clock = CommonClock(lambda: self._now_ns)
 
     def stamp(self) -> int:
@@ -42,7 +45,12 @@ class VirtualProcessors:
     def add(self, processor: str) -> None:
         """Have a processor of that name, which needs not exist. Raises ConfigError when it cannot."""
         check_processor_name(processor)
-        self._monitors.setdefault(processor, Monitor(processor, self.clock))
+        if processor not in self._monitors:
+            self._monitors[processor] = (
+                CompiledMonitor(processor, self.clock, self._numbers.of)
+                if is_compiled(processor)
+                else Monitor(processor, self.clock)
+            )
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
         """Let the monitor of a processor do something. Raises what it raises."""
@@ -84,8 +92,9 @@ class VirtualProcessors:
         """Zeroed memory that all processors reach."""
         return np.zeros(n, np.int64)
 
-    def seal(self, tasks: object, areas: object, environment: object) -> None:
+    def seal(self, _tasks: object, areas: list[KnownArea], _environment: object) -> None:
         """All tasks and memory are known."""
+        self._numbers.know(areas)
 
     def close(self) -> None:
         """Nothing runs by itself."""

@@ -12,8 +12,9 @@ import pytest
 
 from qrobot import rci
 from qrobot.errors import ConfigError, LinkLost, RogueTask
-from qrobot.rci import TaskDescriptor, TaskState, TcpLink, host_thread
+from qrobot.rci import TaskDescriptor, TaskState, TcpLink, compiled_thread, host_thread
 from qrobot.wire import RobotMode
+from tests.support import rci_compiled as functions
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.puma import PARK
@@ -205,3 +206,37 @@ def test_an_error_in_a_task_and_a_processor_that_is_not_there_are_told() -> None
     rci.rci_close()
     with pytest.raises(ConfigError, match="no processor 'cpu99'"):
         rci.rci_create("a", "cpu99")
+
+
+def test_a_compiled_task_runs_while_the_program_keeps_the_interpreter() -> None:
+    """`sum` over a range is one call, which lets no other thread have the interpreter."""
+    td = rci.rci_create("filter", "compiled")
+    memory = rci.rci_shared_memory("filter", 8 * (functions.N_TICKS + 2)).view(np.float64)
+    rci.rci_control(td, functions.note, functions.double)
+    rci.rci_onclock(td, 1)
+    rci.rci_start(td.bit)
+    before = td.runs
+    sum(range(20_000_000))
+    assert td.runs > before + 10
+    rci.rci_onclock(td, 4, 2)
+    rci.rci_release(td.bit)
+    assert (memory[0], memory[-1], td.run_count) == (td.runs, 2.0 * td.runs, 0)
+    memory[:] = 0.0
+    rci.rci_start(td.bit)
+    rci.rci_wait(lambda: memory[0] > 10)
+    rci.rci_release(td.bit)
+    assert set(np.flatnonzero(memory[1:-1]) % 4) == {2}
+
+
+def test_a_compiled_function_that_does_not_return_is_told_and_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled_thread, "PATIENCE_S", 0.2)
+    good, td = task("good", lambda _: None, 5), rci.rci_create("stuck", "compiled")
+    rci.rci_control(td, functions.hang)
+    rci.rci_onclock(td, 1)
+    rci.rci_timeout(td, 0.1)
+    rci.rci_start(good.bit | td.bit)
+    with pytest.raises(RogueTask, match="keeps processor compiled"):
+        rci.rci_wait(lambda: False)
+    runs = good.runs
+    rci.rci_wait(lambda: good.runs > runs + 5)
+    assert td.state is TaskState.ENDED
