@@ -42,9 +42,10 @@ class CompiledMonitor(Monitor):
         control1, control2 = (self._called(function) for function in (functions.control1, functions.control2))
         super().set_functions(bit, ControlFunctions(control1, control2, functions.startup))
 
-    def _called(self, function: Any) -> ControlFunction:
+    def _called(self, function: ControlFunction) -> ControlFunction:
         """A compiled function as the interpreter calls it."""
-        if function is not nothing:
-            pointer_to(function, self.name)
-            return lambda td: function(self._clock.ticks, self._memory_of(td))
-        return nothing
+        if function is nothing:
+            return function
+        pointer_to(function, self.name)
+        compiled: Any = function
+        return lambda td: compiled(self._clock.ticks, self._memory_of(td))
