@@ -46,7 +46,7 @@ def run_control(
 ) -> None:  # fmt: skip
     """Run two functions by the common clock, at `tick` first, until `over[0]` is set.
 
-    Every wake-up is answered, late ones one after the other, each with its own tick.
+    Every wake-up until then is answered, late ones one after the other, each with its own tick.
     """
     first, second = _call_at(control1), _call_at(control2)
     while load_acquire(over, 0) == 0:
@@ -59,6 +59,8 @@ def run_control(
         words[_MISSED] += times - 1
         store_release(words, _WOKEN, words[_WOKEN] + times)
         for _ in range(times):
+            if load_acquire(over, 0) != 0:
+                return
             began_ns = monotonic_ns()
             store_release(words, _BEGAN_NS, began_ns)
             first(tick, memory)

@@ -127,6 +127,7 @@ class CompiledThread:
             if self._thread.is_alive():
                 self._give_up()
             self._thread = None
+            self._task.words[TaskWord.SERVED] = self._task.words[TaskWord.WOKEN]
 
     # --------------------------------------------------------------------------------------------------- looking after
 
@@ -137,6 +138,7 @@ class CompiledThread:
 
     def _give_up(self) -> None:
         self._hung = True
+        self._over[0] = 1
         td = self._task
         td.error = RogueTask(f"task {td.name} does not return: its compiled function keeps processor {self._name}")
         td.words[TaskWord.STATE] = TaskState.ENDED

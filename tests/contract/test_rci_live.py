@@ -215,6 +215,7 @@ def test_a_compiled_task_runs_while_the_program_keeps_the_interpreter() -> None:
     rci.rci_control(td, functions.note, functions.double)
     rci.rci_onclock(td, 1)
     rci.rci_start(td.bit)
+    rci.rci_wait(lambda: td.runs)  # its thread is in compiled code
     before = td.runs
     sum(range(20_000_000))
     assert td.runs > before + 10
@@ -240,3 +241,4 @@ def test_a_compiled_function_that_does_not_return_is_told_and_others_go_on(monke
     runs = good.runs
     rci.rci_wait(lambda: good.runs > runs + 5)
     assert td.state is TaskState.ENDED
+    wait_until(lambda: "rci-compiled" not in {thread.name for thread in threading.enumerate()}, "its return")
