@@ -14,6 +14,7 @@ QRobotError
 │   ├── Unreachable        the pose is outside the workspace
 │   ├── JointLimit         a joint would leave its range
 │   └── Singular           the pose is singular for this arm
+├── ProgramError           a VAL II program or command is wrong: names line, column and what was expected
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
 ├── RogueTask              a control task of RCI took longer than it is allowed, and was ended
 ├── IdentificationError    recorded motion does not determine a model: names what is missing
@@ -79,6 +80,21 @@ class JointLimit(MotionError):
 
 class Singular(MotionError):
     """The pose is singular for this arm, so the branch is not determined."""
+
+
+class ProgramError(QRobotError):
+    """A program or a command in VAL II cannot be read or done.
+
+    Attributes:
+        what: what is wrong, and what was expected.
+        line: of the file, from 1; 0 for none.
+        column: of the line, from 1; 0 for none.
+    """
+
+    def __init__(self, what: str, line: int = 0, column: int = 0) -> None:
+        where = ", ".join(f"{name} {number}" for name, number in (("line", line), ("column", column)) if number)
+        super().__init__(f"{where}: {what}" if where else what)
+        self.what, self.line, self.column = what, line, column
 
 
 class RogueTask(QRobotError):

@@ -21,6 +21,8 @@ EXTRAS: Final = {
     "pymodbus": Extra("modbus", "Modbus"),
     "can": Extra("can", "CAN"),
     "canopen": Extra("can", "CAN"),
+    "lark": Extra("val", "programs in VAL II"),
+    "prompt_toolkit": Extra("val", "the monitor of VAL II"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

@@ -1,0 +1,117 @@
+"""The words of VAL II: instructions with their arguments, functions, switches, and what is not supported.
+
+Sources: the VAL II grammar of a public parser's comments and the V+ guides (see docs/reference/val.md). Arguments are
+"location", "number", "variable" and "location variable", with a `?` when they may be left out.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+INSTRUCTIONS: Final[dict[str, tuple[str, ...]]] = {
+    "MOVE": ("location",),
+    "MOVES": ("location",),
+    "APPRO": ("location", "number"),
+    "APPROS": ("location", "number"),
+    "DEPART": ("number",),
+    "DEPARTS": ("number",),
+    "DRIVE": ("number", "number", "number"),
+    "ALIGN": (),
+    "READY": (),
+    "DELAY": ("number",),
+    "BREAK": (),
+    "BRAKE": (),
+    "OPEN": (),
+    "OPENI": (),
+    "CLOSE": (),
+    "CLOSEI": (),
+    "HERE": ("location variable",),
+    "TOOL": ("location?",),
+    "BASE": ("number?", "number?", "number?", "number?"),
+    "WAIT": ("number",),
+    "IGNORE": ("number",),
+    "LOCK": ("number",),
+    "RESET": (),
+    "RUNSIG": ("number?",),
+    "RETURN": (),
+    "PAUSE": (),
+    "STOP": (),
+    "HALT": (),
+}
+"""By their word. SIGNAL takes any number of numbers."""
+
+MANNERS: Final[dict[str, tuple[str, ...]]] = {
+    "RIGHTY": (),
+    "LEFTY": (),
+    "ABOVE": (),
+    "BELOW": (),
+    "FLIP": (),
+    "NOFLIP": (),
+    "COARSE": ("number?",),
+    "FINE": ("number?",),
+    "NULL": (),
+    "NONULL": (),
+}
+"""Those that may have ALWAYS behind them."""
+
+REACTIONS: Final = ("REACT", "REACTI")
+STRUCTURE: Final = (
+    *("IF", "THEN", "ELSE", "WHILE", "DO", "UNTIL", "FOR", "TO", "STEP", "CASE", "OF", "VALUE", "ANY", "END", "GOTO"),
+    *("CALL", "SET", "SPEED", "TIMER", "PARAMETER", "ENABLE", "DISABLE", "DECOMPOSE", "TYPE", "PROMPT", "PCEXECUTE"),
+    *("SIGNAL", "REACT", "REACTI", "REACTE", "AND", "OR", "NOT", "MOD"),
+)
+RESERVED: Final = frozenset({*INSTRUCTIONS, *MANNERS, *STRUCTURE})
+"""Words that begin or divide a line, so that nothing else can be called like them there."""
+
+UNSUPPORTED: Final = frozenset(
+    {
+        *("GRASP", "DRAW", "MOVET", "MOVEST", "MOVESF", "MOVEF", "NEST", "IFSIG", "ALTER", "ALTOUT", "NOALTER", "DAC"),
+        *("RELAX", "RELAXI", "SHIFT", "INVERT", "INVERSE", "FRAME", "TYPEI", "GOSUB", "SETI", "INT", "CYCLE", "ADC"),
+        *("ATTACH", "DETACH", "BITS", "EDIT", "DURATION", "ACCEL", "SINGLE", "MULTIPLE", "READ", "WRITE", "PCEND"),
+        *("PCABORT", "PENDANT", "WEAVE", "NOOVERLAP", "OVERLAP", "INTON", "INTOFF", "INTOFF", "CPON", "CPOFF"),
+    }
+)
+"""Instructions of VAL, VAL II and V+ that are known by name only."""
+
+NUMBER_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
+    "ABS": ("number",),
+    "SIN": ("number",),
+    "COS": ("number",),
+    "ATAN2": ("number", "number"),
+    "SQRT": ("number",),
+    "SQR": ("number",),
+    "INT": ("number",),
+    "FRACT": ("number",),
+    "SIGN": ("number",),
+    "DX": ("location",),
+    "DY": ("location",),
+    "DZ": ("location",),
+    "DISTANCE": ("location", "location"),
+    "INRANGE": ("location",),
+    "TIMER": ("number",),
+    "SPEED": ("number?",),
+    "BITS": ("number", "number"),
+    "BCD": ("number",),
+    "DCB": ("number",),
+    "RANDOM": (),
+}
+"""SIG takes any number of numbers."""
+
+LOCATION_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
+    "TRANS": ("number?", "number?", "number?", "number?", "number?", "number?"),
+    "FRAME": ("location", "location", "location", "location"),
+    "INVERSE": ("location",),
+    "#PPOINT": ("number", "number", "number", "number", "number", "number"),
+}
+LOCATION_CHANGES: Final[dict[str, tuple[str, ...]]] = {"SHIFT": ("number?", "number?", "number?"), "SCALE": ("number",)}
+LOCATION_VALUES: Final = frozenset({"here", "dest", "null", "tool", "base"})
+NUMBER_VALUES: Final[dict[str, float]] = {"true": -1.0, "false": 0.0, "on": -1.0, "off": 0.0, "pi": 3.141592653589793}
+UNSUPPORTED_FUNCTIONS: Final = frozenset({"STATE", "ERROR", "ADC", "LEN", "ASC", "VAL", "TASK", "STATUS", "LAST"})
+
+SWITCHES: Final = ("CP", "DRY.RUN", "TRACE", "MESSAGES")
+PARAMETERS: Final = ("HAND.TIME",)
+
+OUTPUTS: Final = range(1, 17)
+INPUTS: Final = range(1001, 1033)
+INTERNAL: Final = range(2001, 2033)
+"""Numbers of signals, recalled; the outputs are as many as the wire to the robot has."""

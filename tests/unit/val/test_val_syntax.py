@@ -1,0 +1,277 @@
+"""VAL II is read and printed: every form of line, and errors that name line, column and what was expected."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qrobot.errors import ProgramError
+from qrobot.val import tree
+from qrobot.val.parser import parse_line
+from qrobot.val.printer import print_line
+from qrobot.val.source import print_source, read_source
+from qrobot.val.structure import jumps_of
+from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED
+
+LINES = (
+    "10 MOVE a:b[i,2] ; to the part",
+    "APPROS #p, 50",
+    "x = -3+4*SIN(2) MOD 7",
+    "SET #a = HERE",
+    "SET a = SHIFT(b:c BY 1,,-3)",
+    "SET a = SCALE(b BY .5)",
+    "SET f = FRAME(o,x,y,p):INVERSE(TRANS(1,2,3,90))",
+    "SPEED 50 MMPS ALWAYS",
+    "BASE ,,300",
+    "TOOL",
+    "IF SIG(1001,-2) AND (x<>3 OR NOT y) GOTO 10",
+    "IF x THEN",
+    "ELSE",
+    "WHILE x >= 1 DO",
+    "DO",
+    "UNTIL SIG(-1001)",
+    "FOR i = 1 TO 10 STEP -2",
+    "CASE x OF",
+    "VALUE 1, -2.5:",
+    "ANY",
+    "END",
+    "CALL p",
+    "CALL q(a, , 3)",
+    "RETURN",
+    "REACT 1001, p",
+    "REACTI -1001, stop.it, 3",
+    "REACTE recover",
+    "IGNORE 1001",
+    "LOCK 3",
+    'TYPE /C1, "x; y", /F8.2, x, /S',
+    'PROMPT "how many? ", n[2]',
+    "DECOMPOSE x[] = a",
+    "TIMER 1 = 0",
+    "PARAMETER HAND.TIME = 0.2",
+    "ENABLE CP, DRY.RUN",
+    "DISABLE MESSAGES",
+    "SIGNAL 1, -2, 2001",
+    "NOFLIP ALWAYS",
+    "COARSE 50 ALWAYS",
+    "PCEXECUTE watch, -1",
+    "WAIT TIMER(1) > 2.5E-1",
+    "DRIVE 1, -20, 50",
+    "; nothing but words",
+    "100",
+    "",
+)
+
+
+@pytest.mark.parametrize("text", LINES)
+def test_a_line_that_is_printed_and_read_again_is_the_same(text: str) -> None:
+    line = parse_line(text, 1)
+    assert parse_line(print_line(line), 1) == line
+
+
+@pytest.mark.parametrize("word", sorted(INSTRUCTIONS | MANNERS))
+def test_each_instruction_of_the_table_is_known_in_either_case(word: str) -> None:
+    kinds = (INSTRUCTIONS | MANNERS)[word]
+    text = f"{word} {', '.join('1' if kind.startswith('number') else 'a' for kind in kinds)}"
+    action = parse_line(text.lower()).action
+    assert isinstance(action, tree.Instruction)
+    assert action.word == word
+
+
+@pytest.mark.parametrize("word", sorted(UNSUPPORTED))
+def test_what_is_not_supported_is_refused_by_name_with_its_line(word: str) -> None:
+    with pytest.raises(ProgramError, match=rf"^line 7, column 1: {word} is not supported"):
+        parse_line(f"{word} a, 3", 7)
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "said"),
+    [
+        ("MOVE 3", 1, "expected a location, not a number"),
+        ("MOVE", 1, "expected 1 arguments, not 0"),
+        ("  FOO a", 3, "FOO is no instruction"),
+        ("x = ", 4, "expected a value; the line ends there"),
+        ("x = 3 + * 4", 9, "expected a value; '*' stands there"),
+        ("GOTO x", 6, "expected a label"),
+        ("SET a = 3", 5, "expected a location, not a number"),
+        ("x = foo(3)", 5, "there is no function FOO"),
+        ("x = STATE(3)", 5, "the function STATE is not supported"),
+        ("IF x", 5, "expected GOTO or OR or THEN; the line ends there"),
+        ("x = 1e999", 5, "too large"),
+        ("ENABLE FORCE", 1, "there is no switch FORCE; switches are CP"),
+        ("x = " + "(" * 60, 45, "deep in one another"),
+        ("x = " + "1" * 500, 400, "at most 400 characters"),
+        ("HERE a:b", 1, "expected the name of a location"),
+    ],
+)
+def test_an_error_names_line_column_and_what_was_expected(text: str, column: int, said: str) -> None:
+    with pytest.raises(ProgramError) as caught:
+        parse_line(text, 4)
+    assert (caught.value.line, caught.value.column) == (4, column)
+    assert said in str(caught.value)
+
+
+# ----------------------------------------------------------------------------------------------- trees drawn at random
+
+NUMBERS = st.floats(0, 1e9, allow_nan=False).map(tree.NumberLiteral)
+NAMES = st.from_regex(r"[a-z][a-z0-9_.]{0,5}", fullmatch=True).filter(
+    lambda name: name.upper() not in RESERVED | {"BY"}
+)
+
+
+def grown(values: st.SearchStrategy[tree.Expression]) -> st.SearchStrategy[tree.Expression]:
+    operators = st.sampled_from(["OR", "AND", "==", "<>", "<", "<=", ">", ">=", "+", "-", "*", "/", "MOD"])
+    return st.one_of(
+        st.builds(tree.BinaryOperation, operators, values, values),
+        st.builds(tree.UnaryOperation, st.sampled_from(["-", "+", "NOT"]), values),
+        st.builds(lambda value: tree.FunctionCall("SIN", (value,)), values),
+        st.builds(lambda name, index: tree.Variable(name, (index,)), NAMES, values),
+    )
+
+
+VALUES = st.recursive(NUMBERS | st.builds(tree.Variable, NAMES), grown, max_leaves=12)
+PLACES = st.recursive(
+    st.builds(tree.Variable, NAMES | NAMES.map(lambda name: f"#{name}")),
+    lambda inner: st.one_of(
+        st.builds(lambda left, right: tree.BinaryOperation(":", left, right), inner, inner),
+        st.builds(lambda place: tree.FunctionCall("INVERSE", (place,)), inner),
+        st.builds(lambda place, by: tree.LocationChange("SHIFT", place, (None, by)), inner, VALUES),
+    ),
+    max_leaves=5,
+)
+LABELS = st.none() | st.integers(0, 99999)
+ACTIONS = st.one_of(
+    st.builds(lambda place: tree.Instruction("MOVES", (place,)), PLACES),
+    st.builds(lambda place, number: tree.Instruction("APPRO", (place, number)), PLACES, VALUES),
+    st.builds(tree.Assignment, st.builds(tree.Variable, NAMES), VALUES),
+    st.builds(lambda target, place: tree.Assignment(target, place, True), st.builds(tree.Variable, NAMES), PLACES),
+    st.builds(tree.Goto, st.integers(0, 9999), st.none() | VALUES),
+    st.builds(tree.ForLoop, st.builds(tree.Variable, NAMES), VALUES, VALUES, st.none() | VALUES),
+    st.builds(tree.CaseValues, st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=3).map(tuple)),
+    st.builds(tree.Reaction, st.sampled_from(["REACT", "REACTI"]), VALUES, NAMES, st.none() | VALUES),
+    st.builds(tree.ProgramCall, NAMES, st.lists(VALUES | PLACES, max_size=3).map(tuple)),
+    st.builds(tree.SpeedSetting, VALUES, st.booleans(), st.booleans()),
+)
+
+
+@given(action=ACTIONS, label=LABELS)
+def test_printing_and_reading_again_is_the_identity_of_trees(action: tree.StepAction, label: int | None) -> None:
+    line = tree.ProgramLine(action, label)
+    if len(text := print_line(line)) <= 400:
+        assert parse_line(text) == line
+
+
+# --------------------------------------------------------------------------------------------------------------- files
+
+FILE = """\
+; a comment before
+.PROGRAM main(a, #b, n)
+    MOVE a
+
+    IF n THEN
+    END
+.END
+.locations
+a 1 2 3 0 90 0
+#b[2] 1.5 2 3 4 5 6
+.END
+.REALS
+n -4
+.end
+"""
+
+
+def test_a_file_that_is_printed_and_read_again_is_the_same() -> None:
+    source, errors = read_source(FILE)
+    assert errors == []
+    assert source.programs["main"].parameters == ("a", "#b", "n")
+    assert [line.line for line in source.programs["main"].lines] == [3, 4, 5, 6]
+    assert source.locations == {"a": (1, 2, 3, 0, 90, 0), "#b[2]": (1.5, 2, 3, 4, 5, 6)}
+    assert read_source(print_source(source)) == (source, [])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        (".PROGRAM a\n MOVE", 2, "MOVE: expected 1"),
+        (".PROGRAM a\n MOVE x", 1, "expected .END"),
+        ("MOVE x", 1, "expected .PROGRAM"),
+        (".PROGRAM 3\n.END", 1, "expected `.PROGRAM name`"),
+        (".PROGRAM a(b, b)\n.END", 1, "each once"),
+        (".PROGRAM a\n.END\n.PROGRAM A\n.END", 3, "two programs"),
+        (".LOCATIONS\na 1 2\n.END", 2, "expected 6 numbers"),
+        (".LOCATIONS\na 1 2 3 4 5 nan\n.END", 2, "finite"),
+        (".REALS\na x\n.END", 2, "a name and numbers"),
+    ],
+)
+def test_every_mistake_of_a_file_is_told_with_its_line(text: str, line: int, said: str) -> None:
+    errors = read_source(text)[1]
+    assert any(error.line == line and said in error.what for error in errors)
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("IF x THEN", "expected END for this IF"),
+        ("DO", "expected UNTIL for this DO"),
+        ("END", "END without IF"),
+        ("UNTIL x", "UNTIL without DO"),
+        ("ELSE", "ELSE without IF"),
+        ("IF x THEN|ELSE|ELSE|END", "second ELSE"),
+        ("VALUE 1:", "VALUE without CASE"),
+        ("DO|END|UNTIL x", "END without"),
+        ("GOTO 10", "there is no label 10"),
+        ("10|10", "label 10 stands a second time"),
+    ],
+)
+def test_structures_that_do_not_match_are_told(lines: str, said: str) -> None:
+    program = tree.ValProgram("p", (), tuple(parse_line(text, at + 2) for at, text in enumerate(lines.split("|"))))
+    assert any(said in str(error) for error in jumps_of(program)[1])
+
+
+PIECES = [
+    "MOVE ",
+    "#",
+    "(",
+    ")",
+    "[",
+    ",",
+    ":",
+    "=",
+    "==",
+    "1e9",
+    '"',
+    ";",
+    "NOT ",
+    "\x00",
+    "é",
+    ".",
+    " TO ",
+    "/I3",
+    "-",
+]
+
+
+def mutated(text: str, rng: random.Random) -> str:
+    for _ in range(rng.randint(1, 3)):
+        at = rng.randint(0, len(text))
+        cut = rng.randint(0, 4)
+        text = text[:at] + rng.choice([*PIECES, "", chr(rng.randint(1, 300))]) + text[at + cut :]
+    return text
+
+
+def test_three_thousand_spoilt_lines_are_read_or_refused_with_their_column() -> None:
+    rng = random.Random(17)
+    refused = read = 0
+    for number in range(3000):
+        text = mutated(rng.choice(LINES), rng)
+        try:
+            line = parse_line(text, number + 1)
+        except ProgramError as error:
+            refused += error.line == number + 1 and 1 <= error.column <= len(text) + 1 and error.what != ""
+        else:
+            read += parse_line(print_line(line), number + 1) == line
+    assert refused + read == 3000
+    assert 500 < refused < 2800
