@@ -10,13 +10,13 @@ from typing import ClassVar
 from weakref import WeakSet
 
 from qrobot.errors import LinkError, MotionError, QRobotError
-from qrobot.rccl.task import Phase, TrajectoryTask
-from qrobot.rccl.task_runners import driver_for
+from qrobot.rccl.task import TaskPhase, TrajectoryTask
+from qrobot.rccl.task_runners import runner_for
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 
 
-class Hold:
+class ArmSession:
     """Runs a trajectory task for a program.
 
     What ends it before its time is raised in the program: where it waits, at its next call, or at the latest at
@@ -28,13 +28,13 @@ class Hold:
         task: of the arm.
     """
 
-    _holds: ClassVar[WeakSet[Hold]] = WeakSet()
+    _holds: ClassVar[WeakSet[ArmSession]] = WeakSet()
 
     def __init__(self, name: str, link: Link, task: TrajectoryTask) -> None:
         self._name = name
         self._link = link
         self._task = task
-        self._driver = driver_for(link, task)
+        self._runner = runner_for(link, task)
         self._released = False
         self._error_told = False
 
@@ -51,21 +51,21 @@ class Hold:
         """
         self._come_to_rest()
         self._leave(power_off=False)
-        self._driver.end()
+        self._runner.end()
         try:
             welcome = self._link.reopen(period_us)
         except BaseException as error:
-            self._driver.error = error
+            self._runner.error = error
             raise
         self._task.begin(welcome.period_us * 1e-6, trace)
-        self._driver = driver_for(self._link, self._task)
+        self._runner = runner_for(self._link, self._task)
         self._begin()
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""
-        if self._released or self._driver.error is not None:
+        if self._released or self._runner.error is not None:
             return
-        failures = self._task.orders.failures
+        failures = self._task.motions.failures
         failures.clear()
         self.wait(lambda: (look(), not self._task.eventful)[1])
         if failures:
@@ -82,47 +82,47 @@ class Hold:
         self._holds.discard(self)
         atexit.unregister(self._at_exit)
         try:
-            if self._driver.error is None:
+            if self._runner.error is None:
                 self._come_to_rest()
                 self._leave(power_off)
         finally:
-            self._driver.end()
+            self._runner.end()
         self._tell_error()
 
     def wait(self, predicate: Callable[[], bool]) -> None:
         """Return when `predicate`, called at every sample, is true. Raises what ended the hold."""
         try:
-            self._driver.wait(predicate)
+            self._runner.wait(predicate)
         finally:
-            self._error_told = self._error_told or self._driver.error is not None
+            self._error_told = self._error_told or self._runner.error is not None
 
     def task(self) -> AbstractContextManager[object]:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
-        if self._driver.error is not None:
+        if self._runner.error is not None:
             self._error_told = True
-            raise self._driver.error
+            raise self._runner.error
         if self._released:
             raise LinkError(f"{self._name} was released; call control() first")
-        return self._driver.lock()
+        return self._runner.lock()
 
     def _begin(self) -> None:
-        self._driver.start()
-        self.wait(lambda: self._task.phase is Phase.TRACKING)
+        self._runner.start()
+        self.wait(lambda: self._task.phase is TaskPhase.TRACKING)
 
     def _come_to_rest(self) -> None:
-        with self._driver.lock():
+        with self._runner.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.eventful)
 
     def _leave(self, power_off: bool) -> None:
-        with self._driver.lock():
+        with self._runner.lock():
             self._task.leave(power_off)
-        self.wait(lambda: self._task.phase is Phase.LEFT)
+        self.wait(lambda: self._task.phase is TaskPhase.LEFT)
 
     def _tell_error(self) -> None:
-        if self._driver.error is not None and not self._error_told:
+        if self._runner.error is not None and not self._error_told:
             self._error_told = True
-            raise self._driver.error
+            raise self._runner.error
 
     def end(self, well: bool) -> None:
         """The program has ended: do its motions if it did so well, and release. Raises what those raise."""

@@ -8,7 +8,7 @@ from qrobot.motion import Equation
 from qrobot.rccl.transforms import Transform
 
 
-class Slot:
+class CallbackTiming:
     """Knows the functional transforms of the motions that were asked for.
 
     Args:

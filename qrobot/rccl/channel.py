@@ -7,9 +7,8 @@ Units are those of the papers: degrees (mm on a sliding joint) and milliseconds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from types import TracebackType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,17 +16,10 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError
 from qrobot.motion import Exerted, PlannedPath, Trsf
-from qrobot.rccl.arm_session import Hold, ended_well
+from qrobot.rccl.arguments import numbers, require_function, sample_period_us
+from qrobot.rccl.arm_session import ArmSession, ended_well
 from qrobot.rccl.event import Event
-from qrobot.rccl.parameters import (
-    Parameters,
-    force_limits,
-    milliseconds,
-    numbers,
-    require_function,
-    sample_period_us,
-    small_move,
-)
+from qrobot.rccl.parameters import MotionParameters
 from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
@@ -41,7 +33,7 @@ YES: Final = 1
 NO: Final = 0
 
 
-class Channel:
+class Channel(MotionParameters):
     """One arm under control of this program.
 
     Attributes:
@@ -51,13 +43,13 @@ class Channel:
     """
 
     def __init__(self, robot: Robot, link: Link, task: TrajectoryTask, traces: list[Trace] | None = None) -> None:
+        super().__init__()
         self.robot = robot
         self.completed = task.completed
         self._task = task
-        self._hold = Hold(robot.name, link, task)
+        self._session = ArmSession(robot.name, link, task)
         self._traces = traces
         self._alone = link.virtual_time  # nobody but this program lets time pass
-        self._said = Parameters()
         self._origin_ns = 0
         self.there = there()
         self._poses = {name: Position(name, q) for name, q in robot.poses.items()}
@@ -67,7 +59,7 @@ class Channel:
 
     def start(self) -> Channel:
         """Run until the servo follows our setpoints. Raises what `control` raises."""
-        self._hold.start()
+        self._session.start()
         self._origin_ns = self.how.t_ns
         return self
 
@@ -79,7 +71,7 @@ class Channel:
         Raises:
             QRobotError: what ended control before, if the program has not heard of it yet.
         """
-        self._hold.release(power_off)
+        self._session.release(power_off)
 
     def finish(self, look: Callable[[], object] = lambda: None) -> None:
         """Wait until the motions that were asked for are done, as a program does that simply ends.
@@ -93,7 +85,7 @@ class Channel:
             MotionError: one of them could not be done.
             ServoFault, LinkError: control of the arm was lost.
         """
-        self._hold.finish(look)
+        self._session.finish(look)
 
     def __enter__(self) -> Channel:
         return self
@@ -155,13 +147,13 @@ class Channel:
         """
         if function is not None:
             require_function("each_sample", function)
-        with self._hold.task():
+        with self._session.task():
             self._task.each_sample = function
 
     @property
     def overruns(self) -> dict[str, float]:
         """Functional transforms whose function has taken longer than a sample period, with the longest time, ms."""
-        return self._task.slot.overruns
+        return self._task.timing.overruns
 
     @property
     def joints(self) -> Floats:
@@ -174,37 +166,6 @@ class Channel:
         return (self.how.t_ns - self._origin_ns) / NS_PER_MS
 
     # ---------------------------------------------------------------------------------------------------- motions
-
-    def setmode(self, mode: str, turn: str = "axis") -> None:
-        """What is straight about the following motions: the path of the joints, or that of the controlled frame.
-
-        Positions that are given by their joints are gone to in joint mode always.
-
-        Args:
-            mode: "joint" or "cartesian", or their first letters.
-            turn: how the controlled frame turns in Cartesian mode: about one "axis" on the shortest way, as the
-                interpolation of quaternions does, or in the two "angles" of Paul's older drive.
-
-        Raises:
-            MotionError: neither.
-        """
-        self._said.setmode(mode, turn)
-
-    def setvel(self, tv: float, rv: float) -> None:
-        """Speed of the controlled frame in the following motions of either mode: mm/s and degrees/s.
-
-        Raises:
-            MotionError: it is no speed.
-        """
-        self._said.setvel(tv, rv)
-
-    def setconf(self, letters: str) -> None:
-        """Configuration at the goals of the following motions, as in "lun"; "" keeps the present one.
-
-        Raises:
-            MotionError: unknown letters.
-        """
-        self._said.setconf(letters)
 
     def sample(self, ms: float) -> None:
         """The sample period of the following motions, 1 to 100 ms.
@@ -219,28 +180,7 @@ class Channel:
         period_us = sample_period_us("sample", ms)
         if period_us != round(self._task.period_s * 1e6):
             self.waitfor(self.completed)
-            self._hold.change_period(period_us, add_trace(self._traces, self.robot, period_us))
-
-    def setime(self, ta: float, ts: float) -> None:
-        """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
-        self._say(setime=milliseconds(ta, ts))
-
-    def evalfn(self, function: Callable[[], object]) -> None:
-        """A function to be called at each sample of the next motion alone; a true result ends it with that code."""
-        require_function("evalfn", function)
-        self._say(evalfn=function)
-
-    def distance(self, spec: str, *values: float) -> None:
-        """Modify the goal of the next motion alone in its controlled frame: `distance("dz", -10)` backs up 10 mm.
-
-        Args:
-            spec: directions out of dx dy dz (mm) and rx ry rz (a turn about them, degrees).
-            values: one for each.
-
-        Raises:
-            MotionError: an unknown direction, or not one value for each.
-        """
-        self._say(distance=small_move(spec, values))
+            self._session.change_period(period_us, add_trace(self._traces, self.robot, period_us))
 
     def update(self, trsf: Trsf, position: Position) -> None:
         """When the next motion ends, give `trsf` the value that makes the equation of `position` true.
@@ -254,52 +194,13 @@ class Channel:
                 to update that transform already.
         """
         self.check_update(trsf, position)
-        self._said.update(trsf, position)
+        self._update_next(trsf, position)
 
     def check_update(self, trsf: Trsf, position: Position) -> None:
         """Raise what `update` would, and do nothing else."""
         equation = require_position("update", position).equation
-        with self._hold.task():  # functions of transforms are called, which samples call too
+        with self._session.task():  # functions of transforms are called, which samples call too
             equation.solve(trsf, np.eye(4), self._task.tick)
-
-    def comply(self, dirs: str, *values: float) -> None:
-        """Give way along or about `dirs` from the next motion on, exerting `values` there, until they are locked.
-
-        The axes are those of the controlled frame of each motion; along all others the goal remains exact. One joint
-        per direction leaves its position servo for it.
-
-        Args:
-            dirs: out of fx fy fz (N) and mx my mz (N m), as in "fx fz".
-            values: what the arm exerts, one for each.
-
-        Raises:
-            MotionError: an unknown direction, or not one value for each. `move` raises it when no joints match the
-                directions at the goal, or when they are too weak for the forces.
-        """
-        self._said.comply(dirs, values)
-
-    def lock(self, dirs: str) -> None:
-        """Hold position again along or about `dirs` from the next motion on, from where they have drifted to.
-
-        Raises:
-            MotionError: the arm does not comply there.
-        """
-        self._said.lock(dirs)
-
-    def limit(self, spec: str, *values: float) -> None:
-        """End the next motion alone when the arm surely exerts more, or is pushed farther off, than `values`.
-
-        Its position then has the code FORCE_LIMIT or MOTION_LIMIT of `Termination`. "Surely" means beyond what
-        friction may falsify; see `exerted`.
-
-        Args:
-            spec: out of fx fy fz (N), mx my mz (N m) and dx dy dz (mm), rx ry rz (degrees), in the controlled frame.
-            values: one for each.
-
-        Raises:
-            MotionError: an unknown direction, or not one positive value for each.
-        """
-        self._say(limit=force_limits(spec, values))
 
     @property
     def exerted(self) -> Exerted:
@@ -311,18 +212,6 @@ class Channel:
             raise LinkError("nothing was heard of the robot yet")
         return self._task.force.exerted
 
-    def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:
-        """Speed of the following motions; ours, not historical.
-
-        Args:
-            speed: of the fastest joint, rad/s (m/s on a sliding joint).
-            share: of its own limit that the busiest joint uses, above 0 to 1.
-
-        Raises:
-            MotionError: not exactly one of them is given, or it is no speed.
-        """
-        self._said.setjvel(speed, share)
-
     def move(self, position: Position) -> None:
         """Queue a motion to `position` and return at once.
 
@@ -332,8 +221,8 @@ class Channel:
             JointLimit, Unreachable, Singular: the position, or a straight way there, is not for this arm.
             MotionError: the arm cannot do it in that time, or too many motions wait (see `nbrequest`).
         """
-        with self._hold.task():
-            self._task.push(self._said.order(require_position("move", position)))
+        with self._session.task():
+            self._task.push(self._order(require_position("move", position)))
 
     def play(self, setpoints: Setpoints, label: str = "setpoints") -> None:
         """Send setpoints as they are, one each sample, and return at once; `completed` when the last one is out.
@@ -343,7 +232,7 @@ class Channel:
         Raises:
             JointLimit, MotionError: the arm cannot do that, does not stand there, moves, or has another sample period.
         """
-        with self._hold.task():
+        with self._session.task():
             self._task.play(setpoints, label)
 
     def plan(self) -> PlannedPath:
@@ -355,7 +244,7 @@ class Channel:
         Raises:
             MotionError: a goal moves, or the arm complies: nobody can know the path.
         """
-        with self._hold.task():
+        with self._session.task():
             generator = self._task.generator.copy()
         return generator.run_to_rest()
 
@@ -367,7 +256,7 @@ class Channel:
         (ms,) = numbers("stop", ms)
         if ms < 0.0:
             raise MotionError(f"stop({ms:g}): a stop takes no negative time")
-        with self._hold.task():
+        with self._session.task():
             self._task.stop(ms * S_PER_MS)
 
     def nextmove(self, code: int = YES) -> None:
@@ -379,19 +268,19 @@ class Channel:
         """
         if not isinstance(code, int) or code <= 0:
             raise MotionError(f"nextmove({code!r}): the code must be a positive whole number")
-        with self._hold.task():
+        with self._session.task():
             self._task.generator.skip(code)
 
     @property
     def nbrequest(self) -> int:
         """Number of motions that wait in the queue."""
-        with self._hold.task():
+        with self._session.task():
             return self._task.generator.waiting
 
     @property
     def unserved(self) -> int:
         """Number of motions that wait or are under way, but for one that is being stopped."""
-        with self._hold.task():
+        with self._session.task():
             generator = self._task.generator
             return generator.waiting + int(generator.serving is not None and not generator.stopping)
 
@@ -406,20 +295,17 @@ class Channel:
         """
         if not isinstance(event, Event):
             raise MotionError(f"waitfor: an event is needed, as the `end` of a position, not {event!r}")
-        self._hold.wait(lambda: self._happened(event))
+        self._session.wait(lambda: self._happened(event))
 
     def waitas(self, predicate: Callable[[], object]) -> None:
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
         require_function("waitas", predicate)
-        self._hold.wait(lambda: bool(predicate()))
+        self._session.wait(lambda: bool(predicate()))
 
     def expect(self, event: str) -> None:
         """Raise MotionError in lock-step, where nobody else could, when no motion is left to signal that event."""
         if self._alone and not self._task.eventful:
             raise MotionError(f"waitfor({event}): no motion is left that could signal it")
-
-    def _say(self, **once: Any) -> None:
-        self._said.once = replace(self._said.once, **once)
 
     def _happened(self, event: Event) -> bool:
         if event.take():
@@ -443,9 +329,9 @@ class Channel:
         Raises:
             MotionError: there is no such output; none is switched.
         """
-        with self._hold.task():
+        with self._session.task():
             self._task.chg.signal(*lines)
 
     def _set_hand(self, hand: Hand) -> None:
-        with self._hold.task():
+        with self._session.task():
             self._task.chg.hand = hand

@@ -6,8 +6,8 @@ from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkError
 from qrobot.model.arm import Arm
 from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
+from qrobot.rccl.arguments import sample_period_us
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.parameters import sample_period_us
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import LinkFactory, hello_for

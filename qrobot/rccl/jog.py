@@ -14,8 +14,8 @@ from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.model.orientation import rpy_angles
 from qrobot.motion import Termination
+from qrobot.rccl.arguments import small_move
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.parameters import small_move
 from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.trace import reason_of
 from qrobot.rccl.transforms import Transform, newtrans, t6

@@ -1,4 +1,4 @@
-"""What a program says about its motions before it asks for them: parameters that stick, and those of the next alone.
+"""The parameters of motions: the calls that set them for all following motions, or for the next one alone.
 
 Every call only fills in a `MoveRequest` (Hayward & Paul 1986, section 3.2). Units of the papers: mm, degrees, ms.
 """
@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import isfinite, nan
-from typing import Final, SupportsFloat
+from typing import Any, Final
 
 import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, MotionError
 from qrobot.model.branch import Branch, branch_of
-from qrobot.model.transform import so3_exp, transform
 from qrobot.motion import (
     Compliance,
     Drift,
@@ -33,9 +31,17 @@ from qrobot.motion import (
     Trsf,
 )
 from qrobot.motion.request import Here
+from qrobot.rccl.arguments import (
+    FORCES,
+    force_limits,
+    milliseconds,
+    named_values,
+    numbers,
+    require_function,
+    small_move,
+)
 from qrobot.rccl.position import Position
-from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS, US_PER_MS
-from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+from qrobot.units import M_PER_MM, RAD_PER_DEG
 
 DEFAULT_SPEED: Final = SpeedShare(0.3)
 _MODES: Final = {
@@ -45,8 +51,6 @@ _MODES: Final = {
     "c": MotionMode.CARTESIAN,
 }
 _TURNS: Final = {turn.value: turn for turn in OrientationInterpolation}
-_DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
-_FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
@@ -83,15 +87,11 @@ class NextMoveOptions:
     limit: ForceLimits | None = None
 
 
-class Parameters:
-    """What is said about the motions of one arm.
-
-    Attributes:
-        once: of the next motion alone.
-    """
+class MotionParameters:
+    """The calls that say how motions are to go; `Channel` inherits them, and C programs call them too."""
 
     def __init__(self) -> None:
-        self.once = NextMoveOptions()
+        self._next = NextMoveOptions()
         self._speed: MotionSpeed = DEFAULT_SPEED
         self._mode = MotionMode.JOINT
         self._turn = OrientationInterpolation.ONE_AXIS
@@ -99,28 +99,57 @@ class Parameters:
         self._drift = Drift()
         self._compliance: Compliance | None = None
 
-    def setvel(self, tv: float, rv: float) -> None:
-        """See `Channel.setvel`."""
-        tv, rv = numbers("setvel", tv, rv)
-        self._speed = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
+    # ---------------------------------------------------------------------------------------- all following motions
 
-    def setjvel(self, speed: float | None, share: float | None) -> None:
-        """See `Channel.setjvel`."""
-        if (speed is None) == (share is None):
-            raise MotionError("setjvel takes either a speed or a share")
-        (value,) = numbers("setjvel", share if speed is None else speed)
-        self._speed = SpeedShare(value) if speed is None else JointSpeed(value)
+    def setmode(self, mode: str, turn: str = "axis") -> None:
+        """What is straight about the following motions: the path of the joints, or that of the controlled frame.
 
-    def setmode(self, mode: str, turn: str) -> None:
-        """See `Channel.setmode`."""
+        Positions that are given by their joints are gone to in joint mode always.
+
+        Args:
+            mode: "joint" or "cartesian", or their first letters.
+            turn: how the controlled frame turns in Cartesian mode: about one "axis" on the shortest way, as the
+                interpolation of quaternions does, or in the two "angles" of Paul's older drive.
+
+        Raises:
+            MotionError: neither.
+        """
         if mode not in _MODES:
             raise MotionError(f"mode {mode!r} is neither 'joint' nor 'cartesian'")
         if turn not in _TURNS:
             raise MotionError(f"turn {turn!r} is neither {' nor '.join(map(repr, _TURNS))}")
         self._mode, self._turn = _MODES[mode], _TURNS[turn]
 
+    def setvel(self, tv: float, rv: float) -> None:
+        """Speed of the controlled frame in the following motions of either mode: mm/s and degrees/s.
+
+        Raises:
+            MotionError: it is no speed.
+        """
+        tv, rv = numbers("setvel", tv, rv)
+        self._speed = ToolSpeed(tv * M_PER_MM, rv * RAD_PER_DEG)
+
+    def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:
+        """Speed of the following motions; ours, not historical.
+
+        Args:
+            speed: of the fastest joint, rad/s (m/s on a sliding joint).
+            share: of its own limit that the busiest joint uses, above 0 to 1.
+
+        Raises:
+            MotionError: not exactly one of them is given, or it is no speed.
+        """
+        if (speed is None) == (share is None):
+            raise MotionError("setjvel takes either a speed or a share")
+        (value,) = numbers("setjvel", share if speed is None else speed)
+        self._speed = SpeedShare(value) if speed is None else JointSpeed(value)
+
     def setconf(self, letters: str) -> None:
-        """See `Channel.setconf`."""
+        """Configuration at the goals of the following motions, as in "lun"; "" keeps the present one.
+
+        Raises:
+            MotionError: unknown letters.
+        """
         if not isinstance(letters, str):
             raise MotionError(f'setconf: letters are needed, as in "lun", not {letters!r}')
         try:
@@ -128,46 +157,103 @@ class Parameters:
         except ConfigError as error:
             raise MotionError(str(error)) from error
 
-    def update(self, trsf: Trsf, position: Position) -> None:
-        """See `Channel.update`."""
-        if any(known.trsf is trsf for known in self.once.updates):
-            raise MotionError(
-                f"update({trsf.name}, {position.name}): the next motion has to update {trsf.name} already; "
-                "call `move` between the two"
-            )
-        self.once = replace(self.once, updates=(*self.once.updates, Update(trsf, position.equation)))
+    def comply(self, dirs: str, *values: float) -> None:
+        """Give way along or about `dirs` from the next motion on, exerting `values` there, until they are locked.
 
-    def comply(self, dirs: str, values: tuple[float, ...]) -> None:
-        """See `Channel.comply`."""
-        asked = named_values("comply", dirs, values, _FORCES)
+        The axes are those of the controlled frame of each motion; along all others the goal remains exact. One joint
+        per direction leaves its position servo for it.
+
+        Args:
+            dirs: out of fx fy fz (N) and mx my mz (N m), as in "fx fz".
+            values: what the arm exerts, one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one value for each. `move` raises it when no joints match the
+                directions at the goal, or when they are too weak for the forces.
+        """
+        asked = named_values("comply", dirs, values, FORCES)
         before = self._compliance
-        wrench = np.zeros(len(_FORCES)) if before is None else before.wrench.copy()
+        wrench = np.zeros(len(FORCES)) if before is None else before.wrench.copy()
         axes = set() if before is None else set(before.axes)
         for axis, value in asked.items():
             wrench[axis] = value
         self._compliance = Compliance(wrench, tuple(sorted(axes | set(asked))), self._drift)
 
     def lock(self, dirs: str) -> None:
-        """See `Channel.lock`."""
+        """Hold position again along or about `dirs` from the next motion on, from where they have drifted to.
+
+        Raises:
+            MotionError: the arm does not comply there.
+        """
         nothing = (0.0,) * len(str(dirs).split())
-        locked = set(named_values("lock", dirs, nothing, _FORCES))
+        locked = set(named_values("lock", dirs, nothing, FORCES))
         before = () if self._compliance is None else self._compliance.axes
         if self._compliance is None or not locked <= set(before):
-            complying = " ".join(_FORCES[axis] for axis in before) or "nothing"
+            complying = " ".join(FORCES[axis] for axis in before) or "nothing"
             raise MotionError(f"lock({dirs!r}): the arm complies along {complying}")
         axes = tuple(axis for axis in before if axis not in locked)
-        wrench = np.where(np.isin(np.arange(len(_FORCES)), axes), self._compliance.wrench, 0.0)
+        wrench = np.where(np.isin(np.arange(len(FORCES)), axes), self._compliance.wrench, 0.0)
         self._compliance = Compliance(wrench, axes, self._drift) if axes else None
 
-    def order(self, position: Position) -> MoveOrder:
+    # ---------------------------------------------------------------------------------------- the next motion alone
+
+    def setime(self, ta: float, ts: float) -> None:
+        """Times of the next motion alone: `ta` of its transition (half its length), `ts` of the segment, in ms."""
+        self._set_next(setime=milliseconds(ta, ts))
+
+    def evalfn(self, function: Callable[[], object]) -> None:
+        """A function to be called at each sample of the next motion alone; a true result ends it with that code."""
+        require_function("evalfn", function)
+        self._set_next(evalfn=function)
+
+    def distance(self, spec: str, *values: float) -> None:
+        """Modify the goal of the next motion alone in its controlled frame: `distance("dz", -10)` backs up 10 mm.
+
+        Args:
+            spec: directions out of dx dy dz (mm) and rx ry rz (a turn about them, degrees).
+            values: one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one value for each.
+        """
+        self._set_next(distance=small_move(spec, values))
+
+    def limit(self, spec: str, *values: float) -> None:
+        """End the next motion alone when the arm surely exerts more, or is pushed farther off, than `values`.
+
+        Its position then has the code FORCE_LIMIT or MOTION_LIMIT of `Termination`. "Surely" means beyond what
+        friction may falsify; see `exerted`.
+
+        Args:
+            spec: out of fx fy fz (N), mx my mz (N m) and dx dy dz (mm), rx ry rz (degrees), in the controlled frame.
+            values: one for each.
+
+        Raises:
+            MotionError: an unknown direction, or not one positive value for each.
+        """
+        self._set_next(limit=force_limits(spec, values))
+
+    def _update_next(self, trsf: Trsf, position: Position) -> None:
+        """Have the next motion update `trsf`. Raises MotionError: it is to do that already."""
+        if any(known.trsf is trsf for known in self._next.updates):
+            raise MotionError(
+                f"update({trsf.name}, {position.name}): the next motion has to update {trsf.name} already; "
+                "call `move` between the two"
+            )
+        self._next = replace(self._next, updates=(*self._next.updates, Update(trsf, position.equation)))
+
+    def _set_next(self, **options: Any) -> None:
+        self._next = replace(self._next, **options)
+
+    def _order(self, position: Position) -> MoveOrder:
         """The motion that a call of `move` asks for; what was said for one motion is used up."""
-        once, self.once = self.once, NextMoveOptions()
-        speed, ta = (self._speed, None) if once.setime is None else (Duration(once.setime[1]), once.setime[0])
-        goal = _goal(position, once.distance, self._compliance)
+        options, self._next = self._next, NextMoveOptions()
+        speed, ta = (self._speed, None) if options.setime is None else (Duration(options.setime[1]), options.setime[0])
+        goal = _goal(position, options.distance, self._compliance)
         request = MoveRequest(
-            position.name, goal, speed, ta, self._mode, self._branch, once.evalfn, once.limit, self._turn
+            position.name, goal, speed, ta, self._mode, self._branch, options.evalfn, options.limit, self._turn
         )
-        return MoveOrder(request, position, once.updates)
+        return MoveOrder(request, position, options.updates)
 
 
 def _goal(position: Position, distance: Floats | None, compliance: Compliance | None) -> Floats | Goal | Here:
@@ -180,75 +266,3 @@ def _goal(position: Position, distance: Floats | None, compliance: Compliance | 
     if distance is not None:
         raise MotionError(f"move to {position.name}: distance modifies positions that have an equation")
     return position.target
-
-
-def milliseconds(ta: float, ts: float) -> tuple[float, float]:
-    """Times of a motion in seconds. Raises MotionError: the segment takes no time, or the transition less than none."""
-    ta, ts = numbers("setime", ta, ts)
-    if ta < 0.0 or ts <= 0.0:
-        raise MotionError(f"setime({ta:g}, {ts:g}): the transition may take 0 ms, the motion more than that")
-    return ta * S_PER_MS, ts * S_PER_MS
-
-
-def sample_period_us(call: str, ms: float) -> int:
-    """A sample period, microseconds. Raises MotionError when the bridge has no such period."""
-    (period_ms,) = numbers(call, ms)
-    period_us = round(period_ms * US_PER_MS)
-    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
-        possible = f"{SHORTEST_PERIOD_US / US_PER_MS:g} to {LONGEST_PERIOD_US / US_PER_MS:g} ms"
-        raise MotionError(f"{call}: a sample period of {ms:g} ms; {possible} are possible")
-    return period_us
-
-
-def numbers(call: str, *values: object) -> tuple[float, ...]:
-    """The arguments of a call. Raises MotionError when one is no finite number."""
-    found = [float(value) if isinstance(value, SupportsFloat) else nan for value in values]
-    for value, number in zip(values, found, strict=True):
-        if not isfinite(number):
-            raise MotionError(f"{call}: {value!r} is not a finite number")
-    return tuple(found)
-
-
-def require_function(call: str, given: object) -> None:
-    """Raises MotionError when an argument that has to be called later on cannot be called."""
-    if not callable(given):
-        raise MotionError(f"{call}: a function is needed, not {given!r}")
-
-
-def named_values(call: str, spec: str, values: tuple[float, ...], allowed: tuple[str, ...]) -> dict[int, float]:
-    """Values by the place of their names in `allowed`.
-
-    Raises:
-        MotionError: an unknown name, one twice, none, or not one finite value for each.
-    """
-    names = spec.split() if isinstance(spec, str) else []
-    if not names or len(names) != len(values) or not set(names) <= set(allowed) or len(set(names)) != len(names):
-        raise MotionError(
-            f"{call}({spec!r}, ...): name directions out of {' '.join(allowed)!r}, each once, one value each"
-        )
-    return {allowed.index(name): value for name, value in zip(names, numbers(call, *values), strict=True)}
-
-
-def force_limits(spec: str, values: tuple[float, ...]) -> ForceLimits:
-    """The limits of `limit`: N, N m, mm and degrees.
-
-    Raises:
-        MotionError: an unknown direction, not one value for each, or one that is not positive.
-    """
-    bounds = np.full(len(_FORCES + _DIRECTIONS), np.inf)
-    for place, value in named_values("limit", spec, values, _FORCES + _DIRECTIONS).items():
-        bounds[place] = value
-    force, shift, turn = bounds[:6], bounds[6:9] * M_PER_MM, bounds[9:] * RAD_PER_DEG
-    return ForceLimits(force, np.concatenate((shift, turn)))
-
-
-def small_move(spec: str, values: tuple[float, ...]) -> Floats:
-    """The transform of `distance`: named directions of the controlled frame, mm and degrees. Shape (4, 4).
-
-    Raises:
-        MotionError: an unknown direction, or not one value for each.
-    """
-    parts = np.zeros(6)
-    for direction, value in named_values("distance", spec, values, _DIRECTIONS).items():
-        parts[direction] = value
-    return transform(so3_exp(parts[3:] * RAD_PER_DEG), parts[:3] * M_PER_MM)

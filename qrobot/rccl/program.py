@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Final
+from functools import wraps
+from inspect import signature
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 from qrobot.errors import LinkError
-from qrobot.motion import Blend, Trsf
-from qrobot.rccl.arm_session import Hold, ended_well
-from qrobot.rccl.channel import YES, Channel
+from qrobot.motion import Blend
+from qrobot.rccl.arm_session import ArmSession, ended_well
+from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.database import DataBase
-from qrobot.rccl.event import Event
 from qrobot.rccl.position import Position
 from qrobot.rccl.teach_transform import teach as teach_arm
 from qrobot.rccl.trace import Trace
@@ -64,9 +65,9 @@ def ending() -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        Hold.end_all(ended_well(error))
+        ArmSession.end_all(ended_well(error))
         raise
-    Hold.end_all(well=True)
+    ArmSession.end_all(well=True)
 
 
 def control(
@@ -111,116 +112,46 @@ def arm() -> Channel:
     return _arm
 
 
-def jposition(name: str, degs: Sequence[float]) -> Position:
-    """A position given by its joints; see `Channel.jposition`."""
-    return arm().jposition(name, degs)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
-def pose(name: str) -> Position:
-    """A pose of the robot's file; see `Channel.pose`."""
-    return arm().pose(name)
+def _of_the_arm(call: Callable[Concatenate[Channel, P], R]) -> Callable[P, R]:
+    """A call of the arm under control: what the method of `Channel` does, with its arguments and its docstring."""
+
+    @wraps(call)
+    def of_the_arm(*args: P.args, **kwargs: P.kwargs) -> R:
+        return call(arm(), *args, **kwargs)
+
+    _, *arguments = signature(call).parameters.values()  # all but `self`
+    of_the_arm.__dict__["__signature__"] = signature(call).replace(parameters=arguments)
+    return of_the_arm
 
 
-def setmode(mode: str, turn: str = "axis") -> None:
-    """Joint or Cartesian mode of the following motions; see `Channel.setmode`."""
-    arm().setmode(mode, turn)
-
-
-def setvel(tv: float, rv: float) -> None:
-    """Speed of the controlled frame, mm/s and degrees/s; see `Channel.setvel`."""
-    arm().setvel(tv, rv)
-
-
-def setconf(letters: str) -> None:
-    """Configuration of the following motions; see `Channel.setconf`."""
-    arm().setconf(letters)
-
-
-def sample(ms: float) -> None:
-    """Sample period of the following motions, ms; see `Channel.sample`."""
-    arm().sample(ms)
-
-
-def evalfn(function: Callable[[], object]) -> None:
-    """A function called at each sample of the next motion; see `Channel.evalfn`."""
-    arm().evalfn(function)
-
-
-def distance(spec: str, *values: float) -> None:
-    """Modify the goal of the next motion; see `Channel.distance`."""
-    arm().distance(spec, *values)
-
-
-def comply(dirs: str, *values: float) -> None:
-    """Give way along directions, exerting forces, until they are locked; see `Channel.comply`."""
-    arm().comply(dirs, *values)
-
-
-def lock(dirs: str) -> None:
-    """Hold position again along directions; see `Channel.lock`."""
-    arm().lock(dirs)
-
-
-def limit(spec: str, *values: float) -> None:
-    """Forces and displacements that end the next motion; see `Channel.limit`."""
-    arm().limit(spec, *values)
-
-
-def update(trsf: Trsf, position: Position) -> None:
-    """Measure a transform when the next motion ends or is interrupted; see `Channel.update`."""
-    arm().update(trsf, position)
+jposition = _of_the_arm(Channel.jposition)
+pose = _of_the_arm(Channel.pose)
+setmode = _of_the_arm(Channel.setmode)
+setvel = _of_the_arm(Channel.setvel)
+setjvel = _of_the_arm(Channel.setjvel)
+setconf = _of_the_arm(Channel.setconf)
+sample = _of_the_arm(Channel.sample)
+setime = _of_the_arm(Channel.setime)
+evalfn = _of_the_arm(Channel.evalfn)
+distance = _of_the_arm(Channel.distance)
+limit = _of_the_arm(Channel.limit)
+comply = _of_the_arm(Channel.comply)
+lock = _of_the_arm(Channel.lock)
+update = _of_the_arm(Channel.update)
+move = _of_the_arm(Channel.move)
+stop = _of_the_arm(Channel.stop)
+nextmove = _of_the_arm(Channel.nextmove)
+waitfor = _of_the_arm(Channel.waitfor)
+waitas = _of_the_arm(Channel.waitas)
+OPEN = _of_the_arm(Channel.OPEN)
+CLOSE = _of_the_arm(Channel.CLOSE)
+signal = _of_the_arm(Channel.signal)
 
 
 def teach(trsf: Transform, position: Position, database: DataBase | None = None) -> int:
-    """Let a person show a transform, in the terminal; see `lesson.teach`."""
+    """Let a person show a transform, in the terminal; see `teach_transform.teach`."""
     return teach_arm(arm(), trsf, position, database)
-
-
-def setime(ta: float, ts: float) -> None:
-    """Times of the next motion alone, ms; see `Channel.setime`."""
-    arm().setime(ta, ts)
-
-
-def setjvel(speed: float | None = None, *, share: float | None = None) -> None:
-    """Speed of the following motions; see `Channel.setjvel`."""
-    arm().setjvel(speed, share=share)
-
-
-def move(position: Position) -> None:
-    """Queue a motion; see `Channel.move`."""
-    arm().move(position)
-
-
-def stop(ms: float = 0.0) -> None:
-    """Forget all motions and come to rest; see `Channel.stop`."""
-    arm().stop(ms)
-
-
-def nextmove(code: int = YES) -> None:
-    """Interrupt the present motion; see `Channel.nextmove`."""
-    arm().nextmove(code)
-
-
-def waitfor(event: Event) -> None:
-    """Wait until an event is signalled; see `Channel.waitfor`."""
-    arm().waitfor(event)
-
-
-def waitas(predicate: Callable[[], object]) -> None:
-    """Wait until a predicate is true; see `Channel.waitas`."""
-    arm().waitas(predicate)
-
-
-def OPEN() -> None:  # noqa: N802 (RCCL's name)
-    """Open the hand, now."""
-    arm().OPEN()
-
-
-def CLOSE() -> None:  # noqa: N802 (RCCL's name)
-    """Close the hand, now."""
-    arm().CLOSE()
-
-
-def signal(*lines: int) -> None:
-    """Switch binary outputs, now; see `Channel.signal`."""
-    arm().signal(*lines)

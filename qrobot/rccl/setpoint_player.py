@@ -8,7 +8,7 @@ from qrobot.arrays import Floats
 from qrobot.motion.world.limits import MotionLimits
 
 
-class Player:
+class SetpointPlayer:
     """Plays a motion that was judged before.
 
     Args:

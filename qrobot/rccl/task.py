@@ -6,7 +6,7 @@
     LEAVING     the last setpoints play out, the stream ends
     LEFT        nothing more to say
 
-It knows no clock and no thread: `drivers` calls `step` once per STATE.
+It knows no clock and no thread: `task_runners` calls `step` once per STATE.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from qrobot.motion import (
     kinematics_of,
     motion_limits,
 )
-from qrobot.rccl.callback_timing import Slot
+from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
-from qrobot.rccl.orders import Orders
+from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.setpoint_player import Player
+from qrobot.rccl.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
@@ -49,7 +49,7 @@ TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 _SEQ_MODULUS: Final = 1 << 32
 
 
-class Phase(Enum):
+class TaskPhase(Enum):
     """How far a program is."""
 
     POWERING = "powering"
@@ -77,8 +77,8 @@ class TrajectoryTask:
         period_s: sample period.
         tick: samples so far.
         force: what the arm exerts, and the joints that give way.
-        orders: motions that have not ended.
-        slot: the time that functional transforms take.
+        motions: motions that have not ended.
+        timing: the time that functional transforms take.
         each_sample: called at each sample once the command is made up, before it goes out.
     """
 
@@ -101,16 +101,16 @@ class TrajectoryTask:
         arm = Arm(robot)
         self._kinematics = kinematics_of(arm)
         self._blend = blend
-        self.orders = Orders(arm)
-        self._player: Player | None = None  # whose setpoints go out instead of the generator's
+        self.motions = OpenMotions(arm)
+        self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
         self.begin(period_s, trace, clear_fault)
 
     def begin(self, period_s: float, trace: Trace | None = None, clear_fault: bool = False) -> None:
         """Take the arm with this sample period; anew, when it was taken before."""
-        self.phase = Phase.POWERING
+        self.phase = TaskPhase.POWERING
         self.period_s = period_s
         self.force = ForceControl(self._robot, period_s, self._kinematics)
-        self.slot = Slot(period_s * 1e3)
+        self.timing = CallbackTiming(period_s * 1e3)
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
@@ -144,13 +144,13 @@ class TrajectoryTask:
         """
         if isinstance(order.request.target, Goal) and self.how is not None:
             self.force.check(order.request.target, np.array(self.how.q), self.tick)
-            self.slot.watch(order.request.target.equation)
+            self.timing.watch(order.request.target.equation)
         if self._player is not None:
             raise MotionError(f"{order.request.name}: setpoints are being played; wait for `completed` first")
         self.generator.push(order.request)
         if self._trace is not None:
             self._trace.asked(order.request)
-        self.orders.add(order)
+        self.motions.add(order)
         self.completed.count = 0
 
     def play(self, setpoints: Setpoints, label: str) -> None:
@@ -164,7 +164,7 @@ class TrajectoryTask:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
         setpoints.check(self._limits, label)
         self._check_start(setpoints.q[0], label)
-        self._player = Player(setpoints.q, self.period_s, self._limits)
+        self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
     def _check_start(self, q: Floats, label: str) -> None:
@@ -185,7 +185,7 @@ class TrajectoryTask:
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
         self._power_down = PowerDown(self.period_s, power_off)
-        self.phase = Phase.LEAVING
+        self.phase = TaskPhase.LEAVING
 
     # ------------------------------------------------------------------------------------------------ once per sample
 
@@ -203,13 +203,13 @@ class TrajectoryTask:
         self._heard.append(state.robot)
         self._count(state.seq)
         match self.phase:
-            case Phase.POWERING:
+            case TaskPhase.POWERING:
                 self._power(state.robot, now_ns)
-            case Phase.STARTING:
+            case TaskPhase.STARTING:
                 self._start(state.robot)
-            case Phase.TRACKING:
+            case TaskPhase.TRACKING:
                 self._track(state.robot)
-            case Phase.LEAVING:
+            case TaskPhase.LEAVING:
                 self._leave(state.robot)
         return self.chg.command(state, now_ns)
 
@@ -224,25 +224,25 @@ class TrajectoryTask:
             self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             self.chg.go_to(robot.q_setpoint)
             self._started_tick = self.tick
-            self.phase = Phase.STARTING
+            self.phase = TaskPhase.STARTING
 
     def _start(self, robot: RobotState) -> None:
         if robot.mode == RobotMode.TRACKING:
-            self.phase = Phase.TRACKING
+            self.phase = TaskPhase.TRACKING
         elif robot.mode != RobotMode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
             raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
         self._generate()
 
     def _track(self, robot: RobotState) -> None:
         if robot.mode != RobotMode.TRACKING:
-            raise servo_fault(robot, f"the servo stopped the arm{self.slot.complaint()}", self._heard)
+            raise servo_fault(robot, f"the servo stopped the arm{self.timing.complaint()}", self._heard)
         self._generate()
         if self.each_sample is not None:
             self.each_sample()
 
     def _leave(self, robot: RobotState) -> None:
         if self._power_down.step(robot, self.chg):
-            self.phase = Phase.LEFT
+            self.phase = TaskPhase.LEFT
 
     def _generate(self) -> None:
         if self.how is None:
@@ -260,12 +260,12 @@ class TrajectoryTask:
                 self._trace.told(event)
             self._trace.sampled(output.q, seen.q)
         if output.events:
-            self.orders.tell(output.events, seen.q, self.tick)
+            self.motions.notify(output.events, seen.q, self.tick)
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
-        self.orders.tell_progress(output)
+        self.motions.update_progress(output)
 
-    def _play(self, player: Player, how: RobotState) -> None:
+    def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()
         self.chg.go_to(tuple(q.tolist()))
         if self._trace is not None:

@@ -15,7 +15,7 @@ from typing import ClassVar, Final, Protocol
 from weakref import WeakSet
 
 from qrobot.errors import LinkLost, MotionError
-from qrobot.rccl.task import Phase, TrajectoryTask
+from qrobot.rccl.task import TaskPhase, TrajectoryTask
 from qrobot.rci import Link
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S
@@ -28,7 +28,7 @@ _TURN_S: Final = 0.0005
 _NO_WAIT: Final = "a function that is called at each sample must not wait: let it signal an event the program waits for"
 
 
-class Driver(Protocol):
+class TrajectoryRunner(Protocol):
     """Runs a task.
 
     Attributes:
@@ -55,10 +55,10 @@ class Driver(Protocol):
         """Let no more samples pass, whatever the task has come to, and close the link."""
 
 
-class LockstepDriver:
+class LockstepRunner:
     """Time passes inside `wait`."""
 
-    _running: ClassVar[WeakSet[LockstepDriver]] = WeakSet()
+    _running: ClassVar[WeakSet[LockstepRunner]] = WeakSet()
 
     def __init__(self, link: Link, task: TrajectoryTask) -> None:
         self.error: BaseException | None = None
@@ -95,7 +95,7 @@ class LockstepDriver:
         self._running.discard(self)
         self._link.close("program ended")
 
-    def _others(self) -> list[LockstepDriver]:
+    def _others(self) -> list[LockstepRunner]:
         """Those of the program's other arms."""
         return [other for other in self._running if other is not self and other._thread == self._thread]
 
@@ -124,7 +124,7 @@ class LockstepDriver:
             self._sampling = False
 
 
-class ThreadDriver:
+class ThreadRunner:
     """Time passes by itself: a thread answers every STATE."""
 
     def __init__(self, link: Link, task: TrajectoryTask) -> None:
@@ -176,13 +176,13 @@ class ThreadDriver:
 
     def _answer_states(self) -> None:
         command: Command | None = None
-        while not self._over and self._task.phase is not Phase.LEFT:
+        while not self._over and self._task.phase is not TaskPhase.LEFT:
             state = self._link.exchange(command)
             with self._sampled:
                 command = self._task.step(state, self._link.now_ns())
                 self._sampled.notify_all()
 
 
-def driver_for(link: Link, task: TrajectoryTask) -> Driver:
+def runner_for(link: Link, task: TrajectoryTask) -> TrajectoryRunner:
     """The driver that suits the link's time."""
-    return LockstepDriver(link, task) if link.virtual_time else ThreadDriver(link, task)
+    return LockstepRunner(link, task) if link.virtual_time else ThreadRunner(link, task)

@@ -263,7 +263,7 @@ def test_an_error_nobody_waited_for_is_told_at_release() -> None:
     with in_real_time(fake):
         arm = rccl.control()
         fake.before_period = once(lambda: fake.break_down(FaultCode.ESTOP))
-        wait_until(lambda: arm._hold._driver.error is not None)
+        wait_until(lambda: arm._session._runner.error is not None)
         with pytest.raises(ServoFault, match="ESTOP"):
             rccl.release()
         arm.release()
@@ -288,10 +288,10 @@ def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> Non
         def interrupted(_power_off: bool) -> None:
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(arm._hold, "_leave", interrupted)
+        monkeypatch.setattr(arm._session, "_leave", interrupted)
         with pytest.raises(KeyboardInterrupt):
             arm.release()
-        assert not arm._hold._driver._thread.is_alive()
+        assert not arm._session._runner._thread.is_alive()
         wait_until(lambda: fake.goodbyes)
 
 

@@ -6,7 +6,7 @@
 | `shim/` | the library they are linked with: it turns calls into messages |
 | `message` | what program and engine say to each other |
 | `shared` | transforms, positions and global variables, in memory that both see |
-| `desk` | what each call does: the table from message to `qrobot.rccl` |
+| `dispatcher` | what each call does: the table from message to `qrobot.rccl` |
 | `world` | its transforms and positions |
 | `engine` | answers a program until it ends; `__main__` does so for one that was started by itself |
 | `program` | starts a program with its engine in this process, for `qrobot run` |

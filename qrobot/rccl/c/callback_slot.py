@@ -13,8 +13,8 @@ from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, pause
 from qrobot.realtime.jit import jit_disabled, lean_kernel
 
-CELL_WORDS: Final = 7
-_CALLED, _OP, _REF, _PROCESSOR, _DONE, _ASKING, _LOOKING = range(CELL_WORDS)  # `struct shim_cell`
+SLOT_WORDS: Final = 7
+_CALLED, _OP, _REF, _PROCESSOR, _DONE, _ASKING, _LOOKING = range(SLOT_WORDS)  # `struct shim_cell`
 _NUMBERS: Final = (1 << 31) - 1
 _PATIENCE_NS: Final = 50_000  # for a function; then we sleep until it comes back
 _SPINS: Final = 50  # some 1 us
@@ -53,7 +53,7 @@ def _call(cell: Any, number: int, op: int, ref: int) -> int:
     return UNSEEN
 
 
-class Cell:
+class CallbackSlot:
     """The engine's end of it.
 
     Args:
@@ -68,7 +68,7 @@ class Cell:
         self._jit = not jit_disabled()  # an interpreter's writes are in no order
         self.number = 0
         if self._jit:  # no sample may wait for the compiler
-            _call(np.zeros(CELL_WORDS, np.int64), 0, 0, 0)
+            _call(np.zeros(SLOT_WORDS, np.int64), 0, 0, 0)
 
     def call(self, op: Op, ref: int) -> int:
         """Have a function called: DONE, ASKING or UNSEEN."""

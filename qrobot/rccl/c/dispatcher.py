@@ -12,7 +12,7 @@ from qrobot.errors import ConfigError, MotionError
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
 from qrobot.rccl.c.message import CallMessage, Op
-from qrobot.rccl.c.object_registry import UnknownError, World
+from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.shared import ProgramMemory, SharedPosition
 from qrobot.rccl.c.variables import Variables
 from qrobot.rccl.channel import YES, Channel
@@ -50,20 +50,20 @@ class Dispatcher:
     Args:
         memory: shared with the program.
         places: of its global variables, and of the fields in its structures; the order is that of shared.c.
-        talk: to the program.
+        link: to the program.
         robot: that its arm is, a packaged one's name or a file.
 
     Attributes:
-        world: its transforms and positions.
+        objects: its transforms and positions.
     """
 
-    def __init__(self, memory: ProgramMemory, places: list[int], talk: ProgramLink, robot: str) -> None:
+    def __init__(self, memory: ProgramMemory, places: list[int], link: ProgramLink, robot: str) -> None:
         *variables, last_link, park, present = places[:-FIELDS]
         fields = places[-FIELDS:]
-        self._talk, self._robot, self._park = talk, robot, park
+        self._link, self._robot, self._park = link, robot, park
         self._variables = Variables(memory, variables, last_link + fields[0])
-        self.world = World(memory, fields, (last_link, self._variables.t6), self._evaluate, talk.signal)
-        self.world.put(present, "there", there().target, ours=True)
+        self.objects = ObjectRegistry(memory, fields, (last_link, self._variables.t6), self._evaluate, link.signal)
+        self.objects.put(present, "there", there().target, ours=True)
         self._database: DataBase | None = None
         self._functions: tuple[int, ...] = ()
         self._arm: Channel | None = None
@@ -78,7 +78,7 @@ class Dispatcher:
 
     def _take_arm(self) -> Channel:
         arm = program.control(self._robot)
-        self.world.put(self._park, "park", arm.pose("park").target, ours=True)
+        self.objects.put(self._park, "park", arm.pose("park").target, ours=True)
         self._variables.show(arm)
         self._variables.begin_outputs(arm)
         arm.each_sample(self._each_sample)
@@ -90,12 +90,13 @@ class Dispatcher:
         Raises QRobotError when that cannot be.
         """
         op = Op(message.op)
-        if background and op in _WAITING:
+        call = CALLS[op]
+        if background and call.waits:
             raise MotionError("a function that is called at a sample must not wait, nor take or release the arm")
         if not background:
             self._look_at_flags()
         try:
-            answer = _CALLS[op](self, message)
+            answer = call.handler(self, message)
         except UnknownError as error:
             raise MotionError(f"{op.name.lower()}: {error}") from error
         self._variables.show_queue(self._arm)
@@ -114,7 +115,7 @@ class Dispatcher:
         if self._functions:
             self._variables.show_command(arm)
             for function in self._functions:
-                self._talk.call(Op.CALL_FUNCTION, function)
+                self._link.call(Op.CALL_FUNCTION, function)
             self._variables.take_command(arm)
             self._variables.take_outputs(arm)
         if self._variables.terminate:
@@ -145,7 +146,7 @@ class Dispatcher:
         """Call a function of the program, which sees the newest state."""
         if self._arm is not None:
             self._variables.show(self._arm)
-        self._talk.call(op, place)
+        self._link.call(op, place)
 
     # ------------------------------------------------------------------------------------------- control, release
 
@@ -160,7 +161,7 @@ class Dispatcher:
         """Let go of it; when `n`, after all motions are done. The answer says how many were left."""
         try:
             if message.n and self._arm is not None:
-                self._arm.finish(self._talk.listen)
+                self._arm.finish(self._link.listen)
             left = 0 if self._arm is None else self._arm.unserved
         finally:
             self.let_go()
@@ -181,13 +182,13 @@ class Dispatcher:
     def jposition(self, message: CallMessage) -> CallReply:
         """The position at refs[0], of n joints."""
         target = self.arm.jposition(message.text, message.numbers[: message.n]).target
-        self.world.put(message.refs[0], message.text, target)
+        self.objects.put(message.refs[0], message.text, target)
         return None
 
     def _named(self, place: int) -> SharedPosition:
         if place == self._park and self._arm is None:
             self._arm = self._take_arm()  # where its park pose is, the robot knows
-        return self.world.position(place)
+        return self.objects.position(place)
 
     def move(self, message: CallMessage) -> CallReply:
         """Queue a motion."""
@@ -206,14 +207,9 @@ class Dispatcher:
         self.arm.evalfn(monitor)
         return None
 
-    def setconf(self, message: CallMessage) -> CallReply:
-        """Configuration of the following motions."""
-        self.arm.setconf(message.text)
-        return None
-
     def update(self, message: CallMessage) -> CallReply:
         """Measure a transform when the next motion ends."""
-        self.arm.update(self.world.transform(message.refs[0]), self._named(message.refs[1]))
+        self.arm.update(self.objects.transform(message.refs[0]), self._named(message.refs[1]))
         return None
 
     def hand(self, message: CallMessage) -> CallReply:
@@ -226,7 +222,7 @@ class Dispatcher:
 
     def next_sample(self, message: CallMessage) -> CallReply:
         """Wait for it; `text` names the event of ours that the program waits for."""
-        arm, listen = self.arm, self._talk.listen
+        arm, listen = self.arm, self._link.listen
         if message.text:
             arm.expect(message.text)
         begin = arm.how.t_ns
@@ -242,15 +238,15 @@ class Dispatcher:
 
     def teach(self, message: CallMessage) -> CallReply:
         """A person shows a transform; the answer is YES or NO."""
-        trans, position = self.world.transform(message.refs[0]), self._named(message.refs[1])
-        return CallMessage(Op.REPLY, teach(self.arm, trans, position, self._database, self._talk.ask, self._talk.say))
+        trans, position = self.objects.transform(message.refs[0]), self._named(message.refs[1])
+        return CallMessage(Op.REPLY, teach(self.arm, trans, position, self._database, self._link.ask, self._link.say))
 
     def stepmode(self, _: CallMessage) -> CallReply:
         """A person moves the arm, until `q`."""
-        stepper, say = Stepper(self.arm), self._talk.say
+        stepper, say = Stepper(self.arm), self._link.say
         say(f"{STEPPING_HELP}\nq                  go on with the program")
         try:
-            while (line := self._talk.ask("? ").strip()) != "q":
+            while (line := self._link.ask("? ").strip()) != "q":
                 say(stepper.obey(line))
         except EOFError:
             pass
@@ -269,18 +265,18 @@ class Dispatcher:
 
     def getr(self, message: CallMessage) -> CallReply:
         """Read a transform by its name; the answer is YES or NO."""
-        return CallMessage(Op.REPLY, int(self._base.read(self.world.transform(message.refs[0]))))
+        return CallMessage(Op.REPLY, int(self._base.read(self.objects.transform(message.refs[0]))))
 
     def saver(self, message: CallMessage) -> CallReply:
         """Record a transform under its name."""
-        self._base.record(self.world.transform(message.refs[0]))
+        self._base.record(self.objects.transform(message.refs[0]))
         return CallMessage(Op.REPLY, YES)
 
     def dumpdb(self, _: CallMessage) -> CallReply:
         """Show what is recorded."""
         for name in self._base.names():
             x, y, z = self._base.get(name).p
-            self._talk.say(f"{name:<14} {x:10.3f} {y:10.3f} {z:10.3f}")
+            self._link.say(f"{name:<14} {x:10.3f} {y:10.3f} {z:10.3f}")
         return None
 
     # --------------------------------------------------------------------------------------- encoders, converter
@@ -306,70 +302,85 @@ class Dispatcher:
         return CallMessage(Op.REPLY, n, numbers=counts.tolist())
 
 
-def _in_the_world(call: Callable[[World, CallMessage], CallReply]) -> Callable[[Dispatcher, CallMessage], CallReply]:
-    """A call that needs no arm."""
-    return lambda desk, message: call(desk.world, message)
+Handler: TypeAlias = Callable[[Dispatcher, CallMessage], CallReply]
 
 
-def _setmode(desk: Dispatcher, message: CallMessage) -> CallReply:
-    desk.arm.setmode(message.text)
-    return None
+@dataclass(frozen=True)
+class CallRow:
+    """A row of the table below.
+
+    Attributes:
+        handler: does what is asked.
+        waits: it lets samples pass, or takes or releases the arm, so no function that is called at a sample may ask it.
+    """
+
+    handler: Handler
+    waits: bool = False
 
 
-def _with_numbers(call: Callable[[Channel, float, float], None]) -> Callable[[Dispatcher, CallMessage], CallReply]:
+def _without_arm(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> CallRow:
+    """A call about transforms and positions."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
+
+
+def _number(call: Callable[[Channel, float], None], waits: bool = False) -> CallRow:
+    """A call of the arm with one number."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.numbers[0]), waits)
+
+
+def _two_numbers(call: Callable[[Channel, float, float], None]) -> CallRow:
     """A call of the arm with two numbers."""
-
-    def answer(desk: Dispatcher, message: CallMessage) -> CallReply:
-        call(desk.arm, message.numbers[0], message.numbers[1])
-        return None
-
-    return answer
+    return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.numbers[0], message.numbers[1]))
 
 
-def _with_directions(call: Callable[[Channel], Callable[..., None]]) -> Callable[[Dispatcher, CallMessage], CallReply]:
+def _word(call: Callable[[Channel, str], None]) -> CallRow:
+    """A call of the arm with a text."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.text))
+
+
+def _directions(call: Callable[..., None]) -> CallRow:
     """A call of the arm with names of directions, and a number for each."""
-
-    def answer(desk: Dispatcher, message: CallMessage) -> CallReply:
-        call(desk.arm)(message.text, *message.numbers[: message.n])
-        return None
-
-    return answer
+    return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.text, *message.numbers[: message.n]))
 
 
-_WAITING: Final = {Op.CONTROL, Op.RELEASE, Op.SAMPLE_PERIOD, Op.NEXT_SAMPLE, Op.TEACH, Op.STEPMODE}
-_CALLS: Final[dict[Op, Callable[[Dispatcher, CallMessage], CallReply]]] = {
-    Op.CONTROL: Dispatcher.control,
-    Op.RELEASE: Dispatcher.release,
-    Op.NEWTRANS: _in_the_world(World.newtrans),
-    Op.FREETRANS: _in_the_world(World.freetrans),
-    Op.MAKEPOSITION: _in_the_world(World.makeposition),
-    Op.JPOSITION: Dispatcher.jposition,
-    Op.FREEPOS: _in_the_world(World.freepos),
-    Op.MAKE: _in_the_world(World.make),
-    Op.TRMULT: _in_the_world(World.trmult),
-    Op.INVERT: _in_the_world(World.invert),
-    Op.MOVE: Dispatcher.move,
-    Op.STOP: _with_numbers(lambda arm, ms, _: arm.stop(ms)),
-    Op.SETVEL: _with_numbers(Channel.setvel),
-    Op.SETMODE: _setmode,
-    Op.SETCONF: Dispatcher.setconf,
-    Op.SAMPLE_PERIOD: _with_numbers(lambda arm, ms, _: arm.sample(ms)),
-    Op.SETIME: _with_numbers(Channel.setime),
-    Op.EVALFN: Dispatcher.evalfn,
-    Op.DISTANCE: _with_directions(lambda arm: arm.distance),
-    Op.LIMIT: _with_directions(lambda arm: arm.limit),
-    Op.COMPLY: _with_directions(lambda arm: arm.comply),
-    Op.LOCK: _with_directions(lambda arm: arm.lock),
-    Op.UPDATE: Dispatcher.update,
-    Op.HAND: Dispatcher.hand,
-    Op.NEXT_SAMPLE: Dispatcher.next_sample,
-    Op.TEACH: Dispatcher.teach,
-    Op.STEPMODE: Dispatcher.stepmode,
-    Op.MAKEDB: Dispatcher.makedb,
-    Op.GETR: Dispatcher.getr,
-    Op.SAVER: Dispatcher.saver,
-    Op.DUMPDB: Dispatcher.dumpdb,
-    Op.ADCOPEN: Dispatcher.adcopen,
-    Op.ENCTOANG: Dispatcher.enctoang,
-    Op.ANGTOENC: Dispatcher.angtoenc,
+CALLS: Final[dict[Op, CallRow]] = {
+    # the arm: what the method of `Channel` does, with the arguments of the message
+    Op.STOP: _number(Channel.stop),
+    Op.SAMPLE_PERIOD: _number(Channel.sample, waits=True),
+    Op.SETVEL: _two_numbers(Channel.setvel),
+    Op.SETIME: _two_numbers(Channel.setime),
+    Op.SETMODE: _word(Channel.setmode),
+    Op.SETCONF: _word(Channel.setconf),
+    Op.LOCK: _word(Channel.lock),
+    Op.DISTANCE: _directions(Channel.distance),
+    Op.LIMIT: _directions(Channel.limit),
+    Op.COMPLY: _directions(Channel.comply),
+    # the arm, with transforms, positions or functions of the program
+    Op.CONTROL: CallRow(Dispatcher.control, waits=True),
+    Op.RELEASE: CallRow(Dispatcher.release, waits=True),
+    Op.NEXT_SAMPLE: CallRow(Dispatcher.next_sample, waits=True),
+    Op.JPOSITION: CallRow(Dispatcher.jposition),
+    Op.MOVE: CallRow(Dispatcher.move),
+    Op.EVALFN: CallRow(Dispatcher.evalfn),
+    Op.UPDATE: CallRow(Dispatcher.update),
+    Op.HAND: CallRow(Dispatcher.hand),
+    Op.ADCOPEN: CallRow(Dispatcher.adcopen),
+    Op.ENCTOANG: CallRow(Dispatcher.enctoang),
+    Op.ANGTOENC: CallRow(Dispatcher.angtoenc),
+    # people, and what they have taught
+    Op.TEACH: CallRow(Dispatcher.teach, waits=True),
+    Op.STEPMODE: CallRow(Dispatcher.stepmode, waits=True),
+    Op.MAKEDB: CallRow(Dispatcher.makedb),
+    Op.GETR: CallRow(Dispatcher.getr),
+    Op.SAVER: CallRow(Dispatcher.saver),
+    Op.DUMPDB: CallRow(Dispatcher.dumpdb),
+    # transforms and positions
+    Op.NEWTRANS: _without_arm(ObjectRegistry.newtrans),
+    Op.FREETRANS: _without_arm(ObjectRegistry.freetrans),
+    Op.MAKEPOSITION: _without_arm(ObjectRegistry.makeposition),
+    Op.FREEPOS: _without_arm(ObjectRegistry.freepos),
+    Op.MAKE: _without_arm(ObjectRegistry.make),
+    Op.TRMULT: _without_arm(ObjectRegistry.trmult),
+    Op.INVERT: _without_arm(ObjectRegistry.invert),
 }
+"""Every call that a message of a program asks for."""

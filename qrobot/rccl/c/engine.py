@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
-from qrobot.rccl.c.callback_slot import CELL_WORDS, DONE, UNSEEN, Cell
+from qrobot.rccl.c.callback_slot import DONE, SLOT_WORDS, UNSEEN, CallbackSlot
 from qrobot.rccl.c.dispatcher import Dispatcher, ProgramLink
 from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, CallMessage, Op, decode, encode_call
 from qrobot.rccl.c.shared import ProgramMemory
@@ -102,8 +102,8 @@ class Background:
         channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(CALLBACK_S))  # settimeout would poll first
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
-        self.desk: Dispatcher | None = None
-        self.cell = Cell(np.zeros(CELL_WORDS, np.int64))
+        self.dispatcher: Dispatcher | None = None
+        self.slot = CallbackSlot(np.zeros(SLOT_WORDS, np.int64))
 
     def call(self, op: Op, place: int) -> None:
         """Have a function called; it may ask meanwhile.
@@ -113,11 +113,11 @@ class Background:
             LinkTimeout: the function does not come back.
         """
         with self._calling:
-            progress = self.cell.call(op, place)
+            progress = self.slot.call(op, place)
             if progress == DONE:
                 return
             if progress == UNSEEN:
-                _send(self._channel, encode_call(op, self.cell.number, place))
+                _send(self._channel, encode_call(op, self.slot.number, place))
             while len(data := self._receive()) != BRIEF:
                 _send(self._channel, self._answer(decode(data)).encode())
 
@@ -141,9 +141,9 @@ class Background:
         return b""
 
     def _answer(self, message: CallMessage) -> CallMessage:
-        if self.desk is None:
+        if self.dispatcher is None:
             raise ProgramGone
-        return _answer(self.desk, message, background=True)
+        return _answer(self.dispatcher, message, background=True)
 
     def close(self) -> None:
         """No function will be called any more."""
@@ -174,22 +174,22 @@ def _converse(front: Foreground, back: Background, robot: str) -> None:
         front.send(CallMessage(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
-    talk = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
-    back.cell = Cell(memory.words(hello.refs[GLOBALS], CELL_WORDS))
-    back.desk = desk = Dispatcher(memory, list(hello.refs[:GLOBALS]), talk, robot)
+    link = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
+    back.slot = CallbackSlot(memory.words(hello.refs[GLOBALS], SLOT_WORDS))
+    back.dispatcher = dispatcher = Dispatcher(memory, list(hello.refs[:GLOBALS]), link, robot)
     front.send(CallMessage(Op.REPLY))
     try:
         while True:
-            front.send(_answer(desk, front.receive()))
+            front.send(_answer(dispatcher, front.receive()))
     except ProgramGone:
         pass
     finally:
-        desk.let_go()
+        dispatcher.let_go()
 
 
-def _answer(desk: Dispatcher, message: CallMessage, background: bool = False) -> CallMessage:
+def _answer(dispatcher: Dispatcher, message: CallMessage, background: bool = False) -> CallMessage:
     try:
-        return desk.answer(message, background)
+        return dispatcher.answer(message, background)
     except QRobotError as error:
         return CallMessage(Op.ERROR, text=str(error))
 

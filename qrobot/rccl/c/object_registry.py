@@ -37,7 +37,7 @@ class UnknownError(MotionError):
     """What a call was given is nothing that we know."""
 
 
-class World:
+class ObjectRegistry:
     """What one program has made.
 
     Args:

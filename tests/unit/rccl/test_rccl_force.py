@@ -231,4 +231,4 @@ def test_a_limit_holds_for_one_motion_alone(robot) -> None:
     rccl.move(P)
     rccl.waitfor(rccl.completed)
     assert P.code == rccl.Termination.COMPLETED
-    assert rccl.program.arm()._said.once.limit is None
+    assert rccl.program.arm()._next.limit is None

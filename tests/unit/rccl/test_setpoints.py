@@ -10,7 +10,7 @@ import pytest
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, JointLimit, MotionError
 from qrobot.motion import motion_limits
-from qrobot.rccl.setpoint_player import Player
+from qrobot.rccl.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 
 ROBOT = load_robot("puma560")
@@ -104,7 +104,7 @@ def test_an_empty_motion_and_another_number_of_joints_are_refused() -> None:
 
 def test_a_player_gives_out_the_list_itself() -> None:
     motion = swing()
-    player = Player(motion.q, PERIOD_S, LIMITS)
+    player = SetpointPlayer(motion.q, PERIOD_S, LIMITS)
     given = []
     while not player.done:
         given.append(player.step())
@@ -113,7 +113,7 @@ def test_a_player_gives_out_the_list_itself() -> None:
 
 @pytest.mark.parametrize("at", [0, 1, 20, 50, 99])
 def test_a_player_that_is_stopped_comes_to_rest_on_the_path_without_a_jump(at: int) -> None:
-    player = Player(swing().q, PERIOD_S, LIMITS)
+    player = SetpointPlayer(swing().q, PERIOD_S, LIMITS)
     given = [player.step() for _ in range(at)]
     player.stop()
     while not player.done:

@@ -24,8 +24,8 @@ from qrobot.rccl.trace import reason_of
 _FAILURES: Final = {Termination.JOINT_LIMIT, Termination.UNREACHABLE, Termination.SINGULAR, Termination.TOO_FAST}
 
 
-class Orders:
-    """Orders of one arm.
+class OpenMotions:
+    """The motions of one arm that have not ended.
 
     Args:
         arm: whose measured T6 `update` takes.
@@ -47,7 +47,7 @@ class Orders:
             order.position.code, order.position.scal = Termination.NONE, 0.0
         self._open[order.request] = order
 
-    def tell(self, events: Iterable[MotionEvent], q: Floats, tick: int) -> None:
+    def notify(self, events: Iterable[MotionEvent], q: Floats, tick: int) -> None:
         """Pass events of one sample on to the positions they concern; the arm was measured at `q` (n,)."""
         for event in events:
             if event.kind is EventKind.LOST and self._arrived is not None:
@@ -62,8 +62,8 @@ class Orders:
                 self._measure(event.request, q, tick)
                 self._end(event.request, event.code)
 
-    def tell_progress(self, output: Output) -> None:
-        """Tell how much of the motions under way is done: two of them in the first half of a transition."""
+    def update_progress(self, output: Output) -> None:
+        """Tell positions how much of their motions is done: two of them in the first half of a transition."""
         if output.request is not None:
             self._open[output.request].position.scal = output.scal
         if output.passing is not None:  # the older one; it counts when both go to one position

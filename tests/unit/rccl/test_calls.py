@@ -1,0 +1,79 @@
+"""The calls of RCCL are stated once, as methods of `Channel`: functions, C header and C dispatcher agree with them."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import typing
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.cli import toolchain
+from qrobot.errors import LinkError
+from qrobot.motion import Trsf
+from qrobot.rccl import Channel, Position, Transform
+from qrobot.rccl.c.dispatcher import CALLS
+from qrobot.rccl.c.message import Op
+
+HEADER = (toolchain.INCLUDE / "rccl.h").read_text()
+PROTOTYPES = dict(re.findall(r"^(?:int|POS_PTR) (?:rccl_)?(\w+)\((\w[^;]*)\);", HEADER, re.MULTILINE))
+ARM_CALLS = [name for name in rccl.__all__ if hasattr(Channel, name)]
+OF_THE_ARM = sorted(set(ARM_CALLS) - {"completed", "there", "how", "chg", "nbrequest", "release"})
+PYTHON_OF_C = {
+    "double": {float},
+    "char *": {str},
+    "POS_PTR": {Position},
+    "TRSF_PTR": {Trsf, Transform},
+    "VALUES": {float},
+}
+# C has variables (nextmove), macros (waitfor, waitas) and letters (setmode) in their place, or nothing at all.
+ONLY_PYTHON = {"pose", "setjvel", "signal", "nextmove", "waitas", "waitfor", "setmode", "CLOSE", "OPEN"}
+
+
+def signature(call: Callable[..., object]) -> list[inspect.Parameter]:
+    return [parameter for parameter in inspect.signature(call).parameters.values() if parameter.name != "self"]
+
+
+def c_types(arguments: str) -> list[str]:
+    """Types of a prototype; a count and the array behind it are one thing."""
+    folded = re.sub(r"int count, double \*\w+", "VALUES values", arguments)
+    found = [re.sub(r"\s*\w+$", "", part.strip()) for part in folded.split(",")]
+    return [re.sub(r"\s*\*$", " *", kind) for kind in found]
+
+
+@pytest.mark.parametrize("name", OF_THE_ARM)
+def test_a_function_has_signature_and_docstring_of_the_method(name) -> None:
+    function, method = getattr(rccl, name), getattr(Channel, name)
+    assert signature(function) == signature(method)
+    assert list(inspect.signature(function).parameters) == [parameter.name for parameter in signature(method)]
+    assert function.__doc__ == method.__doc__
+    assert function.__name__ == name
+
+
+def test_without_an_arm_a_function_says_so() -> None:
+    with pytest.raises(LinkError, match="no arm is under control"):
+        rccl.setvel(100, 90)
+
+
+@pytest.mark.parametrize("name", sorted(set(OF_THE_ARM) - ONLY_PYTHON - {"evalfn"}))
+def test_the_prototype_in_c_takes_what_the_method_takes(name) -> None:
+    hints = typing.get_type_hints(getattr(Channel, name), localns={"np": np})
+    taken = [hints[parameter.name] for parameter in signature(getattr(Channel, name))]
+    given = c_types(PROTOTYPES[name])
+    assert len(given) == len(taken)
+    for c_type, python_type in zip(given, taken, strict=True):
+        sequence = typing.get_args(python_type) or (python_type,)
+        assert set(sequence) <= PYTHON_OF_C[c_type]
+
+
+def test_every_message_that_asks_for_something_has_its_row_and_no_other() -> None:
+    asked = {op for op in Op if Op.HELLO < op < Op.REPLY}
+    assert set(CALLS) == asked
+
+
+def test_what_waits_in_python_waits_in_c() -> None:
+    waiting = {op.name for op, call in CALLS.items() if call.waits}
+    assert waiting == {"CONTROL", "RELEASE", "SAMPLE_PERIOD", "NEXT_SAMPLE", "TEACH", "STEPMODE"}
