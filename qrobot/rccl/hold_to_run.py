@@ -13,10 +13,10 @@ import numpy as np
 
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.motion import Termination
+from qrobot.rccl.arguments import small_move
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.held_key import HeldKey
 from qrobot.rccl.jog import SETTLING_MS, measure, moved_by, place, position_of
-from qrobot.rccl.parameters import small_move
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import reason_of
 from qrobot.rccl.transforms import newtrans
