@@ -10,7 +10,7 @@ the same in every run.
 
 from qrobot.rci import rci_clock, rci_close, rci_control, rci_create, rci_onclock, rci_start, rci_ticks, rci_wait
 
-TICKS = 16
+RUNS = 4  # of the second task
 
 
 def note(td):
@@ -26,7 +26,7 @@ for task, offset in ((first, 0), (second, 2)):
 
 print(f"{'tick':>5}  {'task':<7} {'run count':>9}")
 rci_start(first.bit | second.bit)
-rci_wait(lambda: rci_ticks() >= TICKS)
+rci_wait(lambda: second.runs >= RUNS)
 for task in (first, second):
     print(f"{task.name}: {task.runs} runs, {task.missed} missed")
 rci_close()
