@@ -76,6 +76,7 @@ from qrobot.arcl.events import (
 from qrobot.arcl.events import (
     ArclEvent as Event,
 )
+from qrobot.arcl.iod import IOD, IOD_IN, IOD_OUT, iod_read, iod_write, new_iod
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.positions import EQ, TL, Pos, makeposition
 from qrobot.arcl.program import (
@@ -105,6 +106,7 @@ from qrobot.arcl.quaternions import (
 )
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.semaphore import Semaphore, new_sem, sem_clear, sem_give, sem_pend, sem_take
+from qrobot.arcl.symbols import sym_delete, sym_dump, sym_enter, sym_load, sym_lookup, sym_names
 from qrobot.arcl.trans import (
     CONST,
     FNDEF,
@@ -167,6 +169,9 @@ __all__ = [
     "GRIP_OPEN_BY",
     "GRIP_RELAX",
     "HOLD",
+    "IOD",
+    "IOD_IN",
+    "IOD_OUT",
     "MOVE_STOP",
     "MOV_CONFIG",
     "MOV_DONEPROC",
@@ -213,11 +218,14 @@ __all__ = [
     "fkine",
     "force_from",
     "gripper",
+    "iod_read",
+    "iod_write",
     "joint_pos",
     "makeposition",
     "move",
     "new_diff",
     "new_force",
+    "new_iod",
     "new_quat",
     "new_quat_rotvec",
     "new_sem",
@@ -239,6 +247,12 @@ __all__ = [
     "sem_pend",
     "sem_take",
     "stop",
+    "sym_delete",
+    "sym_dump",
+    "sym_enter",
+    "sym_load",
+    "sym_lookup",
+    "sym_names",
     "trans_assign",
     "trans_invert",
     "trans_mult",

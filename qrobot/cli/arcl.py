@@ -82,6 +82,28 @@ def ctraj(
     _give(cartesian_table(_read(file), orientation), output)
 
 
+@app.command
+def torques(file: Path, *, robot: str | None = None, output: OutputFile | None = None) -> None:
+    """Joint torques of the rigid body that follows the setpoints: seconds and newton-metres (newtons).
+
+    Gravity, inertia and rotors count, friction does not.
+
+    Parameters
+    ----------
+    file
+        The stream.
+    robot
+        Robot file, or name of a packaged robot; default the stream's.
+    output
+        File to write: .csv, .parquet, .npy, .npz or .mat (MATLAB); default the terminal.
+    """
+    from qrobot.arcl.stream.torques import torque_table
+    from qrobot.config import load_robot
+
+    stream = _read(file)
+    _give(torque_table(stream, load_robot(robot or stream.start.robot)), output)
+
+
 def _read(file: Path) -> Stream:
     """The stream; what is missing at its end is told."""
     from qrobot.arcl.stream import read_stream

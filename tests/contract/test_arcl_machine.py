@@ -82,7 +82,9 @@ def test_a_group_of_lines_is_bits_of_a_word(first: int, count: int, value: int) 
     assert word & ~mask == 0x5A5A & ~mask
 
 
-@pytest.mark.parametrize(("first", "count", "value"), [(0, 1, 1), (16, 2, 1), (1, 0, 0), (1, 2, 4), (1, 2, -1)])
+@pytest.mark.parametrize(
+    ("first", "count", "value"), [(0, 1, 1), (16, 2, 1), (1, 0, 0), (1, 2, 4), (1, 2, -1), (17, 1, 0)]
+)
 def test_lines_that_are_not_there_are_refused(first: int, count: int, value: int) -> None:
     with pytest.raises(MotionError):
         set_bits(0, first, count, value)

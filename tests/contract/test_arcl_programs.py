@@ -25,6 +25,8 @@ from qrobot.arcl import (
     GRIP_CLOSE,
     GRIP_CLOSE_BY,
     HOLD,
+    IOD_IN,
+    IOD_OUT,
     MOV_CONFIG,
     MOV_DONEPROC,
     MOV_FEEDBACK,
@@ -53,9 +55,12 @@ from qrobot.arcl import (
     arcl_wait,
     fkine,
     gripper,
+    iod_read,
+    iod_write,
     joint_pos,
     makeposition,
     move,
+    new_iod,
     new_sem,
     new_trans,
     new_trans_tr,
@@ -394,12 +399,28 @@ def test_hand_and_outputs_are_requests_in_the_stream(tmp_path) -> None:
     move(rp, joint_pos(rp, "away", AWAY), MOV_SYNC, 0)
     gripper(rp, GRIP_CLOSE)
     gripper(rp, GRIP_CLOSE_BY, 40.0)
-    rp.write_outputs(3, 4, 0b1001)
+    iod = new_iod(rp, IOD_OUT, 3, 4)
+    iod_write(iod, 0b1001)
+    arcl_wait(rp)
+    rp.ami.wait(stood_for(2))
+    assert iod_read(iod) == 0b1001
     arcl_close(rp)
     stream = read_stream(tmp_path / "run.arcl")
     assert [list(record.numbers) for record in stream.of(RecordKind.GRIPPER)] == [[2.0, 0.0], [3.0, 40.0]]
     assert [list(record.numbers) for record in stream.of(RecordKind.OUTPUT)] == [[3.0, 4.0, 9.0]]
     assert not stream.damage
+
+
+def test_lines_that_are_not_there_and_values_too_large_for_them_are_refused() -> None:
+    rp = offline()
+    for direction, first, count in ((IOD_OUT, 0, 1), (IOD_OUT, 16, 2), (IOD_IN, 33, 1), ("out", 1, 1)):
+        with pytest.raises(MotionError):
+            new_iod(rp, direction, first, count)
+    for value in (4, -1, 1.0, True):
+        with pytest.raises(MotionError):
+            iod_write(new_iod(rp, IOD_OUT, 1, 2), value)
+    with pytest.raises(MotionError, match="inputs"):
+        iod_write(new_iod(rp, IOD_IN, 1), 1)
 
 
 def test_a_stream_has_joint_and_cartesian_setpoints_of_each_sample(tmp_path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from qrobot.arcl import (
     EVENT_FAULT,
     GRIP_CLOSE,
     GRIP_CLOSE_BY,
+    IOD_IN,
+    IOD_OUT,
     MOV_CONFIG,
     MOV_SHARE,
     MOV_TIME,
@@ -31,13 +34,17 @@ from qrobot.arcl import (
     arcl_open,
     arcl_wait,
     gripper,
+    iod_read,
+    iod_write,
     joint_pos,
     move,
+    new_iod,
     stop,
 )
 from qrobot.arcl.stream import RecordKind, Stream, read_stream
 from qrobot.errors import LinkBusy, LinkError, MotionError, ServoFault
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import ServoSettings
 from tests.support.arcl import at, forget_programs, run_example
 from tests.support.puma import ROBOT
@@ -136,6 +143,21 @@ def test_the_hand_closes_and_knows_no_positions() -> None:
         assert rp.ami.sample.hand == 2
         with pytest.raises(MotionError, match="no positions"):
             gripper(rp, GRIP_CLOSE_BY, 40.0)
+
+
+def test_groups_of_lines_reach_the_board_and_come_from_it() -> None:
+    wires = (OutputWire(1, "grip", bit=4), OutputWire(2, "glue", bit=5))
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, outputs=wires))
+    with rci.use(partial(link_factory, rig, SAMPLE_US)):
+        rp = arcl_open(0)
+        out, switches = new_iod(rp, IOD_OUT, 1, 2), new_iod(rp, IOD_IN, 2, 3)
+        iod_write(out, 0b11)
+        rig.board.panel.inputs = 0b1010
+        end = ami_treal() + 300
+        arcl_wait(rp, lambda: ami_treal() > end)
+        assert (iod_read(out), iod_read(switches)) == (0b11, 0b101)
+        assert rig.board.panel.discrete & 0x30 == 0x30
+        arcl_close(rp)
 
 
 def test_a_fault_of_the_servo_is_told_to_the_handler_and_raised_in_the_program() -> None:

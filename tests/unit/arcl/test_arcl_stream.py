@@ -12,6 +12,8 @@ import pytest
 from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter, cartesian_table, joint_table, read_stream
 from qrobot.arcl.stream.tables import ORIENTATIONS, table_text, write_table
 from qrobot.arcl.stream.text import stream_lines
+from qrobot.arcl.stream.torques import torque_table
+from qrobot.config import load_robot
 from qrobot.errors import ConfigError, LogError
 from qrobot.model.transform import rpy, transform
 
@@ -177,3 +179,37 @@ def test_unstream_interprets_the_common_records(path: Path) -> None:
 def test_a_stream_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot write the stream"):
         StreamWriter(tmp_path / "no" / "such" / "folder", START)
+
+
+def test_torques_of_an_arm_that_stands_are_those_published_for_gravity(tmp_path: Path) -> None:
+    """PUMA 560 stretched, VAL (0, 0, 90, 0, 0, 0): -45.717, -8.483 and -0.028 N m on joints 2, 3 and 5."""
+    writer = StreamWriter(tmp_path / "x", StreamStart("puma560", "RRRRRR", "prog", "offl", 56000))
+    stretched = np.radians([0.0, 180.0, -90.0, 0.0, 0.0, -180.0])
+    for k in range(4):
+        writer.numbers(RecordKind.JOINTS, stretched, 56.0 * k)
+    writer.close(168.0)
+    table = torque_table(read_stream(tmp_path / "x"), load_robot("puma560"))
+    assert [table[f"tau{j}_Nm"][1] for j in range(1, 7)] == pytest.approx([0, -45.717, -8.483, 0, -0.028, 0], abs=2e-3)
+    with pytest.raises(LogError, match="not of 'stanford'"):
+        torque_table(read_stream(tmp_path / "x"), load_robot("stanford"))
+
+
+def test_torques_of_a_joint_that_accelerates_are_its_inertia(tmp_path: Path) -> None:
+    """Joint 1 at READY turns with 2 rad/s2: half the torque difference to the turn the other way is its inertia."""
+    sums = []
+    for a in (2.0, -2.0):
+        writer = StreamWriter(tmp_path / "x", StreamStart("puma560", "RRRRRR", "prog", "offl", 20000))
+        for k in range(9):
+            joints = np.radians([0.0, 90.0, -90.0, 0.0, 0.0, 0.0])
+            joints[0] = 0.5 * a * (0.02 * (k - 4)) ** 2
+            writer.numbers(RecordKind.JOINTS, joints, 20.0 * k)
+        writer.close(160.0)
+        sums.append(torque_table(read_stream(tmp_path / "x"), load_robot("puma560"))["tau1_Nm"][4])
+    assert 1.0 < (sums[0] - sums[1]) / 4.0 < 3.0  # the rotor alone has 0.78 kg m2, and links stand off the axis
+    assert sums[0] == pytest.approx(-sums[1])
+
+
+def test_too_few_setpoints_have_no_torques(tmp_path: Path) -> None:
+    StreamWriter(tmp_path / "x", StreamStart("puma560", "RRRRRR", "prog", "offl", 20000)).close(0.0)
+    with pytest.raises(LogError, match="too few"):
+        torque_table(read_stream(tmp_path / "x"), load_robot("puma560"))
