@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
-from qrobot import rccl
 from qrobot.config import Robot
 from qrobot.ident.excitation import Excitation
 from qrobot.ident.perform import MoveProgress, perform
 from qrobot.ident.plan import ExcitationPlan
-from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.rig.fallen_arm import control_at_rest
+from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -41,6 +39,6 @@ def record_lockstep(
         ServoFault: the servo stopped the arm.
     """
     rig = LockstepRig(robot, settings, emulator)
-    with rccl.use(partial(link_factory, rig, period_us)), rccl.control(robot_file) as arm:
+    with control_at_rest(rig, robot_file, period_us) as arm:
         perform(arm, robot, plan, progress, first)
     return rig.rows()

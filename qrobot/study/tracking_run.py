@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 
-from qrobot import rccl
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.rig.fallen_arm import control_at_rest
+from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
@@ -49,7 +48,7 @@ def track_experiment(believed: Robot, robot_file: str, settings: ServoSettings, 
         ServoFault: the servo stopped the arm.
     """
     rig = LockstepRig(believed, settings, emulator)
-    with rccl.use(partial(link_factory, rig, DEFAULT_PERIOD_US)), rccl.control(robot_file) as arm:
+    with control_at_rest(rig, robot_file, DEFAULT_PERIOD_US) as arm:
         for pose, speed in (("park", SLOW), ("end", SLOW), ("park", 3.0 * SLOW)):
             arm.setjvel(speed)
             arm.move(arm.pose(pose))

@@ -16,6 +16,7 @@ from tests.support.processes import RunningArm, running_arms
 
 pytestmark = pytest.mark.realtime
 
+CREEP_COUNTS = 10  # of a wrist that only friction holds; the left arm goes some thousands meanwhile
 BACK_AND_FORTH = """
 import sys
 from qrobot import rccl
@@ -43,9 +44,10 @@ def program(tmp_path: Path) -> Path:
 
 def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm]) -> None:
     left, right = arms
+    right.wait_for_rest()  # its wrist has no brakes, and may still be falling from where it was made
     stood = right.encoders()
     with left.swinging(rad_s=0.2):
-        assert right.encoders() == stood
+        assert np.abs(np.subtract(right.encoders(), stood)).max() <= CREEP_COUNTS
         assert right.mode is Mode.OFF
         assert not right.powered
 
