@@ -41,12 +41,14 @@ class Fault:
 
 
 F = FaultCode
+# Under a load of which the servo does not know, a slow joint that counts backwards is first held like one that met something.
+TURNED_ROUND: Final = (F.ENC_SIGN, F.RUNAWAY, F.ENC_STUCK, F.FOLLOWING, F.ENC_LOSS, F.COLLISION)
 FAULTS: Final = (
     Fault("nothing", None, (F.NONE,)),
     Fault("encoder's cable off", "encoder:{joint} off", (F.ENC_STUCK, F.FOLLOWING), joints=BRAKED),
     Fault("encoder stuck", "encoder:{joint} stuck", (F.ENC_STUCK, F.ENC_LOSS, F.FOLLOWING), joints=BRAKED),
-    Fault("encoder reversed", "encoder:{joint} reversed", (F.ENC_SIGN, F.RUNAWAY, F.ENC_STUCK, F.FOLLOWING)),
-    Fault("encoder garbage", "encoder:{joint} garbage", (F.ENC_JUMP,), 10.0),
+    Fault("encoder reversed", "encoder:{joint} reversed", TURNED_ROUND),
+    Fault("encoder garbage", "encoder:{joint} garbage", (F.ENC_JUMP, F.RUNAWAY), 10.0),
     Fault("encoder jump", "encoder:{joint} jump 3000", (F.ENC_JUMP,), 10.0),
     Fault("motor at full torque", "dac:{joint} full", reaction_ms=50.0),
     Fault("motor at full torque backwards", "dac:{joint} full -1", reaction_ms=50.0),
@@ -73,7 +75,7 @@ class Row:
         """In which way it is out of its bounds; empty for none."""
         result, fault, degrees = self.result, self.fault, math.degrees(self.result.strayed_rad)
         late = self.conditions.moving and result.reaction_s * 1e3 > fault.reaction_ms
-        misnamed = bool(fault.codes) and result.code is not F.NONE and result.ends not in fault.codes
+        misnamed = bool(fault.codes) and result.code is not F.NONE and result.name not in fault.codes
         reasons = (
             (result.false_alarm, "stopped before anything broke"),
             (fault.line is None and result.code is not F.NONE, "stopped although nothing broke"),
@@ -117,7 +119,7 @@ def table(rows: list[Row]) -> str:
 
 def _line(fault: Fault, rows: list[Row]) -> str:
     noticed = [row.result for row in rows if row.result.code is not F.NONE]
-    called = sorted({result.ends.name for result in noticed if result.ends is not F.NONE})
+    called = sorted({result.name.name for result in noticed})
     moving = [row.result for row in rows if row.conditions.moving and row.result.code is not F.NONE]
     reaction = max((result.reaction_s for result in moving), default=math.inf)
     cut = max((result.cut_s for result in moving if math.isfinite(result.cut_s)), default=math.inf)

@@ -105,6 +105,11 @@ class Result:
     fastest: float
     false_alarm: bool
 
+    @property
+    def name(self) -> FaultCode:
+        """What the operator is told in the end: the fault, or the reason of a stop that left the arm held."""
+        return self.code if self.ends is FaultCode.NONE else self.ends
+
 
 def way(conditions: Conditions, t: Floats) -> Floats:
     """How far the joints have gone at times `t` of the motion, rad. Shape (len(t), n)."""
@@ -170,6 +175,18 @@ class Trial:
         broken_ns = rig.now_ns
         self._fly(round(WATCH_S * 1e9 / FRAME_NS))
         return self._judge(before, broken_ns)
+
+    def move_again(self) -> tuple[bool, float]:
+        """Ask for the motion anew from where the arm is held; whether it was stopped, and how far a joint went, rad."""
+        rig, start = self.rig, self.rig.emulator.q.copy()
+        begin = np.array(rig.mailbox.snapshot().q_ref)
+        for seq in range(round(WATCH_S * 1e9 / FRAME_NS)):
+            q = begin + way(self.conditions, np.array([seq * FRAME_NS * 1e-9]))[0]
+            rig.mailbox.push_setpoint(2, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
+            self._run(FRAME_NS)
+            if Mode(rig.mailbox.snapshot().mode) not in (Mode.HOLDING, Mode.TRACKING):
+                return True, float(np.abs(rig.emulator.q - start).max())
+        return False, float(np.abs(rig.emulator.q - start).max())
 
     def _power_on(self) -> None:
         """Power on while somebody holds the wrist, which has no brakes."""

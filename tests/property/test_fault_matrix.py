@@ -6,9 +6,13 @@ further from its path than the bound while it has torque.
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from tests.fault_matrix.campaign import FAULTS, Fault, conditions, run
+from qrobot.faultcodes import FaultCode
+from tests.fault_matrix.campaign import FAULTS, STRAY_DEG, Fault, conditions, run
+from tests.fault_matrix.trial import Conditions, Trial
 
 EVERY = 61  # of the conditions: a slice in which each value of each comes up
 
@@ -25,3 +29,15 @@ def test_the_slice_has_every_speed_stream_load_and_start() -> None:
     everything = list(conditions())
     for value in ("joint", "speed", "moving", "loaded", "stream", "direction"):
         assert {getattr(each, value) for each in chosen} == {getattr(each, value) for each in everything}
+
+
+@pytest.mark.parametrize(
+    "conditions", [Conditions(0, 0.1, True, True), Conditions(0, 0.5, False, True, direction=-1)], ids=str
+)
+def test_an_encoder_that_turned_round_and_was_taken_for_a_collision_lets_no_motion_pass(conditions: Conditions) -> None:
+    trial = Trial(conditions)
+    first = trial.run("encoder:1 reversed")
+    assert first.code is FaultCode.COLLISION
+    stopped, way = trial.move_again()
+    assert stopped
+    assert math.degrees(way) < STRAY_DEG
