@@ -160,8 +160,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.COLLISION: (
         "something pushes a joint harder than its model can explain",
-        "clear the obstacle, or, where nothing was hit, check the load and that joint's motor and encoder; then start the "
-        "program again",
+        "clear the obstacle, or, where nothing was hit, check the load and that joint's motor and encoder; "
+        "then start the program again",
     ),
     FaultCode.OVERRUN: (
         "too many cycles were late or skipped",

@@ -41,7 +41,7 @@ class Fault:
 
 
 F = FaultCode
-# Under a load of which the servo does not know, a slow joint that counts backwards is first held like one that met something.
+# Under an unknown load, a slow joint that counts backwards is first held like one that met an obstacle.
 TURNED_ROUND: Final = (F.ENC_SIGN, F.RUNAWAY, F.ENC_STUCK, F.FOLLOWING, F.ENC_LOSS, F.COLLISION)
 FAULTS: Final = (
     Fault("nothing", None, (F.NONE,)),
