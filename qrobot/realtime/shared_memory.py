@@ -12,7 +12,6 @@ import fcntl
 import mmap
 import os
 import struct
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self, TypeVar
@@ -21,6 +20,7 @@ import numpy as np
 
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError, LinkBusy, LinkError
+from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
@@ -220,7 +220,7 @@ def _open_locked(path: Path, n_words: int) -> int:
 def _lock(fd: int) -> bool:
     for attempt in range(_LOCK_TRIES):
         if attempt:
-            time.sleep(_LOCK_PAUSE_S)
+            sleep_between_looks(_LOCK_PAUSE_S)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -28,10 +28,8 @@ CALENDARS: Final = ("localtime", "gmtime", "ctime", "asctime", "strftime")  # cl
 # Files that may read a clock in any test, and why.
 CALLERS: Final[dict[str, str]] = {
     "tests/support/patience.py": "bounds a wait for an event of another thread or process, by a minute",
-    "qrobot/realtime/deadline.py": "bounds a wait for another process; tests give it a minute, or what will not come",
-    "qrobot/realtime/shared_memory.py": "pauses between two tries of a lock, of which it makes a number",
-    "qrobot/servo/operator/client.py": "bounds a wait for the servo's answer",
-    "qrobot/servo/operator/requests.py": "bounds a wait for the servo's loop, and tells the age of the board's image",
+    "qrobot/realtime/deadline.py": "bounds a wait for another process or thread, and pauses between two looks at it",
+    "qrobot/servo/operator/requests.py": "tells the age of the board's image, and decides nothing by it",
     "qrobot/servo/laws/trial.py": "measures how long a law takes",
     "qrobot/hwif/gateway.py": "its loop owns a clock; each step of a gateway is told the time",
     "qrobot/rccl_bridge/server.py": "its loop owns a clock; a session is told the time, and tests make it patient",
@@ -44,7 +42,6 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/cli/identify_fit.py": "dates a model when nobody says from which day it is",
     "qrobot/log/follow.py": "names a log by the time it begins; each step of a follower is told the time",
     "qrobot/servo/memory/mailbox.py": "pauses between two tries of a read, of which it makes a number",
-    "qrobot/servo/operator/board_status.py": "tells the age of the board's image, and decides nothing by it",
     "qrobot/hwif/modbus/panel.py": "its loop owns a clock; each step of the panel is told the time",
 }
 

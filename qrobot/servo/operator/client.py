@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Final
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, QRobotError
+from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
@@ -94,7 +94,7 @@ class ServoClient:
     def clear(self) -> ServoStatus:
         """Leave FAULT for OFF. Raises QRobotError while its cause persists."""
         if self._ask(Clear()).mode == "FAULT":
-            time.sleep(10 * POLL_S)  # the servo itself tries for a tenth of a second
+            sleep_between_looks(10 * POLL_S)  # the servo itself tries for a tenth of a second
         status = self.status()
         if status.mode == "FAULT":
             raise QRobotError(f"the fault stays: {status.text}")
@@ -139,14 +139,14 @@ class ServoClient:
 
     def watch(self, seconds: float = float("inf")) -> Iterator[ServoStatus]:
         """The status now, and again whenever mode, fault, event, law or commander change."""
-        until, last = time.monotonic() + seconds, None
-        while time.monotonic() < until:
+        end, last = Deadline(seconds), None
+        while not end.passed:
             status = self.status()
             seen = (status.mode, status.fault, status.event, status.law, status.commander)
             if seen != last:
                 last = seen
                 yield status
-            time.sleep(POLL_S)
+            sleep_between_looks(POLL_S)
 
     def close(self) -> None:
         """End the connection, and with it the authority it may have."""
@@ -182,9 +182,9 @@ class ServoClient:
         return line
 
     def _wait(self, condition: Callable[[ServoStatus], bool], patience_s: float) -> ServoStatus:
-        until = time.monotonic() + patience_s
-        while not condition(status := self.status()) and time.monotonic() < until:
-            time.sleep(POLL_S)
+        patience = Deadline(patience_s)
+        while not condition(status := self.status()) and not patience.passed:
+            sleep_between_looks(POLL_S)
         return status
 
     def _insist(self, modes: tuple[str, ...]) -> ServoStatus:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 import traceback
 from collections.abc import Callable
 from functools import partial
@@ -24,6 +23,7 @@ from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotEr
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.hwif.board_memory import BoardSegment
+from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
@@ -331,7 +331,7 @@ class Controls:
         self._swap(law, request.name, np.array(servo.swap.gains))
 
     def _zero_force(self) -> None:
-        zero = zero_force(self._servo, partial(time.sleep, _READING_S))
+        zero = zero_force(self._servo, partial(sleep_between_looks, _READING_S))
         self._wait_for_loop()
         listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
         self._servo.say(f"force sensor zeroed: {listed}")
@@ -397,11 +397,11 @@ def _wait_for_swap(swap: SwapState) -> int | None:
 
 def _poll(condition: Callable[[], bool]) -> None:
     """Wait for the loop. Raises LinkTimeout when it does not run."""
-    until = time.monotonic() + LOOP_PATIENCE_S
+    patience = Deadline(LOOP_PATIENCE_S)
     while not condition():
-        if time.monotonic() > until:
+        if patience.passed:
             raise LinkTimeout("the servo's loop does not run: if the arm is not at rest, use the emergency stop")
-        time.sleep(_POLL_S)
+        sleep_between_looks(_POLL_S)
 
 
 def _checked(name: str, wanted: tuple[float, ...], usual: Any, least: float, most: float) -> Matrix:
