@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -109,15 +108,23 @@ def _forget(rp: ArclRobot) -> None:
 
 
 def end_all(well: bool) -> None:
-    """The program has ended: do what motions wait if it ended well, and let go of all robots."""
+    """The program has ended: do what motions wait if it ended well, and let go of all robots.
+
+    Raises the first error of a program that ended well, once all robots are let go.
+    """
+    first: QRobotError | None = None
     for rp in open_robots():
         try:
             if well:
                 rp.close()
-        finally:
-            with suppress(QRobotError):
+            else:
                 rp.abandon()
+        except QRobotError as error:
+            first = first or error
+        finally:
             _forget(rp)
+    if well and first is not None:
+        raise first
 
 
 def _at_exit() -> None:

@@ -198,8 +198,9 @@ class ArclRobot:
             return
         self._closed = True
         try:
-            if self.ami.error is None and self._motions.busy:
-                self._motions.stop(0.0)
+            if self.ami.error is None:
+                with self.ami.lock():
+                    self._motions.stop(0.0)  # at rest it may still follow a frame that moves
                 self.ami.wait(lambda: not self._motions.busy)
         finally:
             self.ami.close(power_off)

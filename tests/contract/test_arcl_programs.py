@@ -244,6 +244,20 @@ def test_functions_are_called_for_the_events_of_a_motion() -> None:
     assert told == [(EVENT_DEQ, True), (EVENT_BEGIN, True), (EVENT_NEAR, True), "away", (EVENT_DONE, True)]
 
 
+def test_a_function_may_queue_the_next_motion() -> None:
+    rp, left = offline(), [3]
+
+    def again(robot, motion):
+        left[0] -= 1
+        if left[0]:
+            move(robot, joint_pos(robot, "next", (10.0 * left[0], *PARK[1:])), MOV_DONEPROC, again, 0)
+
+    move(rp, joint_pos(rp, "away", AWAY), MOV_DONEPROC, again, 0)
+    arcl_wait(rp)
+    assert left == [0]
+    assert np.allclose(rp.joints, (10.0, *PARK[1:]))
+
+
 def test_a_refused_motion_is_asked_for_again_until_it_may_begin() -> None:
     rp, asked = offline(), []
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from qrobot.arcl import (
     EQ,
@@ -51,6 +53,7 @@ from qrobot.arcl import (
     vect_unit,
     yunit,
 )
+from qrobot.arcl.attributes import Attribute
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.switches import Switches
 from qrobot.errors import ConfigError, MotionError
@@ -220,3 +223,23 @@ def test_switches_are_taken_out_of_the_command_line() -> None:
 def test_a_switch_that_nobody_knows_is_refused(word: str) -> None:
     with pytest.raises(ConfigError):
         Switches().take(["prog", word])
+
+
+WORDS = st.one_of(
+    st.sampled_from([*Attribute, 0, None, "lun", True, -1, 2, 1e9, float("nan"), print, T6, b"x", (1, 2)]),
+    st.integers(-5, 120),
+    st.floats(),
+    st.text(max_size=4),
+)
+
+
+@given(words=st.lists(WORDS, max_size=8))
+@settings(max_examples=200)
+def test_any_list_of_attributes_gives_options_or_a_plain_refusal(words: list) -> None:
+    try:
+        options = MotionOptions().changed_by("move", words)
+    except MotionError:
+        return
+    assert options.traj in (1, 2)
+    assert options.ta_ms >= 0.0
+    assert 0.0 < options.share <= 100.0
