@@ -60,7 +60,7 @@ class TerminalKeys:
         self._fd = fd
 
     def read(self) -> str:
-        """What has been typed since the last call; never waits."""
+        """Keys typed since the last call; never waits."""
         if not select.select([self._fd], [], [], 0)[0]:
             return ""
         return os.read(self._fd, MOST_CHARACTERS).decode("ascii", "replace") or "q"

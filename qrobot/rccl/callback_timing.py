@@ -30,6 +30,6 @@ class CallbackTiming:
         return {trsf.name: trsf.longest_ms for trsf in self._watched if trsf.longest_ms > self._period_ms}
 
     def complaint(self) -> str:
-        """What to tell with a stop that they may have caused; nothing when none is too slow."""
+        """Remark for a stop that slow functions may have caused; empty when none is too slow."""
         slow = ", ".join(f"{name} took {ms:.0f} ms" for name, ms in self.overruns.items())
         return f"; the sample period is {self._period_ms:g} ms, and the function of {slow}" if slow else ""

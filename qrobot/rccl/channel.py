@@ -133,7 +133,7 @@ class Channel(MotionParameters):
 
     @property
     def chg(self) -> Chg:
-        """What the next command says: hand and outputs are the program's, the joints those of its motions.
+        """The next command: hand and outputs are the program's, the joints those of its motions.
 
         A function given to `each_sample` may change the joints' modes and setpoints too.
         """
@@ -183,7 +183,7 @@ class Channel(MotionParameters):
             self._session.change_period(period_us, add_trace(self._traces, self.robot, period_us))
 
     def update(self, trsf: Trsf, position: Position) -> None:
-        """When the next motion ends, give `trsf` the value that makes the equation of `position` true.
+        """Give `trsf`, when the next motion ends, the value that makes the equation of `position` true.
 
         The measured T6 counts, as it is at that instant: at rest, half way round a via point, or where the motion is
         interrupted, whether the arm then goes on or is brought to rest. A motion that is dropped before it has begun
@@ -204,7 +204,7 @@ class Channel(MotionParameters):
 
     @property
     def exerted(self) -> Exerted:
-        """What the joints exert on the world at the newest sample, with its uncertainty; N m (N).
+        """Torques that the joints exert on the world at the newest sample, with their uncertainty; N m (N).
 
         The commanded torque less gravity, inertia and friction. Raises LinkError before the first sample.
         """

@@ -1,4 +1,4 @@
-"""How a program comes to a channel: everything compiled, connected, the right robot, under control."""
+"""Connection of a program to a channel: everything compiled, connected, the right robot, under control."""
 
 from __future__ import annotations
 

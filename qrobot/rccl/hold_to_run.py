@@ -66,7 +66,7 @@ class HeldJog:
             self._arm.each_sample(None)
 
     def _look_at_key(self) -> None:
-        """At each sample: whether the servo may let the arm move."""
+        """Tell at each sample whether the servo may let the arm move."""
         now_ms = self._arm.time
         self._held = self._keys.hear(self._read_keys(), now_ms)
         self._arm.chg.key_held = self._held in (PLUS, MINUS) or now_ms < self._brake_until_ms
@@ -99,7 +99,7 @@ class HeldJog:
         self._tell(self._chosen())
 
     def _chosen(self) -> str:
-        """What a held key would do, for people."""
+        """Motion that a held key would make, for people."""
         share = SPEEDS[self._speed]
         if not self._axis:
             name = self._arm.robot.joint_names[self._joint]

@@ -120,7 +120,7 @@ class Stepper:
 
 
 def measure(arm: Channel, name: str) -> Transform:
-    """Where an arm at rest is, by `update`."""
+    """Measure where an arm at rest is, by `update`."""
     here = newtrans(name)
     record_into(arm, here, position_of(here))
     return here
@@ -149,7 +149,7 @@ def position_of(trsf: Transform) -> Position:
 
 
 def place(value: Floats) -> str:
-    """Where a frame (4, 4) is and how it is turned, for people: the numbers of a data base, and of `gentr_rpy`."""
+    """Position and orientation of a frame (4, 4) for people: the numbers of a data base, and of `gentr_rpy`."""
     x, y, z = value[:3, 3] * MM_PER_M
     roll, pitch, yaw = (_without_sign_of_zero(angle * DEG_PER_RAD) for angle in rpy_angles(value[:3, :3]))
     return f"at {x:.1f} {y:.1f} {z:.1f} mm, roll {roll:.1f} pitch {pitch:.1f} yaw {yaw:.1f} deg"

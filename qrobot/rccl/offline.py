@@ -30,7 +30,7 @@ _READY: Final = RobotFlag.POWERED | RobotFlag.CALIBRATED | RobotFlag.ESTOP_OK
 
 
 class _Torques:
-    """What the motors of an arm have to do that follows its setpoints and touches nothing."""
+    """Torques of an arm that follows its setpoints and touches nothing."""
 
     def __init__(self, robot: Robot, period_s: float) -> None:
         self._dynamics, self._work = dynamics_params(robot), dynamics_work(robot.n)
@@ -118,7 +118,7 @@ class OfflineLink:
 
 
 def _next_mode(mode: int, command: Command) -> int:
-    """What a servo comes to that has nothing to wait for."""
+    """Next mode of a servo that has nothing to wait for."""
     if JointMode.TORQUE in command.modes:
         raise MotionError("off line nothing gives way: there is nothing around the arm; try `qrobot run --lockstep`")
     if not command.power:

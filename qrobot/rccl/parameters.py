@@ -102,7 +102,7 @@ class MotionParameters:
     # ---------------------------------------------------------------------------------------- all following motions
 
     def setmode(self, mode: str, turn: str = "axis") -> None:
-        """What is straight about the following motions: the path of the joints, or that of the controlled frame.
+        """Choose the coordinates in which the following motions are straight: the joints', or the controlled frame's.
 
         Positions that are given by their joints are gone to in joint mode always.
 

@@ -50,7 +50,7 @@ _SEQ_MODULUS: Final = 1 << 32
 
 
 class TaskPhase(Enum):
-    """How far a program is."""
+    """Phases of a program."""
 
     POWERING = "powering"
     STARTING = "starting"

@@ -1,4 +1,4 @@
-"""Who calls the trajectory task: a thread paced by the robot's STATE packets, or the program itself while it waits.
+"""Callers of the trajectory task: a thread paced by the robot's STATE packets, or the program itself while it waits.
 
 The same program runs under both. In real time samples pass by themselves; in lock-step time stands still until the
 program waits for something, so a run is the same every time. Time passes for all arms of a program alike: whichever it
@@ -96,7 +96,7 @@ class LockstepRunner:
         self._link.close("program ended")
 
     def _others(self) -> list[LockstepRunner]:
-        """Those of the program's other arms."""
+        """Tasks of the program's other arms."""
         return [other for other in self._running if other is not self and other._thread == self._thread]
 
     @property

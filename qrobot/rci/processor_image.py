@@ -33,7 +33,7 @@ class KnownArea(NamedTuple):
 
 
 class TaskNumbers:
-    """What compiled tasks work on: the region of shared memory that has the name of the task, as numbers."""
+    """Numbers of compiled tasks: the region of shared memory that has the name of the task."""
 
     def __init__(self) -> None:
         self._regions: dict[str, Floats] = {}

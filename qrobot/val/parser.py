@@ -73,7 +73,7 @@ def _parse(text: str, start: str) -> Any:
 
 
 def _without_comment(text: str) -> tuple[str, str | None]:
-    """What stands before a semicolon that is not between quotes, and what behind it."""
+    """Parts of a line before and behind a semicolon that is not between quotes."""
     quoted = False
     for place, character in enumerate(text):
         quoted ^= character == '"'

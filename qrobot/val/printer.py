@@ -40,7 +40,7 @@ def print_number(value: float) -> str:
 
 
 def print_action(action: tree.StepAction) -> str:  # noqa: PLR0911 (one form for each)
-    """What a line does, without its label."""
+    """Text of a line's action, without its label."""
     match action:
         case tree.Instruction(word=word, arguments=arguments, always=always):
             return _joined(word, _arguments(arguments), "ALWAYS" if always else "")

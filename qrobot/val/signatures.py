@@ -1,4 +1,4 @@
-"""What each instruction and function takes: how many arguments, and of which kind."""
+"""Signatures of instructions and functions: how many arguments each takes, and of which kind."""
 
 from __future__ import annotations
 

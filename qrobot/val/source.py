@@ -42,7 +42,7 @@ Numbered: TypeAlias = tuple[int, str]
 
 @dataclass
 class SourceFile:
-    """What a file holds.
+    """Contents of a file.
 
     Attributes:
         programs: by name.
@@ -94,7 +94,7 @@ def print_source(source: SourceFile) -> str:
 
 
 def read_source(text: str) -> tuple[SourceFile, list[ProgramError]]:
-    """What the text of a file holds, and every mistake in it; lines with a mistake are empty."""
+    """Read the text of a file, and every mistake in it; lines with a mistake are empty."""
     lines = text.splitlines()
     if len(lines) > MOST_LINES:
         return SourceFile(), [ProgramError(f"a file has at most {MOST_LINES} lines, this has {len(lines)}")]

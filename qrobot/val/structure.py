@@ -28,7 +28,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Jumps:
-    """Where steps lead, all from 0; a step behind the last is the end of the program.
+    """Targets of steps, all from 0; a step behind the last is the end of the program.
 
     Attributes:
         labels: step of each label.

@@ -25,7 +25,8 @@ class TextLiteral:
 
 @dataclass(frozen=True)
 class OutputFormat:
-    """How TYPE writes what follows: "I3", "F8.2", "S" a line's end left out, "C2" two line ends, "X3" three blanks."""
+    """Format of TYPE for what follows: "I3", "F8.2", "S" a line's end left out, "C2" two line ends, "X3" three
+    blanks."""
 
     code: str
 

@@ -1,4 +1,4 @@
-"""What lark has parsed, made into the trees of `tree`."""
+"""Builder of the trees of `tree` from what lark has parsed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each call of a C program does: from its message to `qrobot.rccl`."""
+"""Dispatcher of the calls of a C program: from each message to `qrobot.rccl`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CallReply: TypeAlias = "CallMessage | None"
 
 @dataclass(frozen=True)
 class ProgramLink:
-    """How the engine reaches the program.
+    """Interface through which the engine reaches the program.
 
     Attributes:
         call: have a function of the program called: the `Op`, and which.
@@ -124,7 +124,7 @@ class Dispatcher:
             arm.nextmove(code)
 
     def _look_at_flags(self) -> None:
-        """What the program has assigned since the latest sample counts now."""
+        """Obey what the program has assigned since the latest sample."""
         if self._arm is None:
             return
         if self._variables.terminate:
@@ -282,7 +282,7 @@ class Dispatcher:
     # --------------------------------------------------------------------------------------- encoders, converter
 
     def adcopen(self, message: CallMessage) -> CallReply:
-        """Which reading `how.adcr` shows: a component of the wrist sensor."""
+        """Choose the reading of `how.adcr`: a component of the wrist sensor."""
         channel = int(message.numbers[0])
         if not 0 <= channel < 6:
             raise MotionError(f"adcopen({channel}): the channels are 0 to 5: fx fy fz mx my mz of the wrist sensor")

@@ -34,11 +34,11 @@ _MAKERS: Final[dict[str, Callable[..., Transform]]] = {
 
 
 class UnknownError(MotionError):
-    """What a call was given is nothing that we know."""
+    """A call was given something that is no object of ours."""
 
 
 class ObjectRegistry:
-    """What one program has made.
+    """Objects that one program has made.
 
     Args:
         memory: shared with the program.

@@ -19,16 +19,6 @@ WORDS = (
 NO_SUBJECT = frozenset(WORDS.split())
 TO_BE_REWRITTEN = {
     "hwif/board_memory.py",
-    "rccl/c/dispatcher.py",
-    "rccl/c/object_registry.py",
-    "rccl/callback_timing.py",
-    "rccl/channel.py",
-    "rccl/connect.py",
-    "rccl/jog.py",
-    "rccl/offline.py",
-    "rccl/parameters.py",
-    "rccl/task.py",
-    "rccl/task_runners.py",
     "servo/checks/guardian_arming.py",
     "servo/laws/law_swap.py",
     "servo/memory/mailbox.py",
