@@ -38,6 +38,11 @@ def open_channel(
         raise
 
 
+def compile_joint_motion(robot: str) -> None:
+    """The part of `compile_motion` that needs no pose of the arm, the smaller one."""
+    _warm_up_joints(load_robot(robot), Blend.QUARTIC)
+
+
 def compile_motion(robot: str) -> None:
     """Compile what a program moves `robot` by, ahead of it. Raises ConfigError when there is no such robot."""
     _warm_up(load_robot(robot), Blend.QUARTIC)
@@ -45,10 +50,14 @@ def compile_motion(robot: str) -> None:
 
 def _warm_up(robot: Robot, blend: Blend) -> None:
     """No sample may wait for the compiler."""
-    warm_up(robot.n, blend)
-    warm_up_force(robot)
+    _warm_up_joints(robot, blend)
     if (kinematics := kinematics_of(Arm(robot))) is not None:
         warm_up_cartesian(motion_limits(robot), kinematics, robot.poses["park"], blend)
+
+
+def _warm_up_joints(robot: Robot, blend: Blend) -> None:
+    warm_up(robot.n, blend)
+    warm_up_force(robot)
 
 
 def _check_robot(robot: Robot, welcome: Welcome) -> None:

@@ -1,8 +1,9 @@
 """Half of what a first program needs, compiled by a second process while the first one compiles the other half.
 
 `python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. It takes the parts of a cycle from the last
-one on, as a loop that is being compiled takes them from the first one on, then what a program moves by. Whoever needs a
-kernel that it is just compiling waits for it (`realtime.compile_once`).
+one on, as a loop that is being compiled takes them from the first one on. Before, while the first process compiles what
+it makes its board with, and afterwards, while that compiles the rest of its loop, it takes what a program moves by.
+Whoever needs a kernel that is just being compiled waits for it (`realtime.compile_once`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numba import typeof, types
 
 from qrobot.config import load_robot
 from qrobot.motion.path.path_piece import evaluate
-from qrobot.rccl.connect import compile_motion
+from qrobot.rccl.connect import compile_joint_motion, compile_motion
 from qrobot.realtime.jit import jit_disabled
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.cycle import update_reference
@@ -82,5 +83,6 @@ def _type_in_kernel(value: Any) -> Any:
 
 
 if __name__ == "__main__":
+    compile_joint_motion(sys.argv[1])
     compile_parts(sys.argv[1])
     compile_motion(sys.argv[1])
