@@ -49,7 +49,7 @@ class Description(NamedTuple):
     before: float
 
 
-class Parts(NamedTuple):
+class UnknownValues(NamedTuple):
     """Values of one kind each: base parameters of arm and load, then by motor; of some motors the scales only."""
 
     weights: Floats
@@ -102,12 +102,12 @@ class Unknowns:
         """Names of all unknowns, for complaints."""
         return [description.name for description in self.descriptions()]
 
-    def parts(self, values: Floats) -> Parts:
+    def parts(self, values: Floats) -> UnknownValues:
         """Values (p,) by their kind; friction (n, 3), remainder (n, 2) and drift (n,) by motor."""
         n = self.robot.n
         sizes = self.n_weights, self.n_friction, len(self.free), n * len(REMAINDER_NAMES), n
         weights, friction, scales, remainder, drift, terms = np.split(values, np.cumsum(sizes))
-        return Parts(weights, friction.reshape(n, -1), scales, remainder.reshape(n, -1), drift, terms)
+        return UnknownValues(weights, friction.reshape(n, -1), scales, remainder.reshape(n, -1), drift, terms)
 
     def scale(self, values: Floats) -> Floats:
         """Torque scale of each motor. Shape (n,)."""

@@ -21,7 +21,7 @@ from qrobot.realtime.jit import jit_disabled, lean_kernel
 from qrobot.realtime.pointer import KernelPointer, function_at
 from qrobot.units import NS_PER_S
 
-CompiledFunction: TypeAlias = Callable[[int, Floats], None]
+CompiledTaskFunction: TypeAlias = Callable[[int, Floats], None]
 SIGNATURE: Final = types.void(types.int64, types.float64[::1])
 LOOK_NS: Final = 20_000_000  # [A] a loop that sleeps looks up so often, to see that it is to end
 

@@ -14,7 +14,7 @@ from qrobot.rci.mapped_area import MappedArea
 from qrobot.rci.robot_data import KnownRobot
 from qrobot.rci.task_table import SharedArea
 
-Variable = tuple[str, str, str, tuple[int, ...]]
+SharedVariable = tuple[str, str, str, tuple[int, ...]]
 """Module, name, type and shape of a global array in shared memory."""
 
 
@@ -29,7 +29,7 @@ class KnownArea(NamedTuple):
     """A region of shared memory, and the variable that lies there."""
 
     area: SharedArea
-    variable: Variable | None
+    variable: SharedVariable | None
 
 
 class TaskNumbers:
@@ -69,7 +69,7 @@ class AreaRecord:
     size: int
     access: int
     area: MappedArea
-    variable: Variable | None = None
+    variable: SharedVariable | None = None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from qrobot.errors import ConfigError, QRobotError
 from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
-from qrobot.rci.processor_image import KnownArea, KnownTask, Variable
+from qrobot.rci.processor_image import KnownArea, KnownTask, SharedVariable
 from qrobot.rci.real_time import RealTimeProcessors
 from qrobot.rci.robot_data import KnownRobot, RobotTable
 from qrobot.rci.schedule import check_interval
@@ -128,7 +128,7 @@ class RciProgram:
             raise ConfigError(f"{what}: create all tasks and shared memory before the first rci_start()")
 
     def share_memory(
-        self, label: str, size: int, host: TaskDescriptor | None, access: int, variable: Variable | None = None
+        self, label: str, size: int, host: TaskDescriptor | None, access: int, variable: SharedVariable | None = None
     ) -> Bytes:
         """A region of memory; see `rci_shared_memory`."""
         self._check_not_sealed(f"shared memory {label!r}")
