@@ -18,16 +18,7 @@ from qrobot.errors import QRobotError
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.lockstep import LockstepRig, run_ticks
-from qrobot.servo.memory.setpoint_queue import (
-    FRAME_JOINTS,
-    FRAME_PERIOD_NS,
-    FRAME_SEQ,
-    FRAME_STREAM,
-    FRAME_T_NS,
-    POSITION_SETPOINT,
-    frame_words,
-    push_frame,
-)
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, frame_dtype, push_frame
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -42,24 +33,25 @@ PLANTS: Final[dict[Physics, str]] = {"rigid": "rigid plant", "mujoco": "MuJoCo"}
 
 
 @lean_kernel
-def play(params: Any, state: Any, mail: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int) -> int:
-    """Servo, board and plant through all `frames`, int64[k, words], each handed over when its time has come."""
+def play(
+    params: Any, state: Any, mail: Any, ring: Any, board: Any, emulator: Any, frames: Any, now_ns: int, substeps: int
+) -> int:
+    """Servo, board and plant through all `frames`, shape (k,), each handed over when its time has come."""
     for k in range(frames.shape[0]):
-        frames[k, FRAME_T_NS] = now_ns
-        push_frame(mail, frames[k], frames.shape[1])
+        frames[k].t_ns = now_ns
+        push_frame(mail, frames[k])
         until_ns = now_ns + FRAME_NS
         n = (until_ns - now_ns) // params.period_ns
-        now_ns = run_ticks(params, state, mail, board, emulator, now_ns, n, substeps)
+        now_ns = run_ticks(params, state, mail, ring, board, emulator, now_ns, n, substeps)
     return now_ns
 
 
-def frames_of(positions: NDArray[np.float64]) -> NDArray[np.int64]:
+def frames_of(positions: NDArray[np.float64]) -> Any:
     """Frames of one stream that ask for `positions`, shape (k, n)."""
     k, n = positions.shape
-    frames = np.zeros((k, frame_words(n)), dtype=np.int64)
-    frames[:, FRAME_STREAM], frames[:, FRAME_SEQ], frames[:, FRAME_PERIOD_NS] = 1, np.arange(k), FRAME_NS
-    frames[:, FRAME_JOINTS : FRAME_JOINTS + n] = POSITION_SETPOINT
-    frames.view(np.float64)[:, FRAME_JOINTS + n :] = positions
+    frames = np.zeros(k, dtype=frame_dtype(n)).view(np.recarray)
+    frames.stream, frames.seq, frames.period_ns = 1, np.arange(k), FRAME_NS
+    frames.modes, frames["values"] = POSITION_SETPOINT, positions
     return frames
 
 
@@ -101,7 +93,7 @@ def loop_rows(path: NDArray[np.float64], effort: Effort) -> Iterator[Row]:
 def play_once(physics: Physics, path: NDArray[np.float64]) -> float:
     """Robot time over wall-clock time. Raises QRobotError when the servo does not follow to the end."""
     rig, frames = powered_rig(physics), frames_of(path)
-    arguments = (rig.params, rig.state, rig.mail, rig.board, rig.emulator.bundle)
+    arguments = (rig.params, rig.state, rig.mail, rig.mailbox.ring, rig.board, rig.emulator.bundle)
     began_ns, began_s = rig.now_ns, perf_counter()
     rig.now_ns = play(*arguments, frames, rig.now_ns, rig.substeps)
     took_s = perf_counter() - began_s
@@ -133,8 +125,8 @@ def watched(physics: Physics, path: NDArray[np.float64]) -> tuple[str, NDArray[n
     """Digest of all telemetry of a run, and the true positions after each frame. Shape (frames, n)."""
     rig, frames, positions = powered_rig(physics, keep_telemetry=True), frames_of(path), []
     for frame in frames:
-        frame[FRAME_T_NS] = rig.now_ns
-        push_frame(rig.mail, frame, frame.size)
+        frame.t_ns = rig.now_ns
+        push_frame(rig.mail, frame)
         rig.ticks(FRAME_NS // rig.period_ns)
         positions.append(rig.emulator.q)
     _check_tracking(rig)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-import numpy as np
-
 from benchmarks.box import FRAME_NS
 from benchmarks.rows import Goal, Row, row
 from benchmarks.timing import Effort, interleaved
@@ -16,18 +14,8 @@ from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS
 from qrobot.hwif.lanes import discard_operations, take_operation
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.memory.mailbox import INFO_TELEMETRY_BASE, INFO_TELEMETRY_CAPACITY
-from qrobot.servo.memory.setpoint_queue import (
-    FRAME_JOINTS,
-    FRAME_PERIOD_NS,
-    FRAME_SEQ,
-    FRAME_STREAM,
-    FRAME_T_NS,
-    POSITION_SETPOINT,
-    frame_words,
-    push_frame,
-)
-from qrobot.servo.memory.telemetry import append_row
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, make_frame, push_frame
+from qrobot.servo.memory.telemetry import append_telemetry
 from qrobot.servo.modes import Mode
 from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
@@ -38,17 +26,17 @@ RATE_HZ: Final = 4000
 
 
 @lean_kernel
-def ticks(params: Any, state: Any, mail: Any, board: Any, frame: Any, now_ns: int, n: int) -> int:
+def ticks(params: Any, state: Any, mail: Any, ring: Any, board: Any, frame: Any, now_ns: int, n: int) -> int:
     """`n` servo ticks: each finds a new image, frames come in time, and what is written goes nowhere."""
     late_ns = now_ns - now_ns  # no constant, for which another cycle would be compiled than the one that runs
     for _ in range(n):
         board.shown.image[IMAGE_T_NS] = now_ns
         board.shown.image[IMAGE_COUNT] += 1
-        if now_ns >= frame[FRAME_T_NS] + FRAME_NS:
-            frame[FRAME_SEQ] += 1
-            frame[FRAME_T_NS] = now_ns
-            push_frame(mail, frame, frame.size)
-        one_cycle(params, state, mail, board, now_ns, late_ns)
+        if now_ns >= frame.t_ns + FRAME_NS:
+            frame.seq += 1
+            frame.t_ns = now_ns
+            push_frame(mail, frame)
+        one_cycle(params, state, mail, ring, board, now_ns, late_ns)
         discard_operations(board, SERVO_LANE)
         take_operation(board, SERVO_LANE, state.ops[0])  # there is none: the lane sees that it is empty
         now_ns += params.period_ns
@@ -56,11 +44,11 @@ def ticks(params: Any, state: Any, mail: Any, board: Any, frame: Any, now_ns: in
 
 
 @lean_kernel
-def telemetry_rows(mail: Any, state: Any, n: int) -> None:
+def telemetry_rows(ring: Any, state: Any, n: int) -> None:
     """`n` rows of telemetry."""
     for k in range(n):
-        state.row[0] = k
-        append_row(mail, mail[INFO_TELEMETRY_BASE], mail[INFO_TELEMETRY_CAPACITY], state.row.size, state.row)
+        state.row.tick = k
+        append_telemetry(ring, state.row)
 
 
 def holding_rig() -> LockstepRig:
@@ -76,10 +64,9 @@ def holding_rig() -> LockstepRig:
 def frame_here(rig: LockstepRig) -> Any:
     """A frame of a new stream that asks every joint to stay where its reference is."""
     n = rig.robot.n
-    frame = np.zeros(frame_words(n), dtype=np.int64)
-    frame[FRAME_STREAM], frame[FRAME_SEQ], frame[FRAME_PERIOD_NS] = 1, -1, FRAME_NS
-    frame[FRAME_JOINTS : FRAME_JOINTS + n] = POSITION_SETPOINT
-    frame.view(np.float64)[FRAME_JOINTS + n :] = rig.mailbox.snapshot().q_ref
+    frame = make_frame(n)
+    frame.stream, frame.seq, frame.period_ns = 1, -1, FRAME_NS
+    frame.modes[:], frame.values[:] = POSITION_SETPOINT, rig.mailbox.snapshot().q_setpoint
     return frame
 
 
@@ -89,11 +76,11 @@ def rows(effort: Effort) -> Iterator[Row]:
     frame = frame_here(rig)
 
     def run(n: int) -> None:
-        rig.now_ns = ticks(rig.params, rig.state, rig.mail, rig.board, frame, rig.now_ns, n)
+        rig.now_ns = ticks(rig.params, rig.state, rig.mail, rig.mailbox.ring, rig.board, frame, rig.now_ns, n)
 
     run(2 * FRAME_NS // rig.period_ns)
-    telemetry_rows(rig.mail, rig.state, 1)
-    contenders = {"tick": lambda: run(many), "row": lambda: telemetry_rows(rig.mail, rig.state, many)}
+    telemetry_rows(rig.mailbox.ring, rig.state, 1)
+    contenders = {"tick": lambda: run(many), "row": lambda: telemetry_rows(rig.mailbox.ring, rig.state, many)}
     times = {name: duration / many * 1e9 for name, duration in interleaved(contenders, effort.rounds).items()}
     mode = Mode(rig.mailbox.snapshot().mode)
     if mode is not Mode.TRACKING:

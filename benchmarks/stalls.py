@@ -29,7 +29,9 @@ from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.memory.mailbox import ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import ServoSnapshot
+from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.modes import Mode
 from qrobot.units import NS_PER_S
 
@@ -81,7 +83,7 @@ class Stalls:
     def look(self, now: ServoSnapshot, seconds: float) -> None:
         """Take a look after a stall of so many seconds."""
         self.times, self.stopped_s, self.missed = self.times + 1, self.stopped_s + seconds, now.missed_frames
-        self.largest_error = max(self.largest_error, float(np.abs(now.q_ref - now.q).max()))
+        self.largest_error = max(self.largest_error, float(np.abs(now.q_setpoint - now.q).max()))
         if now.event or now.mode not in (Mode.TRACKING, Mode.HOLDING):
             name, mode = FaultCode(now.event).name, Mode(now.mode).name
             self.events.append(f"{name} in {mode} after {1e3 * seconds:.0f} ms")

@@ -10,9 +10,10 @@ from typing import Final
 
 from qrobot.faultcodes import EXPLANATION, NO_JOINT
 from qrobot.wire import layout, vocabulary
+from qrobot.wire.document import state_members, state_reads
 from qrobot.wire.layout import CRC_BYTES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
 
-_PART: Final = re.compile(r"(/\* generated: constants \*/\n).*?(/\* end \*/)", re.DOTALL)
+_PART: Final = re.compile(r"(/\* generated: (\w+) \*/\n).*?( */\* end \*/)", re.DOTALL)
 _ENUMERATIONS: Final = {
     "ROLE": vocabulary.ClientRole,
     "JOINT": vocabulary.JointMode,
@@ -37,8 +38,8 @@ _LIMITS: Final = {
 
 
 def refresh(header: str) -> str:
-    """The header with its generated part made anew."""
-    return _PART.sub(lambda found: found[1] + "\n".join(_constants()) + "\n" + found[2], header)
+    """The header with its generated parts made anew."""
+    return _PART.sub(lambda found: found[1] + "\n".join(_PARTS[found[2]]()) + "\n" + found[3], header)
 
 
 def _constants() -> Iterator[str]:
@@ -96,3 +97,6 @@ def _fault_texts() -> str:
         f'    case {code.value}: return "{code.name}: {what}";' for code, (what, _) in sorted(EXPLANATION.items())
     ]
     return "\n".join([*lines, '    default: return "a code that is not known here";', "    }", "}"])
+
+
+_PARTS: Final = {"constants": _constants, "state": state_members, "decode": state_reads}

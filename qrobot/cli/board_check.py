@@ -89,7 +89,7 @@ def _transport_to(arm: DeployedArm, read_only: bool) -> Bus:
 
 def _refuse_beside_a_servo(arm: str) -> None:
     """Two who write torques are one too many. Raises LinkBusy."""
-    from qrobot.servo.memory.mailbox import attach_servo_memory
+    from qrobot.servo.memory.servo_memory import attach_servo_memory
 
     try:
         with attach_servo_memory(arm) as segment:

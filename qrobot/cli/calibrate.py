@@ -76,7 +76,8 @@ def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
         ConfigError, ServoFault: what `run_calibration` raises.
     """
     from qrobot.servo.memory.commander_lock import Authority
-    from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
+    from qrobot.servo.memory.mailbox import ServoMailbox
+    from qrobot.servo.memory.servo_memory import attach_servo_memory
     from qrobot.servo.operator.calibration_client import run_calibration
 
     memory, authority = attach_servo_memory(arm.name), Authority(arm.name)

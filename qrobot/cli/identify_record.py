@@ -85,7 +85,7 @@ def _recording(arm: DeployedArm, robot: Robot, output: Path) -> Iterator[None]:
     from qrobot.cli.log import recorded_header
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.writer import LogWriter
-    from qrobot.servo.memory.mailbox import attach_servo_memory
+    from qrobot.servo.memory.servo_memory import attach_servo_memory
 
     attach_servo_memory(arm.name).close()  # says so when there is none
     paths = log_paths(output, arm.name)

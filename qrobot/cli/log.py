@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from qrobot.log.header import LogHeader
     from qrobot.log.read import Log
     from qrobot.log.writer import LogWriter
-    from qrobot.servo.memory.mailbox import ServoInfo
+    from qrobot.servo.memory.servo_memory import ServoInfo
 
 MEGABYTE = 1_000_000
 TABLE_EVENTS: Final = 20

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from qrobot.config import Robot
     from qrobot.log.flight import FlightRecorder
     from qrobot.log.header import LogHeader
-    from qrobot.servo.memory.mailbox import ServoInfo
+    from qrobot.servo.memory.servo_memory import ServoInfo
 
 app = App(name="servo", help_format="plaintext", group_commands="Commands")
 

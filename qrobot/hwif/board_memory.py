@@ -26,11 +26,10 @@ from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.hwif.image import IMAGE_WORDS
 from qrobot.hwif.registers import N_ADCS, N_ENCODERS
-from qrobot.realtime.flat_record import words_of
 from qrobot.realtime.jit import lean_kernel
-from qrobot.realtime.seqlock import seqlock_read, seqlock_write
+from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
 from qrobot.realtime.shared_memory import SegmentHeader, SharedMemory
-from qrobot.realtime.structure import WORD_BYTES, dtype_of, local_record, offset_of, part, record_in, word, words
+from qrobot.realtime.structure import WORD_BYTES, dtype_of, local_record, part, record_in, word, words
 
 LAYOUT: Final = 5
 
@@ -155,7 +154,6 @@ class BoardMemory:
 
 BOARD_MEMORY: Final = dtype_of(BoardMemory)
 N_WORDS: Final = BOARD_MEMORY.itemsize // WORD_BYTES
-_SEQUENCE, _IMAGE = (offset_of(BOARD_MEMORY["shown"], name) // WORD_BYTES for name in ("sequence", "image"))
 
 
 class BoardSegment(SharedMemory):
@@ -207,10 +205,14 @@ def local_board_memory() -> BoardMemory:
 @lean_kernel
 def publish_image(memory: BoardMemory, image: Any) -> None:
     """Board side: publish `image` (int64[IMAGE_WORDS], see `hwif.image`)."""
-    seqlock_write(words_of(memory.shown), _SEQUENCE, _IMAGE, image, IMAGE_WORDS)
+    shown = memory.shown
+    begin_write(shown)
+    for i in range(IMAGE_WORDS):
+        shown.image[i] = image[i]
+    end_write(shown)
 
 
 @lean_kernel
 def fetch_image(memory: BoardMemory, image: Any) -> bool:
     """Controller side: copy the newest whole image into `image` (int64[IMAGE_WORDS]); False when none could be had."""
-    return seqlock_read(words_of(memory.shown), _SEQUENCE, _IMAGE, image, IMAGE_WORDS)
+    return seqlock_read(memory.shown, memory.shown.image, image)

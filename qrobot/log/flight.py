@@ -23,7 +23,8 @@ from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.read import Log
 from qrobot.log.record import write_log
 from qrobot.servo.memory.law_history import JournalReader, LawInForce
-from qrobot.servo.memory.mailbox import ServoInfo, ServoMailbox, journal_base
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import ServoInfo, journal_base
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.memory.telemetry import READ_ROWS, Rows, TelemetryReader
 

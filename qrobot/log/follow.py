@@ -21,7 +21,7 @@ from qrobot.log.writer import LogWriter
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.law_history import JournalReader
-from qrobot.servo.memory.mailbox import ServoInfo, attach_servo_memory, journal_base, servo_info
+from qrobot.servo.memory.servo_memory import ServoInfo, attach_servo_memory, journal_base, servo_info
 from qrobot.servo.memory.telemetry import TelemetryReader
 
 POLL_S: Final = 0.01

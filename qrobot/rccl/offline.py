@@ -75,7 +75,9 @@ class OfflineLink:
         q = self._robot.poses[START_POSE] if start is None else start
         still = (0.0,) * self._robot.n
         place = tuple(map(float, q))
-        waits = RobotState(0, RobotMode.OFF, place, still, still, place, flags=_READY, force=UNKNOWN_FORCE)
+        waits = RobotState(
+            t_ns=0, mode=RobotMode.OFF, q=place, v=still, tau=still, q_setpoint=place, flags=_READY, force=UNKNOWN_FORCE
+        )
         self._state = State(0, waits, you_command=True)
         self._torques = _Torques(self._robot, self._period_us * 1e-6)
 

@@ -5,29 +5,21 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
 from qrobot.realtime.shared_memory import SharedMemory
-from qrobot.servo.memory.mailbox import (
-    BEAT_SLIPPED_NS,
-    BEAT_SLIPS,
-    BEAT_T_NS,
-    COMMAND_HELD_NS,
-    COMMAND_HELD_STREAM,
-    INFO_READY,
-    ServoMailbox,
-    attach_servo_memory,
-    local_servo_memory,
-)
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, local_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
+from qrobot.wire.robot_state import rows_of
 
-_U8, _U16, _U32 = 0xFF, 0xFFFF, 0xFFFFFFFF
+_MASKS: Final = {"B": 0xFF, "H": 0xFFFF, "I": 0xFFFFFFFF}  # by code of the field, as `struct` has it
 STALLED_NS: Final = 20_000_000  # an emulated arm's whose last cycle is older waits for its board, or was stopped [A]
 STALE_NS: Final = 250_000_000  # a servo whose last cycle is older does not run
 
@@ -105,28 +97,28 @@ class ServoPort:
     def alive(self) -> bool:
         """The servo runs and its state is fresh."""
         try:
-            words = self._follow().words
+            memory = self._follow().memory
         except LinkError:
             return False
-        return bool(words[INFO_READY]) and abs(self._silence_ns(words)) < STALE_NS
+        return bool(memory.info.ready) and abs(self._silence_ns(memory)) < STALE_NS
 
     def slipped_ns(self) -> int:
         """Delay of the arm's time behind CLOCK_MONOTONIC, as the servo said last; 0 before one was there."""
         with contextlib.suppress(LinkError):
-            said = int(self._follow().words[BEAT_SLIPPED_NS])
+            said = int(self._follow().memory.heartbeat.slipped_ns)
             self._slipped_ns = said if 0 <= said < time.monotonic_ns() else 0
         return self._slipped_ns
 
     def stalled(self) -> bool:
         """An emulated arm's servo has not run of late: `slipped_ns` may be about to change."""
         try:
-            words = self._follow().words
+            memory = self._follow().memory
         except LinkError:
             return False
-        return bool(words[BEAT_SLIPS]) and self._silence_ns(words) > STALLED_NS
+        return bool(memory.heartbeat.slips) and self._silence_ns(memory) > STALLED_NS
 
-    def _silence_ns(self, words: Words) -> int:
-        return time.monotonic_ns() - self.slipped_ns() - int(words[BEAT_T_NS])
+    def _silence_ns(self, memory: ServoMemory) -> int:
+        return time.monotonic_ns() - self.slipped_ns() - int(memory.heartbeat.t_ns)
 
     def read_state(self) -> RobotState:
         """Newest state of the robot. Raises LinkError when the servo is gone."""
@@ -173,25 +165,13 @@ class ServoPort:
 
 def _to_wire(mailbox: ServoMailbox) -> RobotState:
     """The state as packets carry it, cut to the width of its fields there: what stands in memory may be spoilt."""
-    s = mailbox.snapshot()
-    return RobotState(
-        t_ns=s.t_ns,
-        mode=s.mode & _U8,
-        q=tuple(s.q.tolist()),
-        v=tuple(s.v.tolist()),
-        tau=tuple(s.tau.tolist()),
-        q_setpoint=tuple(s.q_ref.tolist()),
-        fault=s.fault & _U16,
-        event=s.event & _U16,
-        event_joint=s.joint if 0 <= s.joint < mailbox.info.n else NO_JOINT,
-        flags=s.flags,
-        late_cycles=s.late_cycles,
-        missed_frames=s.missed_frames,
-        inputs=s.inputs & _U32,
-        hand=s.hand & _U8,
-        force=tuple(s.force.tolist()),
-        outputs=s.outputs & _U16,
-    )
+    snapshot, told = mailbox.snapshot(), dict[str, Any]()
+    for row in rows_of(RobotState):
+        value = getattr(snapshot, row.name)
+        told[row.name] = tuple(value.tolist()) if row.count != 1 else value & _MASKS.get(row.code, -1)
+    if not 0 <= told["event_joint"] < mailbox.info.n:
+        told["event_joint"] = NO_JOINT
+    return RobotState(**told)
 
 
 def tell_key(mailbox: ServoMailbox, stream: int, held_ns: int | None) -> None:
@@ -200,8 +180,8 @@ def tell_key(mailbox: ServoMailbox, stream: int, held_ns: int | None) -> None:
     What moves is stopped when nothing has been said of the key for `servo.checks.hold_to_run.PATIENCE_NS`.
     """
     if held_ns is not None:
-        mailbox.words[COMMAND_HELD_NS] = held_ns  # first: what begins now must not be judged by what was before
-    mailbox.words[COMMAND_HELD_STREAM] = stream + 1
+        mailbox.memory.command.held_ns = held_ns  # first: what begins now must not be judged by what was before
+    mailbox.memory.command.held_stream = stream + 1
 
 
 def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:

@@ -27,11 +27,14 @@ if jit_disabled():
 
     def load_acquire(place: Any, key: int | str) -> int:
         """Value of `place[key]`; no later read moves before it."""
-        return int(place[key])
+        return int(getattr(place, key) if isinstance(key, str) else place[key])
 
     def store_release(place: Any, key: int | str, value: int) -> None:
         """Set `place[key]`; no earlier write moves after it."""
-        place[key] = value
+        if isinstance(key, str):
+            setattr(place, key, value)
+        else:
+            place[key] = value
 
     def acquire_fence() -> None:
         """No access after it moves before a read that stands before it; nothing to do for one interpreter thread."""

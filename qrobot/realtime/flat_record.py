@@ -70,6 +70,8 @@ def _dtype_of(bundle: Any) -> np.dtype[Any]:
         assert not hasattr(np.record, name), f"{name!r} is a method of every NumPy record, which would hide the field"
         if _is_bundle(value):
             columns.append((name, _dtype_of(value)))
+        elif isinstance(value, np.void):  # a record already
+            columns.append((name, np.dtype((np.void, value.dtype))))
         else:
             array = np.asarray(value)
             kind = np.dtype(np.uint8) if array.dtype == np.bool_ else array.dtype  # Numba nests no arrays of bool
@@ -81,6 +83,8 @@ def _fill(record: Any, bundle: Any) -> None:
     for name, value in _items(bundle):
         if _is_bundle(value):
             _fill(record[name], value)
+        elif isinstance(value, np.void):
+            view_words(record[name])[:] = view_words(value)
         else:
             record[name] = value
 
@@ -102,7 +106,7 @@ if jit_disabled():
     def copy_fields(source: Any, target: Any) -> None:
         """Give each field of `target` the value of the field of `source` that has its name."""
         for name in target.dtype.names:
-            target[name] = source[name]
+            target[name] = getattr(source, name)
 
 else:
 

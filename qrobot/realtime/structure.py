@@ -81,8 +81,9 @@ def dtype_of(kind: type, **sizes: int) -> np.dtype[Any]:
 
 
 def columns_of(kind: Any) -> list[tuple[str, StructureField]]:
-    """Names and fields of a block, in their order; none for what is no block."""
-    return [(name, value) for name, value in getattr(kind, "__dict__", {}).items() if isinstance(value, StructureField)]
+    """Names and fields of a block, those of the class it extends first; none for what is no block."""
+    kinds = reversed(kind.__mro__) if isinstance(kind, type) else ()
+    return [(name, value) for each in kinds for name, value in vars(each).items() if isinstance(value, StructureField)]
 
 
 def align(offset: int) -> int:

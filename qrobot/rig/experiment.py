@@ -32,8 +32,7 @@ from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.laws import DEFAULT_LAW, law_label
-from qrobot.servo.memory.mailbox import FLAG_UNSEEN
-from qrobot.servo.memory.telemetry import Rows
+from qrobot.servo.memory.telemetry import FLAG_UNSEEN, Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM

@@ -25,7 +25,8 @@ from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.trial_process import tried_law
-from qrobot.servo.memory.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.process.loop import one_cycle
@@ -44,6 +45,7 @@ def run_ticks(
     params: ServoParameters,
     state: ServoState,
     mail: Any,
+    ring: Any,
     board: Any,
     emulator: EmulatorBundle,
     now_ns: int,
@@ -56,21 +58,21 @@ def run_ticks(
     """
     late_ns = now_ns - now_ns  # none, and no constant: for a constant the whole cycle would be compiled once more
     for _ in range(n_ticks):
-        one_cycle(params, state, mail, board, now_ns, late_ns)
+        one_cycle(params, state, mail, ring, board, now_ns, late_ns)
         now_ns = emulator_run(emulator, board, now_ns, substeps)
     return now_ns
 
 
 @lean_kernel
 def run_blocks(
-    params: Any, state: Any, mail: Any, board: Any, emulator: Any, now_ns: int, n_ticks: int, substeps: int
+    params: Any, state: Any, mail: Any, ring: Any, board: Any, emulator: Any, now_ns: int, n_ticks: int, substeps: int
 ) -> int:
     """`run_ticks` for a call from Python, where records come as blocks."""
     bundle = EmulatorBundle(
         emulator.board[0], emulator.drive[0], emulator.plant, emulator.wrist,
         emulator.counts_per_unit, emulator.q_offset, emulator.shaft, emulator.period_ns,
     )  # fmt: skip
-    return run_ticks(params[0], state[0], mail, board[0], bundle, now_ns, n_ticks, substeps)
+    return run_ticks(params[0], state[0], mail[0], ring, board[0], bundle, now_ns, n_ticks, substeps)
 
 
 class LockstepRig:
@@ -114,18 +116,20 @@ class LockstepRig:
         self.params = servo_parameters(robot, settings, guarded=False)
         self.law = tried_law(settings.law, robot, settings.law_settings, period_ns, timed=False)
         self.state = make_state(self.params, self.law)
-        self.mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
+        words = local_servo_memory(robot.name, law_label(settings.law), robot.n, period_ns, RING_ROWS)
         self.board = local_board_memory() if board is None else board
-        self.mailbox = ServoMailbox(self.mail)
+        self.mailbox = ServoMailbox(words)
+        self.mail = self.mailbox.memory
         self.now_ns = START_NS
         self.lease = Lease()
         self.realtime_factor = 0.0
         info = self.mailbox.info
-        self._reader = TelemetryReader(self.mail, info.telemetry_base, info.telemetry_capacity, robot.n)
+        self._reader = TelemetryReader(words, info.telemetry_base, info.telemetry_capacity, robot.n)
         self._kept: list[Rows] | None = [] if keep_telemetry else None
         bundle: Any = self.emulator.bundle
         emulated = bundle._replace(board=block_of(bundle.board), drive=block_of(bundle.drive))
-        self.loop_arguments = block_of(self.params), block_of(self.state), self.mail, block_of(self.board), emulated
+        blocks = block_of(self.params), block_of(self.state), block_of(self.mail)
+        self.loop_arguments = (*blocks, self.mailbox.ring, block_of(self.board), emulated)
         self.emulator.connect(self.board, self.now_ns)
 
     @property
@@ -173,7 +177,7 @@ class LockstepBridge:
 
     def __init__(self, rig: LockstepRig, period_us: int) -> None:
         self._rig = rig
-        self._port = MailboxPort(rig.mail)
+        self._port = MailboxPort(rig.mailbox.words)
         self._began_ns = rig.now_ns
         self._began_s = time.perf_counter()
         self._settings = BridgeSettings(period_us=period_us)

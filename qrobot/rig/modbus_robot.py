@@ -11,7 +11,8 @@ from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import BoardFacts, MemoryEndpoint, Operations
 from qrobot.hwif.modbus.map import encode_robot
 from qrobot.realtime.shared_memory import SegmentT
-from qrobot.servo.memory.mailbox import ServoMailbox, attach_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import attach_servo_memory
 
 
 class Follower(Generic[SegmentT]):
@@ -72,8 +73,17 @@ class RunningRobot:
         """The servo's state as registers of the map. Raises LinkError when there is no servo."""
         mailbox = ServoMailbox(self._servo.newest().words)
         seen = mailbox.snapshot()
-        words = (seen.mode, seen.fault, seen.event, seen.joint, seen.flags, seen.inputs, seen.hand, mailbox.info.n)
-        return encode_robot(words, seen.t_ns, seen.tick, seen.outputs, (seen.q, seen.v, seen.tau, seen.q_ref))
+        words = (
+            seen.mode,
+            seen.fault,
+            seen.event,
+            seen.event_joint,
+            seen.flags,
+            seen.inputs,
+            seen.hand,
+            mailbox.info.n,
+        )
+        return encode_robot(words, seen.t_ns, seen.tick, seen.outputs, (seen.q, seen.v, seen.tau, seen.q_setpoint))
 
     def close(self) -> None:
         """Let go of both."""

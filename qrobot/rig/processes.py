@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -27,7 +27,7 @@ from qrobot.realtime.shared_memory import discard_dead
 from qrobot.realtime.startup_order import TURN_VARIABLE
 from qrobot.realtime.supervised import Supervision
 from qrobot.rig.interrupts import interrupts_deferred
-from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, GUARD_T_NS, INFO_READY, attach_servo_memory
+from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory
 
 START_PATIENCE_S = 400.0  # a first start compiles everything, perhaps on a busy machine
 STOP_PATIENCE_S = 6.0
@@ -230,24 +230,28 @@ def board_ready(arm: str) -> bool:
     return bool(ready)
 
 
-def _servo_word(arm: str, index: int) -> int:
+@contextlib.contextmanager
+def _maybe_front(arm: str) -> Iterator[ServoFront | None]:
+    """What the servo and the guardian of an arm tell; None when there is no servo."""
     try:
         segment = attach_servo_memory(arm)
     except QRobotError:
-        return 0
-    value = int(segment.words[index]) if segment.owner_alive else 0
-    segment.close()
-    return value
+        yield None
+        return
+    with segment:
+        yield segment.front if segment.owner_alive else None
 
 
 def servo_ready(arm: str) -> bool:
     """The servo of this arm runs its loop."""
-    return _servo_word(arm, INFO_READY) == 1
+    with _maybe_front(arm) as front:
+        return front is not None and front.info.ready == 1
 
 
 def guardian_ready(arm: str, since_ns: int) -> bool:
     """The guardian of this arm has looked at its servo after `since_ns`, CLOCK_MONOTONIC."""
-    return _servo_word(arm, GUARD_T_NS) + _servo_word(arm, BEAT_SLIPPED_NS) > since_ns
+    with _maybe_front(arm) as front:
+        return front is not None and front.guardian.t_ns + front.heartbeat.slipped_ns > since_ns
 
 
 def bridge_ready(host: str, port: int) -> bool:

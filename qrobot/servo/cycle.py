@@ -75,15 +75,15 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
 def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) -> None:
     """Count the cycle and take its true duration, a whole number of periods."""
     if state.started == 0:
-        state.last_now_ns = now_ns - params.period_ns
-    dt_ns = now_ns - state.last_now_ns
+        state.t_ns = now_ns - params.period_ns
+    dt_ns = now_ns - state.t_ns
     late = late_ns > params.late_ns
     state.dt = dt_ns * 1e-9
-    state.last_now_ns = now_ns
+    state.t_ns = now_ns
     state.began_ns = now_ns + late_ns
     state.tick += 1
     if late:
-        state.late += 1
+        state.late_cycles += 1
     watch_timing(params, state, dt_ns, late)
 
 

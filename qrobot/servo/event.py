@@ -12,4 +12,4 @@ from qrobot.realtime.jit import lean_kernel
 def note_event(state: Any, code: int, joint: int = NO_JOINT) -> None:
     """Make `code` the newest event of a `ServoState`; 0 takes back what was said."""
     state.event = code
-    state.joint = joint
+    state.event_joint = joint

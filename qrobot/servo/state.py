@@ -13,15 +13,15 @@ from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
 from qrobot.model.dynamics import dynamics_work
 from qrobot.realtime.flat_record import record_of
+from qrobot.realtime.structure import local_record
 from qrobot.servo.calibration.state import CalibrationState, PotState, make_calibration_state, make_pot_state
 from qrobot.servo.checks.lost_counts import IndexWatch, make_index_watch
 from qrobot.servo.checks.monitor_state import WatchState, make_watch_state
 from qrobot.servo.laws.guarded_copies import LawCopies, make_law_copies
 from qrobot.servo.laws.law import MEMORY_WORDS, Law
 from qrobot.servo.laws.law_swap import SwapState, make_swap_state
-from qrobot.servo.memory.mailbox import state_words
-from qrobot.servo.memory.setpoint_queue import frame_words
-from qrobot.servo.memory.telemetry import TelemetryLayout
+from qrobot.servo.memory.setpoint_queue import make_frame
+from qrobot.servo.memory.telemetry import N_SIGNALS, TelemetryLayout
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.converter import AdcState, make_adc_state
 from qrobot.servo.stages.interpolation_polynomials import N_KNOTS
@@ -66,8 +66,8 @@ class ServoState:
     setpoint_modes: Any  # of the frame being looked at, int64
     joint_modes: Any  # in force, int64
     torque_setpoint: Any
-    frame: Any
-    wrench: Any  # (6,) force and torque at the wrist, N and N m; NaN where it is not known
+    frame: Any  # a `servo.memory.setpoint_queue.QueuedFrame`
+    force: Any  # (6,) force and torque at the wrist, N and N m; NaN where it is not known
     force_zero: Any  # (8,) volts that the force sensor's channels show without a load
     sensors: Any  # (8,) volts at the ADC channels; NaN where the converter does not answer
     adc: AdcState
@@ -79,15 +79,18 @@ class ServoState:
     copies: LawCopies
     watch: WatchState
     ops: Any  # (MAX_OPS, 3)
-    block: Any  # the state block, floats as bit patterns
-    row: Any  # the telemetry row, floats as bit patterns
+    signals: Any  # (8,) numbers that the law tells
+    row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
     fault: int = 0  # code that latched the FAULT mode
     event: int = 0  # newest code of any kind
-    joint: int = NO_JOINT  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`
+    event_joint: int = (
+        NO_JOINT  # joint the newest code speaks of, NO_JOINT for none; written with it, see `servo.event`
+    )
     tick: int = 0
     started: int = 0  # 0 until the first whole image was seen
-    last_now_ns: int = 0
+    t_ns: int = 0  # planned time of this cycle
+    late_ns: int = 0  # how much later it really runs
     status: int = 0  # STATUS register of this tick's image
     image_ok: int = 0
     pending: int = 0  # worst code raised in this tick
@@ -108,15 +111,19 @@ class ServoState:
     play_at_ns: int = 0  # when a waiting stream starts
     frame_ns: int = 0  # its sample period
     misses: int = 0  # frames missed in a row
-    missed: int = 0  # frames missed in all
-    late: int = 0  # late cycles
+    missed_frames: int = 0  # in all
+    late_cycles: int = 0
+    setpoint_seq: int = 0  # of the setpoint being played
+    inputs: int = 0  # binary inputs, as bits of STATUS
+    hand: int = 0  # as asked for
     glitches: int = 0  # encoder jumps held back in a row
     law_failed: int = 0  # 1: the built-in law has replaced the user's
     clipped: int = 0  # joints at their torque limit in this tick
     discrete_word: int = 0  # shadow of the DISCRETE register
     discrete_sent: int = -1  # last one posted, -1 for none
     busy_ns: int = 0  # computing time of the previous cycle, told by the loop
-    flag_bits: int = 0
+    flag_bits: int = 0  # FLAG_* of `servo.memory.published_state`
+    flag_word: int = 0  # the same with what telemetry tells beside
     image_seen: int = 0  # count of the newest image
     unchanged: int = 0  # cycles in a row that have seen no newer one
     unseen: int = 0  # 1: no image says where the joints are, and they are carried on, see `servo.stages.dropout_hold`
@@ -157,9 +164,6 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
     def integers() -> Any:
         return np.zeros(n, dtype=np.int64)
 
-    frame = np.zeros(frame_words(n), dtype=np.int64)
-    block = np.zeros(state_words(n), dtype=np.int64)
-    row = np.zeros(TelemetryLayout(n).row_words, dtype=np.int64)
     return record_of(ServoState(
         image=make_image(), raw=integers(), counts=integers(),
         jump=integers(), range_min=vector(), range_max=vector(),
@@ -168,11 +172,11 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         q_ref=vector(), v_ref=vector(), a_ref=vector(), work=dynamics_work(n),
         gravity=vector(), friction=vector(), tau=vector(), tau_motor=vector(), scratch=vector(), dac=integers(),
         knots=np.zeros((N_KNOTS, n)), setpoint=vector(), setpoint_modes=integers(), joint_modes=integers(),
-        torque_setpoint=vector(), frame=frame, wrench=np.full(N_COMPONENTS, np.nan),
+        torque_setpoint=vector(), frame=make_frame(n), force=np.full(N_COMPONENTS, np.nan),
         force_zero=np.array(params.wrench.bias), sensors=np.zeros(N_ADCS), adc=make_adc_state(),
         index_watch=make_index_watch(), pots=make_pot_state(n), cal=make_calibration_state(n),
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law, params.gains), copies=make_law_copies(n),
         ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
-        watch=make_watch_state(n), block=block, row=row,
+        watch=make_watch_state(n), signals=np.zeros(N_SIGNALS), row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

@@ -19,6 +19,7 @@ from qrobot.wire.framing import (
     unpack_with_rest,
 )
 from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
+from qrobot.wire.robot_state import StateTable, rows_of
 from qrobot.wire.vocabulary import (
     LONGEST_PERIOD_US,
     MAX_JOINTS,
@@ -38,6 +39,7 @@ _HOLD_TO_RUN, _KEY_HELD = int(Request.HOLD_TO_RUN), int(Request.KEY_HELD)
 _YOU, _SOMEBODY = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED)
 _U32: Final = 0xFFFFFFFF
 _SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY)
+_WRAPPING: Final = frozenset(row.name for row in rows_of(StateTable) if row.wraps)
 
 
 def encode(packet: Packet) -> bytes:
@@ -135,32 +137,50 @@ def _decode_command(frame: bytes) -> Command:
 
 
 def _encode_state(packet: State) -> bytes:
-    robot = packet.robot
-    n = len(robot.q)
-    if (
-        not 1 <= n <= MAX_JOINTS
-        or {len(robot.v), len(robot.tau), len(robot.q_setpoint)} != {n}
-        or len(robot.force) != 6
-    ):
-        raise LocalProtocolError(f"STATE whose vectors are not all of {n} joints, or whose force is not of 6 axes")
-    flags = robot.flags & _SERVO_FLAGS | _YOU * packet.you_command | _SOMEBODY * packet.commanded
-    counters = robot.late_cycles & _U32, robot.missed_frames & _U32, packet.dropped & _U32
-    return pack(
-        layout.STATE, n, packet.seq, packet.ack, robot.t_ns, n, robot.mode, robot.fault, robot.event,
-        robot.event_joint, flags, *counters, robot.inputs, robot.hand,
-        robot.outputs, *robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force,
-    )  # fmt: skip
+    robot, n = packet.robot, packet.robot.n
+    values: list[Any] = []
+    for field in layout.STATE.fields:
+        if field.code == "x":
+            continue
+        if field.count == 1:
+            values.append(_number(packet, field.name))
+        else:
+            values += _vector(getattr(robot, field.name), field, n)
+    return pack(layout.STATE, n, packet.seq, packet.ack, robot.t_ns, *values)
+
+
+def _vector(values: tuple[float, ...], field: layout.Field, n: int) -> tuple[float, ...]:
+    if not 1 <= n <= MAX_JOINTS or len(values) != field.length(n):
+        raise LocalProtocolError(
+            f"STATE of {n} joints whose {field.name} has {len(values)} numbers: its vectors are not all of {n} joints, "
+            "or its force is not of 6 axes"
+        )
+    return values
+
+
+def _number(packet: State, name: str) -> int:
+    """A number of STATE: of the connection, or of the robot; counters wrap."""
+    if name == "joints":
+        return packet.robot.n
+    if name == "dropped":
+        return packet.dropped & _U32
+    if name == "flags":
+        return packet.robot.flags & _SERVO_FLAGS | _YOU * packet.you_command | _SOMEBODY * packet.commanded
+    number: int = getattr(packet.robot, name)
+    return number & _U32 if name in _WRAPPING else number
 
 
 def _decode_state(frame: bytes) -> State:
     n = joint_count(layout.STATE, frame)
-    values = unpack(layout.STATE, n, frame)
-    seq, ack, t_ns, _, mode, fault, event, joint, flags, late, missed, dropped, inputs, hand, outputs = values[4:19]
-    q, v, tau, q_setpoint = (values[k : k + n] for k in range(19, 19 + 4 * n, n))
-    robot = RobotState(
-        t_ns, mode, q, v, tau, q_setpoint, fault, event, joint, flags & _SERVO_FLAGS, late, missed, inputs, hand,
-        values[19 + 4 * n :], outputs,
-    )  # fmt: skip
+    seq, ack, t_ns, *rest = unpack(layout.STATE, n, frame)[4:]
+    told, at = dict[str, Any](), 0
+    for field in layout.STATE.fields:
+        if field.code != "x":
+            end = at + field.length(n)
+            told[field.name] = rest[at] if field.count == 1 else tuple(rest[at:end])
+            at = end
+    _, dropped, flags = told.pop("joints"), told.pop("dropped"), told.pop("flags")
+    robot = RobotState(t_ns=t_ns, flags=flags & _SERVO_FLAGS, **told)
     return State(seq, robot, ack, dropped, bool(flags & _YOU), bool(flags & _SOMEBODY))
 
 

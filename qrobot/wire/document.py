@@ -7,7 +7,7 @@ refuses a page that is not fresh.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final
 
@@ -121,6 +121,34 @@ def _c_member(field: Field) -> str:
         return f"/* {C_TYPES[field.code]} {field.name}[], then uint32_t crc */"
     size = "" if field.count == 1 else f"[{'N' if field.count == 'n' else field.count}]"
     return f"{C_TYPES[field.code]} {field.name}{size};"
+
+
+def state_members(fields: tuple[Field, ...] = layout.STATE.fields) -> Iterator[str]:
+    """The members of `struct qrobot_state` for the fields of STATE."""
+    for field in fields:
+        if field.code != "x":
+            size = "" if field.count == 1 else f"[{'QROBOT_MAX_JOINTS' if field.count == 'n' else field.count}]"
+            unit = "" if field.unit in ("-", "bits") else f"{field.unit.replace('·', ' ')}: "
+            yield f"    {_plain_type(field)} {field.name}{size}; /* {unit}{field.meaning} */"
+
+
+def state_reads(fields: tuple[Field, ...] = layout.STATE.fields) -> Iterator[str]:
+    """The statements that take the fields of STATE, at their places, out of a frame."""
+    moving = False
+    for field in fields:
+        place = f"frame + QROBOT_AT_STATE_{field.name.upper()}{'(n)' if moving else ''}"
+        moving = moving or field.count == "n"
+        if field.code == "d":
+            yield f"    qrw_get_doubles({place}, {field.count}, state->{field.name});"
+        elif field.code != "x":
+            cast = "int16_t" if field.code == "h" else _plain_type(field)
+            yield f"    state->{field.name} = ({cast})qrw_get({place}, {field.size});"
+
+
+def _plain_type(field: Field) -> str:
+    if field.code == "d":
+        return "double"
+    return "uint32_t" if field.code == "I" or field.unit == "bits" else "int"
 
 
 def hex_dump() -> str:

@@ -12,6 +12,8 @@ from functools import cache
 from struct import Struct
 from typing import Final
 
+from qrobot.wire.robot_state import StateRow, StateTable, rows_of
+
 MAGIC: Final = b"QROB"
 HEADER_BYTES: Final = 24
 CRC_BYTES: Final = 4
@@ -88,6 +90,28 @@ HEADER_FIELDS: Final = (
     Field("t_ns", "q", "ns", "the sender's monotonic clock"),
 )
 
+_DROPPED: Final = Field(
+    "dropped", "I", "-", "COMMANDs of this connection that were refused: repeated, out of order or invalid; wraps"
+)
+
+
+def state_fields(rows: tuple[StateRow, ...]) -> tuple[Field, ...]:
+    """The payload of STATE for a table of the robot's state: numbers aligned to their size, vectors as they come."""
+    fields, end = [Field("joints", "B", "-", "n of WELCOME")], 1
+    for row in rows:
+        if not row.code:
+            continue  # in the header, or no business of packets
+        added = [Field(row.name, row.code, row.unit, row.meaning, row.count)]
+        added += [_DROPPED] if row.name == "missed_frames" else []
+        for field in added:
+            gap = -end % field.size
+            if gap:
+                fields.append(Field("reserved", "x", "-", "send 0, ignore", gap))
+            fields.append(field)
+            end += gap + field.size * field.length(1)
+    return tuple(fields)
+
+
 HELLO: Final = Layout(
     1,
     "HELLO",
@@ -147,33 +171,7 @@ STATE: Final = Layout(
     "STATE",
     "server",
     "the robot at one sample; t_ns is when it was sampled, ack the newest COMMAND taken",
-    (
-        Field("joints", "B", "-", "n of WELCOME"),
-        Field("mode", "B", "-", "of the servo (see Modes)"),
-        Field("fault", "H", "-", "code that latched the fault mode, 0 for none"),
-        Field("event", "H", "-", "newest code of any kind, 0 for none"),
-        Field("event_joint", "h", "-", "joint the event speaks of, from 0; -1 for none"),
-        Field("flags", "I", "bits", "see Flags"),
-        Field("late_cycles", "I", "-", "servo cycles that came late, since it started; wraps"),
-        Field("missed_frames", "I", "-", "sample periods without a usable COMMAND, since the servo started; wraps"),
-        Field(
-            "dropped",
-            "I",
-            "-",
-            "COMMANDs of this connection that were refused: repeated, out of order or invalid; wraps",
-        ),
-        Field("inputs", "I", "bits", "binary inputs"),
-        Field("hand", "B", "-", "0 relaxed, 1 open, 2 closed"),
-        Field("reserved", "x", "-", "send 0, ignore"),
-        Field("outputs", "H", "bits", "binary outputs in force: a stop may have switched some off that are asked for"),
-        Field("q", "d", "rad or m", "measured joint positions", "n"),
-        Field("v", "d", "rad/s or m/s", "measured joint velocities", "n"),
-        Field("tau", "d", "N·m or N", "commanded joint torques", "n"),
-        Field("q_setpoint", "d", "rad or m", "where the servo wants the joints at this instant", "n"),
-        Field(
-            "force", "d", "N, N·m", "on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known", 6
-        ),
-    ),
+    state_fields(rows_of(StateTable)),
 )
 
 ERROR: Final = Layout(

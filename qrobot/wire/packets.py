@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from qrobot.faultcodes import NO_JOINT
-from qrobot.wire.vocabulary import ClientRole, RobotFlag
+from qrobot.wire.robot_state import StateTable, again
+from qrobot.wire.vocabulary import ClientRole
 
 Values: TypeAlias = tuple[float, ...]
 
@@ -82,62 +82,16 @@ class Command:
         return len(self.modes)
 
 
-@dataclass(frozen=True, slots=True)
-class RobotState:
-    """One sample of the robot, as the servo tells it.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotState(StateTable[Values]):
+    """One sample of the robot as packets carry it, see `wire.robot_state`."""
 
-    Attributes:
-        t_ns: time of the sample on the server's monotonic clock.
-        mode: a `RobotMode`; plain int, so that a mode of a newer servo gets through.
-        fault: `FaultCode` that latched the FAULT mode, 0 for none.
-        event, event_joint: newest code of any kind and the joint (from 0) it speaks of, NO_JOINT for none.
-        flags: `RobotFlag` bits of the servo.
-        q, v, tau, q_setpoint: measured position and velocity, commanded torque, momentary setpoint. Shape (n,).
-        force: on the wrist sensor in its frame, fx fy fz mx my mz, N and N m; NaN where it is not known. Shape (6,).
-        outputs: binary outputs in force, output 1 in bit 0; a stop may have switched some off that are asked for.
-    """
-
-    t_ns: int
-    mode: int
-    q: Values
-    v: Values
-    tau: Values
-    q_setpoint: Values
-    fault: int = 0
-    event: int = 0
-    event_joint: int = NO_JOINT
-    flags: int = 0
-    late_cycles: int = 0
-    missed_frames: int = 0
-    inputs: int = 0
-    hand: int = 0
-    force: Values = (0.0,) * 6
-    outputs: int = 0
+    force: Values = again(StateTable, "force", (0.0,) * 6)
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.q)
-
-    @property
-    def powered(self) -> bool:
-        """Arm power is on."""
-        return bool(self.flags & RobotFlag.POWERED)
-
-    @property
-    def calibrated(self) -> bool:
-        """The counters are calibrated."""
-        return bool(self.flags & RobotFlag.CALIBRATED)
-
-    @property
-    def estop_ok(self) -> bool:
-        """The emergency stop is released."""
-        return bool(self.flags & RobotFlag.ESTOP_OK)
-
-    @property
-    def at_rest(self) -> bool:
-        """The arm stands still and no motion is pending."""
-        return bool(self.flags & RobotFlag.AT_REST)
 
 
 @dataclass(frozen=True, slots=True)

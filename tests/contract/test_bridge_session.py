@@ -290,7 +290,7 @@ def test_a_stop_raised_and_held_beside_impossible_setpoints_is_one_stop(client: 
 @pytest.mark.parametrize("modes", [(1,) * 6, (0, 1, 0, 0, 0, 0), (2,) * 6])
 def test_an_impossible_setpoint_takes_no_power_off_down_with_it(modes: tuple[int, ...]) -> None:
     rig = ServoBench().hold()
-    client = Client(MailboxPort(rig.mail), Lease())
+    client = Client(MailboxPort(rig.mailbox.words), Lease())
     client.join()
     client.say(replace(MOVE, seq=1, modes=(0,) * 6, power=True))
     client.say_bytes(encode(replace(MOVE, seq=2, modes=modes, setpoints=(nan,) * 6, power=True)))
@@ -316,7 +316,7 @@ def test_beside_every_wrong_setpoint_stop_and_power_off_are_obeyed_and_nothing_e
 ) -> None:
     asked = {name: bool(bits >> k & 1) for k, name in enumerate(FLAGS)}
     rig = ServoBench().hold()
-    client = Client(MailboxPort(rig.mail), Lease())
+    client = Client(MailboxPort(rig.mailbox.words), Lease())
     client.join()
     at = tuple(rig.q.tolist())
     moving = tuple(angle + 0.002 for angle in at)

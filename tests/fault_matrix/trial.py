@@ -166,7 +166,7 @@ class Trial:
         """Power on, move, let `line` break, and go on as if nothing had happened; None breaks nothing."""
         rig = self.rig
         self._power_on()
-        self._from = np.array(rig.mailbox.snapshot().q_ref)
+        self._from = np.array(rig.mailbox.snapshot().q_setpoint)
         lead = round((LEAD_S if self.conditions.moving else 0.3) * 1e9 / FRAME_NS)
         self._fly(lead)
         before = len(rig.rows())

@@ -168,7 +168,7 @@ def test_the_coarse_converter_of_revision_e_accuses_no_slow_joint(table: bool) -
     rig.run_for(0.3)
     rig.mailbox.request_power(True)
     rig.run_for(0.5)
-    start = np.array(rig.mailbox.snapshot().q_ref)
+    start = np.array(rig.mailbox.snapshot().q_setpoint)
     for seq in range(500):
         q = start + 0.004 * seq * FRAME_S * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
         rig.mailbox.push_setpoint(1, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())

@@ -63,7 +63,7 @@ class FaultyArm(RuleBasedStateMachine):
     @rule()
     def begin_again(self) -> None:
         """A program starts anew from where the reference stands, as a client that reconnects."""
-        here = self.rig.mailbox.snapshot().q_ref
+        here = self.rig.mailbox.snapshot().q_setpoint
         nearest = int(np.argmin(np.abs(fast_leg() - here).max(axis=1)))
         self.leg.begin_stream(nearest, here - fast_leg()[nearest])
         self.leg.fly(6)

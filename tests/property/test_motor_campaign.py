@@ -145,7 +145,7 @@ def test_after_a_collision_a_program_begins_where_the_arm_got_to() -> None:
     leg = FastLeg(1000.0)
     leg.go(0.4)
     leg.suffer("arm:3 pushed -80 +20ms", 14)
-    here = leg.rig.mailbox.snapshot().q_ref
+    here = leg.rig.mailbox.snapshot().q_setpoint
     leg.begin_stream(0, np.array(here) - PUMA.poses["end"])
     leg.fly(6)
     assert leg.mode is Mode.TRACKING

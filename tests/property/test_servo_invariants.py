@@ -15,7 +15,6 @@ from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
 from qrobot.servo.laws import LAWS
 from qrobot.servo.laws.law import law
-from qrobot.servo.memory.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
 from qrobot.servo.stages.interpolation_polynomials import FORMS
@@ -78,7 +77,7 @@ class ServoMachine(RuleBasedStateMachine):
 
     @rule()
     def request_clear(self) -> None:
-        self.bench.mail[GUARD_TAKEOVER] = 0
+        self.bench.mail.guardian.takeover = 0
         self.bench.mailbox.request_clear()
         self.bench.tick(2)
 
@@ -97,7 +96,7 @@ class ServoMachine(RuleBasedStateMachine):
         bench.estop_ok = bench.panel = bench.beating = bench.follows = True
         bench.frozen = False
         bench.status, bench.slip = None, {}
-        bench.mail[GUARD_TAKEOVER] = 0
+        bench.mail.guardian.takeover = 0
         self.request_power(False)
         for _ in range(400):
             if bench.mode in (Mode.OFF, Mode.FAULT):
@@ -124,7 +123,7 @@ class ServoMachine(RuleBasedStateMachine):
         velocity = np.zeros(N)
         velocity[joint] = speed
         self.stream += 1
-        path = cruise(self.bench.snapshot.q_ref, velocity, ramp_s)
+        path = cruise(self.bench.snapshot.q_setpoint, velocity, ramp_s)
         self.program = Program(self.bench, path, period_ms * 1_000_000, self.stream, skew)
         self.bench.before.append(self.program.step)
         self.bench.tick(150)
@@ -185,8 +184,8 @@ class ServoMachine(RuleBasedStateMachine):
 
     @rule()
     def guardian_takes_the_board(self) -> None:
-        self.bench.mail[GUARD_TRIPS] += 1
-        self.bench.mail[GUARD_TAKEOVER] = 1
+        self.bench.mail.guardian.trips += 1
+        self.bench.mail.guardian.takeover = 1
         written = sum(write.lane is Lane.SERVO for write in self.bench.writes)
         self.bench.tick(3)
         assert sum(write.lane is Lane.SERVO for write in self.bench.writes) == written
@@ -236,7 +235,7 @@ class ServoMachine(RuleBasedStateMachine):
         assert np.all(speed[both] <= 1.3 * self.bench.robot.limits.v_max + 1e-9)
 
     def _power_only_when_wanted(self) -> None:
-        if not self.bench.mail[GUARD_TAKEOVER]:
+        if not self.bench.mail.guardian.takeover:
             assert self.bench.powered == wants_power(self.bench.mode)
         hands = DISCRETE_HAND_OPEN | DISCRETE_HAND_CLOSE
         assert all(write.value & hands for write in self.bench.writes if write.offset == DISCRETE)  # never both on

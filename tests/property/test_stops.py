@@ -43,7 +43,7 @@ class Cruise:
         self.rig.ticks(3)
         self.rig.mailbox.request_power(True)
         self.rig.run_for(0.2)
-        self.path = cruise(self.rig.mailbox.snapshot().q_ref, speed * np.eye(PUMA.n)[joint], RAMP_S)
+        self.path = cruise(self.rig.mailbox.snapshot().q_setpoint, speed * np.eye(PUMA.n)[joint], RAMP_S)
         self.seq = 0
 
     @property
@@ -76,7 +76,7 @@ class Cruise:
         for _ in range(round(SETTLE_S / 0.005)):
             self.rig.run_for(0.005)
             places.append(self.rig.emulator.q[self.joint])
-        end = self.rig.mailbox.snapshot().q_ref[self.joint]
+        end = self.rig.mailbox.snapshot().q_setpoint[self.joint]
         return float(max(np.sign(self.speed) * (np.array(places) - end)))
 
 

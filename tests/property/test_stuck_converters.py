@@ -31,13 +31,13 @@ def stick(joint: int, speed: float, way: int, draw: int | None) -> bool:
     room = PUMA.limits.q_max if way > 0 else PUMA.limits.q_min
     allowed = PUMA.guard.following_error[joint - 1]
     for _ in range(round(LONGEST_S / FRAME_S)):
-        reference = arm.rig.mailbox.snapshot().q_ref[joint - 1]
+        reference = arm.rig.mailbox.snapshot().q_setpoint[joint - 1]
         if abs(room[joint - 1] - reference) < 2.0 * speed * FRAME_S + 0.1:
             break
         arm.frame()
         if arm.mode is not Mode.TRACKING:
             break
-        assert abs(arm.rig.mailbox.snapshot().q_ref[joint - 1] - arm.angle) <= 1.05 * allowed
+        assert abs(arm.rig.mailbox.snapshot().q_setpoint[joint - 1] - arm.angle) <= 1.05 * allowed
     noticed = arm.mode is not Mode.TRACKING
     arm.rig.run_for(1.0)  # the program has ended
     assert arm.mode is Mode.FAULT or np.abs(arm.rig.emulator.v).max() < 0.02

@@ -12,7 +12,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.calibration.table import CalibrationTable, load_table
-from qrobot.servo.memory.mailbox import ServoSnapshot
+from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator.calibration_client import CalibrationReport, run_calibration
 from qrobot.servo.settings import ServoSettings
@@ -62,7 +62,7 @@ class CalibratingRig(LockstepRig):
     @property
     def event(self) -> tuple[FaultCode, int]:
         """The newest event and its joint."""
-        return FaultCode(self.seen.event), self.seen.joint
+        return FaultCode(self.seen.event), self.seen.event_joint
 
     @property
     def stage(self) -> Stage:

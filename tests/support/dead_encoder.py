@@ -85,7 +85,7 @@ class SlowArm:
         self.rig.mailbox.request_power(True)
         self.rig.run_for(0.5)
         assert self.mode is Mode.HOLDING
-        self.start = np.array(self.rig.mailbox.snapshot().q_ref)
+        self.start = np.array(self.rig.mailbox.snapshot().q_setpoint)
         self.seq = 0
 
     @property

@@ -158,7 +158,16 @@ class FakeRobot:
         powered = self.mode not in (RobotMode.OFF, RobotMode.POWERING, RobotMode.FAULT)
         flags = RobotFlag.POWERED if powered else 0
         return RobotState(
-            self._t_ns, self.mode, self.q, still, still, self.q, self.fault, self.event, flags=flags, hand=self.hand
+            t_ns=self._t_ns,
+            mode=self.mode,
+            q=self.q,
+            v=still,
+            tau=still,
+            q_setpoint=self.q,
+            fault=self.fault,
+            event=self.event,
+            flags=flags,
+            hand=self.hand,
         )
 
 

@@ -15,7 +15,6 @@ from qrobot.hwif.lanes import discard_operations
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law_swap import SWAPPED, ask_for_law, maybe_swap_result
-from qrobot.servo.memory.mailbox import BEAT_ARMED, COMMAND_SHUTDOWN, GUARD_TAKEOVER
 from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.process.guardian import TRIPPED
@@ -37,7 +36,7 @@ def emergency_stop(bench: DyingBench) -> None:
 
 
 def shutdown(bench: DyingBench) -> None:
-    bench.mail[COMMAND_SHUTDOWN] = 1
+    bench.mail.command.shutdown = 1
 
 
 def garbage(bench: DyingBench) -> None:
@@ -94,7 +93,7 @@ def test_a_servo_that_dies_while_it_leaves_holding(happens: Callable[[DyingBench
     dies_everywhere(bench, 8)
     assert bench.mode in (Mode.OFF, Mode.FAULT)
     assert bench.way.registers.safe
-    assert bench.mail[GUARD_TAKEOVER] == 0
+    assert bench.mail.guardian.takeover == 0
 
 
 @pytest.mark.parametrize("way", ["memory", "port"])
@@ -144,7 +143,7 @@ def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> No
 def test_a_servo_that_dies_while_it_powers_up(way: str) -> None:
     bench = DyingBench(way)
     bench.tick(8)
-    assert bench.mail[BEAT_ARMED] == 0
+    assert bench.mail.heartbeat.armed == 0
     bench.mailbox.request_power(True)
     dies_everywhere(bench, 8)
     assert bench.mode is Mode.HOLDING
@@ -193,7 +192,7 @@ def test_a_servo_that_dies_while_the_guardian_hands_the_board_back() -> None:
     bench.mailbox.request_clear()
     with bench.dying():
         bench.tick(8)
-    assert (bench.mode, bench.own[TRIPPED], bench.mail[BEAT_ARMED]) == (Mode.OFF, 0, 0)
+    assert (bench.mode, bench.own[TRIPPED], bench.mail.heartbeat.armed) == (Mode.OFF, 0, 0)
 
 
 @pytest.mark.parametrize("way", ["memory", "gateway"])  # with a card the board's memory is the servo's own
@@ -228,12 +227,12 @@ def test_a_servo_that_dies_while_an_output_goes_off_without_power() -> None:
     glued = 1
     bench.tick(8)
     assert bench.way.registers.discrete & 1 << 3
-    assert bench.mail[BEAT_ARMED] == 1
+    assert bench.mail.heartbeat.armed == 1
     glued = 0
     with bench.dying():
         bench.tick(8)
     assert not bench.way.registers.discrete & 1 << 3
-    assert bench.mail[BEAT_ARMED] == 0
+    assert bench.mail.heartbeat.armed == 0
 
 
 # -------------------------------------------------------------------------------------------------------- what is lost
@@ -245,13 +244,13 @@ def test_a_power_off_that_the_board_loses_is_said_again_and_the_guardian_stays()
     way, step = bench.way, bench.way.registers.apply
     way.registers.apply = lambda _offset, _value: None  # type: ignore[method-assign]
     bench.tick(20)
-    assert (bench.mode, bench.mail[BEAT_ARMED]) == (Mode.OFF, 1)
+    assert (bench.mode, bench.mail.heartbeat.armed) == (Mode.OFF, 1)
     assert not way.registers.safe
     way.registers.apply = step  # type: ignore[method-assign]
     bench.tick(2)
     assert way.registers.safe
     bench.tick(6)
-    assert bench.mail[BEAT_ARMED] == 0
+    assert bench.mail.heartbeat.armed == 0
 
 
 def test_a_board_that_is_deaf_when_the_servo_dies_gets_power_off_as_soon_as_it_hears() -> None:

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from qrobot.hwif import board_memory
 from qrobot.hwif.board_memory import Lane, local_board_memory
 from qrobot.hwif.bus import BoardFacts, Operations
 from qrobot.hwif.gateway import Gateway
@@ -36,7 +35,6 @@ from qrobot.hwif.lanes import take_operation
 from qrobot.hwif.operations import OP_FIELDS, OP_WRITE
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS, N_INPUT_WORDS
 from qrobot.realtime.structure import record_in, view_words
-from qrobot.servo.memory.mailbox import BEAT_KEPT, BEAT_T_NS
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.process.guardian import LOOKS_PER_TIMEOUT, N_OWN, N_SAFE_OPS, look
 from qrobot.servo.process.loop import one_cycle
@@ -269,8 +267,7 @@ class DyingBench(ServoBench):
         super().__init__(guarded=True, **options)
         self.beating = False
         self.way = WAYS[way]()
-        self.mail, self.board = self.mail.view(Shared), shared(self.board)
-        board_memory.words_of = lambda record: view_words(record).view(SharedField)  # stores into the image
+        self.mail, self.board = shared(self.mail), shared(self.board)
         self.own, self.safe_ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), np.int64)
         self.points = self.worlds = 0
         self.stall_at, self.stalled_ns = -1, 0
@@ -311,7 +308,7 @@ class DyingBench(ServoBench):
         if not self.frozen:
             self.way.before_cycle(self)
         params, state = self._blocks
-        one_cycle(params[0], state[0], self.mail, self.board, self.now_ns, 0)
+        one_cycle(params[0], state[0], self.mail, self.mailbox.ring, self.board, self.now_ns, 0)
         self._rows.append(self._row.copy())
         self.way.after_cycle(self)
         if self.follows and gives_torque(int(self.state.mode)):
@@ -343,7 +340,7 @@ class DyingBench(ServoBench):
 
     @contextmanager
     def _told(self, stored: Callable[[], None]) -> Iterator[None]:
-        arrays = [self.mail, *self.way.told]
+        arrays = self.way.told
         wrapped, self.cycle = self.cycle, lambda: self._tell(arrays, stored, wrapped)  # type: ignore[method-assign]
         try:
             yield
@@ -363,14 +360,14 @@ class DyingBench(ServoBench):
 
     def _die(self) -> None:
         self.points += 1
-        key = self.mail[BEAT_T_NS : BEAT_KEPT + 1].tobytes() + self.board.lanes.tobytes() + self.way.key()
+        key = self.mail.heartbeat.tobytes() + self.board.lanes.tobytes() + self.way.key()
         if key == self._last_key:
             return
         self._last_key = key
         self.worlds += 1
-        mail, board = np.array(self.mail), copied(self.board)
+        mail, board = copied(self.mail), copied(self.board)
         own, way = self.own.copy(), self.way.fork(board)
-        beat_ns = int(mail[BEAT_T_NS]) or self.now_ns
+        beat_ns = int(mail.heartbeat.t_ns) or self.now_ns
         run(own, mail, board, way, self.safe_ops, self.now_ns, max(self.now_ns, beat_ns + BOUND_NS))
         for t_ns in range(beat_ns + BOUND_NS, self.now_ns + WATCHED_NS, STEP_NS):
             assert way.registers.safe, (self.points, self.snapshot.mode, way.registers.discrete, way.registers.dac)

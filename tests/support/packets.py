@@ -72,7 +72,7 @@ PACKETS = st.one_of(HELLOS, WELCOMES, JOINTS.flatmap(commands), JOINTS.flatmap(s
 def resting(q: tuple[float, ...], t_ns: int = 0, mode: int = RobotMode.HOLDING, **others: int) -> RobotState:
     """A robot that stands at `q`."""
     still = (0.0,) * len(q)
-    return RobotState(t_ns, mode, q, still, still, q, **others)
+    return RobotState(t_ns=t_ns, mode=mode, q=q, v=still, tau=still, q_setpoint=q, **others)
 
 
 def connected(

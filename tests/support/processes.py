@@ -32,7 +32,9 @@ from qrobot.rci import TcpLink
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
-from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, ServoMailbox, ServoSnapshot, attach_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import ServoSnapshot
+from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, wait_until
@@ -141,7 +143,7 @@ class RunningArm:
         process.kill()
         process.wait()
         after_ns = time.monotonic_ns()
-        slipped_ns = self.word(BEAT_SLIPPED_NS)
+        slipped_ns = self.word("heartbeat", "slipped_ns")
         return Killing(before_ns - slipped_ns, after_ns - slipped_ns)
 
     def signal(self, command: str, number: signal.Signals) -> int:
@@ -226,12 +228,12 @@ class RunningArm:
 
     def now_ns(self) -> int:
         """The arm's time: CLOCK_MONOTONIC, less what did not count of it."""
-        return time.monotonic_ns() - self.word(BEAT_SLIPPED_NS)
+        return time.monotonic_ns() - self.word("heartbeat", "slipped_ns")
 
-    def word(self, index: int) -> int:
-        """A word of the servo's memory."""
+    def word(self, block: str, name: str) -> int:
+        """A field of the servo's memory."""
         with attach_servo_memory(self.name) as segment:
-            return int(segment.words[index])
+            return int(getattr(getattr(segment.front, block), name))
 
     def telemetry(self) -> Rows:
         """Every cycle still in the ring, oldest first."""

@@ -41,10 +41,12 @@ from qrobot.hwif.registers import (
 from qrobot.model.transmission import joint_to_counts, transmission_params
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import jit_disabled, lean_kernel
+from qrobot.realtime.structure import view_words
 from qrobot.servo.laws import find_law
 from qrobot.servo.laws.law import Law
-from qrobot.servo.laws.law_swap import LAW_AT
-from qrobot.servo.memory.mailbox import GUARD_T_NS, ServoMailbox, ServoSnapshot, local_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import ServoSnapshot
+from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.output_lines import OutputWire
@@ -54,6 +56,7 @@ from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.servo.state import make_state
 
 START_NS = 1_000_000_000
+SHARED_KINDS = ("row", "frame")  # records that are copied into shared memory as they are
 RING_ROWS = 16
 FRAME_NS = 28_000_000
 FIRST_COUNTER = IMAGE_ENC_COUNT
@@ -62,9 +65,9 @@ LANES = tuple((lane, lane.value) for lane in Lane)
 
 
 @lean_kernel
-def cycle_of_blocks(params: Any, state: Any, mail: Any, board: Any, now_ns: int) -> None:
+def cycle_of_blocks(params: Any, state: Any, mail: Any, ring: Any, board: Any, now_ns: int) -> None:
     """`one_cycle` for a call from Python, where records come as blocks, thirty times as fast."""
-    one_cycle(params[0], state[0], mail, board, now_ns, 0)
+    one_cycle(params[0], state[0], mail[0], ring, board[0], now_ns, 0)
 
 
 @lean_kernel
@@ -90,7 +93,10 @@ def views_of(record: Any) -> SimpleNamespace:
     """The fields of a record by name: its arrays themselves, and its numbers as they are."""
     fields = {name: getattr(record, name) for name in record.dtype.names}
     return SimpleNamespace(
-        **{name: views_of(field) if isinstance(field, np.record) else field for name, field in fields.items()}
+        **{
+            name: views_of(field) if isinstance(field, np.record) and name not in SHARED_KINDS else field
+            for name, field in fields.items()
+        }
     )
 
 
@@ -166,8 +172,9 @@ class ServoBench:
             self.params.watch.rise_up[:] = self.params.watch.rise_down[:] = np.inf
         self._law = find_law(law, self.robot) if isinstance(law, str) else law
         self.state = in_python(make_state(self.params, self._law))
-        self.mail = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
-        self.mailbox = ServoMailbox(self.mail)
+        words = local_servo_memory(self.robot.name, "bench", n, self.settings.period_ns, RING_ROWS)
+        self.mailbox = ServoMailbox(words)
+        self.mail = self.mailbox.memory
         self.board = local_board_memory()
         self.now_ns, self.behind_ns = START_NS, 0
         self.q: Floats = np.array(self.robot.poses[pose])
@@ -188,7 +195,7 @@ class ServoBench:
         self._operations = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
         self._blocks = callable_block(in_python(self.params)), callable_block(self.state)
         # Views, taken once: to find a field of a record by its name takes Python longer than a cycle takes.
-        self._row, self._q_ref = self.state.row, self.state.q_ref
+        self._row, self._q_ref = view_words(self.state.row), self.state.q_ref
 
     @property
     def law(self) -> Law:
@@ -198,7 +205,7 @@ class ServoBench:
     @law.setter
     def law(self, law: Law) -> None:
         self._law = law
-        self.state.swap.i[LAW_AT] = law.address
+        self.state.swap.law_at = law.address
         self.state.swap.settings[:] = law.values
 
     # ------------------------------------------------------------------------------------------------- running it
@@ -211,8 +218,10 @@ class ServoBench:
             if not self.frozen:
                 self._publish()
             if self.beating:
-                self.mail[GUARD_T_NS] = self.now_ns
-            cycle_of_blocks(*self._blocks, self.mail, self.board, self.now_ns)
+                self.mail.guardian.t_ns = self.now_ns
+            params, state = self._blocks
+            mail, board = callable_block(self.mail), callable_block(self.board)
+            cycle_of_blocks(params, state, mail, self.mailbox.ring, board, self.now_ns)
             self._rows.append(self._row.copy())
             self.collect()
             if self.follows and gives_torque(int(self.state.mode)):

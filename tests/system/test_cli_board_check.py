@@ -16,7 +16,7 @@ from qrobot.config import load_robot
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.hwif.trace import read_trace
 from qrobot.rig.board_check import STEPS
-from qrobot.servo.memory.mailbox import create_servo_memory
+from qrobot.servo.memory.servo_memory import create_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.server import EmulatedBoardServer

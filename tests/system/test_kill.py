@@ -21,7 +21,6 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.read import read_log
-from qrobot.servo.memory.mailbox import BEAT_T_NS, GUARD_T_NS, GUARD_TAKEOVER
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
@@ -218,7 +217,7 @@ def test_a_killed_servo_loses_torque_and_power_within_the_guardians_bound(
         log = arm.newest_log()
         arm.kill("servo")
         last_ns = arm.snapshot().t_ns
-        assert_safe_by_the_boards_stamps(arm, arm.word(BEAT_T_NS))
+        assert_safe_by_the_boards_stamps(arm, arm.word("heartbeat", "t_ns"))
         assert_braked(arm)
         assert arm.lamps == HELD
         assert_the_rest_runs(arm, before, "servo")
@@ -235,8 +234,8 @@ def test_a_servo_that_was_stopped_finds_the_board_taken_and_writes_nothing_more(
     with fast_leg(arm, legs) as program:
         arm.signal("servo", signal.SIGSTOP)
         try:
-            wait_until(lambda: arm.word(GUARD_TAKEOVER), "the guardian acts")
-            assert_safe_by_the_boards_stamps(arm, arm.word(BEAT_T_NS))
+            wait_until(lambda: arm.word("guardian", "takeover"), "the guardian acts")
+            assert_safe_by_the_boards_stamps(arm, arm.word("heartbeat", "t_ns"))
             assert arm.lamps == HELD
         finally:
             awake_ns = arm.signal("servo", signal.SIGCONT)
@@ -253,7 +252,7 @@ def test_a_killed_guardian_makes_the_servo_stop_drop_power_and_refuse_it(arm: Ru
     before = arm.running()
     with fast_leg(arm, legs) as program:
         arm.kill("guardian")
-        seen_ns = arm.word(GUARD_T_NS)
+        seen_ns = arm.word("guardian", "t_ns")
         arm.wait_for(Mode.FAULT)
         wait_until(lambda: not arm.powered, "power goes")
         assert_the_rest_runs(arm, before, "guardian")

@@ -47,7 +47,7 @@ class CollidingArm:
         self.rig.mailbox.request_power(True)
         self.rig.run_for(0.5)
         assert self.mode is Mode.HOLDING
-        self.here = np.array(self.rig.mailbox.snapshot().q_ref)
+        self.here = np.array(self.rig.mailbox.snapshot().q_setpoint)
 
     @property
     def mode(self) -> Mode:

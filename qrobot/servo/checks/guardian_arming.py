@@ -22,7 +22,6 @@ from qrobot.hwif.lanes import posted_so_far, taken_so_far
 from qrobot.hwif.registers import STATUS_POWER
 from qrobot.realtime.atomics import store_release
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.memory.mailbox import BEAT_ARMED, BEAT_T_NS, GUARD_TAKEOVER
 from qrobot.servo.state import (
     ServoState,
 )
@@ -37,9 +36,9 @@ def keep_armed(state: ServoState, mail: Any, driven: bool) -> None:
     """Before the writes of a cycle are posted: have the guardian watch if they drive something, or if any may have."""
     state.driven = 1 if driven else 0
     if driven and state.armed == 0:
-        store_release(mail, BEAT_T_NS, state.began_ns)  # first: no silence of an unarmed servo counts
+        store_release(mail.heartbeat, "t_ns", state.began_ns)  # first: no silence of an unarmed servo counts
         state.armed = 1
-    store_release(mail, BEAT_ARMED, state.armed)
+    store_release(mail.heartbeat, "armed", state.armed)
 
 
 @lean_kernel
@@ -51,7 +50,7 @@ def say_again(state: ServoState) -> bool:
 @lean_kernel
 def stands_down(state: ServoState, mail: Any) -> bool:
     """The servo may end: its board carries nothing, it has never written to it, or the guardian has taken it."""
-    return bool(state.armed == 0 or state.started == 0 or mail[GUARD_TAKEOVER] != 0)
+    return bool(state.armed == 0 or state.started == 0 or mail.guardian.takeover != 0)
 
 
 @lean_kernel
@@ -64,7 +63,7 @@ def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, posted: b
     if state.armed == 0 or state.started == 0:
         return
     head = posted_so_far(board, SERVO_LANE)
-    if state.driven != 0 or mail[GUARD_TAKEOVER] != 0 or head < state.safe_head:  # the last: another board's memory
+    if state.driven != 0 or mail.guardian.takeover != 0 or head < state.safe_head:  # the last: another board's memory
         state.safe_head, state.safe_image = NONE, NONE
     elif state.safe_head == NONE:
         state.safe_head = head if posted else NONE
@@ -75,7 +74,7 @@ def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, posted: b
         state.safe_head, state.safe_image = NONE, NONE  # a board that began to count anew
     elif _shown_off(state):
         state.armed = 0
-        store_release(mail, BEAT_ARMED, 0)
+        store_release(mail.heartbeat, "armed", 0)
 
 
 @lean_kernel

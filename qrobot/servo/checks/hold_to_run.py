@@ -10,7 +10,6 @@ from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.memory.mailbox import COMMAND_HELD_NS, COMMAND_HELD_STREAM
 from qrobot.servo.modes import Mode
 from qrobot.servo.stages.mode_machine import report_fault
 from qrobot.servo.state import ServoState
@@ -33,8 +32,8 @@ def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
     """Stop an arm that moves without its key."""
     if state.mode != TRACKING:
         return
-    held_ns = mail[COMMAND_HELD_NS]
-    if key_is_held(mail[COMMAND_HELD_STREAM], state.stream, held_ns, now_ns):
+    held_ns = mail.command.held_ns
+    if key_is_held(mail.command.held_stream, state.stream, held_ns, now_ns):
         return
     for j in range(state.v_ref.size):
         if state.v_ref[j] != 0.0 or state.torque_setpoint[j] != 0.0:

@@ -12,7 +12,8 @@ jump to. A swap is asked for by the daemon's main thread and done by the loop, b
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,28 +25,15 @@ from qrobot.servo.stages.velocity import at_rest
 
 FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
 
-# indexes into `SwapState.i`
-(
-    LAW_AT,  # address of the law in force
-    ASKED,  # raised to ask for a swap
-    DONE,  # the request last dealt with
-    RESULT,  # what became of it
-    NEXT_LAW_AT,  # address of the law asked for
-    DONE_TICK,  # the cycle that dealt with it
-    DONE_T_NS,  # planned time of that cycle
-    LAST_LAW_AT,  # address of the law before the one in force, 0 for none
-    N_SWAP_INTEGERS,
-) = range(9)
-
-SWAPPED, NOT_NOW, NO_TORQUE, OUT_OF_BOUNDS = range(4)  # values of RESULT
+SWAPPED, NOT_NOW, NO_TORQUE, OUT_OF_BOUNDS = range(4)  # values of `result`
 
 law_at = function_at(LAW_SIGNATURE)
 
 
-class SwapState(NamedTuple):
+@dataclass(eq=False)
+class SwapState:
     """The law in force and the one asked for. Vectors have shape (n,) and SI units."""
 
-    i: Any  # int64[N_SWAP_INTEGERS]
     gains: Any  # in force, (3, n)
     next_gains: Any  # (3, n)
     settings: Any  # of the law in force, (32,)
@@ -54,15 +42,21 @@ class SwapState(NamedTuple):
     bias: Any  # N m (N), added to what the law says
     trial: Any  # what the law asked for says
     trial_memory: Any  # (64,)
+    law_at: int = 0  # address of the law in force
+    asked: int = 0  # raised to ask for a swap
+    done: int = 0  # the request last dealt with
+    result: int = 0  # what became of it
+    next_law_at: int = 0  # address of the law asked for
+    done_tick: int = 0  # the cycle that dealt with it
+    done_t_ns: int = 0  # planned time of that cycle
+    last_law_at: int = 0  # address of the law before the one in force, 0 for none
 
 
 def make_swap_state(law: Law, gains: Any) -> SwapState:
     """A law in force from the start; `gains` has shape (3, n)."""
     n = gains.shape[1]
-    integers = np.zeros(N_SWAP_INTEGERS, dtype=np.int64)
-    integers[LAW_AT] = law.address
     return SwapState(
-        i=integers,
+        law_at=law.address,
         gains=np.array(gains),
         next_gains=np.zeros((N_GAINS, n)),
         settings=np.array(law.values),
@@ -76,26 +70,26 @@ def make_swap_state(law: Law, gains: Any) -> SwapState:
 
 def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
     """Ask the loop for another law, which has to live on. Call again only when that is done (`maybe_swap_result`)."""
-    swap.i[NEXT_LAW_AT] = law.address
+    swap.next_law_at = law.address
     swap.next_gains[:] = gains
     swap.next_settings[:] = law.values
-    _ask(swap.i)
+    _ask(swap)
 
 
 def maybe_swap_result(swap: SwapState) -> int | None:
     """SWAPPED, NOT_NOW, NO_TORQUE or OUT_OF_BOUNDS; None while the request waits for the next cycle."""
-    return None if swap_asked(swap.i) else int(swap.i[RESULT])
+    return None if swap_asked(swap) else int(swap.result)
 
 
 @lean_kernel
-def _ask(integers: Any) -> None:
-    store_release(integers, ASKED, integers[ASKED] + 1)
+def _ask(swap: Any) -> None:
+    store_release(swap, "asked", swap.asked + 1)
 
 
 @lean_kernel
-def swap_asked(integers: Any) -> bool:
-    """A request waits; `integers` is `SwapState.i`."""
-    return bool(integers[ASKED] != load_acquire(integers, DONE))
+def swap_asked(swap: Any) -> bool:
+    """A request waits."""
+    return bool(swap.asked != load_acquire(swap, "done"))
 
 
 @lean_kernel
@@ -116,11 +110,11 @@ def fade_bias(swap: Any, dt: float) -> None:
 @lean_kernel
 def install(swap: Any) -> int:
     """Put the law asked for in force, as it is; the one before stays at hand."""
-    if swap.i[LAW_AT] != swap.i[NEXT_LAW_AT]:
-        swap.i[LAST_LAW_AT] = swap.i[LAW_AT]
+    if swap.law_at != swap.next_law_at:
+        swap.last_law_at = swap.law_at
         for k in range(swap.settings.size):
             swap.last_settings[k] = swap.settings[k]
-    swap.i[LAW_AT] = swap.i[NEXT_LAW_AT]
+    swap.law_at = swap.next_law_at
     for k in range(swap.gains.shape[0]):
         for j in range(swap.gains.shape[1]):
             swap.gains[k, j] = swap.next_gains[k, j]
@@ -132,9 +126,9 @@ def install(swap: Any) -> int:
 @lean_kernel
 def fall_back(swap: Any) -> None:
     """Put the law before the one in force back, if there was one, for the one in force has failed. Gains stay."""
-    if swap.i[LAST_LAW_AT] == 0:
+    if swap.last_law_at == 0:
         return
-    swap.i[LAW_AT], swap.i[LAST_LAW_AT] = swap.i[LAST_LAW_AT], 0
+    swap.law_at, swap.last_law_at = swap.last_law_at, 0
     for k in range(swap.settings.size):
         swap.settings[k] = swap.last_settings[k]
 
@@ -160,5 +154,5 @@ def install_after_trial(swap: Any, tau: Any, memory: Any) -> int:
 @lean_kernel
 def answer_swap(swap: Any, result: int, tick: int, now_ns: int) -> None:
     """Say what became of the request, in cycle number `tick` planned for `now_ns`."""
-    swap.i[RESULT], swap.i[DONE_TICK], swap.i[DONE_T_NS] = result, tick, now_ns
-    store_release(swap.i, DONE, swap.i[ASKED])
+    swap.result, swap.done_tick, swap.done_t_ns = result, tick, now_ns
+    store_release(swap, "done", swap.asked)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
+from qrobot.realtime.flat_record import words_of
 from qrobot.realtime.jit import lean_kernel
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
@@ -37,7 +38,7 @@ SCALARS: Final = (
     ("mode", "servo.modes.Mode"),
     ("fault", "faultcodes.FaultCode, the newest event"),
     ("setpoint_seq", "sequence number of the setpoint being played"),
-    ("flags", "servo.mailbox FLAG_* bits; joints at their torque limit << 8; frames missed in a row << 16"),
+    ("flags", "FLAG_* bits; joints at their torque limit << 8; frames missed in a row << 16"),
 )
 VECTORS: Final = (
     ("q_ref", "desired position, rad or m"),
@@ -67,6 +68,8 @@ LINES: Final = (
     ("event_joint", "joint, from 0, that `fault` speaks of; -1 for none"),
 )
 ROW_VERSION: Final = 2
+FLAG_UNSEEN: Final = 32  # beside those of `servo.memory.published_state`
+SOURCES: Final = {"fault": "event", "flags": "flag_word", "volts": "sensors"}  # fields of the state of another name
 
 Rows = NDArray[Any]  # structured, one record per cycle: dtype of a `TelemetryLayout`
 
@@ -92,6 +95,12 @@ class TelemetryLayout:
             fields += [(name, "<f8", (length,)) for name, length, _ in ARRAYS]
             fields += [(name, "<i8") for name, _ in LINES]
         return np.dtype(fields)
+
+    @property
+    def source_dtype(self) -> np.dtype[Any]:
+        """The same with each field named as the field of the servo's state that it is copied from."""
+        fields = [(SOURCES.get(name, name), self.dtype[name]) for name in self.dtype.names or ()]
+        return np.dtype(fields, align=True)
 
     @property
     def row_words(self) -> int:
@@ -157,6 +166,13 @@ def fitting_capacity(row_words: int, wanted: int, free_bytes: int) -> int:
 def ring_capacity(size: int, base: int, row_words: int) -> int:
     """Rows of a ring at `base` that reaches to the end of a memory of `size` words; see `ring_words`."""
     return (size - base - RING_HEADER_WORDS) // row_words
+
+
+@lean_kernel
+def append_telemetry(ring: Any, row: Any) -> None:
+    """Servo: append a row, a record, to a ring that takes all of `ring`."""
+    words = words_of(row)
+    append_row(ring, 0, ring_capacity(ring.size, 0, words.size), words.size, words)
 
 
 @lean_kernel

@@ -9,7 +9,8 @@ from typing import Any, Final
 from qrobot.errors import ConfigError, LinkTimeout, ServoFault
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
-from qrobot.servo.memory.mailbox import FLAG_CALIBRATED, CalibrationProgress, ServoMailbox, ServoSnapshot
+from qrobot.servo.memory.mailbox import CalibrationProgress, ServoMailbox
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
 from qrobot.servo.modes import Mode, mode_name
 
 POLL_S: Final = 0.05
@@ -138,5 +139,5 @@ def _until(
 
 
 def _refusal(state: ServoSnapshot, what: str) -> str:
-    told = explain(state.event, state.joint) if state.event else explain(state.fault)
+    told = explain(state.event, state.event_joint) if state.event else explain(state.fault)
     return f"{what}: {told}"

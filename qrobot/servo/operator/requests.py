@@ -27,9 +27,6 @@ from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
 from qrobot.servo.laws.law_swap import (
-    DONE_T_NS,
-    DONE_TICK,
-    LAW_AT,
     NO_TORQUE,
     NOT_NOW,
     OUT_OF_BOUNDS,
@@ -41,16 +38,9 @@ from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.memory.law_history import LawInForce, settings_text, write_entry
-from qrobot.servo.memory.mailbox import (
-    FLAG_CALIBRATED,
-    FLAG_ESTOP_OK,
-    FLAG_GUARDED,
-    FLAG_POWERED,
-    GUARD_TAKEOVER,
-    ServoMailbox,
-    describe_law,
-    journal_base,
-)
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK, FLAG_GUARDED, FLAG_POWERED
+from qrobot.servo.memory.servo_memory import describe_law, journal_base
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.operator.board_status import board_status
@@ -199,7 +189,7 @@ class Controls:
     @property
     def _guardian_acts(self) -> bool:
         """The guardian has taken torque and power away, and the servo writes nothing any more."""
-        return bool(self._servo.mailbox.words[GUARD_TAKEOVER])
+        return bool(self._servo.mailbox.memory.guardian.takeover)
 
     def farewell(self, visitor: OperatorConnection) -> None:
         """Somebody has gone, and their authority with them."""
@@ -213,7 +203,7 @@ class Controls:
         gains = servo.swap.gains
         mode, fault = (Mode.FAULT, GUARD_TRIP) if self._guardian_acts else (snapshot.mode, snapshot.fault)
         code = fault or snapshot.event
-        joint = snapshot.joint if code == snapshot.event else NO_JOINT
+        joint = snapshot.event_joint if code == snapshot.event else NO_JOINT
         return ServoStatus(
             arm=servo.arm,
             robot=servo.robot.name,
@@ -223,7 +213,7 @@ class Controls:
             mode=mode_name(mode),
             fault=fault,
             event=snapshot.event,
-            event_joint=snapshot.joint,
+            event_joint=snapshot.event_joint,
             text=self._text(code, joint),
             powered=bool(snapshot.flags & FLAG_POWERED) and not self._guardian_acts,
             calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
@@ -367,7 +357,7 @@ class Controls:
 
     def note_fallback(self) -> None:
         """Tell people and readers once the servo has gone back to the law before, because the one in force failed."""
-        servo, address = self._servo, int(self._servo.swap.i[LAW_AT])
+        servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address or self._commanding.locked():
             return
         servo.law, servo.law_name = next(kept for kept in self._kept_laws if kept[0].address == address)
@@ -379,7 +369,7 @@ class Controls:
         """Tell whoever keeps a log what is in force since the last swap, or from the start."""
         servo, swap = self._servo, self._servo.swap
         kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
-        t_ns, tick, label = int(swap.i[DONE_T_NS]), int(swap.i[DONE_TICK]), law_label(servo.law_name)
+        t_ns, tick, label = int(swap.done_t_ns), int(swap.done_tick), law_label(servo.law_name)
         entry = LawInForce(
             t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia, " ".join(servo.law.signals)
         )

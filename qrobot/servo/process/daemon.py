@@ -34,7 +34,7 @@ from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.realtime.setup import SetupStep, hold_dma_latency, insist_on, prepare_loop_thread
-from qrobot.realtime.shared_memory import SharedMemory, segment_path
+from qrobot.realtime.shared_memory import segment_path
 from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
 from qrobot.report import Report
@@ -44,15 +44,10 @@ from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.laws.stability import check_gains
 from qrobot.servo.laws.trial_process import tried_law
 from qrobot.servo.memory.commander_lock import Authority
-from qrobot.servo.memory.mailbox import (
-    BEAT_SLIPS,
-    BEAT_T_NS,
-    COMMAND_SHUTDOWN,
-    INFO_READY,
-    STATE_EVENT,
-    STATE_JOINT,
-    STATE_MODE,
-    ServoMailbox,
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import (
+    ServoFront,
+    ServoSegment,
     create_servo_memory,
     describe_choices,
     local_servo_memory,
@@ -81,10 +76,10 @@ Look = Callable[[ServoMailbox, Incident | None, bool], None]  # at the newest in
 def warm_up(robot: Robot, settings: ServoSettings) -> Law:
     """Compile, or load from the cache, everything the loop calls, on memory of its own. The law, tried."""
     params, law = servo_parameters(robot, settings), tried_law_of(robot, settings)
-    mail = local_servo_memory(robot.name, law_label(settings.law), robot.n, settings.period_ns, SMALLEST_RING)
-    board = local_board_memory()
-    mail[COMMAND_SHUTDOWN] = 1
-    run(params, make_state(params, law), mail, board, make_card(NO_CARD), 0, BOARD_AWAY_NS)
+    words = local_servo_memory(robot.name, law_label(settings.law), robot.n, settings.period_ns, SMALLEST_RING)
+    mailbox, board = ServoMailbox(words), local_board_memory()
+    mailbox.memory.command.shutdown = 1
+    run(params, make_state(params, law), mailbox.memory, mailbox.ring, board, make_card(NO_CARD), 0, BOARD_AWAY_NS)
     return law
 
 
@@ -101,7 +96,7 @@ class ServoProcess:
     robot: Robot
     settings: ServoSettings
     report: Report
-    memory: SharedMemory
+    memory: ServoSegment
     board: BoardSegment
     card: Words
     params: ServoParameters
@@ -123,14 +118,15 @@ class ServoProcess:
                 insist_on(self.steps, self.require_realtime, self.report)
                 self._insist_on_the_rate()
                 self.faults.begin(threading.get_native_id())
-                self.memory.words[INFO_READY] = 1
+                self.memory.front.info.ready = 1
                 while self._run_once() != ENDED:
                     self._find_board_again()
         except BaseException as error:  # the thread's only way to tell the main one
             self.error = error
 
     def _run_once(self) -> int:
-        memories = self.memory.words, self.board.memory, self.card
+        mailbox = self.mailbox
+        memories = mailbox.memory, mailbox.ring, self.board.memory, self.card
         return int(run(self.params, self.state, *memories, first_margin(self.settings), BOARD_AWAY_NS))
 
     def _insist_on_the_rate(self) -> None:
@@ -200,8 +196,7 @@ class ServoProcess:
     @property
     def told(self) -> tuple[int, int, int]:
         """Mode, newest event and its joint, as last published."""
-        block = self.state.block
-        return int(block[STATE_MODE]), int(block[STATE_EVENT]), int(block[STATE_JOINT])
+        return int(self.state.mode), int(self.state.event), int(self.state.event_joint)
 
 
 def _complaint(code: int, step: SetupStep) -> str:
@@ -239,11 +234,11 @@ class _Herald:
 
 
 @contextlib.contextmanager
-def shutdown_on_signals(words: Words) -> Iterator[None]:
+def shutdown_on_signals(front: ServoFront) -> Iterator[None]:
     """SIGTERM, SIGINT, and SIGHUP of a terminal that is closed ask the loop for an orderly end."""
 
     def ask(_signal: int, _frame: FrameType | None) -> None:
-        words[COMMAND_SHUTDOWN] = 1
+        front.command.shutdown = 1
 
     numbers = [signal.SIGTERM, signal.SIGINT]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has ignored it
@@ -294,7 +289,7 @@ def serve(
         create_servo_memory(arm, robot.name, law_label(settings.law), robot.n, settings.period_ns, rows) as memory,
     ):
         describe_choices(memory.words, settings.velocity, settings.interpolation)
-        memory.words[BEAT_SLIPS] = int(settings.board_slips)
+        memory.front.heartbeat.slips = int(settings.board_slips)
         discard_operations(board.memory, int(Lane.SERVO))
         params = servo_parameters(robot, settings)
         process = ServoProcess(
@@ -311,7 +306,7 @@ def serve(
             settings.law,
             require_realtime,
         )
-        with shutdown_on_signals(memory.words):
+        with shutdown_on_signals(memory.front):
             started()
             _run_and_watch(process, look)
     if card[CARD_READ_ONLY]:
@@ -362,7 +357,7 @@ def _run_and_watch(process: ServoProcess, look: Look) -> None:
                 herald.announce(incident)
                 look(process.mailbox, incident, False)
         finally:  # whatever goes wrong here, the arm is stopped and let go of in good order first
-            process.memory.words[COMMAND_SHUTDOWN] = 1
+            process.memory.front.command.shutdown = 1
             while running.goes_on():
                 pass
     look(process.mailbox, process.incident, True)
@@ -404,10 +399,10 @@ class _Running:
 
         A loop that should end and runs no cycle is left, and with it this process: the guardian has the board by then.
         """
-        words = self._process.memory.words
+        front = self._process.memory.front
         self._thread.join(POLL_S)
-        if self._beat != words[BEAT_T_NS] or not words[COMMAND_SHUTDOWN]:
-            self._beat, self._patience = int(words[BEAT_T_NS]), Deadline(HUNG_S)
+        if self._beat != front.heartbeat.t_ns or not front.command.shutdown:
+            self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:
             self._process.report(f"the loop has run no cycle for {HUNG_S:g} s and is left where it hangs")
             os._exit(1)  # the thread holds on to all memory here: only an end as by `kill -9` is one

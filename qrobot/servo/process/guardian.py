@@ -30,19 +30,7 @@ from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.setup import HIGHEST_PRIORITY, SetupStep, lock_memory, set_fifo, tighten_timers
 from qrobot.realtime.shared_memory import HEADER_WORDS, SegmentT, SharedMemory
-from qrobot.servo.memory.mailbox import (
-    BEAT_ARMED,
-    BEAT_DISCRETE,
-    BEAT_KEPT,
-    BEAT_LINES,
-    BEAT_T_NS,
-    BEAT_TRIPS_SEEN,
-    GUARD_T_NS,
-    GUARD_TAKEOVER,
-    GUARD_TRIPS,
-    attach_servo_memory,
-    local_servo_memory,
-)
+from qrobot.servo.memory.servo_memory import ServoFront, attach_servo_memory, local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.settings import DEFAULT_TIMEOUT_MS
 from qrobot.units import NS_PER_S
@@ -75,7 +63,7 @@ def make_safe(own: Any, board: BoardMemory, ops: Any) -> bool:
 
 
 @lean_kernel
-def look(own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
+def look(own: Any, mail: ServoFront, board: BoardMemory, card: Any, ops: Any, now_ns: int, timeout_ns: int) -> None:
     """One look at the servo: trip, keep the board safe, or hand it back.
 
     Args:
@@ -83,8 +71,8 @@ def look(own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, now_ns: i
         card: of a board on this machine's own bus; nobody but the servo and the guardian reach it, each by itself.
         ops: scratch, int64[N_SAFE_OPS, 3].
     """
-    armed = load_acquire(mail, BEAT_ARMED) != 0  # before the heartbeat: a servo beats before it arms
-    beat_ns = load_acquire(mail, BEAT_T_NS)
+    armed = load_acquire(mail.heartbeat, "armed") != 0  # before the heartbeat: a servo beats before it arms
+    beat_ns = load_acquire(mail.heartbeat, "t_ns")
     fresh = -timeout_ns <= now_ns - beat_ns <= timeout_ns  # none comes from the future
     if fresh:
         own[WAS_ARMED] = 1 if armed else 0
@@ -92,13 +80,13 @@ def look(own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, now_ns: i
     if own[TRIPPED] == 0 and not fresh and armed:
         own[TRIPPED] = 1
         own[TRIPS] += 1
-    elif own[TRIPPED] != 0 and fresh and load_acquire(mail, BEAT_TRIPS_SEEN) == own[TRIPS]:
+    elif own[TRIPPED] != 0 and fresh and load_acquire(mail.heartbeat, "trips_seen") == own[TRIPS]:
         own[TRIPPED] = 0
-    if mail[BEAT_DISCRETE] != 0:  # a servo that has just started has none yet
-        own[LAST_DISCRETE], own[LINES], own[KEPT] = mail[BEAT_DISCRETE], mail[BEAT_LINES], mail[BEAT_KEPT]
-    store_release(mail, GUARD_TRIPS, own[TRIPS])
-    store_release(mail, GUARD_TAKEOVER, own[TRIPPED])
-    store_release(mail, GUARD_T_NS, now_ns)
+    if mail.heartbeat.discrete != 0:  # a servo that has just started has none yet
+        own[LAST_DISCRETE], own[LINES], own[KEPT] = mail.heartbeat.discrete, mail.heartbeat.lines, mail.heartbeat.kept
+    store_release(mail.guardian, "trips", own[TRIPS])
+    store_release(mail.guardian, "takeover", own[TRIPPED])
+    store_release(mail.guardian, "t_ns", now_ns)
     if own[TRIPPED] != 0:
         make_safe(own, board, ops)
     if card[CARD_KIND] != NO_CARD:
@@ -107,7 +95,15 @@ def look(own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, now_ns: i
 
 @lean_kernel
 def watch(
-    own: Any, mail: Any, board: BoardMemory, card: Any, ops: Any, stop: Any, timeout_ns: int, until_ns: int, slips: int
+    own: Any,
+    mail: ServoFront,
+    board: BoardMemory,
+    card: Any,
+    ops: Any,
+    stop: Any,
+    timeout_ns: int,
+    until_ns: int,
+    slips: int,
 ) -> None:
     """Look again and again until `until_ns`, or until `stop[0]` is set.
 
@@ -157,7 +153,8 @@ class Guardian:
         self._servo = attach_servo_memory(arm)
         self._board = attach_board_memory(arm)
         self._place = SharedMemory.create(f"{arm}-guardian", LAYOUT, HEADER_WORDS)
-        self._own[[TRIPPED, TRIPS]] = self._servo.words[[GUARD_TAKEOVER, GUARD_TRIPS]]
+        said = self._servo.front.guardian
+        self._own[TRIPPED], self._own[TRIPS] = said.takeover, said.trips
 
     @property
     def trips(self) -> int:
@@ -196,20 +193,20 @@ class Guardian:
 
     def _leave_safe(self) -> None:
         """Asked to end: not before the board is safe, or the servo has shown that it can see to that itself."""
-        until_ns, beat_ns = monotonic_now() + self.timeout_ns + LEAVE_NS, int(self._servo.words[BEAT_T_NS])
+        until_ns, beat_ns = monotonic_now() + self.timeout_ns + LEAVE_NS, int(self._servo.front.heartbeat.t_ns)
         while not self._dispensable(beat_ns) and monotonic_now() < until_ns:
             self._watch_for(self.timeout_ns // LOOKS_PER_TIMEOUT, np.zeros(1, dtype=np.int64))
 
     def _dispensable(self, beat_ns: int) -> bool:
         """True when nothing is driven any more, or the servo has beaten after `beat_ns`."""
-        mail = self._servo.words
+        mail = self._servo.front
         if self.tripped:
             return pending_operations(self._board.memory, GUARDIAN_LANE) == 0
-        drives = bool(mail[BEAT_ARMED]) or (not mail[BEAT_T_NS] and bool(self._own[WAS_ARMED]))
-        return not drives or bool(mail[BEAT_T_NS] != beat_ns)
+        drives = bool(mail.heartbeat.armed) or (not mail.heartbeat.t_ns and bool(self._own[WAS_ARMED]))
+        return not drives or bool(mail.heartbeat.t_ns != beat_ns)
 
     def _watch_for(self, duration_ns: int, stop: Words) -> None:
-        memories = self._servo.words, self._board.memory, self._card
+        memories = self._servo.front, self._board.memory, self._card
         until_ns = monotonic_now() + duration_ns
         watch(self._own, *memories, self._ops, stop, self.timeout_ns, until_ns, self._slips)
 
@@ -240,7 +237,7 @@ def _follow(segment: SegmentT, attach: Callable[[str], SegmentT], arm: str) -> S
 
 def warm_up() -> None:
     """Compile, or load from the cache, what `run` calls."""
-    mail = local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING)
+    mail = servo_front(local_servo_memory("warm-up", "", 1, NS_PER_S, SMALLEST_RING))
     ops = np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
     own = np.ones(N_OWN, dtype=np.int64)
     watch(

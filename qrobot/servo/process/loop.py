@@ -20,7 +20,7 @@ from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.guardian_arming import disarm_when_safe, stands_down
 from qrobot.servo.cycle import cycle
-from qrobot.servo.memory.mailbox import BEAT_SLIPPED_NS, COMMAND_SHUTDOWN, append_telemetry
+from qrobot.servo.memory.telemetry import append_telemetry
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
@@ -82,7 +82,7 @@ def wait_until(deadline_ns: int, margin_ns: int, most_ns: int = MARGIN_MAX_NS) -
 
 @lean_kernel
 def one_cycle(
-    params: ServoParameters, state: ServoState, mail: Any, board: BoardMemory, now_ns: int, late_ns: int
+    params: ServoParameters, state: ServoState, mail: Any, ring: Any, board: BoardMemory, now_ns: int, late_ns: int
 ) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.image_ok = 1 if fetch_image(board, state.image) else 0
@@ -94,16 +94,24 @@ def one_cycle(
     if not posted:
         state.discrete_sent = -1  # the board takes nothing at present: to be said again
     disarm_when_safe(state, mail, board, posted)
-    append_telemetry(mail, state.q.size, state.row)
+    append_telemetry(ring, state.row)
 
 
 @lean_kernel
 def run(
-    params: ServoParameters, state: ServoState, mail: Any, board: BoardMemory, card: Any, margin_ns: int, away_ns: int
+    params: ServoParameters,
+    state: ServoState,
+    mail: Any,
+    ring: Any,
+    board: BoardMemory,
+    card: Any,
+    margin_ns: int,
+    away_ns: int,
 ) -> int:
     """Run until shutdown is requested and the arm is without power, as its board shows.
 
     Args:
+        ring: words of the telemetry ring.
         card: see `hwif.isa.card`; one on this machine's own bus is read before and written after each cycle.
         margin_ns: initial spin margin; 0 never spins. away_ns: without an image for this long, and without power,
             return BOARD_AWAY so that the board can be mapped anew.
@@ -116,19 +124,19 @@ def run(
     while True:
         margin_ns = wait_until(deadline + slipped, margin_ns, most_ns)
         slipped = await_board(board, params.board_slips, deadline)
-        mail[BEAT_SLIPPED_NS] = slipped
+        mail.heartbeat.slipped_ns = slipped
         started = monotonic_ns() - slipped
         if started < deadline:
             continue  # time has slipped: the deadline is still to come
         if card[CARD_KIND] != NO_CARD:
             show_card(card, board, started)
-        one_cycle(params, state, mail, board, deadline, started - deadline)
+        one_cycle(params, state, mail, ring, board, deadline, started - deadline)
         if card[CARD_KIND] != NO_CARD:
             serve_card(card, board, started)
         finished = monotonic_ns() - slipped
         state.busy_ns = finished - started
         powered = wants_power(state.mode)
-        if load_acquire(mail, COMMAND_SHUTDOWN) == 0 or powered:
+        if load_acquire(mail.command, "shutdown") == 0 or powered:
             asked_ns = deadline
         elif stands_down(state, mail) or deadline - asked_ns > END_PATIENCE_NS:
             return ENDED
@@ -137,5 +145,5 @@ def run(
         elif not powered and deadline - seen_ns > away_ns:
             return BOARD_AWAY
         following = next_deadline(deadline, finished, params.period_ns)
-        state.late += (following - deadline) // params.period_ns - 1
+        state.late_cycles += (following - deadline) // params.period_ns - 1
         deadline = following

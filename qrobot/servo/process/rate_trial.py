@@ -15,7 +15,8 @@ from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.setup import SetupStep, hold_dma_latency, prepare_loop_thread
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import Law
-from qrobot.servo.memory.mailbox import ServoMailbox, local_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.process.loop import MARGIN_MAX_NS, longest_margin, run
@@ -28,12 +29,13 @@ def run_alone(robot: Robot, settings: ServoSettings, law: Law) -> Rows:
     """Telemetry of the loop for one window of the self-test, oldest row first."""
     n, period_ns = robot.n, settings.period_ns
     rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
-    mail = local_servo_memory(robot.name, law_label(settings.law), n, period_ns, rows)
-    mail += 0  # touches every page: the loop shall not wait for them
+    words = local_servo_memory(robot.name, law_label(settings.law), n, period_ns, rows)
+    words += 0  # touches every page: the loop shall not wait for them
     params = servo_parameters(robot, replace(settings, board_slips=False))  # here is no board to wait for
-    state, info = make_state(params, law), ServoMailbox(mail).info
-    run(params, state, mail, local_board_memory(), make_card(NO_CARD), first_margin(settings), WINDOW_NS)
-    return TelemetryReader(mail, info.telemetry_base, info.telemetry_capacity, n).read(rows)
+    state, mailbox = make_state(params, law), ServoMailbox(words)
+    memories = mailbox.memory, mailbox.ring, local_board_memory(), make_card(NO_CARD)
+    run(params, state, *memories, first_margin(settings), WINDOW_NS)
+    return TelemetryReader(words, mailbox.info.telemetry_base, mailbox.info.telemetry_capacity, n).read(rows)
 
 
 def first_margin(settings: ServoSettings) -> int:

@@ -12,14 +12,6 @@ from qrobot.config.outputs import N_OUTPUTS
 from qrobot.hwif.operations import put_outputs
 from qrobot.hwif.registers import DISCRETE_LINES, STATUS_ESTOP_OK
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.memory.mailbox import (
-    BEAT_KEPT,
-    BEAT_LINES,
-    COMMAND_OUTPUTS,
-    COMMAND_OUTPUTS_NS,
-    COMMAND_SHUTDOWN,
-    COMMAND_STOPS,
-)
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
@@ -33,10 +25,10 @@ FAULTED: Final = int(Mode.FAULT)
 @lean_kernel
 def stop_stands(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """The arm is being stopped, or was; its board or the emergency stop is open; or nobody commands it."""
-    asked = mail[COMMAND_STOPS] != state.output_stops_seen or state.power_locked != 0
-    state.output_stops_seen = mail[COMMAND_STOPS]
+    asked = mail.command.stops != state.output_stops_seen or state.power_locked != 0
+    state.output_stops_seen = mail.command.stops
     open_chain = state.image_ok == 0 or state.status & STATUS_ESTOP_OK == 0
-    silent = now_ns - mail[COMMAND_OUTPUTS_NS] > params.outputs.patience_ns or mail[COMMAND_SHUTDOWN] != 0
+    silent = now_ns - mail.command.outputs_ns > params.outputs.patience_ns or mail.command.shutdown != 0
     return bool(asked or open_chain or silent or state.mode in (STOPPING, FAULTED))
 
 
@@ -46,7 +38,7 @@ def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, now_ns
     lines = params.outputs
     if lines.lines == 0:
         return
-    asked = mail[COMMAND_OUTPUTS] & lines.lines
+    asked = mail.command.outputs & lines.lines
     if stop_stands(params, state, mail, now_ns):
         state.outputs_locked |= lines.off
     state.outputs_locked &= asked
@@ -56,7 +48,7 @@ def settle_outputs(params: ServoParameters, state: ServoState, mail: Any, now_ns
         if state.outputs >> k & 1 != 0:
             word |= lines.discrete[k]
     state.discrete_word = word
-    mail[BEAT_LINES], mail[BEAT_KEPT] = lines.lines, state.outputs & ~lines.off
+    mail.heartbeat.lines, mail.heartbeat.kept = lines.lines, state.outputs & ~lines.off
 
 
 @lean_kernel

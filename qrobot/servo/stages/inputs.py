@@ -75,7 +75,7 @@ def read(params: ServoParameters, state: ServoState) -> None:
         read_encoders(params, state)
     channel = collect_sample(state.adc, state.sensors, state.image, state.revision, params.adc_patience)
     seen = state.image_ok != 0
-    measure_wrench(params.wrench.matrix, state.force_zero, state.sensors, state.adc.done, seen, state.wrench)
+    measure_wrench(params.wrench.matrix, state.force_zero, state.sensors, state.adc.done, seen, state.force)
     if state.started != 0:
         watch_pots(params, state, channel)
         hear_pots(params, state, channel)

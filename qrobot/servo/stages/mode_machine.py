@@ -23,19 +23,6 @@ from qrobot.servo.calibration.state import (
 from qrobot.servo.checks.limit_checks import category_of
 from qrobot.servo.event import note_event
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
-from qrobot.servo.memory.mailbox import (
-    BEAT_TRIPS_SEEN,
-    COMMAND_CALIBRATE,
-    COMMAND_CLEARS,
-    COMMAND_INDEXES,
-    COMMAND_OFFS,
-    COMMAND_POWER,
-    COMMAND_SHUTDOWN,
-    COMMAND_STOPS,
-    GUARD_T_NS,
-    GUARD_TAKEOVER,
-    GUARD_TRIPS,
-)
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
@@ -180,14 +167,14 @@ def guardian_alive(params: ServoParameters, mail: Any, now_ns: int) -> bool:
     """
     timeout_ns = params.guardian_timeout_ns
     early_ns = timeout_ns + (PUT_BACK_NS if params.board_slips != 0 else 0)
-    return timeout_ns == 0 or -early_ns <= now_ns - mail[GUARD_T_NS] <= timeout_ns
+    return timeout_ns == 0 or -early_ns <= now_ns - mail.guardian.t_ns <= timeout_ns
 
 
 @lean_kernel
 def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Raise what the board, the guardian and the operator's chain call for."""
     mode, status = state.mode, state.status
-    if mail[GUARD_TAKEOVER] != 0:
+    if mail.guardian.takeover != 0:
         report_fault(state, GUARD_TRIP)
     if state.image_ok == 0:
         if mode == OFF:
@@ -274,14 +261,14 @@ def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) 
 def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, stopped: bool) -> None:
     """Begin a calibration when asked to, end it when asked to stop."""
     mode = state.mode
-    asked = mail[COMMAND_CALIBRATE] != state.calibrates_seen
-    state.calibrates_seen = mail[COMMAND_CALIBRATE]
+    asked = mail.command.calibrations != state.calibrates_seen
+    state.calibrates_seen = mail.command.calibrations
     if mode == CALIBRATING and stopped:
         note_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)
     elif mode == UNCALIBRATED and asked:
-        begin_calibration(params, state, mail[COMMAND_INDEXES])
+        begin_calibration(params, state, mail.command.indexes)
     elif mode == OFF and asked:
         _forget_calibration(state)
 
@@ -302,9 +289,9 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     """Grant a clear once the cause is gone; say so when it does not go."""
     if state.clear_until_ns == 0:
         return
-    mail[BEAT_TRIPS_SEEN] = mail[GUARD_TRIPS]  # asks the guardian to hand the board back
+    mail.heartbeat.trips_seen = mail.guardian.trips  # asks the guardian to hand the board back
     estop_ok = state.status & STATUS_ESTOP_OK != 0
-    if state.image_ok != 0 and estop_ok and mail[GUARD_TAKEOVER] == 0 and guardian_alive(params, mail, now_ns):
+    if state.image_ok != 0 and estop_ok and mail.guardian.takeover == 0 and guardian_alive(params, mail, now_ns):
         if state.glitches != 0:
             state.adopt = ADOPT_JUMPED
         if state.law_failed != 0:
@@ -331,13 +318,13 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 @lean_kernel
 def power_wanted(state: ServoState, mail: Any) -> int:
     """1 while the commander wants power and nobody has taken it away since they asked for it."""
-    asked = mail[COMMAND_POWER] != 0
-    if mail[COMMAND_OFFS] != state.offs_seen:
+    asked = mail.command.power != 0
+    if mail.command.power_offs != state.offs_seen:
         state.power_locked = 1
     if not asked:
         state.power_locked = 0
-    state.offs_seen = mail[COMMAND_OFFS]
-    return 1 if asked and state.power_locked == 0 and mail[COMMAND_SHUTDOWN] == 0 else 0
+    state.offs_seen = mail.command.power_offs
+    return 1 if asked and state.power_locked == 0 and mail.command.shutdown == 0 else 0
 
 
 @part_kernel
@@ -345,10 +332,10 @@ def handle_requests(params: ServoParameters, state: ServoState, mail: Any, now_n
     """Act on what the commander asks and on what the present mode waits for."""
     power = power_wanted(state, mail)
     asked_now = power == 1 and state.power_seen == 0
-    cleared = mail[COMMAND_CLEARS] != state.clears_seen
-    stopped = mail[COMMAND_STOPS] != state.stops_seen
-    state.power_seen, state.clears_seen = power, mail[COMMAND_CLEARS]
-    state.stops_seen = mail[COMMAND_STOPS]
+    cleared = mail.command.clears != state.clears_seen
+    stopped = mail.command.stops != state.stops_seen
+    state.power_seen, state.clears_seen = power, mail.command.clears
+    state.stops_seen = mail.command.stops
     _obey_calibration(params, state, mail, stopped)
     mode = state.mode
     if stopped and mode != TRACKING:  # also while stopping: a stream that waits for the end of the stop is meant too
@@ -395,7 +382,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
         begin_stop(params, state, mail, now_ns, HOLDING)
     if state.mode != mode:
         note_incident(
-            state.watch.incident, now_ns, state.tick, code, state.joint, state.pending_value,
+            state.watch.incident, now_ns, state.tick, code, state.event_joint, state.pending_value,
             state.pending_limit, mode, state.mode, state.next_seq - 1,
         )  # fmt: skip
 

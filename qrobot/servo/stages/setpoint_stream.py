@@ -19,16 +19,10 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
-from qrobot.realtime.flat_record import bits_float
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
 from qrobot.servo.checks.tip_speed import check_tip_step
 from qrobot.servo.memory.setpoint_queue import (
-    FRAME_JOINTS,
-    FRAME_PERIOD_NS,
-    FRAME_SEQ,
-    FRAME_STREAM,
-    FRAME_T_NS,
     POSITION_SETPOINT,
     QUEUE_CAPACITY,
     TORQUE_SETPOINT,
@@ -66,12 +60,12 @@ def look_at_frame(state: ServoState, mail: Any) -> bool:
     """
     n = state.q.size
     for _ in range(QUEUE_CAPACITY):  # no more can wait, whatever is added meanwhile
-        if not peek_frame(mail, state.frame, state.frame.size):
+        if not peek_frame(mail, state.frame):
             return False
-        if state.frame[FRAME_STREAM] > state.dead_stream:
+        if state.frame.stream > state.dead_stream:
             for j in range(n):
-                state.setpoint_modes[j] = state.frame[FRAME_JOINTS + j]
-                state.setpoint[j] = bits_float(state.frame[FRAME_JOINTS + n + j])
+                state.setpoint_modes[j] = state.frame.modes[j]
+                state.setpoint[j] = state.frame.values[j]
             return True
         drop_frame(mail)
     return False
@@ -94,13 +88,13 @@ def stream_ready(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     if asks_for_nothing(state):
         drop_frame(mail)
         return False, 0, NO_JOINT
-    frame_ns = state.frame[FRAME_PERIOD_NS]
+    frame_ns = state.frame.period_ns
     code, joint = check_first_setpoint(state.setpoint, state.setpoint_modes, state.q_ref, params.start_tolerance)
     if code != 0 or not SHORTEST_FRAME_NS <= frame_ns <= LONGEST_FRAME_NS:
-        state.dead_stream = state.frame[FRAME_STREAM]
+        state.dead_stream = state.frame.stream
         return False, code if code != 0 else SP_INVALID, joint
     state.frame_ns = frame_ns
-    state.play_at_ns = state.frame[FRAME_T_NS] + int(PLAYOUT_FRAMES * frame_ns)
+    state.play_at_ns = state.frame.t_ns + int(PLAYOUT_FRAMES * frame_ns)
     return now_ns >= state.play_at_ns, 0, NO_JOINT
 
 
@@ -110,15 +104,15 @@ def forget_waiting(state: ServoState, mail: Any) -> None:
     for _ in range(QUEUE_CAPACITY):
         if not look_at_frame(state, mail):
             return
-        state.dead_stream = state.frame[FRAME_STREAM]
+        state.dead_stream = state.frame.stream
         drop_frame(mail)
 
 
 @lean_kernel
 def start_stream(params: ServoParameters, state: ServoState, now_ns: int) -> None:
     """Begin to play the stream whose first frame `stream_ready` has shown, at its time and not at the tick after it."""
-    state.stream = state.frame[FRAME_STREAM]
-    state.next_seq = state.frame[FRAME_SEQ]
+    state.stream = state.frame.stream
+    state.next_seq = state.frame.seq
     state.last_arrival_ns = now_ns
     state.misses = state.bridged = 0
     rest_at(state.knots, state.q_ref)
@@ -140,7 +134,7 @@ def end_stream(state: ServoState, mail: Any) -> None:
 def _follow_phase(state: ServoState, now_ns: int) -> None:
     """Let the playing rate follow the sender's clock: a frame should have waited half a period when its turn comes."""
     frame_ns = state.frame_ns
-    waited = (now_ns - state.frame[FRAME_T_NS]) / frame_ns - state.phase
+    waited = (now_ns - state.frame.t_ns) / frame_ns - state.phase
     shift = min(max(PHASE_GAIN * (waited - PLAYOUT_FRAMES), -MAX_RATE_SHIFT), MAX_RATE_SHIFT)
     state.rate = (1.0 + shift) * 1e9 / frame_ns
 
@@ -148,11 +142,11 @@ def _follow_phase(state: ServoState, now_ns: int) -> None:
 @lean_kernel
 def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> tuple[int, int]:
     """(code, joint): make the next frame, or what replaces it, the newest knot."""
-    while look_at_frame(state, mail) and state.frame[FRAME_STREAM] == state.stream:
-        if state.frame[FRAME_SEQ] < state.next_seq:  # came after its substitute, or twice
+    while look_at_frame(state, mail) and state.frame.stream == state.stream:
+        if state.frame.seq < state.next_seq:  # came after its substitute, or twice
             drop_frame(mail)
             continue
-        if state.frame[FRAME_SEQ] > state.next_seq:  # the frame before it is lost
+        if state.frame.seq > state.next_seq:  # the frame before it is lost
             break
         code, joint = _judge_frame(params, state)
         if code == 0:
@@ -164,7 +158,7 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         return code, joint
     state.next_seq += 1
     state.misses += 1
-    state.missed += 1
+    state.missed_frames += 1
     state.bridged = 1
     shift_extrapolated(state.knots)
     return (STREAM_LOST if state.misses >= LOST_AFTER_FRAMES else 0), NO_JOINT
@@ -173,7 +167,7 @@ def take_frame(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
 @lean_kernel
 def _judge_frame(params: ServoParameters, state: ServoState) -> tuple[int, int]:
     """(code, joint) of the frame looked at; joints it does not speak of stay at their newest knot."""
-    if state.frame[FRAME_PERIOD_NS] != state.frame_ns:
+    if state.frame.period_ns != state.frame_ns:
         return SP_INVALID, NO_JOINT
     for j in range(state.q.size):
         if state.joint_modes[j] == TORQUE_SETPOINT and state.setpoint_modes[j] != TORQUE_SETPOINT:
@@ -205,7 +199,7 @@ def _accept_frame(state: ServoState, now_ns: int) -> None:
             state.torque_setpoint[j] = 0.0
     shift_in(state.knots, state.setpoint)
     _follow_phase(state, now_ns)
-    state.last_arrival_ns = min(state.frame[FRAME_T_NS], now_ns)  # no frame has come from the future
+    state.last_arrival_ns = min(state.frame.t_ns, now_ns)  # no frame has come from the future
     state.misses = 0
     state.bridged = 2 if state.bridged == 1 else 0
 
@@ -220,8 +214,8 @@ def longest_silence(frame_ns: int, cycle_ns: int) -> int:
 def stream_silent(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> bool:
     """True when nothing has arrived for longer than one lost frame explains."""
     newest = state.last_arrival_ns
-    if peek_frame(mail, state.frame, state.frame.size):
-        newest = max(newest, state.frame[FRAME_T_NS])
+    if peek_frame(mail, state.frame):
+        newest = max(newest, state.frame.t_ns)
     return bool(now_ns - newest > longest_silence(state.frame_ns, params.period_ns))
 
 

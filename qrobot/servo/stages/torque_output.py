@@ -41,8 +41,6 @@ from qrobot.servo.checks.potentiometer_monitor import wanted_channels
 from qrobot.servo.laws.guarded_copies import broken_words, copy_vector
 from qrobot.servo.laws.law import KP, KV
 from qrobot.servo.laws.law_swap import (
-    LAW_AT,
-    NEXT_LAW_AT,
     NOT_NOW,
     OUT_OF_BOUNDS,
     SWAPPED,
@@ -54,7 +52,6 @@ from qrobot.servo.laws.law_swap import (
     law_at,
     swap_asked,
 )
-from qrobot.servo.memory.mailbox import BEAT_DISCRETE, COMMAND_HAND, GUARD_TAKEOVER
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
@@ -80,8 +77,8 @@ def drive(params: ServoParameters, state: ServoState) -> None:
     if gives_torque(state.mode):
         model_terms(params, state)
         law_torque(params, state)
-    if swap_asked(state.swap.i):
-        answer_swap(state.swap, swap_law(state), state.tick, state.last_now_ns)
+    if swap_asked(state.swap):
+        answer_swap(state.swap, swap_law(state), state.tick, state.t_ns)
     if not gives_torque(state.mode):
         return
     add_torque_setpoints(state)
@@ -104,7 +101,7 @@ def law_torque(params: ServoParameters, state: ServoState) -> None:
         built_in_law(params, state)
         return
     swap = state.swap
-    if not call_law(state, swap.i[LAW_AT], state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
+    if not call_law(state, swap.law_at, state.q_ref, swap.gains, swap.settings, state.memory, state.tau):
         state.law_failed = 1
         report_fault(state, LAW_BOUNDS)
         built_in_law(params, state)
@@ -159,7 +156,7 @@ def swap_law(state: ServoState) -> int:
     if mode != HOLDING or state.law_failed != 0:
         return NOT_NOW
     swap.trial_memory[:] = 0.0
-    next_law = swap.i[NEXT_LAW_AT]
+    next_law = swap.next_law_at
     if not call_law(state, next_law, state.q, swap.next_gains, swap.next_settings, swap.trial_memory, swap.trial):
         return OUT_OF_BOUNDS
     result = install_after_trial(swap, state.tau, state.memory)
@@ -229,13 +226,13 @@ def write(params: ServoParameters, state: ServoState, mail: Any) -> int:
         state.tau[:] = 0.0
     torque_to_dac(state.tau, params.transmission, state.tau_motor, state.dac)
     channels = wanted_channels(params, state)
-    compose_discrete(state, mail[COMMAND_HAND], channels != 0)
+    compose_discrete(state, mail.command.hand, channels != 0)
     if state.started == 0:
         return 0
-    mail[BEAT_DISCRETE] = state.discrete_word & ~params.outputs.off_discrete
+    mail.heartbeat.discrete = state.discrete_word & ~params.outputs.off_discrete
     left_on = state.outputs & params.outputs.off  # somebody has to switch them off should we die
     keep_armed(state, mail, wants_power(state.mode) or left_on != 0)  # before anything is posted
-    if mail[GUARD_TAKEOVER] != 0:
+    if mail.guardian.takeover != 0:
         state.discrete_sent = -1
         return 0
     n = 0

@@ -243,17 +243,25 @@ struct qrobot_command {
 struct qrobot_state {
     uint32_t seq, ack;    /* number of the sample period; newest command that was taken */
     int64_t t_ns;         /* when it was sampled, on the server's clock */
-    int joints;
-    int mode;             /* QROBOT_MODE_... */
-    int fault;            /* code that latched the fault mode; see qrobot_fault_text */
-    int event, event_joint; /* newest code of any kind, and its joint from 0, or QROBOT_NO_JOINT */
-    uint32_t flags;       /* QROBOT_FLAG_... */
-    uint32_t late_cycles, missed_frames, dropped, inputs;
-    int hand;             /* QROBOT_HAND_... */
-    uint32_t outputs;     /* binary outputs in force; a stop may have switched off some of those asked for */
-    double q[QROBOT_MAX_JOINTS], v[QROBOT_MAX_JOINTS], tau[QROBOT_MAX_JOINTS]; /* measured; NaN of a broken sensor */
-    double q_setpoint[QROBOT_MAX_JOINTS]; /* where the servo wants the joints at this instant */
-    double force[6];      /* on the wrist sensor, in its frame: N and N m; NaN where it is not known */
+    /* generated: state */
+    int joints; /* n of WELCOME */
+    int mode; /* of the servo (see Modes) */
+    int fault; /* code that latched the fault mode, 0 for none */
+    int event; /* newest code of any kind, 0 for none */
+    int event_joint; /* joint the event speaks of, from 0; -1 for none */
+    uint32_t flags; /* see Flags */
+    uint32_t late_cycles; /* servo cycles that came late, since it started; wraps */
+    uint32_t missed_frames; /* sample periods without a usable COMMAND, since the servo started; wraps */
+    uint32_t dropped; /* COMMANDs of this connection that were refused: repeated, out of order or invalid; wraps */
+    uint32_t inputs; /* binary inputs */
+    int hand; /* 0 relaxed, 1 open, 2 closed */
+    uint32_t outputs; /* binary outputs in force: a stop may have switched some off that are asked for */
+    double q[QROBOT_MAX_JOINTS]; /* rad or m: measured joint positions */
+    double v[QROBOT_MAX_JOINTS]; /* rad/s or m/s: measured joint velocities */
+    double tau[QROBOT_MAX_JOINTS]; /* N m or N: commanded joint torques */
+    double q_setpoint[QROBOT_MAX_JOINTS]; /* rad or m: where the servo wants the joints at this instant */
+    double force[6]; /* N, N m: on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known */
+    /* end */
 };
 
 struct qrobot_link {
@@ -525,8 +533,9 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     state->seq = (uint32_t)qrw_get(frame + QROBOT_AT_SEQ, 4);
     state->ack = (uint32_t)qrw_get(frame + QROBOT_AT_ACK, 4);
     state->t_ns = (int64_t)qrw_get(frame + QROBOT_AT_T_NS, 8);
-    state->joints = n;
-    state->mode = frame[QROBOT_AT_STATE_MODE];
+    /* generated: decode */
+    state->joints = (int)qrw_get(frame + QROBOT_AT_STATE_JOINTS, 1);
+    state->mode = (int)qrw_get(frame + QROBOT_AT_STATE_MODE, 1);
     state->fault = (int)qrw_get(frame + QROBOT_AT_STATE_FAULT, 2);
     state->event = (int)qrw_get(frame + QROBOT_AT_STATE_EVENT, 2);
     state->event_joint = (int16_t)qrw_get(frame + QROBOT_AT_STATE_EVENT_JOINT, 2);
@@ -535,13 +544,14 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     state->missed_frames = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_MISSED_FRAMES, 4);
     state->dropped = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_DROPPED, 4);
     state->inputs = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_INPUTS, 4);
-    state->hand = frame[QROBOT_AT_STATE_HAND];
+    state->hand = (int)qrw_get(frame + QROBOT_AT_STATE_HAND, 1);
     state->outputs = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_OUTPUTS, 2);
     qrw_get_doubles(frame + QROBOT_AT_STATE_Q, n, state->q);
     qrw_get_doubles(frame + QROBOT_AT_STATE_V(n), n, state->v);
     qrw_get_doubles(frame + QROBOT_AT_STATE_TAU(n), n, state->tau);
     qrw_get_doubles(frame + QROBOT_AT_STATE_Q_SETPOINT(n), n, state->q_setpoint);
     qrw_get_doubles(frame + QROBOT_AT_STATE_FORCE(n), 6, state->force);
+    /* end */
 }
 
 /* Returns QROBOT_KIND_STATE, 0 for one that is not newer than the one before, or QROBOT_BROKEN. */

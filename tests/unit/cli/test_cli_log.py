@@ -26,7 +26,7 @@ from qrobot.log.record import write_log
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.setup import SetupStep
 from qrobot.realtime.shared_memory import segment_path
-from qrobot.servo.memory.mailbox import INFO_READY, create_servo_memory, servo_info
+from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
 from tests.support.log_samples import make_header, make_rows
 
@@ -184,7 +184,7 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
     (tmp_path / "lab.toml").write_text(DEPLOYMENT.format(arm=arm))
     rows, row_words = make_rows(3000), TelemetryLayout(6).row_words
     with create_servo_memory(arm, "puma560", "pd", 6, 250_000, 4096) as memory:
-        memory.words[INFO_READY] = 1
+        memory.front.info.ready = 1
         base = servo_info(memory.words).telemetry_base
         for row in rows.view(np.int64).reshape(3000, row_words):
             append_row(memory.words, base, 4096, row_words, row)

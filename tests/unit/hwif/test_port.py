@@ -62,7 +62,8 @@ from qrobot.hwif.trace import read_trace
 from qrobot.realtime.flat_record import record_of
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessPlan
-from qrobot.servo.memory.mailbox import BEAT_ARMED, BEAT_DISCRETE, BEAT_T_NS, COMMAND_SHUTDOWN, local_servo_memory
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
@@ -250,10 +251,11 @@ def test_the_servos_loop_reads_the_card_before_a_cycle_and_writes_what_the_cycle
     slot, robot, settings = Slot(), load_robot("puma560"), ServoSettings(rate_hz=1000.0, pots=False)
     law = settings.law_for(robot)
     params = servo_parameters(robot, settings)
-    mail = local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING)
-    mail[COMMAND_SHUTDOWN] = 1
+    box = ServoMailbox(local_servo_memory(robot.name, settings.law, robot.n, settings.period_ns, SMALLEST_RING))
+    box.memory.command.shutdown = 1
     loop: Any = run
-    assert loop(params, make_state(params, law), mail, slot.memory, slot.card.words, 0, 1_000_000_000) == ENDED
+    memories = box.memory, box.ring, slot.memory
+    assert loop(params, make_state(params, law), *memories, slot.card.words, 0, 1_000_000_000) == ENDED
     accesses = slot.card.settle()
     kinds = [kind for kind, *_ in accesses]
     cycle = [OP_READ] * len(IMAGE_READS) + [OP_WRITE] * (1 + N_DACS)
@@ -266,8 +268,9 @@ def test_the_servos_loop_reads_the_card_before_a_cycle_and_writes_what_the_cycle
 def test_a_guardian_writes_to_the_card_itself_when_the_servo_is_silent() -> None:
     slot = Slot()
     slot.write((DISCRETE, DISCRETE_POWER), (DAC, 0))
-    mail = local_servo_memory("puma560", "pd", 6, 1_000_000, SMALLEST_RING)
-    mail[BEAT_ARMED], mail[BEAT_T_NS], mail[BEAT_DISCRETE] = 1, 1, DISCRETE_POWER | DISCRETE_CALIBRATED
+    mail = servo_front(local_servo_memory("puma560", "pd", 6, 1_000_000, SMALLEST_RING))
+    beat = mail.heartbeat
+    beat.armed, beat.t_ns, beat.discrete = 1, 1, DISCRETE_POWER | DISCRETE_CALIBRATED
     own, ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, 3), np.int64)
     look(own, mail, slot.memory, slot.card.words, ops, 50_000_000, 5_000_000)
     slot.card.settle()

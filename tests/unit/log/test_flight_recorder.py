@@ -18,14 +18,10 @@ from qrobot.log.flight import AFTER_NS, ATTACHMENT, BEFORE_NS, FlightRecorder, i
 from qrobot.log.header import Attachment, header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
-from qrobot.servo.memory.mailbox import (
-    STATE_T_NS,
-    ServoInfo,
-    ServoMailbox,
-    local_servo_memory,
-    publish_state,
-    state_words,
-)
+from qrobot.realtime.structure import local_record
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import publish_state, state_dtype
+from qrobot.servo.memory.servo_memory import ServoInfo, local_servo_memory
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
 from qrobot.servo.modes import Mode
@@ -47,7 +43,7 @@ class Servo:
         self.incident: Incident | None = None
         self.now_ns = START_NS
         self._row = np.zeros(TelemetryLayout(ROBOT.n).row_words, dtype=np.int64)
-        self._block = np.zeros(state_words(ROBOT.n), dtype=np.int64)
+        self._state = local_record(state_dtype(ROBOT.n))
 
     def _header(self, info: ServoInfo) -> object:
         return header_for(ROBOT, info.period_ns, info.law)
@@ -57,9 +53,9 @@ class Servo:
         for cycle in range(round(seconds * 1e9 / PERIOD_NS)):
             self.now_ns += PERIOD_NS
             self._row[0] += 1
-            self._row[1] = self._block[STATE_T_NS] = self.now_ns
+            self._row[1] = self._state.t_ns = self.now_ns
             append_row(self.words, info.telemetry_base, info.telemetry_capacity, self._row.size, self._row)
-            publish_state(self.words, ROBOT.n, self._block)
+            publish_state(self.mailbox.memory, self._state)
             if cycle % 50 == 0:
                 self.recorder.look(self.mailbox, self.incident)
 

@@ -23,7 +23,7 @@ from qrobot.log.record import FLUSH_NS, LogRecorder
 from qrobot.log.writer import LogWriter
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.memory.mailbox import INFO_READY, create_servo_memory, servo_info
+from qrobot.servo.memory.servo_memory import create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import TelemetryLayout, TelemetryReader, append_row
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -51,7 +51,7 @@ def experiment(recorded_in: Path | None) -> RecordedRig:
     rig = RecordedRig(ROBOT, ServoSettings(rate_hz=1000), Emulator(ROBOT, physics="rigid"))
     if recorded_in is not None:
         info = rig.mailbox.info
-        reader = TelemetryReader(rig.mail, info.telemetry_base, info.telemetry_capacity, ROBOT.n)
+        reader = TelemetryReader(rig.mailbox.words, info.telemetry_base, info.telemetry_capacity, ROBOT.n)
         rig.recorder = LogRecorder(reader, LogWriter(recorded_in, header_for(ROBOT, rig.period_ns, "qrobot")))
     run_program(rig, program_path())
     return rig
@@ -135,7 +135,7 @@ def test_a_recorder_whose_file_may_not_grow_says_so_lives_on_and_keeps_what_it_h
     (tmp_path / "lab.toml").write_text(DEPLOYMENT.format(arm=arm))
     row_words = TelemetryLayout(6).row_words
     with create_servo_memory(arm, "puma560", "pd", 6, 250_000, 4096) as memory:
-        memory.words[INFO_READY] = 1
+        memory.front.info.ready = 1
         base = servo_info(memory.words).telemetry_base
         recorder = subprocess.Popen(
             [sys.executable, "-m", "qrobot", "log", "record", str(tmp_path / "lab.toml"), "--output", str(target)],

@@ -14,7 +14,7 @@ from qrobot.log.follow import LOOK_NS, ServoFollower, fresh_path, log_paths
 from qrobot.log.read import Log, read_log
 from qrobot.log.writer import LogWriter
 from qrobot.realtime.shared_memory import segment_path
-from qrobot.servo.memory.mailbox import INFO_READY, ServoInfo, create_servo_memory, servo_info
+from qrobot.servo.memory.servo_memory import ServoInfo, create_servo_memory, servo_info
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, append_row
 from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
@@ -27,7 +27,7 @@ class FakeServo:
 
     def __init__(self, arm: str) -> None:
         self.segment = create_servo_memory(arm, "sample", "pd", N, PERIOD_NS, CAPACITY)
-        self.segment.words[INFO_READY] = 1
+        self.segment.front.info.ready = 1
 
     def cycles(self, rows: Rows) -> None:
         info, row_words = servo_info(self.segment.words), TelemetryLayout(N).row_words
@@ -91,10 +91,10 @@ def test_it_waits_for_a_servo_and_records_it_from_its_first_cycle(bench: Bench) 
 
 def test_a_servo_that_is_still_starting_is_waited_for(bench: Bench) -> None:
     servo = FakeServo(bench.arm)
-    servo.segment.words[INFO_READY] = 0
+    servo.segment.front.info.ready = 0
     bench.step()
     assert not bench.follower.recording
-    servo.segment.words[INFO_READY] = 1
+    servo.segment.front.info.ready = 1
     bench.step()
     assert bench.follower.recording
     servo.end()

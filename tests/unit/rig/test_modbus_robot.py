@@ -14,7 +14,7 @@ from qrobot.hwif.board_memory import create_board_memory
 from qrobot.hwif.modbus.map import MAX_JOINTS, ROBOT, VECTORS, encode_robot
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.rig.modbus_robot import RunningRobot
-from qrobot.servo.memory.mailbox import create_servo_memory
+from qrobot.servo.memory.servo_memory import create_servo_memory
 
 WORDS = (5, 21, 22, 3, 31, 1, 2, 6)
 

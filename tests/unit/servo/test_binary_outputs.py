@@ -16,6 +16,7 @@ from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS_CALIBRATED, STATUS_POWER
 from qrobot.rci import Chg
+from qrobot.servo.memory.servo_memory import servo_front
 from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS, OutputWire
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
@@ -177,8 +178,16 @@ def test_a_silent_servo_leaves_the_guardian_what_holds() -> None:
     bench = cell.bench
     own, ops = np.zeros(N_OWN, np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), np.int64)
     timeout_ns = 5_000_000
-    look(own, bench.mail, bench.board, make_card(NO_CARD), ops, bench.now_ns, timeout_ns)
-    look(own, bench.mail, bench.board, make_card(NO_CARD), ops, bench.now_ns + 2 * timeout_ns, timeout_ns)
+    look(own, servo_front(bench.mailbox.words), bench.board, make_card(NO_CARD), ops, bench.now_ns, timeout_ns)
+    look(
+        own,
+        servo_front(bench.mailbox.words),
+        bench.board,
+        make_card(NO_CARD),
+        ops,
+        bench.now_ns + 2 * timeout_ns,
+        timeout_ns,
+    )
     bench.collect()
     assert bench.discrete & DISCRETE_LINES == CLAMP_BIT
     assert bench.outputs[-1] == HELD

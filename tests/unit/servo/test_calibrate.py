@@ -8,7 +8,7 @@ import pytest
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.servo.calibration.state import Stage
-from qrobot.servo.memory.mailbox import FLAG_CALIBRATED
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED
 from qrobot.servo.modes import Mode
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan

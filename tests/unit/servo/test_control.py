@@ -25,16 +25,8 @@ from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
 from qrobot.servo.memory.law_history import JournalReader
-from qrobot.servo.memory.mailbox import (
-    COMMAND_CLEARS,
-    COMMAND_OFFS,
-    COMMAND_POWER,
-    COMMAND_SHUTDOWN,
-    COMMAND_STOPS,
-    GUARD_TAKEOVER,
-    ServoMailbox,
-    journal_base,
-)
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.servo_memory import journal_base
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator import client as client_module
@@ -49,7 +41,7 @@ from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.servo_bench import ServoBench, moving
 
-REQUESTS = (COMMAND_POWER, COMMAND_CLEARS, COMMAND_STOPS, COMMAND_OFFS)
+REQUESTS = ("power", "clears", "stops", "power_offs")
 
 
 @dataclass
@@ -169,13 +161,13 @@ def test_power_comes_and_goes_and_the_status_tells(servo: Bench, client: ServoCl
 def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, name: str) -> None:
     client.power_on()
     assert client.change_law(name).law == name
-    assert ServoMailbox(servo.bench.mail).info.law == name
+    assert ServoMailbox(servo.bench.mailbox.words).info.law == name
     assert servo.said[-1].startswith(f"law {name}, gains")
     assert client.status().mode == "HOLDING"
 
 
 def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
-    journal = JournalReader(servo.bench.mail, journal_base(servo.robot.n), servo.robot.n)
+    journal = JournalReader(servo.bench.mailbox.words, journal_base(servo.robot.n), servo.robot.n)
     client.power_on()
     client.change_law("pd")
     before = list(journal.read())[-1]
@@ -459,7 +451,7 @@ def test_mute_connections_keep_nobody_out(servo: Bench) -> None:
 def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -> None:
     process = Bench(ServoBench().hold())
     controls = Controls(process)
-    process.bench.mail[GUARD_TAKEOVER] = 1  # and no cycle any more
+    process.bench.mail.guardian.takeover = 1  # and no cycle any more
     ends = socket.socketpair()
     with ends[0], ends[1]:
         reply = decode_reply(controls.answer(OperatorConnection(ends[0]), b'{"command": "power off"}'))
@@ -503,13 +495,13 @@ def exchange(servo: Bench, data: bytes) -> bytes:
     ],
 )
 def test_a_line_that_is_no_request_is_answered_and_changes_nothing(servo: Bench, line: bytes, complaint: str) -> None:
-    before = [int(servo.bench.mail[word]) for word in REQUESTS]
+    before = [int(servo.bench.mail.command[name]) for name in REQUESTS]
     with pytest.raises(RemoteProtocolError, match=complaint):
         decode_request(line)
     reply = decode_reply(exchange(servo, line + b"\n"))
     assert not reply.ok
     assert reply.error.startswith("no request: ")
-    assert [int(servo.bench.mail[word]) for word in REQUESTS] == before
+    assert [int(servo.bench.mail.command[name]) for name in REQUESTS] == before
 
 
 def test_a_line_without_end_is_cut_off(servo: Bench) -> None:
@@ -528,13 +520,13 @@ class Process(Bench):
     told: tuple[int, int, int] = (0, 0, 0)
 
     def __post_init__(self) -> None:
-        self.memory = SimpleNamespace(words=self.bench.mail)
+        self.memory = SimpleNamespace(words=self.bench.mailbox.words, front=self.bench.mail)
 
     def report(self, line: str) -> None:
         self.say(line)
 
     def loop(self) -> None:
-        while not self.bench.mail[COMMAND_SHUTDOWN]:
+        while not self.bench.mail.command.shutdown:
             self.bench.tick()
         self.ended = True
 
@@ -566,7 +558,7 @@ def test_power_taken_away_by_another_stays_away_until_the_commander_asks_anew() 
     bench = ServoBench().hold()
     bench.mailbox.request_power_off()
     bench.run(0.1)
-    assert bench.mode is Mode.OFF  # although COMMAND_POWER is still 1
+    assert bench.mode is Mode.OFF  # although `command.power` is still 1
     bench.run(1.0)
     assert bench.mode is Mode.OFF
     bench.mailbox.request_power(False)

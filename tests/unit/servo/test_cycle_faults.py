@@ -24,7 +24,6 @@ from qrobot.hwif.registers import (
 )
 from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.laws.law import law
-from qrobot.servo.memory.mailbox import GUARD_TAKEOVER
 from qrobot.servo.modes import Mode, StopCategory
 from tests.support.servo_bench import Floats, ServoBench, changes, cruise, moving, play
 
@@ -67,7 +66,7 @@ def fail_status(word: int) -> Callable[[ServoBench], object]:
         (fail_status(0x0000), FaultCode.ESTOP),
         (fail_status(STATUS_POWER | STATUS_CALIBRATED), FaultCode.ESTOP),
         (fail_status(STATUS_ESTOP_OK | STATUS_CALIBRATED), FaultCode.POWER_LOST),
-        (lambda bench: bench.mail.__setitem__(GUARD_TAKEOVER, 1), FaultCode.GUARD_TRIP),
+        (lambda bench: setattr(bench.mail.guardian, "takeover", 1), FaultCode.GUARD_TRIP),
     ],
 )
 def test_what_the_board_or_the_guardian_shows_cuts_the_power_in_the_same_tick(
@@ -126,7 +125,7 @@ def test_one_impossible_encoder_reading_is_held_back_and_leaves_no_trace(rate_hz
     for one in (clean, bench):
         one.run(0.2)
     assert bench.mode is Mode.TRACKING
-    np.testing.assert_array_equal(bench.snapshot.q_ref, clean.snapshot.q_ref)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, clean.snapshot.q_setpoint)
     np.testing.assert_allclose(bench.snapshot.q, clean.snapshot.q, atol=1e-12)
 
 
@@ -137,7 +136,7 @@ def test_three_impossible_readings_in_a_row_are_a_fault(slip: int, begin: Callab
     begin(bench)
     bench.slip = {2: slip}
     assert until_fault(bench, FaultCode.ENC_JUMP) == 3
-    assert bench.snapshot.joint == 2
+    assert bench.snapshot.event_joint == 2
 
 
 def test_counters_that_jumped_for_good_are_taken_after_a_reset_but_are_no_calibration() -> None:
@@ -212,7 +211,7 @@ def test_a_measured_speed_beyond_half_as_much_again_is_a_runaway() -> None:
     holding(bench)
     bench.state.v[3] = -2.2 * bench.robot.limits.v_max[3]
     bench.tick()
-    assert (bench.mode, bench.fault, bench.snapshot.joint) == (Mode.FAULT, FaultCode.RUNAWAY, 3)
+    assert (bench.mode, bench.fault, bench.snapshot.event_joint) == (Mode.FAULT, FaultCode.RUNAWAY, 3)
     assert bench.safe
 
 
@@ -275,7 +274,7 @@ def outside(joint: int, by: float) -> ServoBench:
 def test_an_arm_powered_up_outside_its_range_is_held_and_can_be_driven_back() -> None:
     bench = outside(0, 0.15)
     assert bench.mode is Mode.HOLDING
-    program = play(bench, cruise(bench.snapshot.q_ref, np.array([-0.4, 0, 0, 0, 0, 0])))
+    program = play(bench, cruise(bench.snapshot.q_setpoint, np.array([-0.4, 0, 0, 0, 0, 0])))
     bench.run(0.9)
     assert bench.mode is Mode.TRACKING
     assert bench.q[0] < bench.robot.limits.q_max[0]
@@ -286,7 +285,7 @@ def test_an_arm_powered_up_outside_its_range_is_held_and_can_be_driven_back() ->
 
 def test_such_an_arm_is_not_driven_further_out() -> None:
     bench = outside(0, 0.15)
-    play(bench, cruise(bench.snapshot.q_ref, np.array([0.4, 0, 0, 0, 0, 0])))
+    play(bench, cruise(bench.snapshot.q_setpoint, np.array([0.4, 0, 0, 0, 0, 0])))
     bench.until(lambda: bench.mode is Mode.STOPPING)
     assert bench.event is FaultCode.SP_LIMIT
     bench.until(lambda: bench.mode is Mode.HOLDING)
@@ -335,7 +334,7 @@ def test_a_law_that_breaks_while_tracking_is_replaced_and_the_arm_stopped(calls:
     tracking(bench)
     break_law(bench, calls)
     bench.tick(2)
-    assert (bench.mode, bench.event, bench.snapshot.joint) == (Mode.STOPPING, FaultCode.LAW_NAN, 1)
+    assert (bench.mode, bench.event, bench.snapshot.event_joint) == (Mode.STOPPING, FaultCode.LAW_NAN, 1)
     assert np.all(np.isfinite(bench.snapshot.tau))
     assert abs(bench.snapshot.tau[1]) > 1.0  # still carried
     until_fault(bench, FaultCode.LAW_NAN)
@@ -412,12 +411,12 @@ def test_a_servo_without_its_guardian_stops_the_arm_within_ten_milliseconds(rate
 def test_a_servo_whose_board_was_taken_writes_nothing_until_it_is_handed_back() -> None:
     bench = ServoBench()
     tracking(bench)
-    bench.mail[GUARD_TAKEOVER] = 1
+    bench.mail.guardian.takeover = 1
     written = len(bench.writes)
     bench.run(0.1)
     assert len(bench.writes) == written
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
-    bench.mail[GUARD_TAKEOVER] = 0
+    bench.mail.guardian.takeover = 0
     bench.tick()
     assert bench.safe  # zero torque, power off, said anew
     assert bench.mode is Mode.FAULT
@@ -425,7 +424,7 @@ def test_a_servo_whose_board_was_taken_writes_nothing_until_it_is_handed_back() 
 
 def test_a_takeover_is_a_fault_even_without_power() -> None:
     bench = ServoBench().tick(3)
-    bench.mail[GUARD_TAKEOVER] = 1
+    bench.mail.guardian.takeover = 1
     bench.tick()
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.GUARD_TRIP)
 

@@ -7,7 +7,7 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transmission import counts_to_joint
-from qrobot.servo.memory.mailbox import FLAG_UNSEEN
+from qrobot.servo.memory.published_state import FLAG_UNSEEN
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.stages.dropout_hold import hold_through_dropout, lose_sight

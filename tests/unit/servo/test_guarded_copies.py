@@ -11,7 +11,7 @@ from qrobot.faultcodes import FaultCode
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws.guarded_copies import EDGE_WORDS, GAP_WORDS, GUARDED, broken_words, make_law_copies
 from qrobot.servo.laws.law import KP, KV, Law, law
-from qrobot.servo.laws.law_swap import LAW_AT, OUT_OF_BOUNDS, SWAPPED, ask_for_law, maybe_swap_result
+from qrobot.servo.laws.law_swap import OUT_OF_BOUNDS, SWAPPED, ask_for_law, maybe_swap_result
 from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, moving
 
@@ -147,7 +147,7 @@ def test_a_law_that_writes_beside_its_arrays_where_the_arm_stands_is_not_taken()
     ask_for_law(bench.state.swap, always_beside, bench.state.swap.gains)
     bench.tick(2)
     assert maybe_swap_result(bench.state.swap) == OUT_OF_BOUNDS
-    assert (bench.mode, int(bench.state.swap.i[LAW_AT])) == (Mode.HOLDING, decent.address)
+    assert (bench.mode, int(bench.state.swap.law_at)) == (Mode.HOLDING, decent.address)
 
 
 def clear(bench: ServoBench) -> None:
@@ -166,7 +166,7 @@ def test_after_a_clear_the_law_before_the_failed_one_is_in_force_again() -> None
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.LAW_NAN)
     bench.before.clear()
     clear(bench)
-    assert (int(bench.state.swap.i[LAW_AT]), int(bench.state.law_failed)) == (decent.address, 0)
+    assert (int(bench.state.swap.law_at), int(bench.state.law_failed)) == (decent.address, 0)
     assert bench.hold().mode is Mode.HOLDING
 
 
@@ -178,4 +178,4 @@ def test_a_fault_that_is_not_the_laws_leaves_it_in_force() -> None:
     bench.until(lambda: bench.mode is Mode.FAULT)
     bench.estop_ok = True
     clear(bench)
-    assert int(bench.state.swap.i[LAW_AT]) == greedy.address
+    assert int(bench.state.swap.law_at) == greedy.address

@@ -28,16 +28,8 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
-from qrobot.servo.memory.mailbox import (
-    BEAT_ARMED,
-    BEAT_DISCRETE,
-    BEAT_KEPT,
-    BEAT_T_NS,
-    GUARD_T_NS,
-    GUARD_TAKEOVER,
-    GUARD_TRIPS,
-    create_servo_memory,
-)
+from qrobot.realtime.structure import view_words
+from qrobot.servo.memory.servo_memory import create_servo_memory, servo_front
 from qrobot.servo.modes import Mode
 from qrobot.servo.process.guardian import (
     LOOKS_PER_TIMEOUT,
@@ -70,7 +62,15 @@ class Watchman:
     def step(self, now_ns: int) -> None:
         """One look, if it is time."""
         if now_ns % (TIMEOUT_NS // LOOKS_PER_TIMEOUT) == 0:
-            look(self.own, self.bench.mail, self.bench.board, NO_CARD_WORDS, self.ops, now_ns, TIMEOUT_NS)
+            look(
+                self.own,
+                servo_front(self.bench.mailbox.words),
+                self.bench.board,
+                NO_CARD_WORDS,
+                self.ops,
+                now_ns,
+                TIMEOUT_NS,
+            )
 
     @property
     def trips(self) -> int:
@@ -117,7 +117,7 @@ def test_a_living_servo_is_left_alone_and_sees_its_guardian() -> None:
     moving(bench)
     assert guardian.trips == 0
     assert all(write.lane is Lane.SERVO for write in bench.writes)
-    assert bench.mail[GUARD_T_NS] > bench.now_ns - 2_000_000
+    assert bench.mail.guardian.t_ns > bench.now_ns - 2_000_000
 
 
 def test_a_silent_servo_that_drives_nothing_is_left_alone() -> None:
@@ -137,7 +137,7 @@ def test_a_servo_that_never_ran_is_left_alone() -> None:
 def test_an_armed_servo_that_falls_silent_loses_the_board_within_the_bound_and_one_look() -> None:
     bench, guardian = watched()
     moving(bench)
-    last_beat_ns = int(bench.mail[BEAT_T_NS])
+    last_beat_ns = int(bench.mail.heartbeat.t_ns)
     sleep(bench, 0.02)
     assert guardian.tripped
     first = next(write for write in bench.writes if write.lane is Lane.GUARDIAN)
@@ -209,7 +209,7 @@ def test_a_servo_restarted_after_a_trip_finds_the_calibration_kept_and_the_board
     reborn.before.append(guardian.step)
     reborn.now_ns = bench.now_ns
     sleep(reborn, 0.05)
-    assert reborn.mail[GUARD_TAKEOVER] == 1
+    assert reborn.mail.guardian.takeover == 1
     discretes = [write.value for write in reborn.writes if write.offset == DISCRETE]
     assert discretes
     assert all(value & DISCRETE_CALIBRATED and not value & DISCRETE_POWER for value in discretes)
@@ -224,7 +224,7 @@ def test_a_servo_restarted_after_a_trip_finds_the_calibration_kept_and_the_board
 def test_a_servo_that_was_armed_is_not_forgotten_when_a_new_one_has_made_its_memory_anew() -> None:
     bench, guardian = watched()
     moving(bench)
-    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    view_words(bench.mail.heartbeat)[:-2] = 0  # all but the slipped time
     sleep(bench, 0.005)
     assert guardian.tripped
     assert bench.safe
@@ -235,9 +235,9 @@ def test_a_servo_that_has_disarmed_may_end_and_make_room_for_another() -> None:
     bench.hold()
     bench.mailbox.request_power(False)
     bench.tick(10)
-    assert bench.mail[BEAT_ARMED] == 0
+    assert bench.mail.heartbeat.armed == 0
     sleep(bench, 0.05)
-    bench.mail[BEAT_T_NS : BEAT_KEPT + 1] = 0
+    view_words(bench.mail.heartbeat)[:-2] = 0  # all but the slipped time
     sleep(bench, 0.05)
     assert guardian.trips == 0
 
@@ -258,11 +258,11 @@ def test_it_stays_armed_until_the_board_has_shown_that_power_is_off() -> None:
     bench.mailbox.request_power(False)
     bench.status = STATUS_POWER | STATUS_ESTOP_OK | STATUS_CALIBRATED  # a contactor that sticks
     bench.tick(50)
-    assert (bench.mode, bench.mail[BEAT_ARMED]) == (Mode.OFF, 1)
+    assert (bench.mode, bench.mail.heartbeat.armed) == (Mode.OFF, 1)
     assert {write.value & DISCRETE_POWER for write in bench.writes[-100:] if write.offset == DISCRETE} == {0}
     bench.status = None
     bench.tick(4)
-    assert bench.mail[BEAT_ARMED] == 0
+    assert bench.mail.heartbeat.armed == 0
 
 
 @pytest.mark.realtime
@@ -274,9 +274,9 @@ def test_asked_to_end_beside_a_silent_servo_it_makes_the_board_safe_first(beats:
         def board_and_servo() -> None:
             taken[0] += take_all_operations(board.memory, OPERATIONS)
             if beats:
-                servo.words[BEAT_T_NS] = monotonic_now()
+                servo.front.heartbeat.t_ns = monotonic_now()
 
-        servo.words[BEAT_ARMED], servo.words[BEAT_T_NS] = 1, monotonic_now()
+        servo.front.heartbeat.armed, servo.front.heartbeat.t_ns = 1, monotonic_now()
         guardian = Guardian(name, 300.0)
         guardian.stop[0] = 1
         with beside(board_and_servo):
@@ -299,11 +299,11 @@ def test_a_servo_whose_guardian_is_slow_but_alive_goes_on() -> None:
 @pytest.mark.parametrize(("age_ns", "trips"), [(TIMEOUT_NS, 0), (TIMEOUT_NS + 1, 1)])
 def test_the_bound_is_the_bound(age_ns: int, trips: int) -> None:
     bench = ServoBench()
-    mail, board = bench.mail, local_board_memory()
+    mail, board = servo_front(bench.mailbox.words), local_board_memory()
     own, ops = np.zeros(N_OWN, dtype=np.int64), np.zeros((N_SAFE_OPS, OP_FIELDS), dtype=np.int64)
-    mail[BEAT_ARMED], mail[BEAT_T_NS], mail[BEAT_DISCRETE] = 1, 1_000_000_000, DISCRETE_POWER
+    mail.heartbeat.armed, mail.heartbeat.t_ns, mail.heartbeat.discrete = 1, 1_000_000_000, DISCRETE_POWER
     look(own, mail, board, NO_CARD_WORDS, ops, 1_000_000_000 + age_ns, TIMEOUT_NS)
-    assert (own[TRIPS], mail[GUARD_TRIPS], mail[GUARD_TAKEOVER]) == (trips, trips, trips)
+    assert (own[TRIPS], mail.guardian.trips, mail.guardian.takeover) == (trips, trips, trips)
     assert pending_operations(board, int(Lane.GUARDIAN)) == trips * (1 + N_DACS)
 
 

@@ -134,14 +134,14 @@ def test_no_swap_while_the_arm_moves_and_the_old_law_stays() -> None:
     moving(bench)
     assert bench.mode is Mode.TRACKING
     assert swap(bench, PD) == NOT_NOW
-    assert bench.state.swap.i[0] == QROBOT.address
+    assert bench.state.swap.law_at == QROBOT.address
 
 
 def test_without_power_the_next_law_is_simply_the_law() -> None:
     bench = ServoBench(law="qrobot").tick()
     assert bench.mode is Mode.OFF
     assert swap(bench, PD) == SWAPPED
-    assert bench.state.swap.i[0] == PD.address
+    assert bench.state.swap.law_at == PD.address
     np.testing.assert_array_equal(bench.state.swap.bias, 0.0)
 
 

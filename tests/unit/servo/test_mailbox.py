@@ -10,33 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qrobot.errors import ConfigError, LinkError
-from qrobot.servo.memory.mailbox import (
-    COMMAND_CLEARS,
-    COMMAND_HAND,
-    COMMAND_POWER,
-    COMMAND_STOPS,
-    FORCE_AXES,
+from qrobot.realtime.structure import local_record, view_words
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import ROWS, publish_state, state_dtype
+from qrobot.servo.memory.servo_memory import (
     MAX_JOINTS,
-    STATE_VECTORS,
-    ServoMailbox,
     describe_servo,
     local_servo_memory,
     memory_words,
-    publish_state,
+    servo_dtype,
     servo_info,
-    state_words,
 )
 from qrobot.servo.memory.setpoint_queue import (
-    FRAME_JOINTS,
-    FRAME_PERIOD_NS,
-    FRAME_SEQ,
-    FRAME_STREAM,
-    FRAME_T_NS,
     QUEUE_CAPACITY,
-    QUEUE_START,
+    QueuedFrame,
     drop_all_frames,
     drop_frame,
-    frame_words,
+    make_frame,
     peek_frame,
 )
 from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
@@ -50,9 +40,9 @@ def push(box: ServoMailbox, seq: int, n: int = 6) -> bool:
     return box.push_setpoint(3, seq, 1000 + seq, 28_000_000, [1] * n, [0.1 * seq] * n)
 
 
-def peek(box: ServoMailbox) -> np.ndarray | None:
-    frame = np.zeros(frame_words(box.info.n), dtype=np.int64)
-    return frame if peek_frame(box.words, frame, frame.size) else None
+def peek(box: ServoMailbox) -> QueuedFrame | None:
+    frame = make_frame(box.info.n)
+    return frame if peek_frame(box.memory, frame) else None
 
 
 def test_the_info_block_says_what_a_reader_has_to_know() -> None:
@@ -72,7 +62,8 @@ def test_the_telemetry_ring_is_the_last_thing_in_the_memory(n: int) -> None:
     box = mailbox(n)
     assert box.words.size == memory_words(n, 16)
     assert box.info.telemetry_base + ring_words(TelemetryLayout(n).row_words, 16) == box.words.size
-    assert box.info.telemetry_base >= QUEUE_START + QUEUE_CAPACITY * frame_words(n) + state_words(n)
+    assert box.ring.size == ring_words(TelemetryLayout(n).row_words, 16)
+    assert box.info.telemetry_base * 8 == servo_dtype(n).itemsize
 
 
 @pytest.mark.parametrize("n", [0, MAX_JOINTS + 1])
@@ -93,9 +84,9 @@ def test_a_frame_arrives_bit_for_bit(values: list[float], modes: list[int]) -> N
     assert box.push_setpoint(7, 8, 9, 10, modes, values)
     frame = peek(box)
     assert frame is not None
-    assert list(frame[[FRAME_STREAM, FRAME_SEQ, FRAME_T_NS, FRAME_PERIOD_NS]]) == [7, 8, 9, 10]
-    assert list(frame[FRAME_JOINTS : FRAME_JOINTS + 3]) == modes
-    assert frame[FRAME_JOINTS + 3 :].tobytes() == np.array(values).tobytes()
+    assert [frame.stream, frame.seq, frame.t_ns, frame.period_ns] == [7, 8, 9, 10]
+    assert list(frame.modes) == modes
+    assert frame.values.tobytes() == np.array(values).tobytes()
 
 
 def test_frames_come_out_in_order_and_stay_until_dropped() -> None:
@@ -107,8 +98,8 @@ def test_frames_come_out_in_order_and_stay_until_dropped() -> None:
         for _ in range(2):
             frame = peek(box)
             assert frame is not None
-            assert frame[FRAME_SEQ] == seq
-        drop_frame(box.words)
+            assert frame.seq == seq
+        drop_frame(box.memory)
     assert peek(box) is None
 
 
@@ -116,13 +107,13 @@ def test_a_full_queue_takes_nothing_more_and_loses_nothing() -> None:
     box = mailbox()
     assert all(push(box, seq) for seq in range(QUEUE_CAPACITY))
     assert not push(box, QUEUE_CAPACITY)
-    drop_frame(box.words)
+    drop_frame(box.memory)
     assert push(box, QUEUE_CAPACITY)
     for seq in range(1, QUEUE_CAPACITY + 1):
         frame = peek(box)
         assert frame is not None
-        assert frame[FRAME_SEQ] == seq
-        drop_frame(box.words)
+        assert frame.seq == seq
+        drop_frame(box.memory)
     assert peek(box) is None
 
 
@@ -135,13 +126,13 @@ def test_the_queue_is_a_queue(steps: list[str]) -> None:
             model += [seq] if len(model) < QUEUE_CAPACITY else []
             seq += 1
         elif step == "clear":
-            drop_all_frames(box.words)
+            drop_all_frames(box.memory)
             model.clear()
         elif model:
-            drop_frame(box.words)
+            drop_frame(box.memory)
             model.pop(0)
         frame = peek(box)
-        assert (None if frame is None else frame[FRAME_SEQ]) == (model[0] if model else None)
+        assert (None if frame is None else frame.seq) == (model[0] if model else None)
 
 
 def test_requests_are_levels_or_counts() -> None:
@@ -151,39 +142,36 @@ def test_requests_are_levels_or_counts() -> None:
     box.request_clear()
     box.request_stop()
     box.request_hand(2)
-    words = box.words
-    assert (words[COMMAND_POWER], words[COMMAND_CLEARS], words[COMMAND_STOPS], words[COMMAND_HAND]) == (1, 2, 1, 2)
+    command = box.memory.command
+    assert (command.power, command.clears, command.stops, command.hand) == (1, 2, 1, 2)
     box.request_power(False)
-    assert words[COMMAND_POWER] == 0
+    assert command.power == 0
 
 
 def test_the_state_is_read_as_it_was_published() -> None:
-    box = mailbox(2)
-    block = np.arange(100, 100 + state_words(2), dtype=np.int64)
-    vectors = np.arange(4 * 2 + FORCE_AXES) / 8.0
-    vectors[3] = math.nan
-    block[STATE_VECTORS:] = vectors.view(np.int64)
-    publish_state(box.words, 2, block)
+    box, state = mailbox(2), local_record(state_dtype(2))
+    words = view_words(state)
+    words[:] = np.arange(100, 100 + words.size)
+    state.q[:] = (1.5, math.nan)
+    publish_state(box.memory, state)
     seen = box.snapshot()
-    assert (seen.t_ns, seen.tick, seen.mode, seen.fault, seen.event, seen.joint, seen.flags) == tuple(range(100, 107))
-    assert (seen.setpoint_seq, seen.missed_frames, seen.late_cycles, seen.inputs, seen.hand) == tuple(range(107, 112))
-    np.testing.assert_array_equal(np.concatenate([seen.q, seen.v, seen.tau, seen.q_ref, seen.force]), vectors)
+    for row in ROWS:
+        np.testing.assert_array_equal(getattr(seen, row.name), state[row.source or row.name], err_msg=row.name)
 
 
 def test_a_snapshot_is_a_copy() -> None:
-    box = mailbox(1)
-    block = np.zeros(state_words(1), dtype=np.int64)
-    publish_state(box.words, 1, block)
+    box, state = mailbox(1), local_record(state_dtype(1))
+    publish_state(box.memory, state)
     before = box.snapshot()
-    block[STATE_VECTORS:] = np.ones(4 + FORCE_AXES).view(np.int64)
-    publish_state(box.words, 1, block)
+    state.q[0] = 1.0
+    publish_state(box.memory, state)
     assert before.q[0] == 0.0
     assert box.snapshot().q[0] == 1.0
 
 
 def test_a_servo_that_died_while_writing_is_an_error_and_not_a_torn_state() -> None:
     box = mailbox(1)
-    publish_state(box.words, 1, np.zeros(state_words(1), dtype=np.int64))
-    box.words[QUEUE_START + QUEUE_CAPACITY * frame_words(1)] += 1
+    publish_state(box.memory, local_record(state_dtype(1)))
+    box.memory.published.sequence += 1
     with pytest.raises(LinkError, match="died while writing"):
         box.snapshot()

@@ -10,7 +10,6 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
-from qrobot.servo.memory.mailbox import COMMAND_SHUTDOWN, GUARD_T_NS
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.stages.mode_machine import guardian_alive
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
@@ -34,7 +33,7 @@ def test_a_servo_starts_off_and_writes_zero_torque_without_power() -> None:
 def test_the_state_of_an_unpowered_servo_tells_where_the_arm_is() -> None:
     bench = ServoBench().tick(2)
     np.testing.assert_allclose(bench.snapshot.q, bench.q, atol=2e-4)
-    np.testing.assert_array_equal(bench.snapshot.q_ref, bench.snapshot.q)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, bench.snapshot.q)
 
 
 def test_power_goes_on_through_powering_into_holding() -> None:
@@ -192,7 +191,7 @@ def test_a_stop_request_from_before_the_motion_does_not_stop_it() -> None:
 
 @pytest.mark.parametrize(
     "ask",
-    [lambda bench: bench.mailbox.request_power(False), lambda bench: bench.mail.__setitem__(COMMAND_SHUTDOWN, 1)],
+    [lambda bench: bench.mailbox.request_power(False), lambda bench: setattr(bench.mail.command, "shutdown", 1)],
 )
 def test_power_off_or_shutdown_while_tracking_stops_first(ask: Callable[[ServoBench], object]) -> None:
     bench = ServoBench()
@@ -351,6 +350,6 @@ def test_torque_flows_in_no_mode_but_those_of_the_table() -> None:
 def test_a_heartbeat_from_the_future_is_none_but_where_time_was_put_back(slips: int, earliest_ms: int) -> None:
     params = SimpleNamespace(guardian_timeout_ns=100_000_000, board_slips=slips)
     alive = getattr(guardian_alive, "py_func", guardian_alive)
-    mail = {GUARD_T_NS: 5_000_000_000}
+    mail = SimpleNamespace(guardian=SimpleNamespace(t_ns=5_000_000_000))
     ages_ms = {-10_000: False, earliest_ms - 1: False, earliest_ms: True, 0: True, 100: True, 101: False}
-    assert {age: alive(params, mail, mail[GUARD_T_NS] + age * 1_000_000) for age in ages_ms} == ages_ms
+    assert {age: alive(params, mail, mail.guardian.t_ns + age * 1_000_000) for age in ages_ms} == ages_ms

@@ -12,7 +12,6 @@ from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rci.power import servo_fault
 from qrobot.servo.event import note_event
-from qrobot.servo.memory.mailbox import STATE_JOINT, publish_state
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, note_incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator.requests import Controls
@@ -64,8 +63,8 @@ def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(
         setattr(bench.state, name, value)
     note_event(bench.state, code, joint)
     bench.tick()
-    assert (bench.snapshot.event, bench.snapshot.joint) == (code, joint)
-    heard = decode(encode(State(1, MailboxPort(bench.mail).read_state())))
+    assert (bench.snapshot.event, bench.snapshot.event_joint) == (code, joint)
+    heard = decode(encode(State(1, MailboxPort(bench.mailbox.words).read_state())))
     assert isinstance(heard, State)
     assert (heard.robot.event, heard.robot.event_joint) == (code, joint)
 
@@ -75,26 +74,26 @@ def test_the_joint_of_an_earlier_event_does_not_stay_with_a_later_one() -> None:
     moving(bench, joint=3)
     report_fault(bench.state, FaultCode.FOLLOWING, 3, 0.2, 0.1)
     bench.tick()
-    assert (bench.event, bench.snapshot.joint) == (FaultCode.FOLLOWING, 3)
+    assert (bench.event, bench.snapshot.event_joint) == (FaultCode.FOLLOWING, 3)
     bench.estop_ok = False
     bench.mailbox.request_clear()
     bench.until(lambda: bench.event is not FaultCode.FOLLOWING)
-    assert (bench.event, bench.snapshot.joint) == (FaultCode.RESET_DENIED, NO_JOINT)
+    assert (bench.event, bench.snapshot.event_joint) == (FaultCode.RESET_DENIED, NO_JOINT)
     bench.estop_ok = True
     bench.mailbox.request_clear()
     bench.until(lambda: bench.mode is Mode.OFF)
-    assert (bench.event, bench.snapshot.joint) == (FaultCode.NONE, NO_JOINT)
+    assert (bench.event, bench.snapshot.event_joint) == (FaultCode.NONE, NO_JOINT)
 
 
 def test_an_emergency_stop_is_about_no_joint_and_a_servo_begins_with_none() -> None:
     bench = ServoBench().tick()
-    assert bench.snapshot.joint == NO_JOINT
+    assert bench.snapshot.event_joint == NO_JOINT
     bench.hold()
     bench.estop_ok = False
     bench.tick()
     told = read_incident(bench.state.watch.incident)
     assert told is not None
-    assert (told.code, told.joint, bench.snapshot.joint) == (FaultCode.ESTOP, NO_JOINT, NO_JOINT)
+    assert (told.code, told.joint, bench.snapshot.event_joint) == (FaultCode.ESTOP, NO_JOINT, NO_JOINT)
     assert told.why([]) == explain(FaultCode.ESTOP)
 
 
@@ -118,6 +117,5 @@ def test_the_first_joint_is_named_like_any_other() -> None:
 @pytest.mark.parametrize("spoilt", [-2, 6, 65535, -(2**62), 2**62])
 def test_a_spoilt_joint_in_shared_memory_reaches_no_client(spoilt: int) -> None:
     bench = ServoBench().tick()
-    bench.state.block[STATE_JOINT] = spoilt
-    publish_state(bench.mail, bench.robot.n, bench.state.block)
-    assert MailboxPort(bench.mail).read_state().event_joint == NO_JOINT
+    bench.mail.published.state.event_joint = spoilt
+    assert MailboxPort(bench.mailbox.words).read_state().event_joint == NO_JOINT

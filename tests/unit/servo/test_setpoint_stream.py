@@ -121,7 +121,7 @@ def test_a_stream_that_stands_still_changes_nothing() -> None:
     play(bench, lambda _t: before)
     bench.run(0.5)
     assert bench.mode is Mode.TRACKING
-    np.testing.assert_array_equal(bench.snapshot.q_ref, before)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, before)
 
 
 def test_frames_that_hold_every_joint_do_not_start_a_stream() -> None:
@@ -143,8 +143,8 @@ def test_a_joint_not_spoken_of_stays_while_the_others_move() -> None:
     play(bench, swing(bench.q, OUT_AND_BACK, 2.0), edit=only_the_first)
     bench.run(1.0)
     assert bench.mode is Mode.TRACKING
-    assert abs(bench.snapshot.q_ref[0] - start[0]) > 0.2
-    np.testing.assert_array_equal(bench.snapshot.q_ref[1:], start[1:])
+    assert abs(bench.snapshot.q_setpoint[0] - start[0]) > 0.2
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint[1:], start[1:])
 
 
 # --------------------------------------------------------------------------------------- missing, late, double frames
@@ -380,7 +380,7 @@ def test_a_new_stream_from_where_the_arm_stands_is_followed_again() -> None:
     program = moving(bench, last=25, seconds=0.7)
     stopped(bench)
     bench.before.remove(program.step)
-    play(bench, swing(bench.snapshot.q_ref, 0.3 * OUT_AND_BACK, 1.0), stream=2)
+    play(bench, swing(bench.snapshot.q_setpoint, 0.3 * OUT_AND_BACK, 1.0), stream=2)
     bench.run(0.5)
     assert bench.mode is Mode.TRACKING
     assert continuous(bench, bench.rows())
@@ -403,18 +403,18 @@ def test_a_stop_request_during_a_stop_also_ends_the_streams_that_wait_for_its_en
     moving(bench)
     bench.mailbox.request_stop()
     bench.until(lambda: bench.mode is Mode.STOPPING)
-    program = Program(bench, lambda _t: bench.snapshot.q_ref + 1e-3, stream=0)
+    program = Program(bench, lambda _t: bench.snapshot.q_setpoint + 1e-3, stream=0)
     bench.run(0.01)
     for program.stream in waiting:  # whoever sends them has died before the arm has come to rest
         program.send(0, bench.now_ns)
     bench.mailbox.request_stop()
     bench.until(lambda: bench.mode is Mode.HOLDING)
-    end = bench.snapshot.q_ref.copy()
+    end = bench.snapshot.q_setpoint.copy()
     for seq in (1, 2, 3):
         program.send(seq, bench.now_ns)
         bench.run(0.028)
     assert bench.mode is Mode.HOLDING
-    np.testing.assert_array_equal(bench.snapshot.q_ref, end)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, end)
 
 
 def test_a_stop_request_while_holding_also_ends_the_stream_that_was_about_to_begin() -> None:
@@ -458,7 +458,7 @@ def test_a_bad_setpoint_stops_the_arm_on_the_path_and_never_shows_in_the_referen
     bench = ServoBench()
     refused(bench, change)
     assert bench.event is code
-    assert bench.snapshot.joint == 0
+    assert bench.snapshot.event_joint == 0
     bench.until(lambda: bench.mode is Mode.HOLDING)
     rows = bench.rows()
     assert continuous(bench, rows)
@@ -483,14 +483,14 @@ def test_a_program_that_drives_into_the_end_of_the_range_is_stopped_inside_it() 
 @pytest.mark.parametrize("offset", [0.021, -0.5, math.nan])
 def test_a_stream_that_does_not_begin_where_the_arm_stands_is_refused(offset: float) -> None:
     bench = ServoBench().hold()
-    before = bench.snapshot.q_ref.copy()
+    before = bench.snapshot.q_setpoint.copy()
     shifted = bench.q.copy()
     shifted[2] += offset
     program = play(bench, lambda _t: shifted)
     bench.run(0.5)
     assert bench.mode is Mode.HOLDING
-    assert (bench.event, bench.snapshot.joint) == (FaultCode.START_POSE, 2)
-    np.testing.assert_array_equal(bench.snapshot.q_ref, before)
+    assert (bench.event, bench.snapshot.event_joint) == (FaultCode.START_POSE, 2)
+    np.testing.assert_array_equal(bench.snapshot.q_setpoint, before)
     bench.before.remove(program.step)
     play(bench, lambda _t: before, stream=2)
     bench.run(0.2)
@@ -520,7 +520,7 @@ def test_a_stream_that_changes_its_period_on_the_way_is_stopped() -> None:
 
 def torque_program(bench: ServoBench, torque: float, joint: int = 0, **options: object):
     """Joint in torque mode; the others hold their place."""
-    here = bench.snapshot.q_ref.copy()
+    here = bench.snapshot.q_setpoint.copy()
 
     def edit(_seq: int, modes: list[int], values: np.ndarray) -> None:
         modes[joint], values[joint] = 2, torque
@@ -563,7 +563,7 @@ def test_a_torque_joint_is_followed_wherever_it_goes_and_held_there_when_the_str
     rows = bench.rows()
     assert continuous(bench, rows[rows["mode"] == Mode.STOPPING])
     assert np.abs(np.diff(rows["q_ref"][3:, 0])).max() < 3e-4
-    assert bench.snapshot.q_ref[0] >= start[0] + 0.08
+    assert bench.snapshot.q_setpoint[0] >= start[0] + 0.08
     bench.run(0.1)
     np.testing.assert_allclose(bench.snapshot.tau[[0, 3, 4, 5]], 0.0, atol=0.5)
 
@@ -581,7 +581,7 @@ def test_a_torque_joint_goes_back_to_position_without_a_bump(speed: float) -> No
             modes[0], values[0] = 2, 0.0
             return
         if not goal:
-            goal.append(bench.snapshot.q_ref[0] + speed * FRAME_S)
+            goal.append(bench.snapshot.q_setpoint[0] + speed * FRAME_S)
         values[0] = goal[0]
 
     play(bench, swing(bench.q, 0 * OUT_AND_BACK, 1.0), edit=edit)
@@ -594,4 +594,4 @@ def test_a_torque_joint_goes_back_to_position_without_a_bump(speed: float) -> No
     switched = int(np.flatnonzero(rows["mode"] == Mode.TRACKING)[0]) + 20 * 28 - 5
     assert np.abs(np.diff(rows["q_ref"][switched:, 0])).max() < 1e-3 * max(3.0 * speed, 0.02)
     assert np.abs(rows["tau"][switched:, 0]).max() < 234.0 * 2.0 * speed + 1.0
-    assert bench.snapshot.q_ref[0] == pytest.approx(goal[0], abs=1e-9)
+    assert bench.snapshot.q_setpoint[0] == pytest.approx(goal[0], abs=1e-9)

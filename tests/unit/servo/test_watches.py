@@ -15,7 +15,6 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.servo.checks.fault_monitors import SETTLE_S
 from qrobot.servo.laws.law import law
-from qrobot.servo.memory.mailbox import GUARD_TAKEOVER, GUARD_TRIPS
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import Overrun
@@ -178,7 +177,7 @@ def test_a_torque_at_its_limit_for_half_a_second_stops_the_arm_and_holds_it() ->
     moving(bench, seconds=0.3)
     ticks = bench.until(lambda: bench.mode is Mode.STOPPING)
     assert ticks <= 250
-    assert (bench.event, bench.snapshot.joint) == (FaultCode.SATURATED, 2)
+    assert (bench.event, bench.snapshot.event_joint) == (FaultCode.SATURATED, 2)
     bench.until(lambda: bench.mode is Mode.HOLDING)
     assert bench.powered
 
@@ -198,7 +197,7 @@ def drift(bench: ServoBench, joint: int, degrees: float) -> None:
 def test_a_braked_joint_that_moves_without_power_is_told_of() -> None:
     bench = parked()
     drift(bench, 1, -0.6)
-    assert (bench.mode, bench.event, bench.snapshot.joint) == (Mode.OFF, FaultCode.BRAKE_SLIP, 1)
+    assert (bench.mode, bench.event, bench.snapshot.event_joint) == (Mode.OFF, FaultCode.BRAKE_SLIP, 1)
     told = incident_of(bench)
     assert (told.mode_from, told.mode_to) == (Mode.OFF, Mode.OFF)
     assert told.value > told.limit == pytest.approx(math.radians(0.5), rel=0.01)
@@ -227,7 +226,7 @@ def test_an_arm_that_sagged_while_its_servo_slept_has_lost_the_guardian_and_not_
     bench = tracking(guarded=True)
     bench.skip(ms)
     bench.q[1] += math.radians(sag)
-    bench.mail[GUARD_TAKEOVER], bench.mail[GUARD_TRIPS] = 1, 1
+    bench.mail.guardian.takeover, bench.mail.guardian.trips = 1, 1
     bench.discrete = 0
     bench.run(1.0)
     assert (bench.mode, bench.fault, bench.event) == (Mode.FAULT, FaultCode.GUARD_TRIP, FaultCode.GUARD_TRIP)

@@ -77,7 +77,7 @@ def test_nothing_is_known_without_a_sensor_or_without_a_board() -> None:
 
 def test_a_servo_without_a_sensor_tells_nan_on_the_wire_and_in_c() -> None:
     bench = ServoBench().tick(3)
-    sent = State(1, MailboxPort(bench.mail).read_state())
+    sent = State(1, MailboxPort(bench.mailbox.words).read_state())
     heard = decode(encode(sent))
     assert isinstance(heard, State)
     assert [math.isnan(x) for x in heard.robot.force] == [True] * 6
@@ -102,7 +102,7 @@ def test_the_emulated_sensor_reaches_state_and_log_in_newtons() -> None:
     """With the tool pointing down its weight pulls the flange along its z, and turns nothing."""
     rig = held(force_sensor=calibration_of_emulated(ALL_SIX))
     rig.run_for(0.5)
-    state = MailboxPort(rig.mail).read_state()
+    state = MailboxPort(rig.mailbox.words).read_state()
     step = 10.0 * ALL_SIX.newton_per_volt / 2048  # of the converter
     weight = TABLE.tool.mass_kg * GRAVITY
     assert state.force[:3] == pytest.approx((0.0, 0.0, weight), abs=2 * step)
@@ -116,7 +116,7 @@ def test_the_emulated_sensor_reaches_state_and_log_in_newtons() -> None:
 def test_a_sensor_is_unknown_before_its_first_conversion_and_when_the_board_is_gone() -> None:
     rig = held(force_sensor=calibration_of_emulated(ALL_SIX))
     rig.ticks(1)
-    assert all(map(math.isnan, MailboxPort(rig.mail).read_state().force))
+    assert all(map(math.isnan, MailboxPort(rig.mailbox.words).read_state().force))
     rig.run_for(0.1)
     known = rig.rows()["force"]
     assert not np.isnan(known[-1]).any()

@@ -1,0 +1,91 @@
+"""The state that the servo publishes: a block of its memory under a seqlock, made from the table of the robot's state.
+
+The cycle copies each field from the field of its own state that the table names as its source (`copy_fields`), readers
+get a `ServoSnapshot`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.arrays import Floats, Words
+from qrobot.realtime.flat_record import copy_fields, words_of
+from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
+from qrobot.realtime.structure import dtype_of, floats, local_record, part, view_words, word
+from qrobot.wire.robot_state import StateRow, StateTable, rows_of, told
+from qrobot.wire.vocabulary import RobotFlag
+
+# bits of `flags`
+FLAG_POWERED: Final = int(RobotFlag.POWERED)
+FLAG_CALIBRATED: Final = int(RobotFlag.CALIBRATED)
+FLAG_ESTOP_OK: Final = int(RobotFlag.ESTOP_OK)
+FLAG_GUARDED: Final = int(RobotFlag.GUARDED)
+FLAG_AT_REST: Final = int(RobotFlag.AT_REST)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoSnapshot(StateTable[Floats]):
+    """The robot's state at one tick as servo memory has it: beside what travels, where the servo is."""
+
+    tick: int = told("", "-", "cycles since the servo started")
+    setpoint_seq: int = told("", "-", "number of the setpoint being played")
+
+
+ROWS: Final = rows_of(ServoSnapshot)
+
+
+def block_of_rows(rows: tuple[StateRow, ...]) -> type:
+    """The block that holds these fields: a number an int64, a vector float64, each under the name of its source."""
+    return type(
+        "StateBlock",
+        (),
+        {row.source or row.name: word() if row.count == 1 else floats(row.count) for row in rows},
+    )
+
+
+STATE_BLOCK: Final = block_of_rows(ROWS)
+
+
+class PublishedBlock:
+    """The newest state, under a seqlock."""
+
+    sequence: int = word()
+    state: Any = part(STATE_BLOCK, own_line=True)
+
+
+@cache
+def state_dtype(n: int) -> np.dtype[Any]:
+    """The type of the state of `n` joints."""
+    return dtype_of(STATE_BLOCK, n=n)
+
+
+@lean_kernel
+def publish_state(mail: Any, state: Any) -> None:
+    """Servo: publish each field of the block from the field of `state` that has its name."""
+    begin_write(mail.published)
+    copy_fields(state, mail.published.state)
+    end_write(mail.published)
+
+
+@lean_kernel
+def read_state(mail: Any, out: Words) -> bool:
+    """Reader, from Python: copy the newest whole state into `out`, words; False when none could be had.
+
+    `mail` is a block of one servo memory.
+    """
+    published = mail[0].published
+    return seqlock_read(published, words_of(published.state), out)
+
+
+def snapshot_of(words: Words, n: int) -> ServoSnapshot:
+    """The state of `n` joints whose block these words are."""
+    record = local_record(state_dtype(n))
+    view_words(record)[:] = words
+    told: dict[str, Any] = {row.name: record[row.source or row.name] for row in ROWS}
+    plain: dict[str, Any] = {name: value if np.ndim(value) else int(value) for name, value in told.items()}
+    return ServoSnapshot(**plain)

@@ -1,0 +1,114 @@
+"""The one table of the robot's state: what a servo tells of a robot at one sample, each field in one line.
+
+Whatever carries the state is made from these lines: the block in servo memory and its snapshot
+(`servo.memory.published_state`), STATE packets and their codec (`wire.layout`, `wire.codec`), the struct in
+`wire/c/qrobot_wire.h`, the registers' neighbours in the operator's status, and the tables of the documentation. A new
+field is a line here, and a field of the servo's own state from which it is copied (`servo.state`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, Generic, TypeVar
+
+from qrobot.faultcodes import NO_JOINT
+from qrobot.wire.vocabulary import RobotFlag
+
+VectorT = TypeVar("VectorT")
+
+
+@dataclass(frozen=True)
+class StateRow:
+    """What the table says of a field.
+
+    Attributes:
+        name: of the field, everywhere but in the servo's own state.
+        code: of the `struct` module, as it travels in STATE; "" for what does not, or stands in the header.
+        unit, meaning: for the documentation.
+        count: how many numbers; "n" is one per joint.
+        source: the field of `servo.state.ServoState` that is told; that of the same name when left out.
+        wraps: a counter that travels modulo the range of its code.
+    """
+
+    name: str
+    code: str
+    unit: str
+    meaning: str
+    count: int | str = 1
+    source: str = ""
+    wraps: bool = False
+
+
+def told(
+    code: str, unit: str, meaning: str, count: int | str = 1, source: str = "", wraps: bool = False, **default: Any
+) -> Any:
+    """A line of the table, as a field of a dataclass; see `StateRow`."""
+    return field(metadata={"row": (code, unit, meaning, count, source, wraps)}, **default)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateTable(Generic[VectorT]):
+    """The robot at one sample, in the order of its fields in STATE; new ones come last.
+
+    Vectors have shape (n,), SI units; `force` has shape (6,). `mode` and codes are plain int, so that those of a newer
+    servo get through.
+    """
+
+    t_ns: int = told("", "ns", "time of the sample on the servo's monotonic clock")
+    mode: int = told("B", "-", "of the servo (see Modes)")
+    fault: int = told("H", "-", "code that latched the fault mode, 0 for none", default=0)
+    event: int = told("H", "-", "newest code of any kind, 0 for none", default=0)
+    event_joint: int = told("h", "-", "joint the event speaks of, from 0; -1 for none", default=NO_JOINT)
+    flags: int = told("I", "bits", "see Flags", source="flag_bits", default=0)
+    late_cycles: int = told("I", "-", "servo cycles that came late, since it started; wraps", wraps=True, default=0)
+    missed_frames: int = told(
+        "I", "-", "sample periods without a usable COMMAND, since the servo started; wraps", wraps=True, default=0
+    )
+    inputs: int = told("I", "bits", "binary inputs", default=0)
+    hand: int = told("B", "-", "0 relaxed, 1 open, 2 closed", default=0)
+    outputs: int = told(
+        "H", "bits", "binary outputs in force: a stop may have switched some off that are asked for", default=0
+    )
+    q: VectorT = told("d", "rad or m", "measured joint positions", "n")
+    v: VectorT = told("d", "rad/s or m/s", "measured joint velocities", "n")
+    tau: VectorT = told("d", "N·m or N", "commanded joint torques", "n")
+    q_setpoint: VectorT = told("d", "rad or m", "where the servo wants the joints at this instant", "n", source="q_ref")
+    force: VectorT = told(
+        "d", "N, N·m", "on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known", 6
+    )
+
+    @property
+    def powered(self) -> bool:
+        """Arm power is on."""
+        return bool(self.flags & RobotFlag.POWERED)
+
+    @property
+    def calibrated(self) -> bool:
+        """The counters are calibrated."""
+        return bool(self.flags & RobotFlag.CALIBRATED)
+
+    @property
+    def estop_ok(self) -> bool:
+        """The emergency stop is released."""
+        return bool(self.flags & RobotFlag.ESTOP_OK)
+
+    @property
+    def guarded(self) -> bool:
+        """The guardian's heartbeat goes on."""
+        return bool(self.flags & RobotFlag.GUARDED)
+
+    @property
+    def at_rest(self) -> bool:
+        """The arm stands still and no motion is pending."""
+        return bool(self.flags & RobotFlag.AT_REST)
+
+
+def again(table: type[StateTable[Any]], name: str, default: Any) -> Any:
+    """A line of a table once more, with a default."""
+    line = next(each for each in fields(table) if each.name == name)
+    return field(default=default, metadata=line.metadata)
+
+
+def rows_of(table: type[StateTable[Any]]) -> tuple[StateRow, ...]:
+    """The lines of a table, in their order."""
+    return tuple(StateRow(each.name, *each.metadata["row"]) for each in fields(table))
