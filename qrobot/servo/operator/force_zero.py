@@ -13,7 +13,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import QRobotError
-from qrobot.servo.memory.mailbox import FLAG_AT_REST, ServoMailbox
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import FLAG_AT_REST
 from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.settings import ServoSettings
 
