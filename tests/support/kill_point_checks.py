@@ -77,7 +77,7 @@ def tracking(way: str) -> DyingBench:
 def dies_everywhere(bench: DyingBench, ticks: int) -> None:
     with bench.dying():
         bench.tick(ticks)
-    assert bench.points > 100 * ticks
+    assert bench.points > 50 * ticks  # a vector is one store here
     assert bench.worlds > 3 * ticks
 
 
