@@ -22,11 +22,11 @@ from matplotlib.figure import Figure
 from qrobot.config import Robot, load_robot
 from qrobot.log.plot import COLOURS, STYLE
 from qrobot.rig.experiment import PlantName, program_path, run_program
+from qrobot.servo.kernels.interpolation_polynomials import FORMS, Form
+from qrobot.servo.kernels.interpolator import reference, shift_in
+from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.interpolation_polynomials import FORMS, Form
-from qrobot.servo.stages.interpolator import reference, shift_in
 from qrobot.servo.stages.setpoint_stream import PLAYOUT_FRAMES
-from qrobot.servo.stages.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 

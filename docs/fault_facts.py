@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 from tables import raised_codes, table
 
 from qrobot.faultcodes import EXPLANATION, FaultCode
-from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.modes import StopCategory
+from qrobot.servo.stop_categories import stop_category
 
 CAMPAIGN: Final = "tests/property/test_fault_campaign.py"
 BREAKS: Final = f"{CAMPAIGN}::test_what_breaks_on_the_way_stops_the_arm_in_time"

@@ -11,9 +11,9 @@ from qrobot.config import load_robot
 from qrobot.faultcodes import EXPLANATION, FaultCode
 from qrobot.motion.path import phase
 from qrobot.servo import modes
-from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.laws import DEFAULT_LAW, LAWS
 from qrobot.servo.memory.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
+from qrobot.servo.stop_categories import stop_category
 from qrobot.sim_board.faults import KINDS
 
 SERVO: Final = Path(__file__).parents[1] / "qrobot/servo"

@@ -57,7 +57,7 @@ class FaultCode(IntEnum):
     # the arm against its limits
     JOINT_LIMIT = 65
     FOLLOWING = 66
-    TORQUE_LIMIT = 67
+    # 67 was reserved and never raised: not to be used for anything else
     T1_LIMIT = 52
     # calibration, beside 5, 6 and 7
     CAL_BLOCKED = 70
@@ -211,7 +211,6 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "a joint lags behind its setpoint by more than allowed",
         "clear obstacles, then `qrobot ctl clear`",
     ),
-    FaultCode.TORQUE_LIMIT: ("the law asked for an impossible torque", "check gains and law, then `qrobot ctl clear`"),
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",
         "lower the speed of the program, or start the servo without reduced speed",

@@ -32,7 +32,12 @@ SCENES = {
     "s06_crank": "crank",
     "09_peg_in_hole": "peg",
 }
-LEFT_OUT = {"14_identify", "15_rci_tasks", "s08_all_calls", "s09_assembly_cell"}  # move nothing, or want an operator who types
+LEFT_OUT = {
+    "14_identify",
+    "15_rci_tasks",
+    "s08_all_calls",
+    "s09_assembly_cell",
+}  # move nothing, or want an operator who types
 
 Digests = dict[str, str]
 

@@ -38,7 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.rig.board_walk import SCRATCH, Walk
-from qrobot.servo.stages.converter import code_volts
+from qrobot.servo.kernels.converter import code_volts
 
 LOAD_STEP: Final = 1000  # counts added to a counter to see that it takes a load
 STILL: Final = 5  # counts a standing joint may show

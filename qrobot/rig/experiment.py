@@ -31,12 +31,12 @@ from qrobot.log.summary import TrackingSummary, tracking_summary
 from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM
+from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR
 from qrobot.servo.laws import DEFAULT_LAW, law_label
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, Rows
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM
-from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US

@@ -33,7 +33,7 @@ from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import pot_units
 from qrobot.servo.calibration.table import CalibrationTable
-from qrobot.servo.stages.converter import IMAGES_TO_ANSWER, collect_sample, make_adc_state, start_sample
+from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER, collect_sample, make_adc_state, start_sample
 from qrobot.sim_board.board import accept_operations, publish_sample
 from qrobot.sim_board.emulator import Emulator, EmulatorBundle, turn_shafts
 

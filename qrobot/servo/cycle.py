@@ -14,6 +14,9 @@ from typing import Any, Final
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
 from qrobot.servo.checks.fault_monitors import watch_timing
+from qrobot.servo.event import report_fault
+from qrobot.servo.hold import hold_position
+from qrobot.servo.kernels.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
@@ -22,14 +25,7 @@ from qrobot.servo.stages.binary_outputs import settle_outputs
 from qrobot.servo.stages.collision_stop import give_way
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
 from qrobot.servo.stages.inputs import estimate, read
-from qrobot.servo.stages.interpolator import reference, shift_extrapolated, stop_profile
-from qrobot.servo.stages.mode_machine import (
-    apply_faults,
-    finish_stop,
-    handle_requests,
-    hold_position,
-    report_fault,
-)
+from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_requests
 from qrobot.servo.stages.publish import publish
 from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
 from qrobot.servo.stages.torque_output import drive, write

@@ -119,6 +119,13 @@ def gives_torque(mode: int) -> bool:
     return bool(_TORQUE[mode])
 
 
+@lean_kernel
+def set_mode(state: Any, mode: int) -> None:
+    """Change the mode of a `ServoState`, if the table has such a transition."""
+    if may_follow(state.mode, mode):
+        state.mode = mode
+
+
 def mermaid() -> str:
     """The state diagram of the documentation."""
     lines = ["stateDiagram-v2", "    [*] --> OFF"]

@@ -18,12 +18,12 @@ from qrobot.model.transmission import TransmissionParams, transmission_params
 from qrobot.realtime.flat_record import record_of
 from qrobot.servo.calibration.table import CalibrationParams, calibration_params
 from qrobot.servo.checks.monitor_state import WatchParams, watch_params
+from qrobot.servo.kernels.interpolation_polynomials import find_form
+from qrobot.servo.kernels.velocity import find_estimator
+from qrobot.servo.kernels.wrench import WrenchParams, wrench_params
 from qrobot.servo.laws.law import KP, KV, M0, N_GAINS
 from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.interpolation_polynomials import find_form
-from qrobot.servo.stages.velocity import find_estimator
-from qrobot.servo.stages.wrench import WrenchParams, wrench_params
 from qrobot.units import NS_PER_S
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
@@ -61,10 +61,10 @@ class ServoParameters(NamedTuple):
     gravity_share: Any  # 1 where gravity is compensated, 0 elsewhere
     gains: Any  # (3, n): Kp, Kv, M0
     inertia: Any  # M0, of the observer
-    estimator: int  # see `servo.stages.velocity`
+    estimator: int  # see `servo.kernels.velocity`
     filter_rad_s: float
     observer_rad_s: float
-    form: Any  # (6, 3), see `servo.stages.interpolation_polynomials`
+    form: Any  # (6, 3), see `servo.kernels.interpolation_polynomials`
     first_knot: int
     q_min: Any
     q_max: Any

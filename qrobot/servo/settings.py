@@ -11,11 +11,11 @@ from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.calibration.table import CalibrationTable
+from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_form
+from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
 from qrobot.servo.laws.law import Law
 from qrobot.servo.output_lines import OutputWire
-from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM, find_form
-from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.units import NS_PER_S
 
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 50.0, 10_000.0  # [A] whether a machine keeps a rate is found out at start
@@ -53,8 +53,8 @@ class ServoSettings:
         rate_hz: cycles per second; the period is rounded to whole nanoseconds.
         law: name of the control law, see `servo.laws`.
         law_settings: numbers of the law's own that were chosen, by name.
-        velocity: how velocities are estimated, see `servo.stages.velocity.ESTIMATORS`.
-        interpolation: form of the path between setpoints, see `servo.stages.interpolation_polynomials.FORMS`.
+        velocity: how velocities are estimated, see `servo.kernels.velocity.ESTIMATORS`.
+        interpolation: form of the path between setpoints, see `servo.kernels.interpolation_polynomials.FORMS`.
         guarded: a guardian is required; without one the servo refuses power.
         guardian_timeout_ms: age of the servo's heartbeat at which the guardian acts.
         board_timeout_ms: time without a new image, in cycles that ran, after which the board counts as gone.

@@ -17,15 +17,15 @@ from qrobot.realtime.structure import local_record
 from qrobot.servo.calibration.state import CalibrationState, PotState, make_calibration_state, make_pot_state
 from qrobot.servo.checks.lost_counts import IndexWatch, make_index_watch
 from qrobot.servo.checks.monitor_state import WatchState, make_watch_state
+from qrobot.servo.kernels.converter import AdcState, make_adc_state
+from qrobot.servo.kernels.interpolation_polynomials import N_KNOTS
+from qrobot.servo.kernels.wrench import N_COMPONENTS
 from qrobot.servo.laws.guarded_copies import LawCopies, make_law_copies
 from qrobot.servo.laws.law import MEMORY_WORDS, Law
 from qrobot.servo.laws.law_swap import SwapState, make_swap_state
 from qrobot.servo.memory.setpoint_queue import make_frame
 from qrobot.servo.memory.telemetry import N_SIGNALS, TelemetryLayout
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import AdcState, make_adc_state
-from qrobot.servo.stages.interpolation_polynomials import N_KNOTS
-from qrobot.servo.stages.wrench import N_COMPONENTS
 
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)

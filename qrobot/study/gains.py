@@ -10,9 +10,9 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import explain
 from qrobot.rig.perturbed_arm import PerturbedArm
+from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.study.study import ArmResult, Study, kept
 from qrobot.study.tracking_run import track_experiment
 

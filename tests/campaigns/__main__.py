@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from qrobot.servo.stages.interpolation_polynomials import FORMS
+from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from tests.campaigns import encoders, quiet, stops
 
 HOUR_S = 3600.0

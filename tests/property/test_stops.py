@@ -11,12 +11,12 @@ from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.kernels.interpolation_polynomials import FORMS
+from qrobot.servo.kernels.interpolator import PEAK_SLOPE
+from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.interpolation_polynomials import FORMS
-from qrobot.servo.stages.interpolator import PEAK_SLOPE
-from qrobot.servo.stages.velocity import ESTIMATORS
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.campaigns.stops import cases as random_cases

@@ -30,9 +30,9 @@ from qrobot.servo.calibration.state import (
     UNPROVEN,
     Stage,
 )
+from qrobot.servo.kernels.converter import REVISION_E
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import REVISION_E
 from qrobot.servo.state import ServoState
 
 READINGS: Final = 4  # per joint; noise is 5 units (see `sim_board.analog`) against 150 a turn

@@ -36,11 +36,11 @@ from qrobot.servo.calibration.potentiometers import move_frame
 from qrobot.servo.calibration.state import (
     Stage,
 )
-from qrobot.servo.event import note_event
-from qrobot.servo.modes import Mode
+from qrobot.servo.event import report_event
+from qrobot.servo.hold import allow_range, hold_position, hold_reference
+from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER
+from qrobot.servo.modes import Mode, set_mode
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
-from qrobot.servo.stages.mode_machine import allow_range, hold_position, hold_reference, set_mode
 from qrobot.servo.state import ServoState
 
 IDLE: Final = int(Stage.IDLE)
@@ -102,7 +102,7 @@ def refuse(state: ServoState, code: int, joint: int) -> None:
     """End the attempt: hold where the arm is, uncalibrated, and say why."""
     leave_calibration(state)
     hold_position(state)
-    note_event(state, code, joint)
+    report_event(state, code, joint)
     set_mode(state, UNCALIBRATED)
 
 

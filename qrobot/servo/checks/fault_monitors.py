@@ -29,12 +29,10 @@ from qrobot.servo.checks.motor_fault_diagnosis import (
 )
 from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
 from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
-from qrobot.servo.event import note_event
+from qrobot.servo.event import report_event, report_fault, report_warning
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.collision_stop import thrown_speed
-from qrobot.servo.stages.mode_machine import report_fault
 from qrobot.servo.state import (
     ServoState,
 )
@@ -58,14 +56,6 @@ COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.
 SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
 SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
-
-
-@lean_kernel
-def warn(state: ServoState, code: int, joint: int = NO_JOINT) -> None:
-    """Tell of something that stops nothing, unless there is worse to tell; counted."""
-    state.watch.warnings += 1
-    if state.event == 0:
-        note_event(state, code, joint)
 
 
 @lean_kernel
@@ -101,7 +91,7 @@ def _watch_length(params: ServoParameters, state: ServoState) -> None:
         return
     code = check_slowness(watch.heavy_row)
     if code != 0:
-        warn(state, code)
+        report_warning(state, code)
         watch.heavy_row = 0
 
 
@@ -110,7 +100,7 @@ def watch_modules(state: ServoState) -> None:
     """A remote module that is lost while the arm is held or moves is told of: what hangs on its inputs may matter."""
     watch, losses = state.watch, state.module_losses
     if losses > watch.losses_told and state.mode in (HOLDING, TRACKING, STOPPING):
-        warn(state, IO_LOST)
+        report_warning(state, IO_LOST)
     watch.losses_told = losses
 
 
@@ -346,7 +336,7 @@ def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> Non
     code, joint = check_parked(state.q, watch.q_parked, params.watch.braked, params.watch.brake_slip)
     if code == 0:
         return
-    note_event(state, code, joint)
+    report_event(state, code, joint)
     moved = abs(state.q[joint] - watch.q_parked[joint])
     mode = state.mode
     note_incident(
@@ -354,3 +344,15 @@ def watch_brakes(params: ServoParameters, state: ServoState, now_ns: int) -> Non
         mode, mode, state.next_seq - 1,
     )  # fmt: skip
     watch.unpowered_s = NEVER_S
+
+
+@lean_kernel
+def thrown_speed(state: ServoState, j: int) -> float:
+    """Speed at which a joint that has given way may be thrown back, rad/s (m/s): that of its path, had it gone on.
+
+    What throws it back faster has more than the arm brought along; what drives it on is no obstacle at all.
+    """
+    gave_way = state.watch.gave_way[j]
+    if state.mode != STOPPING or state.watch.yields == 0 or state.v[j] * gave_way >= 0.0:
+        return 0.0
+    return float(abs(gave_way) * state.rate / state.rate_at_stop)

@@ -16,7 +16,7 @@ from qrobot.hwif.operations import put_write
 from qrobot.hwif.registers import DISCRETE, INDEX_BIT_0
 from qrobot.model.transmission import signed_word
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.stages.converter import IMAGES_TO_ANSWER
+from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER
 
 ENC_LOSS: Final = int(FaultCode.ENC_LOSS)
 LOST_COUNTS: Final = 3  # an edge of the index pulse may come a count or two early or late

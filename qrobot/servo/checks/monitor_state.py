@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.servo.kernels.interpolation_polynomials import find_form
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.interpolation_polynomials import find_form
 from qrobot.units import NS_PER_S
 
 PACE_PER_S: Final = 200.0  # of the momentum observer: 5 ms, about what the velocity's low pass takes
@@ -87,7 +87,6 @@ class WatchState:
     misses_seen: int = 0  # of these, late or skipped
     slow_row: int = 0  # cycles in a row that took longer than their period
     heavy_row: int = 0  # cycles in a row that took longer than half of it
-    warnings: int = 0  # warnings since the servo started
     losses_told: int = 0  # of remote modules, up to the last cycle
     yields: int = 0  # 1: the stop going on ends where the arm is, not where its reference is
     unpowered_s: float = 0.0  # time since power was last wanted

@@ -35,9 +35,9 @@ from qrobot.servo.calibration.state import (
     Stage,
 )
 from qrobot.servo.checks.dead_encoder import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
+from qrobot.servo.kernels.converter import REVISION_E
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import REVISION_E
 from qrobot.servo.state import ServoState
 
 TURN_TICKS: Final = 32  # so many cycles a turn of the converter,

@@ -13,9 +13,9 @@ from typing import Final
 from qrobot.faultcodes import NO_JOINT
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
+from qrobot.servo.event import report_fault
 from qrobot.servo.modes import Mode, gives_torque
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.mode_machine import report_fault
 from qrobot.servo.state import ServoState
 
 UNCALIBRATED: Final = int(Mode.UNCALIBRATED)

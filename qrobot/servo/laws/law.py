@@ -8,7 +8,7 @@ A law is called once a cycle. Its arguments are float64 arrays in SI units; it n
 | `v_ref`    | (n,)   | rad/s         | its derivative                                                               |
 | `a_ref`    | (n,)   | rad/s^2       | its second derivative                                                        |
 | `q`        | (n,)   | rad (m)       | measured position                                                            |
-| `v`        | (n,)   | rad/s         | estimated velocity, see `servo.stages.velocity`                              |
+| `v`        | (n,)   | rad/s         | estimated velocity, see `servo.kernels.velocity`                              |
 | `gravity`  | (n,)   | N m (N)       | torque that carries the arm at `q`, already zero where compensation is off   |
 | `friction` | (n,)   | N m (N)       | torque the drives lose at `v_ref`, viscous and smoothed Coulomb, joint side  |
 | `sensors`  | (8,)   | V             | the board's analogue channels                                                |

@@ -20,8 +20,8 @@ import numpy as np
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import function_at
+from qrobot.servo.kernels.velocity import at_rest
 from qrobot.servo.laws.law import LAW_SIGNATURE, MEMORY_WORDS, N_GAINS, N_SETTINGS, Law
-from qrobot.servo.stages.velocity import at_rest
 
 FADE_S: Final = 1.0  # time constant of the bias while the arm tracks
 

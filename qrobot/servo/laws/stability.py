@@ -3,7 +3,7 @@
 Around rest the feedback of every shipped law is the linear, sampled loop
 
     u_k = -Kp q_k - Kv v_k          torque, held for a period; it acts `delay` cycles after the positions it answers
-    v_k                             the estimator's velocity, see `servo.stages.velocity`
+    v_k                             the estimator's velocity, see `servo.kernels.velocity`
     M a = u                         the arm, with the mass matrix of a pose, with and without a load
 
 whose poles are the eigenvalues of one matrix for each pose. Gains pass when, at every pose, all poles stay inside the
@@ -28,8 +28,8 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.model.inertia import mass_matrices
+from qrobot.servo.kernels.velocity import Estimator, find_estimator
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.velocity import Estimator, find_estimator
 
 CFG_GAIN: Final = int(FaultCode.CFG_GAIN)
 GAIN_MARGIN: Final = 2.0  # [A] 6 dB, the textbook's least
@@ -109,7 +109,7 @@ def _difference(loop: Loop) -> Floats:
 
 
 def _observer(loop: Loop) -> Floats:
-    """Rows of the velocity and of the memories x, v, d of `servo.stages.velocity.observe`. Shape (4, 6, n, n)."""
+    """Rows of the velocity and of the memories x, v, d of `servo.kernels.velocity.observe`. Shape (4, 6, n, n)."""
     T, z, eye = loop.period_s, float(np.exp(-loop.bandwidth * loop.period_s)), np.eye(loop.inertia.size)
     to_v, to_d = 1.5 * (1.0 - z) ** 2 * (1.0 + z) / T, (1.0 - z) ** 3 / T**2
     of_q, of_x, of_v, of_d, of_push = np.zeros((5, 6, *eye.shape))

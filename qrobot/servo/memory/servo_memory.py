@@ -26,12 +26,12 @@ from qrobot.errors import ConfigError, LinkError
 from qrobot.printable import printable
 from qrobot.realtime.shared_memory import MAGIC_VALUE, SegmentHeader, SharedMemory
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, floats, offset_of, part, record_in, text, word, words
+from qrobot.servo.kernels.interpolation_polynomials import FORMS
+from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.memory.law_history import LAW_BYTES, journal_words
 from qrobot.servo.memory.published_state import PublishedBlock
 from qrobot.servo.memory.setpoint_queue import QueueBlock
 from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
-from qrobot.servo.stages.interpolation_polynomials import FORMS
-from qrobot.servo.stages.velocity import ESTIMATORS
 
 LAYOUT: Final = 6
 MAX_JOINTS: Final = 32

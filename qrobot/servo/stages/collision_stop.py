@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.kernels.interpolator import line_through
 from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.interpolator import line_through
 from qrobot.servo.state import ServoState
 
 STOPPING: Final = int(Mode.STOPPING)
@@ -37,18 +37,6 @@ def give_way(params: ServoParameters, state: ServoState) -> None:
 def is_held_back(push: float, v_ref: float, felt: float) -> bool:
     """A push beyond `felt` acts against the reference."""
     return abs(push) > felt and push * v_ref < 0.0
-
-
-@lean_kernel
-def thrown_speed(state: ServoState, j: int) -> float:
-    """Speed at which a joint that has given way may be thrown back, rad/s (m/s): that of its path, had it gone on.
-
-    What throws it back faster has more than the arm brought along; what drives it on is no obstacle at all.
-    """
-    gave_way = state.watch.gave_way[j]
-    if state.mode != STOPPING or state.watch.yields == 0 or state.v[j] * gave_way >= 0.0:
-        return 0.0
-    return float(abs(gave_way) * state.rate / state.rate_at_stop)
 
 
 @lean_kernel

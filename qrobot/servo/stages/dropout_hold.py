@@ -11,6 +11,7 @@ BOARD_GONE, or ENC_JUMP. Counts stay what was counted, and the estimators of vel
 from __future__ import annotations
 
 from qrobot.realtime.jit import lean_kernel
+from qrobot.servo.hold import note_lag
 from qrobot.servo.modes import gives_torque
 from qrobot.servo.state import ServoState
 
@@ -31,13 +32,6 @@ def see_again(state: ServoState) -> None:
         for j in range(state.v.size):
             state.v[j] = state.v_seen[j]
     state.unseen = 0
-
-
-@lean_kernel
-def note_lag(state: ServoState) -> None:
-    """Remember how far the joints lag behind their reference, and how fast that grows."""
-    for j in range(state.q.size):
-        state.lag[j], state.lag_rate[j] = state.q_ref[j] - state.q[j], state.v_ref[j] - state.v[j]
 
 
 @lean_kernel

@@ -32,13 +32,14 @@ from qrobot.servo.checks.limit_checks import (
 )
 from qrobot.servo.checks.lost_counts import check_indexes, stop_watching
 from qrobot.servo.checks.potentiometer_monitor import follow_pots, hear_pots
+from qrobot.servo.event import report_fault
+from qrobot.servo.hold import narrow_range
+from qrobot.servo.kernels.converter import collect_sample
+from qrobot.servo.kernels.velocity import Estimator, difference, observe, start_observer
+from qrobot.servo.kernels.wrench import measure_wrench
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.converter import collect_sample
 from qrobot.servo.stages.dropout_hold import lose_sight, see_again
-from qrobot.servo.stages.mode_machine import narrow_range, report_fault
-from qrobot.servo.stages.velocity import Estimator, difference, observe, start_observer
-from qrobot.servo.stages.wrench import measure_wrench
 from qrobot.servo.state import (
     ADOPT_BOARD,
     ADOPT_JUMPED,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table, pots_judged
@@ -20,21 +20,21 @@ from qrobot.servo.calibration.state import (
     PLAUSIBLE,
     Stage,
 )
-from qrobot.servo.checks.limit_checks import category_of
-from qrobot.servo.event import note_event
+from qrobot.servo.event import report_event, report_fault
+from qrobot.servo.hold import allow_range, hold_position, hold_reference
+from qrobot.servo.kernels.interpolator import line_through, room_duration, stop_duration
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
 from qrobot.servo.memory.stop_record import note_incident
-from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.servo.modes import Mode, gives_torque, set_mode, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.collision_stop import forget_yielding
-from qrobot.servo.stages.dropout_hold import note_lag
-from qrobot.servo.stages.interpolator import line_through, rest_at, room_duration, stop_duration
 from qrobot.servo.stages.setpoint_stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
 from qrobot.servo.state import (
     ADOPT_JUMPED,
     ServoState,
 )
+from qrobot.servo.stop_categories import category_of
 
 OFF: Final = int(Mode.OFF)
 POWERING: Final = int(Mode.POWERING)
@@ -65,67 +65,6 @@ STAGE_IDLE: Final = int(Stage.IDLE)
 CLEAR_PATIENCE_NS: Final = 100_000_000
 PUT_BACK_NS: Final = 1_000_000_000  # by which the time of an emulated arm is put back at once, at most [A]
 STANDSTILL_RAD_S: Final = 0.05  # faster than this the arm is not at rest: no power
-
-
-@lean_kernel
-def report_fault(state: ServoState, code: int, joint: int = NO_JOINT, value: float = 0.0, limit: float = 0.0) -> None:
-    """Note a code for this tick; of several the one with the lowest stop category counts, then the first.
-
-    `value` was measured where `limit` is allowed, in the unit of `faultcodes.quantity_of`. In FAULT nothing
-    worse can come, and the event says what became of a clear.
-    """
-    if code == 0 or state.mode == FAULTED:
-        return
-    if state.pending == 0 or category_of(code) < category_of(state.pending):
-        state.pending = code
-        state.pending_joint = joint
-        state.pending_value, state.pending_limit = value, limit
-
-
-@lean_kernel
-def set_mode(state: ServoState, mode: int) -> None:
-    """Change mode, if the table has such a transition."""
-    if may_follow(state.mode, mode):
-        state.mode = mode
-
-
-@lean_kernel
-def hold_position(state: ServoState) -> None:
-    """Make the measured position the reference, at rest."""
-    for j in range(state.q.size):
-        state.q_ref[j], state.v_ref[j], state.a_ref[j] = state.q[j], 0.0, 0.0
-        state.joint_modes[j] = POSITION_SETPOINT
-        state.torque_setpoint[j] = 0.0
-    rest_at(state.knots, state.q_ref)
-    note_lag(state)
-
-
-@lean_kernel
-def hold_reference(state: ServoState) -> None:
-    """Stay at the reference, at rest."""
-    for j in range(state.q.size):
-        state.v_ref[j], state.a_ref[j] = 0.0, 0.0
-        state.joint_modes[j] = POSITION_SETPOINT
-        state.torque_setpoint[j] = 0.0
-    rest_at(state.knots, state.q_ref)
-
-
-@lean_kernel
-def allow_range(params: ServoParameters, state: ServoState) -> None:
-    """At power-up: the robot's range, and where the arm stands outside it the way back."""
-    for j in range(state.q.size):
-        q, margin = state.q[j], params.range_margin[j]
-        state.range_min[j] = params.q_min[j] if q >= params.q_min[j] else q - margin
-        state.range_max[j] = params.q_max[j] if q <= params.q_max[j] else q + margin
-
-
-@lean_kernel
-def narrow_range(params: ServoParameters, state: ServoState) -> None:
-    """An arm on its way back into its range does not leave it any further again."""
-    for j in range(state.q.size):
-        q, margin = state.q[j], params.range_margin[j]
-        state.range_min[j] = max(state.range_min[j], min(params.q_min[j], q - margin))
-        state.range_max[j] = min(state.range_max[j], max(params.q_max[j], q + margin))
 
 
 @lean_kernel
@@ -178,7 +117,7 @@ def watch_surroundings(params: ServoParameters, state: ServoState, mail: Any, no
         report_fault(state, GUARD_TRIP)
     if state.image_ok == 0:
         if mode == OFF:
-            note_event(state, BOARD_GONE)  # nothing is driven: no fault, but no power either
+            report_event(state, BOARD_GONE)  # nothing is driven: no fault, but no power either
         else:
             report_fault(state, BOARD_GONE)
     elif wants_power(mode):
@@ -202,20 +141,20 @@ def _at_rest(state: ServoState) -> bool:
 def _leave_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Power is wanted: grant the request or say why not."""
     if state.image_ok == 0:
-        note_event(state, BOARD_GONE)
+        report_event(state, BOARD_GONE)
     elif state.status & STATUS_ESTOP_OK == 0:
-        note_event(state, ESTOP)
+        report_event(state, ESTOP)
     elif not guardian_alive(params, mail, now_ns):
-        note_event(state, GUARD_LOST)
+        report_event(state, GUARD_LOST)
     elif not _at_rest(state):
-        note_event(state, MOVING_AT_START)
+        report_event(state, MOVING_AT_START)
     elif not pots_judged(params, state):
         state.power_seen = 0  # as if asked in the next cycle: the potentiometers are being read
-        note_event(state, NONE)  # what was said of an earlier request is no answer to this one
+        report_event(state, NONE)  # what was said of an earlier request is no answer to this one
     elif has_table(params) and state.pots.verdict > PLAUSIBLE:
-        note_event(state, CAL_MISMATCH, state.pots.suspect)
+        report_event(state, CAL_MISMATCH, state.pots.suspect)
     else:
-        note_event(state, NONE)
+        report_event(state, NONE)
         state.powering_since_ns = now_ns
         set_mode(state, POWERING)
 
@@ -231,7 +170,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
         drop_all_frames(mail)
         set_mode(state, HOLDING if state.status & STATUS_CALIBRATED != 0 else UNCALIBRATED)
     elif now_ns - state.powering_since_ns > params.power_timeout_ns:
-        note_event(state, POWER_NO_ACK)
+        report_event(state, POWER_NO_ACK)
         set_mode(state, OFF)
 
 
@@ -241,19 +180,19 @@ def _forget_calibration(state: ServoState) -> None:
     if state.pots.verdict == IMPLAUSIBLE:
         state.discrete_word &= ~STATUS_CALIBRATED
         state.adopt = ADOPT_JUMPED
-        note_event(state, NONE)
+        report_event(state, NONE)
 
 
 @lean_kernel
 def begin_calibration(params: ServoParameters, state: ServoState, indexes: int) -> None:
     """Leave UNCALIBRATED for CALIBRATING, or say why not; `indexes` pulses a joint, 0 for the default."""
     if not has_table(params):
-        note_event(state, CAL_NO_TABLE)
+        report_event(state, CAL_NO_TABLE)
         return
     wanted = indexes if indexes > 0 else DEFAULT_INDEXES
     state.cal.wanted = min(max(wanted, FEWEST_INDEXES), MOST_INDEXES)
     state.cal.stage, state.cal.speed = STAGE_IDLE, 0.0
-    note_event(state, NONE)
+    report_event(state, NONE)
     set_mode(state, CALIBRATING)
 
 
@@ -264,7 +203,7 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
     asked = mail.command.calibrations != state.calibrates_seen
     state.calibrates_seen = mail.command.calibrations
     if mode == CALIBRATING and stopped:
-        note_event(state, CAL_STOPPED, state.cal.joint_now)
+        report_event(state, CAL_STOPPED, state.cal.joint_now)
         hold_position(state)
         set_mode(state, UNCALIBRATED)
     elif mode == UNCALIBRATED and asked:
@@ -277,7 +216,7 @@ def _obey_calibration(params: ServoParameters, state: ServoState, mail: Any, sto
 def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     play, code, joint = stream_ready(params, state, mail, now_ns)
     if code != 0:
-        note_event(state, code, joint)
+        report_event(state, code, joint)
     elif play:
         forget_yielding(state)  # what stopped the last one may have ended in a fault
         start_stream(params, state, now_ns)
@@ -297,10 +236,10 @@ def _leave_fault(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
         if state.law_failed != 0:
             fall_back(state.swap)
         state.fault, state.law_failed, state.clear_until_ns = 0, 0, 0
-        note_event(state, NONE)
+        report_event(state, NONE)
         set_mode(state, OFF)
     elif now_ns > state.clear_until_ns:
-        note_event(state, RESET_DENIED)
+        report_event(state, RESET_DENIED)
         state.clear_until_ns = 0
 
 
@@ -311,7 +250,7 @@ def _power_off(params: ServoParameters, state: ServoState, mail: Any, now_ns: in
         begin_stop(params, state, mail, now_ns, OFF)
     elif state.mode != FAULTED:
         if state.mode == CALIBRATING:
-            note_event(state, CAL_STOPPED, state.cal.joint_now)
+            report_event(state, CAL_STOPPED, state.cal.joint_now)
         set_mode(state, OFF)
 
 
@@ -366,7 +305,7 @@ def apply_faults(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     code = state.pending
     if code == 0:
         return
-    note_event(state, code, state.pending_joint)
+    report_event(state, code, state.pending_joint)
     state.pending = 0
     mode, category = state.mode, category_of(code)
     if code == COLLISION and mode in (TRACKING, STOPPING):

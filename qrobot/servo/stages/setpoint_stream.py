@@ -22,6 +22,7 @@ from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.limit_checks import check_first_setpoint, check_setpoint
 from qrobot.servo.checks.tip_speed import check_tip_step
+from qrobot.servo.kernels.interpolator import line_through, rest_at, shift_extrapolated, shift_in
 from qrobot.servo.memory.setpoint_queue import (
     POSITION_SETPOINT,
     QUEUE_CAPACITY,
@@ -31,7 +32,6 @@ from qrobot.servo.memory.setpoint_queue import (
     peek_frame,
 )
 from qrobot.servo.parameters import ServoParameters
-from qrobot.servo.stages.interpolator import line_through, rest_at, shift_extrapolated, shift_in
 from qrobot.servo.state import (
     ServoState,
 )

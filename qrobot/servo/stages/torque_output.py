@@ -33,11 +33,12 @@ from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table
 from qrobot.servo.calibration.procedure import post_latches
 from qrobot.servo.checks.guardian_arming import keep_armed, say_again
-from qrobot.servo.checks.limit_checks import (
-    limit_torque,
-)
+from qrobot.servo.checks.limit_checks import limit_torque
 from qrobot.servo.checks.lost_counts import post_index_watch
 from qrobot.servo.checks.potentiometer_monitor import wanted_channels
+from qrobot.servo.event import report_fault
+from qrobot.servo.hold import hold_position
+from qrobot.servo.kernels.converter import start_sample
 from qrobot.servo.laws.guarded_copies import broken_words, copy_vector
 from qrobot.servo.laws.law import KP, KV
 from qrobot.servo.laws.law_swap import (
@@ -56,8 +57,6 @@ from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import Mode, gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.binary_outputs import post_outputs
-from qrobot.servo.stages.converter import start_sample
-from qrobot.servo.stages.mode_machine import hold_position, report_fault
 from qrobot.servo.state import (
     ServoState,
 )

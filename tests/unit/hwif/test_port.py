@@ -62,6 +62,7 @@ from qrobot.hwif.trace import read_trace
 from qrobot.realtime.flat_record import record_of
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessPlan
+from qrobot.servo.kernels.converter import make_adc_state, start_sample
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import local_servo_memory, servo_front
 from qrobot.servo.memory.telemetry import SMALLEST_RING
@@ -69,7 +70,6 @@ from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
 from qrobot.servo.process.loop import ENDED, run
 from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.converter import make_adc_state, start_sample
 from qrobot.servo.state import make_state
 from tests.support.bench import Bench, post, read_word
 from tests.support.bus import BenchEndpoint

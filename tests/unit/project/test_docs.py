@@ -80,7 +80,6 @@ def test_generated_parts_of_a_reference_page_are_fresh(name: str) -> None:
     [
         ("modes", "    HOLDING --> TRACKING: "),
         ("faults", "| 22 | GUARD_TRIP | 0 | yes |"),
-        ("faults", "| 67 | TORQUE_LIMIT | 0 | not yet |"),
         ("laws", "| `qrobot` (default) | "),
         ("telemetry", "| `q` | float64[n] | measured position, rad or m |"),
         ("command-line", "### qrobot log export"),

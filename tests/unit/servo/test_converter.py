@@ -19,14 +19,14 @@ from qrobot.hwif.registers import (
     STATUS_POWER,
 )
 from qrobot.realtime.flat_record import record_of
-from qrobot.servo.settings import ServoSettings
-from qrobot.servo.stages.converter import (
+from qrobot.servo.kernels.converter import (
     code_volts,
     collect_sample,
     make_adc_state,
     next_channel,
     start_sample,
 )
+from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import REG_ADC_DONE_NS, REG_FLAGS, accept_operations, publish_sample
 from tests.support.bench import PERIOD_NS, Bench
 from tests.support.servo_bench import ServoBench

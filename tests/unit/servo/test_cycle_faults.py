@@ -22,9 +22,9 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
-from qrobot.servo.checks.limit_checks import stop_category
 from qrobot.servo.laws.law import law
 from qrobot.servo.modes import Mode, StopCategory
+from qrobot.servo.stop_categories import stop_category
 from tests.support.servo_bench import Floats, ServoBench, changes, cruise, moving, play
 
 RATES = pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])

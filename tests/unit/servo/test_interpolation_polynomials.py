@@ -9,7 +9,7 @@ import pytest
 
 from qrobot.config.deployment import Interpolation, ServoChoice
 from qrobot.errors import ConfigError
-from qrobot.servo.stages.interpolation_polynomials import DEFAULT_FORM, FORMS, QUINTIC, Form, find_form
+from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, FORMS, QUINTIC, Form, find_form
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from qrobot.servo.stages.interpolation_polynomials import FORMS, N_KNOTS, Form
-from qrobot.servo.stages.interpolator import (
+from qrobot.servo.kernels.interpolation_polynomials import FORMS, N_KNOTS, Form
+from qrobot.servo.kernels.interpolator import (
     PEAK_SLOPE,
     line_through,
     reference,

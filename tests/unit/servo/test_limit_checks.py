@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.servo.checks.limit_checks import (
-    category_of,
     check_first_setpoint,
     check_following,
     check_image,
@@ -19,9 +18,9 @@ from qrobot.servo.checks.limit_checks import (
     check_setpoint,
     check_velocity,
     limit_torque,
-    stop_category,
 )
 from qrobot.servo.modes import StopCategory
+from qrobot.servo.stop_categories import category_of, stop_category
 
 NAN, INF = math.nan, math.inf
 WELL = (FaultCode.NONE, NO_JOINT)

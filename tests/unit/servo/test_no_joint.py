@@ -11,11 +11,10 @@ import pytest
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rci.power import servo_fault
-from qrobot.servo.event import note_event
+from qrobot.servo.event import report_event, report_fault
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, note_incident, read_incident
 from qrobot.servo.modes import Mode
 from qrobot.servo.operator.requests import Controls
-from qrobot.servo.stages.mode_machine import report_fault
 from qrobot.servo.state import ServoState
 from qrobot.wire import State
 from qrobot.wire.codec import decode, encode
@@ -61,7 +60,7 @@ def test_every_code_goes_from_the_cycle_to_the_wire_with_its_joint(
     bench, numbers = at_rest
     for name, value in numbers.items():
         setattr(bench.state, name, value)
-    note_event(bench.state, code, joint)
+    report_event(bench.state, code, joint)
     bench.tick()
     assert (bench.snapshot.event, bench.snapshot.event_joint) == (code, joint)
     heard = decode(encode(State(1, MailboxPort(bench.mailbox.words).read_state())))

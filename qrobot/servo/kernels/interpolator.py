@@ -1,7 +1,7 @@
 """Smooth reference at the servo rate, out of setpoints 28 ms apart.
 
 Four knots are the setpoints of four successive frames. A form of interpolation
-(`servo.stages.interpolation_polynomials`) is a table that makes of them a polynomial p(u), on which the reference runs
+(`servo.kernels.interpolation_polynomials`) is a table that makes of them a polynomial p(u), on which the reference runs
 through one frame, 0 <= u <= 1. Forms that look ahead reach a setpoint later than those that do not: a setpoint is
 always taken as knot 3, and the frame begins at an earlier one.
 
@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.stages.interpolation_polynomials import N_KNOTS, N_POWERS
+from qrobot.servo.kernels.interpolation_polynomials import N_KNOTS, N_POWERS
 
 # d/dx of the stop's smooth step 10 x^3 - 15 x^4 + 6 x^5 peaks at 15/8.
 PEAK_SLOPE: Final = 1.875

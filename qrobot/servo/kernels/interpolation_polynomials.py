@@ -4,7 +4,7 @@ Every form reads four successive setpoints k0..k3, the knots, as k0 and the thre
 
     p(u) = k0 + sum over m of u^m (c_m1 (k1 - k0) + c_m2 (k2 - k1) + c_m3 (k3 - k2))          0 <= u <= 1, in frames
 
-The table c is all the compiled interpolator knows of a form (`servo.stages.interpolator`), and all there is to know:
+The table c is all the compiled interpolator knows of a form (`servo.kernels.interpolator`), and all there is to know:
 delay, continuity, and which motions come out exactly, follow from it by algebra. At rest every step is zero, so every
 form stands still to the last bit.
 """
