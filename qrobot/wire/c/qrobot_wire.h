@@ -186,7 +186,6 @@ static inline const char *qrobot_fault_text(int code)
     case 55: return "SP_STEP: a setpoint asks for more speed or acceleration than the joint has";
     case 65: return "JOINT_LIMIT: a joint left its range";
     case 66: return "FOLLOWING: a joint lags behind its setpoint by more than allowed";
-    case 67: return "TORQUE_LIMIT: the law asked for an impossible torque";
     case 70: return "CAL_BLOCKED: a joint needed too much torque to creep";
     case 71: return "CAL_ROOM: a joint came to the end of its range while it was calibrated";
     case 72: return "CAL_STOPPED: the calibration was stopped on request";
