@@ -35,7 +35,7 @@ LAYOUT: Final = 5
 
 
 class Lane(IntEnum):
-    """Who posts operations; the board drains the lanes in this order, so the guardian has the last word."""
+    """Senders of operations; the board drains the lanes in this order, so the guardian has the last word."""
 
     SERVO = 0
     TOOL = 1
@@ -51,7 +51,7 @@ PANEL_MICRO: Final = 1_000_000  # of the panel's analogue values in their unit
 
 
 class FactsBlock:
-    """What a board says of itself, written by its side."""
+    """Facts that a board tells of itself, and its counters."""
 
     period_ns: int = word()  # how often the image is renewed
     joints: int = word()
@@ -161,7 +161,7 @@ class BoardSegment(SharedMemory):
 
     @cached_property
     def memory(self) -> BoardMemory:
-        """What is shared. Raises LinkError when the file is too short for it."""
+        """The board memory. Raises LinkError when the file is too short for it."""
         if self.words.size < N_WORDS:
             raise LinkError(f"shared memory {self.path.name!r} is cut off: restart the board")
         memory: BoardMemory = record_in(self.words, BOARD_MEMORY)

@@ -1,4 +1,4 @@
-"""How the arm is held: where its reference and its range are to be while nothing moves it."""
+"""Holding the arm: its reference, and its range, while nothing moves it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def note_lag(state: ServoState) -> None:
 
 @lean_kernel
 def allow_range(params: ServoParameters, state: ServoState) -> None:
-    """At power-up: the robot's range, and where the arm stands outside it the way back."""
+    """Allow the robot's range at power-up, and the way back of an arm that stands outside it."""
     for j in range(state.q.size):
         q, margin = state.q[j], params.range_margin[j]
         state.range_min[j] = params.q_min[j] if q >= params.q_min[j] else q - margin

@@ -1,4 +1,4 @@
-"""What protects the arm, in the order in which a cycle has it.
+"""Protections of the arm, in the order in which a cycle has them.
 
     inputs -> check_inputs -> requests -> reference -> check_reference -> law and check of its torque -> outputs
 

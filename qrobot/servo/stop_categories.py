@@ -1,4 +1,4 @@
-"""What follows from a code: the stop category of each, after IEC 60204-1 (`modes.StopCategory`)."""
+"""Stop category of each code, after IEC 60204-1 (`modes.StopCategory`)."""
 
 from __future__ import annotations
 

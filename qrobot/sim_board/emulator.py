@@ -101,7 +101,7 @@ def emulator_step(bundle: EmulatorBundle, memory: BoardMemory, t_ns: int) -> Non
 
 @lean_kernel
 def emulator_run(bundle: EmulatorBundle, memory: BoardMemory, t_ns: int, steps: int) -> int:
-    """So many steps in a row from virtual time `t_ns`; returns the time reached."""
+    """Run a number of steps from virtual time `t_ns`; returns the time reached."""
     for _ in range(steps):
         emulator_step(bundle, memory, t_ns)
         t_ns += bundle.period_ns
@@ -202,7 +202,7 @@ class Emulator:
 
     @property
     def faults(self) -> FaultPanel:
-        """Where faults are injected while it runs. Raises ConfigError before a controller is connected."""
+        """Panel to inject faults through while it runs. Raises ConfigError before a controller is connected."""
         if self._panel is None:
             raise ConfigError("connect the emulator first: faults stand in the board memory")
         return self._panel

@@ -1,4 +1,4 @@
-"""Where every byte of a packet lies: one table per packet, from which codec, documentation and C structs derive.
+"""Place of every byte of a packet: one table per packet, from which codec, documentation and C structs derive.
 
 Little endian throughout. Every number is aligned to its own size, so that a C compiler lays out the same struct without
 packing. Every packet ends in the CRC-32 (IEEE 802.3, as in zlib) of all its bytes before it, at a multiple of four.
@@ -48,7 +48,7 @@ class Field:
         return Struct(f"<{self.code}").size
 
     def length(self, n: int) -> int:
-        """How many numbers there are for `n` joints; a rest of unknown length counts as none."""
+        """Count of numbers for `n` joints; a rest of unknown length counts as none."""
         if self.count == "rest":
             return 0
         return n if self.count == "n" else int(self.count)

@@ -1,4 +1,4 @@
-"""What the packets say. Bytes are the business of `codec`, order that of `states`.
+"""Contents of the packets. Bytes are the business of `codec`, order that of `states`.
 
 Joint vectors are tuples of n floats, SI units (rad or m, rad/s or m/s, N m or N). `seq`, `ack` and `t_ns` are those of
 the header (see `layout`).

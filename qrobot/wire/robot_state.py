@@ -19,7 +19,7 @@ VectorT = TypeVar("VectorT")
 
 @dataclass(frozen=True)
 class StateRow:
-    """What the table says of a field.
+    """One line of the table, about a field.
 
     Attributes:
         name: of the field, everywhere but in the servo's own state.

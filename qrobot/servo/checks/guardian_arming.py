@@ -1,4 +1,4 @@
-"""When the guardian is to act: from before the first write that drives anything until the board shows that none does.
+"""Span of the guardian's watch: from before the first write that drives anything until the board shows that none does.
 
 The board holds its last words, so neither what the servo means to write nor what it has posted says what the motors
 get. The mark in the servo's heartbeat is therefore set before anything is posted that drives motors, brakes or outputs,
@@ -33,7 +33,7 @@ NONE: Final = -1
 
 @lean_kernel
 def keep_armed(state: ServoState, mail: Any, driven: bool) -> None:
-    """Before the writes of a cycle are posted: have the guardian watch if they drive something, or if any may have."""
+    """Have the guardian watch if the writes about to be posted drive something, or earlier ones may have."""
     state.driven = 1 if driven else 0
     if driven and state.armed == 0:
         store_release(mail.heartbeat, "t_ns", state.began_ns)  # first: no silence of an unarmed servo counts
@@ -55,7 +55,7 @@ def stands_down(state: ServoState, mail: Any) -> bool:
 
 @lean_kernel
 def disarm_when_safe(state: ServoState, mail: Any, board: BoardMemory, posted: bool) -> None:
-    """After a cycle: let the guardian stand down once the board has shown that it carries neither torque nor power.
+    """Let the guardian stand down, after a cycle, once the board has shown that it carries neither torque nor power.
 
     Args:
         posted: the lane has taken this cycle's list.

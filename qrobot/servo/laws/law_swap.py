@@ -94,7 +94,7 @@ def swap_asked(swap: Any) -> bool:
 
 @lean_kernel
 def forget_bias(swap: Any) -> None:
-    """What the law says is all there is."""
+    """Set the bias to zero: the law's own torque is all there is."""
     for j in range(swap.bias.size):
         swap.bias[j] = 0.0
 

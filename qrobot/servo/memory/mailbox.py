@@ -102,7 +102,7 @@ class ServoMailbox:
         command.calibrations += 1
 
     def calibration(self) -> CalibrationProgress:
-        """How far a calibration is, and what it found."""
+        """Progress and results of a calibration."""
         now, results = self.memory.calibration, self.memory.results
         return CalibrationProgress(
             stage=int(now.stage),
@@ -119,7 +119,7 @@ class ServoMailbox:
         self.memory.command.hand = hand
 
     def request_outputs(self, outputs: int, t_ns: int) -> None:
-        """What the outputs are to be, output 1 in bit 0, said at `t_ns` of the servo's clock.
+        """Ask for levels of the outputs, output 1 in bit 0, at `t_ns` of the servo's clock.
 
         It has to be said again and again: see `servo.output_lines.OUTPUT_PATIENCE_NS`.
         """

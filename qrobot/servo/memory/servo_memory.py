@@ -41,7 +41,7 @@ _START_TRIES: Final = 500
 
 
 class InfoBlock:
-    """What is constant while a servo runs, but for `law`."""
+    """Facts that are constant while a servo runs, but for `law`."""
 
     joints: int = word()
     period_ns: int = word()
@@ -55,7 +55,7 @@ class InfoBlock:
 
 
 class CalibrationBlock:
-    """How far the servo is with a calibration; the results of the joints stand in `CalibrationResults`."""
+    """Progress of a calibration; the results of the joints stand in `CalibrationResults`."""
 
     stage: int = word()  # a `servo.calibration.state.Stage`
     joint: int = word()
@@ -77,7 +77,7 @@ class HeartbeatBlock:
 
 
 class GuardianBlock:
-    """What the guardian says."""
+    """The guardian's heartbeat and its takeover."""
 
     t_ns: int = word()  # its heartbeat
     takeover: int = word()  # 1: it has taken the board; the servo writes nothing more
@@ -85,7 +85,7 @@ class GuardianBlock:
 
 
 class CommandBlock:
-    """What the commander asks for."""
+    """Requests of the commander."""
 
     power: int = word()  # 1: they want arm power
     clears: int = word()  # raised to clear a fault
@@ -102,7 +102,7 @@ class CommandBlock:
 
 
 class ServoFront:
-    """What has its place in the memory of every servo."""
+    """Blocks that have the same place in the memory of every servo."""
 
     header: Any = part(SegmentHeader)
     info: Any = part(InfoBlock, own_line=True)
@@ -113,7 +113,7 @@ class ServoFront:
 
 
 class CalibrationResults:
-    """Of the joints, shape (n,)."""
+    """Results of a calibration, one of each joint. Shape (n,)."""
 
     misfit: Floats = floats("n")
     margin: Floats = floats("n")
@@ -154,7 +154,7 @@ def memory_words(n: int, telemetry_capacity: int) -> int:
 
 @dataclass(frozen=True)
 class ServoInfo:
-    """What a reader has to know before it can read anything else; checked against the size of the memory."""
+    """Facts that a reader needs before it can read anything else; checked against the size of the memory."""
 
     robot_name: str
     law: str
@@ -197,7 +197,7 @@ class ServoSegment(SharedMemory):
 
     @cached_property
     def front(self) -> ServoFront:
-        """What does not depend on the number of joints. Raises LinkError when the file is cut off."""
+        """The blocks that do not depend on the number of joints. Raises LinkError when the file is cut off."""
         return servo_front(self.words)
 
 

@@ -76,7 +76,7 @@ Rows = NDArray[Any]  # structured, one record per cycle: dtype of a `TelemetryLa
 
 @dataclass(frozen=True)
 class TelemetryLayout:
-    """Where each field of a row of `n` joints stands, in the three views of it.
+    """Places of the fields of a row of `n` joints, in the three views of it.
 
     A row of version 1, as older logs have it, ends with its COUNTERS.
     """

@@ -25,7 +25,7 @@ FollowCalibration = Callable[[CalibrationProgress], None]
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """What a calibration found, joint by joint.
+    """Results of a calibration, joint by joint.
 
     Attributes:
         was_calibrated: the counters were right already; nothing moved, and the lists are empty.
@@ -87,7 +87,7 @@ def run_calibration(
 
 
 def _power_on(mailbox: ServoMailbox, wait: Wait, before: ServoSnapshot) -> int:
-    """Out of OFF; returns the mode: UNCALIBRATED, or HOLDING when the counters are right after all.
+    """Leave OFF; returns the mode: UNCALIBRATED, or HOLDING when the counters are right after all.
 
     Counters that the potentiometers contradict are given up first.
     """

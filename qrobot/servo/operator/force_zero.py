@@ -23,7 +23,7 @@ MOST_VOLTS: Final = 9.9  # [A] of the converter's 10: beyond, the sensor is over
 
 
 class Sensing(Protocol):
-    """What of a servo process zeroing touches."""
+    """Parts of a servo process that zeroing touches."""
 
     settings: ServoSettings
 
@@ -33,7 +33,7 @@ class Sensing(Protocol):
 
     @property
     def volts(self) -> Floats:
-        """At the converter's channels, as the loop has them. Shape (8,)."""
+        """Volts at the converter's channels, as the loop has them. Shape (8,)."""
 
     @property
     def force_zero(self) -> Floats:

@@ -1,4 +1,4 @@
-"""What the control interface does to a servo: requests in, replies out; the loop is never kept waiting.
+"""Execution of operator requests: requests in, replies out; the loop is never kept waiting.
 
 A stop and a power-off are done in the thread that reads them (`Controls.begin`), which waits for no lock, no loop and
 no file. Whatever may wait - for the loop, for a law to be tried - is left to other threads, one command at a time; a
@@ -83,7 +83,7 @@ T = TypeVar("T")
 
 
 class Controlled(Protocol):
-    """What of a servo process the control interface touches."""
+    """Parts of a servo process that operator requests touch."""
 
     arm: str
     robot: Robot
@@ -98,11 +98,11 @@ class Controlled(Protocol):
 
     @property
     def swap(self) -> SwapState:
-        """Where a swap is asked for."""
+        """State of the law swap, through which one is asked for."""
 
     @property
     def volts(self) -> Floats:
-        """At the converter's channels, shape (8,)."""
+        """Volts at the converter's channels. Shape (8,)."""
 
     @property
     def force_zero(self) -> Floats:
@@ -110,11 +110,11 @@ class Controlled(Protocol):
 
     @property
     def incident(self) -> Incident | None:
-        """Why the servo last left a mode, see `servo.memory.stop_record`."""
+        """Reason for which the servo last left a mode, see `servo.memory.stop_record`."""
 
     @property
     def page_faults(self) -> int:
-        """Of the loop's thread since it began."""
+        """Page faults of the loop's thread since it began."""
 
     def say(self, message: str) -> None:
         """Tell people."""
@@ -168,7 +168,7 @@ class Controls:
         return self._told()
 
     def _replying(self, act: Callable[[], T]) -> T | bytes:
-        """What `act` returns, or the reply that tells why it could not."""
+        """Reply with the result of `act`, or with the reason for which it failed."""
         try:
             return act()
         except QRobotError as error:
@@ -181,7 +181,7 @@ class Controls:
         return encode(Reply(ok=True, status=self.status()))
 
     def _told_by_loop(self) -> bytes:
-        """How the servo is once its loop has seen what was requested, or the guardian has taken its place."""
+        """Status of the servo once its loop has seen the request, or the guardian has taken its place."""
         if not self._guardian_acts:
             self._wait_for_loop()
         return self._told()
@@ -198,7 +198,7 @@ class Controls:
             self._authority.release()
 
     def status(self) -> ServoStatus:
-        """How the servo is now. Raises LinkError when it died."""
+        """Status of the servo now. Raises LinkError when it died."""
         servo, snapshot = self._servo, self._servo.mailbox.snapshot()
         gains = servo.swap.gains
         mode, fault = (Mode.FAULT, GUARD_TRIP) if self._guardian_acts else (snapshot.mode, snapshot.fault)
@@ -238,7 +238,7 @@ class Controls:
         )
 
     def _text(self, code: int, joint: int) -> str:
-        """What a code means, with what was measured when it is why the servo last left a mode."""
+        """Meaning of a code, with the value measured if it is the reason for which the servo last left a mode."""
         incident = self._servo.incident
         if incident is not None and incident.code == code:
             return incident.why(self._servo.robot.prismatic)
@@ -290,7 +290,7 @@ class Controls:
         self._wait_for_loop()
 
     def _wait_for_loop(self) -> None:
-        """Until the loop has seen what was requested, so that the reply tells what it did."""
+        """Wait until the loop has seen the request, so that the reply tells its effect."""
         seen = self._seen_by_loop()
         _poll(lambda: seen() or self._guardian_acts)
 

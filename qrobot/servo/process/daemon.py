@@ -166,12 +166,12 @@ class ServoProcess:
 
     @property
     def swap(self) -> SwapState:
-        """Where another law is asked for."""
+        """State of the law swap, through which another law is asked for."""
         return self.state.swap
 
     @property
     def volts(self) -> Floats:
-        """At the converter's channels."""
+        """Volts at the converter's channels."""
         return self.state.sensors  # type: ignore[no-any-return]
 
     @property
@@ -181,7 +181,7 @@ class ServoProcess:
 
     @property
     def page_faults(self) -> int:
-        """Of the loop's thread since it began."""
+        """Page faults of the loop's thread since it began."""
         return self.faults.count
 
     def say(self, message: str) -> None:
@@ -323,7 +323,7 @@ def _insist_on_a_board(arm: str, card: Words) -> None:
 
 
 def _board_memory(arm: str, card: Words, joints: int, period_ns: int) -> BoardSegment:
-    """That of a board process, or one of our own for a card."""
+    """Attach the memory of a board process, or make one for a card."""
     if card[CARD_KIND] == NO_CARD:
         return command_board_memory(arm)
     return own_board_memory(arm, card, joints, period_ns)

@@ -158,7 +158,7 @@ class Guardian:
 
     @property
     def trips(self) -> int:
-        """How often the guardian had to take the board."""
+        """Number of times the guardian had to take the board."""
         return int(self._own[TRIPS])
 
     @property

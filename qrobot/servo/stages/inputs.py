@@ -1,4 +1,4 @@
-"""From the board's image to positions and velocities that can be trusted, or to the code that says why not."""
+"""Read and judge the board's image: positions and velocities that can be trusted, or the code that says why not."""
 
 from __future__ import annotations
 

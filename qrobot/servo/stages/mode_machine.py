@@ -1,4 +1,4 @@
-"""Which mode follows: requests, faults and the end of stops, judged once a tick against the table in `modes`.
+"""The mode machine: requests, faults and the end of stops, judged once a tick against the table in `modes`.
 
 Every fault is raised as a pending code during the tick; the worst one (lowest stop category) is acted on at its end, in
 the same tick, before anything is written to the board.
@@ -176,7 +176,7 @@ def _watch_power_up(params: ServoParameters, state: ServoState, mail: Any, now_n
 
 @lean_kernel
 def _forget_calibration(state: ServoState) -> None:
-    """Without power, asked to calibrate counters that the potentiometers contradict: they are not calibrated at all."""
+    """Declare counters that the potentiometers contradict not calibrated, when asked to calibrate without power."""
     if state.pots.verdict == IMPLAUSIBLE:
         state.discrete_word &= ~STATUS_CALIBRATED
         state.adopt = ADOPT_JUMPED

@@ -1,4 +1,4 @@
-"""What the servo says of each cycle: the state for whoever looks, the heartbeat, the telemetry row."""
+"""Publish each cycle: the state for other processes, the heartbeat, the telemetry row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the reference to register writes: model, law, guard, and the order in which torque and power go out."""
+"""Turn the reference into register writes: model, law, limit checks, and the order in which torque and power go out."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def drive(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def law_torque(params: ServoParameters, state: ServoState) -> None:
-    """What the law in force says, with the bias of the last swap; nothing where the drives close the loop."""
+    """Torque of the law in force, with the bias of the last swap; nothing where the drives close the loop."""
     if params.position_drives != 0:
         state.tau[:] = 0.0
         return
@@ -202,7 +202,7 @@ def motor_push(params: ServoParameters, state: ServoState, push: Any) -> None:
 
 @lean_kernel
 def built_in_law(params: ServoParameters, state: ServoState) -> None:
-    """What replaces a law that failed: PD with gravity compensation and the robot file's gains, without a bias."""
+    """Law that replaces one that failed: PD with gravity compensation and the robot file's gains, without a bias."""
     forget_bias(state.swap)
     for j in range(state.tau.size):
         feedback = params.gains[KP, j] * (state.q_ref[j] - state.q[j]) + params.gains[KV, j] * (
