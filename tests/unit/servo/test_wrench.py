@@ -134,10 +134,10 @@ def test_a_sensor_that_is_zeroed_shows_what_is_added_from_then_on() -> None:
     """The weight of the tool and the sensor's own offset vanish."""
     rig = held(force_sensor=calibration_of_emulated(ALL_SIX))
     rig.run_for(0.3)
-    before = np.array(MailboxPort(rig.mail).read_state().force)
+    before = np.array(MailboxPort(rig.mailbox.words).read_state().force)
     zero = zero_force(sensing(rig), lambda: rig.ticks(5))
     rig.run_for(0.1)
-    after = np.array(MailboxPort(rig.mail).read_state().force)
+    after = np.array(MailboxPort(rig.mailbox.words).read_state().force)
     step = 10.0 * ALL_SIX.newton_per_volt / 2048  # of the converter
     assert abs(before[2]) > 4 * step
     np.testing.assert_allclose(after, 0.0, atol=1.5 * step)
