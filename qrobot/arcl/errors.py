@@ -42,6 +42,6 @@ def answer_of(given: object) -> CallbackAnswer:
     """Read the answer of a call-back. Raises MotionError: it is none."""
     if given is None:
         return CallbackAnswer.OK
-    if isinstance(given, int) and given in set(CallbackAnswer):
+    if isinstance(given, int) and not isinstance(given, bool) and given in set(CallbackAnswer):
         return CallbackAnswer(given)
     raise MotionError(f"a call-back answers OK, ERROR, MOVE_STOP or nothing, not {given!r}")

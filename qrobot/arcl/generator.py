@@ -129,6 +129,8 @@ class MotionQueue:
         motion = self._waiting[0]
         if self._reporter.notify(ArclEvent.EVENT_DEQ, motion) == CallbackAnswer.MOVE_STOP:
             return  # the engine keeps the arm at the last goal; asked again at the next sample
+        if not self._waiting or self._waiting[0] is not motion:
+            return  # the function has stopped the arm
         self._waiting.popleft()
         motion.t0 = seen.t_ms
         try:
@@ -179,7 +181,7 @@ class MotionQueue:
     def _told(self, event: MotionEvent, seen: MachineSample) -> None:
         motion = None if event.request is None else self._open.get(event.request)
         if event.kind is EventKind.BEGUN and motion is not None:
-            self._current = motion
+            self._current, motion.begun = motion, True
             self._reporter.executes(motion, self._waiting[0] if self._waiting else None)
             self._reporter.notify(ArclEvent.EVENT_BEGIN, motion)
         elif event.kind is EventKind.ENDED and motion is not None and event.request is not None:

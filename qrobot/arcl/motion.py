@@ -13,7 +13,7 @@ from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.positions import Pos
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
-from qrobot.motion import Goal, MotionMode, MotionSpeed, MoveRequest
+from qrobot.motion import T6, Goal, MotionMode, MotionSpeed, MoveRequest
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class Motion:
         pos: where to.
         options: how.
         t0: time at which it was taken out of the queue, ms; functional transforms count from there.
+        begun: the transition into it has begun.
         near: it is nearly complete.
         code: how it ended, None as long as it has not.
     """
@@ -53,7 +54,7 @@ class Motion:
         self.pos = pos
         self.options = options
         self.t0 = 0.0
-        self.near = False
+        self.begun = self.near = False
         self.code: ArclEvent | None = None
         self._goal = self._target()
 
@@ -71,9 +72,11 @@ class Motion:
 
     def _target(self) -> Goal | Floats:
         """Constant and hold transforms count as they are now."""
-        offset = self.options.offset
+        offset, update = self.options.offset, self.options.update
         if not isinstance(self.pos.target, np.ndarray):
+            if update is not None and (update is T6 or self.pos.terms.count(update) != 1):
+                raise MotionError(f"move to {self.name}: MOV_UPDATE names a transform that stands in it once")
             return self.pos.target.goal(None if offset is None else offset.value)
-        if offset is not None or self.options.update is not None:
+        if offset is not None or update is not None:
             raise MotionError(f"move to {self.name}: MOV_OFFSET and MOV_UPDATE need a position equation")
         return self.pos.target

@@ -49,6 +49,7 @@ class ArclRobot:
         self._options = MotionOptions()
         self._error: QRobotError | None = None
         self._closed = self._loss_told = False
+        self._ticks = 0
         q = ami.open()
         self._motions = MotionQueue(aki, ami.period_s, q, self)
         ami.start(self._sample)
@@ -213,8 +214,8 @@ class ArclRobot:
             self.ami.stream.event(event, motion.name, self.treal)
         if event is ArclEvent.EVENT_DONE and motion.options.doneproc is not None:
             motion.options.doneproc(self, motion)
-        notify = motion.options.notify
-        return CallbackAnswer.OK if notify is None else answer_of(notify(event, self))
+        answer = None if motion.options.notify is None else motion.options.notify(event, self)
+        return answer_of(answer) if event is ArclEvent.EVENT_DEQ else CallbackAnswer.OK
 
     def failed(self, event: ArclEvent, error: MotionError) -> bool:
         """See `MotionReporter.failed`."""
@@ -244,12 +245,10 @@ class ArclRobot:
 
     def ended(self, motion: Motion, seen: MachineSample) -> None:
         """See `MotionReporter.ended`: solve for what MOV_UPDATE names."""
-        if (trans := motion.options.update) is not None:
+        if (trans := motion.options.update) is not None and motion.begun:
             trans.set(motion.pos.equation.solve(trans, self.aki.forward(seen.q), self._ticks))
 
     # ---------------------------------------------------------------------------------------------------- helpers
-
-    _ticks = 0
 
     def _sample(self, seen: MachineSample) -> Floats:
         """Make the setpoints of one sample; the machine calls this."""

@@ -278,6 +278,42 @@ def test_a_refused_motion_is_asked_for_again_until_it_may_begin() -> None:
     assert last.code == EVENT_DONE
 
 
+def test_a_function_that_is_asked_may_stop_the_arm() -> None:
+    rp = offline()
+    motion = move(
+        rp, joint_pos(rp, "away", AWAY), MOV_NOTIFY, lambda event, robot: event == EVENT_DEQ and stop(robot), 0
+    )
+    arcl_wait(rp)
+    assert motion.code == EVENT_STOP
+    assert np.allclose(rp.joints, PARK)
+
+
+def test_an_answer_that_is_none_is_refused_and_that_to_other_events_does_not_matter() -> None:
+    rp = offline()
+    move(rp, joint_pos(rp, "away", AWAY), MOV_NOTIFY, lambda event, _robot: None if event == EVENT_DEQ else "thanks", 0)
+    arcl_wait(rp)
+    assert np.allclose(rp.joints, AWAY)
+    move(rp, joint_pos(rp, "home", PARK), MOV_NOTIFY, lambda _event, _robot: True, 0)
+    with pytest.raises(MotionError, match="answers OK"):
+        arcl_wait(rp)
+
+
+def test_a_transform_that_cannot_be_solved_for_is_refused_at_once_and_none_is_updated_that_was_not_gone_to() -> None:
+    rp = offline()
+    table, found = new_trans_tr("table", 400, 0, 0), new_trans("found", HOLD)
+    pos = makeposition(T6, EQ, table, found, TL, found)
+    for strange in (T6, new_trans("other"), rp):
+        with pytest.raises(MotionError):
+            move(rp, pos, MOV_UPDATE, strange, 0)
+    move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 3000, 0)
+    motion = move(rp, pos, MOV_UPDATE, found, 0)
+    rp.wait(lambda: ami_treal() > 500.0)
+    stop(rp)
+    arcl_wait(rp)
+    assert motion.code == EVENT_STOP
+    assert np.array_equal(found.value, np.eye(4))
+
+
 def test_stop_drops_what_waits_and_brings_the_arm_to_rest_on_its_path() -> None:
     rp, told = offline(), []
     notify = lambda event, _robot: told.append(event)  # noqa: E731
