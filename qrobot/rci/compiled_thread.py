@@ -13,7 +13,7 @@ from qrobot.errors import ConfigError, RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.compiled import no_function, pointer_to, refuse_order, refuse_task, run_control
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.host_thread import PATIENCE_S, PRIORITY, lateness
+from qrobot.rci.host_thread import PATIENCE_S, PRIORITY, lateness, refuse_start
 from qrobot.rci.schedule import ClockEntry
 from qrobot.rci.task_runner import ControlFunctions, nothing
 from qrobot.realtime.setup import set_fifo, tighten_timers
@@ -48,7 +48,9 @@ class CompiledThread:
     def order(self, order: str, *arguments: Any) -> None:
         """Do one of the orders of a monitor. Raises ConfigError for those that only an interpreter can do."""
         refuse_order(self._name, order)
-        if not self._hung:
+        if self._hung:
+            refuse_start(order, "a function that does not return keeps its thread")
+        else:
             getattr(self, f"_{order}")(*arguments)
 
     def _add(self, td: TaskDescriptor, _open_link: object) -> None:

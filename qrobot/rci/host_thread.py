@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-from qrobot.errors import RogueTask
+from qrobot.errors import LinkLost, RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
@@ -51,6 +51,7 @@ class HostThread:
             self._loop.monitor.obey(order, *arguments)
             return
         if self._hung:
+            refuse_start(order, "a function that does not return keeps its thread")
             return  # its tasks have ended
         answer = Answer(lambda: self._loop.monitor.obey(order, *arguments))
         self._loop.ring(answer.give)
@@ -88,6 +89,12 @@ class HostThread:
             self._loop.end()
             self._thread.join()
             self._loop.close()
+
+
+def refuse_start(order: str, why: str) -> None:
+    """Raise LinkLost when tasks are to be started on a processor that does nothing any more."""
+    if order == "attach":
+        raise LinkLost(f"this processor runs no task any more, {why}: rci_close(), and create the tasks anew")
 
 
 class Answer:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from qrobot.errors import ConfigError, LinkLost, RogueTask
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
-from qrobot.rci.host_thread import PATIENCE_S, lateness
+from qrobot.rci.host_thread import PATIENCE_S, lateness, refuse_start
 from qrobot.rci.process_main import run_processor
 from qrobot.rci.processor_image import ProcessorImage
 from qrobot.rci.processor_names import claim_processor, cpu_of
@@ -53,7 +53,9 @@ class ProcessProcessor:
         check_portable(order, arguments)
         if self._process is None:
             self._waiting.append((order, arguments))
-        elif not self._dead:
+        elif self._dead:
+            refuse_start(order, self._dead)
+        else:
             self._ask(order, arguments)
 
     def boot(self, image: ProcessorImage) -> None:

@@ -19,12 +19,14 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import MotionError
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
 from qrobot.wire import Command, JointMode, RobotMode, RobotState, State
+from qrobot.wire.vocabulary import Hand
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
@@ -123,9 +125,19 @@ class RobotCycle:
         if robot.mode != RobotMode.TRACKING:
             raise servo_fault(robot, "the servo stopped the arm", self._heard)
         if control is not None:
-            before = chg.modes, chg.setpoints
+            self._control(chg, control)
+
+    def _control(self, chg: Chg, control: Callable[[], object]) -> None:
+        """Call the control function; what it says of hand and outputs is forgotten when it cannot be."""
+        before, lines, stream = (chg.modes, chg.setpoints), (chg.hand, chg.outputs), chg.stream
+        try:
             control()
             check_chg(self._td.name, chg, self._data, before, self._period_s)
+        except BaseException:
+            chg.hand, chg.outputs = lines
+            raise
+        finally:
+            chg.stream = stream  # which names this run of setpoints, for the servo
 
     def _stop(self, robot: RobotState, chg: Chg) -> None:
         if self._power_down.step(robot, chg):
@@ -138,9 +150,12 @@ def check_chg(
     """Judge what a control function asks for, `before` being what the sample before it did.
 
     Raises:
-        MotionError: no setpoints of this arm, a torque beyond its limit, or a joint that would be too fast.
+        MotionError: no setpoints of this arm, no such hand or outputs, a torque beyond its limit, or a joint that would
+            be too fast.
         JointLimit: a position outside the range.
     """
+    if chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
+        raise MotionError(f"task {name}: hand {chg.hand!r} and outputs {chg.outputs!r}, 0 to 2 and 16 bits exist")
     modes, setpoints = np.asarray(chg.modes), np.asarray(chg.setpoints, dtype=np.float64)
     if modes.shape != (data.n,) or setpoints.shape != (data.n,) or not np.isin(modes, list(JointMode)).all():
         raise MotionError(f"task {name}: chg needs a mode and a setpoint for each of {data.n} joints")

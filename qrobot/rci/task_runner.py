@@ -192,6 +192,7 @@ class TaskRunner:
                 self._call_both()
             else:
                 self._sample(self._cycle)
+        words[TaskWord.BEGAN_NS] = 0  # also when it was ended while it was ending
         words[TaskWord.SERVED] = words[TaskWord.WOKEN] if self.attached else words[TaskWord.SERVED] + 1
 
     def _call_both(self) -> None:

@@ -148,6 +148,9 @@ def test_tasks_with_and_without_a_robot_keep_their_own_rates_on_one_clock(robot:
         (lambda td: setattr(td.chg, "modes", (7,) * 6), MotionError, "a mode and a setpoint"),
         (lambda td: td.chg.drive((500.0, *START[1:]), (True, *[False] * 5)), MotionError, "500 on joint 1, at most"),
         (lambda _: 1 / 0, ZeroDivisionError, "division"),
+        (lambda td: setattr(td.chg, "hand", 7), MotionError, "hand 7"),
+        (lambda td: setattr(td.chg, "outputs", 1 << 40), MotionError, "16 bits exist"),
+        (lambda td: setattr(td.chg, "outputs", -1), MotionError, "16 bits exist"),
     ],
 )
 def test_what_must_not_be_asked_for_is_never_sent_and_the_arm_comes_to_a_stop(robot, control, kind, text) -> None:

@@ -95,6 +95,8 @@ def test_a_processor_that_is_killed_is_told_and_other_processors_go_on() -> None
     assert (there.state, here.state) == (TaskState.ENDED, TaskState.ACTIVE)
     runs = here.runs
     rci.rci_wait(lambda: here.runs > runs + 5)
+    with pytest.raises(LinkLost, match="create the tasks anew"):
+        rci.rci_start(there.bit)
     rci.rci_close()
     assert not alive(int(memory[0]))
 
