@@ -16,7 +16,6 @@ from qrobot.rci.processor_image import ProcessorImage
 from qrobot.rci.processor_names import claim_processor, cpu_of
 from qrobot.units import NS_PER_S
 
-START_S: Final = 60.0  # [A] for an interpreter and its imports, on a machine that is busy
 END_S: Final = 10.0  # [A] with robots that come to rest
 _LOOK_S: Final = 0.1
 
@@ -122,8 +121,8 @@ class ProcessProcessor:
         """Tell of every task that ran there."""
         self._dead = why
         for td in self._tds.values():
-            if td.state not in (TaskState.RELEASED, TaskState.ENDED):
-                td.error = td.error or kind(why)
+            if td.state is not TaskState.RELEASED and td.error is None:
+                td.error = kind(why)
                 td.words[TaskWord.BEGAN_NS] = 0
                 td.words[TaskWord.STATE] = TaskState.ENDED
         self._happened()

@@ -220,7 +220,7 @@ class RciProgram:
         self._seal()
         try:
             self._each(chosen, "attach")
-            self._wait_for(lambda: all(td.state is not TaskState.ATTACHING for td in chosen))
+            self._wait_for(lambda: all(_has_come_up(td) for td in chosen))
             self._raise_error(chosen)
         except BaseException:
             self._let_go(chosen, power_off=False)
@@ -288,6 +288,11 @@ class RciProgram:
         except QRobotError as error:
             with suppress(OSError):
                 print(f"rci: {error}", file=sys.stderr)
+
+
+def _has_come_up(td: TaskDescriptor) -> bool:
+    """It is ready, or why it is not has been told: a processor of its own tells that a little later."""
+    return td.state is not TaskState.ATTACHING and (td.state is not TaskState.ENDED or td.error is not None)
 
 
 __all__ = ["ALL", "HOST", "Processors", "RciProgram"]

@@ -161,9 +161,10 @@ class TaskRunner:
 
     def activate(self, after: int) -> None:
         """Run its control functions from the first wake-up behind tick `after` on."""
-        self.td.words[TaskWord.SERVED] = self.td.words[TaskWord.WOKEN]
-        self._active_from = after + 1
-        self._enter(TaskState.ACTIVE)
+        if self.td.state is TaskState.READY:  # it may have ended since
+            self.td.words[TaskWord.SERVED] = self.td.words[TaskWord.WOKEN]
+            self._active_from = after + 1
+            self._enter(TaskState.ACTIVE)
 
     def release(self, power_off: bool) -> None:
         """Run them no more; a robot comes to a controlled stop and is let go."""

@@ -38,6 +38,11 @@ def fail(_: TaskDescriptor) -> None:
     raise rci.rci_descriptor("nobody").error or LookupError
 
 
+def fail_to_start(_: TaskDescriptor) -> None:
+    """Be a start-up function that finds no sensor."""
+    raise LookupError("no sensor")
+
+
 def hang(_: TaskDescriptor) -> None:
     """Be inside a library for longer than any test waits."""
     time.sleep(1e6)

@@ -59,6 +59,7 @@ def test_tasks_on_two_processors_share_clock_memory_data_messages_and_signals(mo
         task("counter", "aux", functions.count, 10, functions.startup),
     )
     replies = task("replies", "aux", functions.answer)
+    late = task("late", "aux", functions.count, 10, functions.fail_to_start)
     memory, table = counts(), rci.rci_shared_data(replies.bit, functions, "TABLE")
     mask = here.bit | there.bit | replies.bit
     interrupts: list[int] = []
@@ -82,6 +83,9 @@ def test_tasks_on_two_processors_share_clock_memory_data_messages_and_signals(mo
     with pytest.raises(ConfigError, match="no task 'nobody'"):
         rci.rci_wait(lambda: False)
     assert (there.state, replies.state) == (TaskState.ENDED, TaskState.RELEASED)
+    with pytest.raises(LookupError, match="no sensor"):
+        rci.rci_start(late.bit)
+    assert not late.active
 
 
 def test_a_processor_that_is_killed_is_told_and_other_processors_go_on() -> None:
