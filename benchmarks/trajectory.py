@@ -129,9 +129,9 @@ class Round:
     def _cycle(self, seen: ArmSample, tick: int) -> Floats:
         if self._force is None:
             return self._generator.update(tick).q
-        self._force.look(seen, self._generator, tick)
+        self._force.observe(seen, self._generator, tick)
         q = self._generator.update(tick, self._force.standing).q
-        self._force.drive(q, seen, self._generator, tick)
+        self._force.command(q, seen, self._generator, tick)
         return q
 
     def _request(self) -> MoveRequest:

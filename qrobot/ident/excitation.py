@@ -107,7 +107,7 @@ def make_excitation(
     """
     if runs < FEWEST:
         raise IdentificationError(f"{runs} runs are too few: at least {FEWEST}, of which one is held back")
-    search = _Search(robot, regressor, base, np.random.default_rng(seed))
+    search = _DesignSearch(robot, regressor, base, np.random.default_rng(seed))
     candidates = list(search.candidates())
     if len(candidates) < runs:
         raise IdentificationError(
@@ -124,7 +124,7 @@ def make_excitation(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _DesignSearch:
     """Draws runs and judges them."""
 
     robot: Robot

@@ -17,13 +17,14 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.config.identified import IdentifiedValue
 from qrobot.config.robot import Links
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters
 from qrobot.ident.excitation import FEWEST
 from qrobot.ident.fit import KNOWN, Fit, fit_linear
 from qrobot.ident.friction import FRICTION_NAMES
-from qrobot.ident.model import Identified, Value, rms_by_motor
+from qrobot.ident.model import Identified, identified_value, rms_by_motor
 from qrobot.ident.motion import MotionRows
 from qrobot.ident.physical_gravity import with_gravity
 from qrobot.ident.physical_inertia import nearest_bodies
@@ -67,13 +68,12 @@ class InertialModel:
         return self.fit.values[len(self.base.leading) :].reshape(-1, len(FRICTION_NAMES))
 
     @property
-    def values(self) -> list[Value]:
+    def values(self) -> list[IdentifiedValue]:
         """Everything, with its uncertainty and what the robot file says; what only steady passes tell comes last."""
         described = list(_descriptions(self.steady.robot, self.regressor, self.base))
         numbers = zip(self.fit.values.tolist(), self.fit.half_width.tolist(), strict=True)
         found = [
-            Value(d.name, d.meaning, d.unit, value, half_width, d.before)
-            for d, (value, half_width) in zip(described, numbers, strict=True)
+            identified_value(d, value, half_width) for d, (value, half_width) in zip(described, numbers, strict=True)
         ]
         own = {value.name for value in found} | set(self.steady.base.leaders)
         return found + [value for value in self.steady.values if value.name not in own]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from qrobot.arrays import Floats, Ints
 from qrobot.config import Robot
+from qrobot.config.identified import IdentifiedValue
 from qrobot.errors import IdentificationError
 from qrobot.ident.base import BaseParameters, base_parameters
 from qrobot.ident.fit import OUTLIER, Fit
@@ -17,7 +18,7 @@ from qrobot.ident.regressor import Regressor
 from qrobot.ident.scale import fit_scaled, heaviest_motor
 from qrobot.ident.structure import terms_of, terms_seen
 from qrobot.ident.terms import KINDS, FrictionTermKind, Terms
-from qrobot.ident.unknowns import OF_LOAD, Unknowns
+from qrobot.ident.unknowns import OF_LOAD, Description, Unknowns
 
 CLEARLY: Final = 2.0  # half widths of its interval from nothing
 DRIFTS: Final = 0.03  # of friction over a recording: less is not worth a word
@@ -30,22 +31,6 @@ _ADVICE: Final[dict[FrictionTermKind, str]] = {
     "load": "It is fitted beside the rest; no law compensates it. `--friction load` seeks it on every motor",
 }
 HELD_BACK: Final = 5  # every fifth pass is not fitted at first, but predicted
-
-
-@dataclass(frozen=True)
-class Value:
-    """One identified number: `half_width` is that of its 95 % interval, `before` what the robot file says."""
-
-    name: str
-    meaning: str
-    unit: str
-    value: float
-    half_width: float
-    before: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +141,21 @@ class Identified:
         return np.asarray(given @ np.linalg.inv(coupling) * self.scale @ coupling)
 
     @property
-    def values(self) -> list[Value]:
+    def values(self) -> list[IdentifiedValue]:
         """Everything, with its uncertainty and what the robot file says."""
         numbers = zip(self.fit.values.tolist(), self.fit.half_width.tolist(), strict=True)
         return [
-            Value(d.name, d.meaning, d.unit, value, half_width, d.before)
+            identified_value(d, value, half_width)
             for d, (value, half_width) in zip(self.unknowns.descriptions(), numbers, strict=True)
         ]
+
+
+def identified_value(described: Description, value: float, half_width: float) -> IdentifiedValue:
+    """A value that was found, with the half width of its 95 % interval."""
+    d = described
+    return IdentifiedValue(
+        name=d.name, meaning=d.meaning, unit=d.unit, value=value, half_width=half_width, before=d.before
+    )
 
 
 def identify(

@@ -64,7 +64,7 @@ def _document(found: Identified, date: str, data: str) -> dict[str, Any]:
             "observations": len(found.observations),
             "condition": round(found.fit.condition, 3),
         },
-        "value": [value.to_dict() for value in found.values],
+        "value": [value.model_dump() for value in found.values],
     }
 
 
@@ -79,7 +79,7 @@ def _add_inertia(document: dict[str, Any], inertial: InertialModel) -> None:
     document["friction"] = _friction(inertial.friction)
     document["quality"]["motion_rms"] = inertial.held_back_rms.round(_DIGITS).tolist()
     document["quality"]["motion_before_rms"] = inertial.before_rms.round(_DIGITS).tolist()
-    document["value"] = [value.to_dict() for value in inertial.values]
+    document["value"] = [value.model_dump() for value in inertial.values]
 
 
 def _need_better(found: Identified) -> None:

@@ -55,7 +55,7 @@ def fit_separable(model: Separable, b: Floats, weight: Floats, believed: Floats,
     Raises:
         IdentificationError: the columns do not determine c.
     """
-    search = _Search(model, b, weight, believed, doubt)
+    search = _FrictionSearch(model, b, weight, believed, doubt)
     damping, at = _FIRST_DAMPING, search.point(believed)
     if at is None:
         raise IdentificationError("the rows do not determine every value: record more speeds and poses")
@@ -84,7 +84,7 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _FrictionSearch:
     model: Separable
     b: Floats
     weight: Floats

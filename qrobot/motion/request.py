@@ -41,7 +41,7 @@ def _positive(value: float, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """The way of one segment, from corner to corner.
+    """How far one segment goes, from via point to via point.
 
     Attributes:
         joints: how far each joint goes. Shape (n,).
@@ -56,7 +56,7 @@ class MotionSpeed(Protocol):
     """Rule for the length of a segment; those below, or a library's own."""
 
     def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float, /) -> int:
-        """Samples from corner to corner, at least one."""
+        """Samples from via point to via point, at least one."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Duration:
         _positive(self.seconds, "the time of a motion")
 
     def samples(self, _transition: Displacement, _limits: MotionLimits, period_s: float) -> int:
-        """Samples from corner to corner."""
+        """Samples from via point to via point."""
         return whole_samples(self.seconds, period_s)
 
 
@@ -83,7 +83,7 @@ class JointSpeed:
         _positive(self.speed, "the speed of a motion")
 
     def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
-        """Samples from corner to corner, rounded up: never faster than asked."""
+        """Samples from via point to via point, rounded up: never faster than asked."""
         return enough_samples(float(np.abs(displacement.joints).max()) / self.speed, period_s)
 
 
@@ -98,7 +98,7 @@ class SpeedShare:
             raise MotionError(f"the share of the joints' speed must be above 0 and at most 1, not {self.share}")
 
     def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
-        """Samples from corner to corner, rounded up: never faster than asked."""
+        """Samples from via point to via point, rounded up: never faster than asked."""
         return enough_samples(float((np.abs(displacement.joints) / limits.v_max).max()) / self.share, period_s)
 
 
@@ -114,7 +114,11 @@ class ToolSpeed:
         _positive(self.angular, "the turning speed of the tool")
 
     def samples(self, displacement: Displacement, _limits: MotionLimits, period_s: float) -> int:
-        """Samples from corner to corner, rounded up: never faster than asked. Raises MotionError: no kinematics."""
+        """Samples from via point to via point, rounded up: never faster than asked.
+
+        Raises:
+            MotionError: no kinematics.
+        """
         if displacement.tool is None:
             raise MotionError("a tool speed needs the arm's kinematics, which were not given")
         distance, turn = (float(np.linalg.norm(part)) for part in (displacement.tool[:3], displacement.tool[3:]))

@@ -253,8 +253,8 @@ class TrajectoryTask:
         seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.observe(seen, self.generator, self.tick)
         output = self.generator.update(self.tick, self.force.standing)
-        drive = self.force.drive(output.q, seen, self.generator, self.tick)
-        self.chg.drive(drive.setpoints, drive.torque)
+        command = self.force.command(output.q, seen, self.generator, self.tick)
+        self.chg.drive(command.setpoints, command.torque)
         if self._trace is not None:
             for event in output.events:
                 self._trace.told(event)

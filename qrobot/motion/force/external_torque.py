@@ -83,10 +83,10 @@ class DriveFriction:
 
     def uncertainty(self, v: Floats) -> Floats:
         """Bound of the error of `torque(v)`. Shapes (n,)."""
-        dq_ds = self._rates(v)
+        rates = self._rates(v)
         motor = np.empty(v.size)
-        friction_torque(dq_ds, self._params, motor)
-        stands = np.abs(dq_ds) < self._params.velocity
+        friction_torque(rates, self._params, motor)
+        stands = np.abs(rates) < self._params.velocity
         largest = np.maximum(self._params.coulomb_pos, self._params.coulomb_neg)
         return np.abs(self._joints(np.where(stands, self._stiction * largest, MOVING_SHARE * np.abs(motor))))
 
@@ -109,9 +109,9 @@ class DriveFriction:
         A tenth of Coulomb friction, from which on the servo adds what it adds on a joint that stands.
         """
         p = self._params
-        displacement = np.clip(_HINTED * self._rates(planned) / p.velocity, -1.0, 1.0)
-        coulomb = np.where(displacement > 0.0, p.coulomb_pos, p.coulomb_neg)
-        return self._joints(PUSH_SHARE * displacement * coulomb * (1.0 - self._moving(v)))
+        direction = np.clip(_HINTED * self._rates(planned) / p.velocity, -1.0, 1.0)
+        coulomb = np.where(direction > 0.0, p.coulomb_pos, p.coulomb_neg)
+        return self._joints(PUSH_SHARE * direction * coulomb * (1.0 - self._moving(v)))
 
     def _moving(self, v: Floats) -> Floats:
         """Share to which the servo's friction of motion has come up on the motors, 0 to 1. Shapes (n,)."""
@@ -123,8 +123,8 @@ class DriveFriction:
         return motor
 
     def _rates(self, v: Floats) -> Floats:
-        dq_ds: Floats = self._transmission.motor_per_joint @ v
-        return dq_ds
+        rates: Floats = self._transmission.motor_per_joint @ v
+        return rates
 
     def _joints(self, motor: Floats) -> Floats:
         joints = np.empty(motor.size)

@@ -53,7 +53,7 @@ class JointCommand:
 
 
 class ForceControl:
-    """Force control of one arm beside its trajectory generator: `probe` before each sample of it, `drive` after.
+    """Force control of one arm beside its trajectory generator: `observe` before each sample of it, `command` after.
 
     Args:
         robot: the arm.
@@ -139,7 +139,7 @@ class ForceControl:
             self.standing = np.full(sample.q.size, np.nan)
             self.standing[list(self.joints)] = self._stood[list(self.joints)]
 
-    def drive(self, q: Floats, sample: ArmSample, generator: Generator, tick: int) -> JointCommand:
+    def command(self, q: Floats, sample: ArmSample, generator: Generator, tick: int) -> JointCommand:
         """Command for the servo when the generator wants the joints at `q` (n,)."""
         goal = generator.goal
         compliance = None if goal is None else goal.compliance

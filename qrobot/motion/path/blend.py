@@ -9,8 +9,8 @@ instant at which B would have been reached. With A the position where it begins,
     zero jerk (ARCL)    beta(h) = 5/2 h^4 - 3 h^5 + h^6          acceleration and jerk are zero at both ends
 
 beta(1) = 1/2 and beta'(1) = 1, so beyond the transition (h > 1) beta(h) = h - 1/2 continues it as the straight line
-that leaves B with v1, and one formula covers a whole leg. beta' runs from 0 to 1 without overshoot: velocities stay
-between v0 and v1, and the path inside the corners A, B and its own end.
+that leaves B with v1, and one formula covers a whole piece. beta' runs from 0 to 1 without overshoot: velocities stay
+between v0 and v1, and the path inside the triangle of A, B and its own end.
 """
 
 from __future__ import annotations

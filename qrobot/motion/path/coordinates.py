@@ -1,9 +1,9 @@
 """Coordinates in which a segment is a straight line, and how they become joint positions.
 
 Every segment, of whatever kind, is a straight line to its goal with transitions at its ends, in the coordinates of one
-of three charts:
+of three kinds of motion coordinates:
 
-| chart | coordinates | used for |
+| class | coordinates | used for |
 |---|---|---|
 | `JointCoordinates` | joint positions | joint mode to a goal that stands still, and stops |
 | `GoalRelativeJoints` | joint positions less those of the goal | joint mode to a goal that moves |
@@ -102,7 +102,7 @@ class GoalRelativeJoints:
         return self._near + x
 
     def solve_at(self, x: Floats, near: Floats) -> Floats:  # noqa: ARG002 (the goal alone is solved for)
-        """See `Coordinates.probe`."""
+        """See `Coordinates.solve_at`."""
         return self._solve(self._tracker.newest) + x
 
     def from_joints(self, points: History) -> History:
@@ -148,7 +148,7 @@ class DriveCoordinates:
         return self._near
 
     def solve_at(self, x: Floats, near: Floats) -> Floats:
-        """See `Coordinates.probe`."""
+        """See `Coordinates.solve_at`."""
         goal = self._tracker.newest
         t6, d = np.empty((4, 4)), np.empty((4, 4))
         at_goal = drive_between(goal.left, x, self._turn is OrientationInterpolation.TWO_ANGLES, goal.right, d, t6)

@@ -4,7 +4,7 @@ With t the time since its start and D the length of the transition (blend.py has
 
     x(t) = x0 + u0 t + (v1 - u0) D beta(t/D) + (v0 - u0) D f(t/D) + a0 A^2 c(t/A)
 
-u0 is the velocity that leads to the corner, v0 the one the arm really has; they differ when frames move or the mode
+u0 is the velocity that leads to the via point, v0 the one the arm really has; they differ when frames move or the mode
 changes, and the difference is faded out. So is an acceleration left over, in A = D unless it has to be sooner. Path
 time is counted in samples. It may run slower than the clock (a stop on the path does that): with the rate
 r = d(path time)/d(time), velocities scale with r and accelerations are x'' r^2 + x' dr/dt.
@@ -33,7 +33,7 @@ def evaluate(
     rate_slope: float,
     state: Any,
 ) -> None:
-    """Fill `state` (3, m: x, v, a) from `rows` (6, m: x0, v0, a0, u0, v1, A/D), `elapsed_s` after the start of the leg.
+    """Fill `state` (3, m: x, v, a) from `rows` (6, m: x0, v0, a0, u0, v1, A/D), `elapsed_s` after the piece began.
 
     `rate_slope` is dr/dt in 1/s. SI units.
     """
@@ -94,7 +94,7 @@ class PathPiece:
 
 
 def piece_from_state(state: Floats, v1: Floats, start: float, length: float, fading: Floats | None = None) -> PathPiece:
-    """The leg that begins with `state` (3, m: x, v, a), heading straight on, and ends with velocity `v1` (m,).
+    """The piece that begins with `state` (3, m: x, v, a), heading straight on, and ends with velocity `v1` (m,).
 
     The acceleration fades out in the shares `fading` (m,) of the length, above 0; else in all of it.
     """
@@ -104,7 +104,7 @@ def piece_from_state(state: Floats, v1: Floats, start: float, length: float, fad
 def piece_joining_line(
     state: Floats, via: Floats, via_clock: float, v1: Floats, start: float, length: float, period_s: float
 ) -> PathPiece:
-    """The leg that begins with `state` (3, m) and is, at its end, on the line that leaves `via` with `v1`.
+    """The piece that begins with `state` (3, m) and is, at its end, on the line that leaves `via` with `v1`.
 
     Args:
         state: x, v, a at the start.

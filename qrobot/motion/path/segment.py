@@ -21,7 +21,7 @@ class Schedule:
 
     Attributes:
         transition: Ta of the transition into the segment.
-        length: T, from the corner it leaves to the corner it reaches.
+        length: T, from the via point it leaves to the one it reaches.
         least_resting: least Ta of a transition out of it to rest.
         resting: Ta of that transition when nothing follows.
     """
@@ -34,14 +34,14 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A request being served, in the coordinates (m,) of its chart.
+    """A request being served, in motion coordinates (m,).
 
     Attributes:
         request: what was asked.
         coordinates: its coordinates.
-        begin: path time of the corner it left.
-        via: that corner. Shape (m,).
-        target: the corner it goes to. Shape (m,).
+        begin: path time of the via point it left.
+        via: that via point. Shape (m,).
+        target: the via point, or goal, it goes to. Shape (m,).
         schedule: its times.
         velocity: on its straight part. Shape (m,).
         arriving: joint velocity at its far end, before any transition. Shape (n,).

@@ -1,7 +1,7 @@
-"""The straight way of one segment before it has its times: from corner to goal, and what it asks of the joints.
+"""The geometric path of one segment, before it has its times: from via point to goal, and what it asks of the joints.
 
-Everything is per whole way: with s from 0 at the corner to 1 at the goal and T the time it takes, joint velocities are
-rates / T and joint accelerations bends / T^2.
+With s from 0 at the via point to 1 at the goal and T the time that takes, joint velocities are q'(s) / T and joint
+accelerations q''(s) / T^2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PROBES: Final = 17  # where a Cartesian way is looked at
 
 @dataclass(frozen=True, eq=False)
 class GeometricPath:
-    """A way in the coordinates (m,) of a chart.
+    """A straight line in motion coordinates (m,).
 
     Attributes:
         coordinates: the coordinates.
@@ -62,7 +62,7 @@ class GeometricPath:
 def segment_of(
     request: MoveRequest, geometry: GeometricPath, schedule: Schedule, begin: float, period_s: float
 ) -> Segment:
-    """The segment that leaves its corner at path time `begin`."""
+    """The segment that leaves its via point at path time `begin`."""
     seconds = schedule.length * period_s
     velocity, arriving = geometry.velocity(seconds), geometry.arriving(seconds)
     return Segment(request, geometry.coordinates, begin, geometry.via, geometry.target, schedule, velocity, arriving)
@@ -101,7 +101,7 @@ def _same_branch(request: MoveRequest, present: Branch) -> None:
 
 
 def _tool(queued: QueuedMotion, via: Floats, kinematics: ArmKinematics | None) -> Floats | None:
-    """DRIVE at the corner, shape (6,)."""
+    """DRIVE at the via point, shape (6,)."""
     if kinematics is None:
         return None
     if queued.tracker is not None:

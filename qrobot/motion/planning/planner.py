@@ -65,7 +65,7 @@ class Planner:
 
     Args:
         limits: of the arm.
-        settings: of the legs.
+        settings: of the pieces.
         kinematics: kinematics, None when they are not known.
 
     Attributes:
@@ -143,7 +143,7 @@ class Planner:
         return None if segment is None else SegmentEntry(segment, state)
 
     def ahead(self, request: MoveRequest, points: History) -> Floats:
-        """Joints half a transition later, at their present speed: the corner of a diversion.
+        """Joints half a transition later, at their present speed: the via point of a replanned path.
 
         Shape (n,).
         """
@@ -153,7 +153,7 @@ class Planner:
         return inside
 
     def segment(self, queued: QueuedMotion, geometry: GeometricPath, schedule: Schedule, begin: float) -> Segment:
-        """The segment that leaves its corner at path time `begin`."""
+        """The segment that leaves its via point at path time `begin`."""
         return segment_of(queued.request, geometry, schedule, begin, self._settings.period_s)
 
     def _measured(self, geometry: GeometricPath, points: History) -> Floats:

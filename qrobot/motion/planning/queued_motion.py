@@ -21,7 +21,7 @@ class Following:
 
     Attributes:
         transition: Ta, samples; 0 when there is no such request.
-        leaving: joint velocity with which it leaves the corner, None when that is not known. Shape (n,).
+        leaving: joint velocity with which it leaves the via point, None when that is not known. Shape (n,).
     """
 
     transition: int = 0

@@ -1,8 +1,8 @@
 """Replanning into another segment from any instant of a motion (A-34, `nextmove`).
 
-The corner is where the arm would be, at its present speed, once the transition is half over: B = q + v Ta. So the
-transition begins with the velocity the arm has, and its present acceleration fades out during it (blend.absorb). That
-corner is no place anybody asked for: the way is looked at beforehand, and taken only if it keeps the limits.
+The via point is where the arm would be, at its present speed, once the transition is half over: B = q + v Ta. So the
+transition begins with the velocity the arm has, and its present acceleration fades out during it (`blend.absorb`).
+Nobody asked for that via point: the way is checked beforehand, and taken only if it keeps the limits.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def replan(
     for _ in range(_TRIES):
         geometry = plan_geometry(q + v * (transition * scheduler.period_s))
         schedule = scheduler.plan(request, geometry, v, least=transition, following=following)
-        if schedule.transition == transition:  # else the corner lies elsewhere
+        if schedule.transition == transition:  # else the via point lies elsewhere
             segment = segment_of(request, geometry, schedule, clock + transition, scheduler.period_s)
             if _safe(state, segment.velocity, transition, scheduler, settings):
                 return segment

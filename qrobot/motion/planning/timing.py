@@ -1,8 +1,8 @@
 """Number of samples that a segment and its transitions take.
 
-A segment of T samples between two corners begins with a transition whose second half (Ta) lies in it and ends with one
-whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A transition
-over a change of velocity dv needs 2 Ta >= PEAK |dv| / a_max.
+A segment of T samples between two via points begins with a transition whose second half (Ta) lies in it and ends with
+one whose first half does, so T >= Ta + the next Ta; T is stretched until that holds (Paul asks for T >= 2 Ta). A
+transition over a change of velocity dv needs 2 Ta >= PEAK |dv| / a_max.
 
 Where a request leaves Ta open it is a share of T, at most DEFAULT_TRANSITION_S, at least what the joints need, and T is
 the shortest that has room for it. A joint gathers full speed in no less than OPEN_RAMP_S: what an arm follows whose
@@ -87,7 +87,7 @@ class Scheduler:
 
         Args:
             request: what was asked.
-            geometry: the way from corner to corner.
+            geometry: the path from via point to via point.
             v0: joint velocity before the transition. Shape (n,).
             least, most: wanted bounds of the transition, in samples; longer than `most` only when the arm needs it.
             following: what the request behind it asks for, when there is one.

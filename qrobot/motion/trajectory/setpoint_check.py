@@ -56,10 +56,10 @@ def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: 
         return TOO_FAST
     for j in range(rows.shape[1]):
         v, a = parabola(rows[0, j], rows[1, j], rows[2, j], between)
-        displacement, lift = 0.5 * stop_s * v, LIFT * SHORTEST_STOP_S * SHORTEST_STOP_S * a
+        run_out, lift = 0.5 * stop_s * v, LIFT * SHORTEST_STOP_S * SHORTEST_STOP_S * a
         low, high = (
-            rows[0, j] + min(displacement, 0.0) + min(lift, 0.0),
-            rows[0, j] + max(displacement, 0.0) + max(lift, 0.0),
+            rows[0, j] + min(run_out, 0.0) + min(lift, 0.0),
+            rows[0, j] + max(run_out, 0.0) + max(lift, 0.0),
         )
         if not (limits[0, j] <= low and high <= limits[1, j]):
             return JOINT_LIMIT

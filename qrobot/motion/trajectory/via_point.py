@@ -1,4 +1,4 @@
-"""The corner at the end of a segment, and the way round it into the request that follows."""
+"""The via point at the end of a segment, and the transition round it into the request that follows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ViaTransition:
     """Transition into a request.
 
     Attributes:
-        geometry: the straight way behind the corner.
+        geometry: the straight path behind the via point.
         schedule: its times, and that of the transition.
     """
 

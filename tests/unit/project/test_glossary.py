@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
@@ -20,6 +21,11 @@ AT_HOME_ELSEWHERE |= {"halt"}
 NOT_IN_ROOM = {"qrobot/motion": {"corner", "halt", "contact"}, "qrobot/rccl": {"halt"}}
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
 def refused_words() -> set[str]:
     return {word.strip() for _, _, words in TERMS for word in words.split(",") if word.strip(" -")}
 
@@ -27,7 +33,7 @@ def refused_words() -> set[str]:
 def identifiers(path: Path) -> set[str]:
     """Names that a file gives: of classes, functions, arguments, variables and attributes."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree(path)):
         match node:
             case ast.ClassDef(name=name) | ast.FunctionDef(name=name) | ast.arg(arg=name):
                 found.add(name)
@@ -45,7 +51,7 @@ def parts(identifier: str) -> set[str]:
 def public_types(path: Path) -> list[str]:
     """Classes of a file and its aliases of types, those with a name of their own for use elsewhere."""
     names = []
-    for node in ast.parse(path.read_text()).body:
+    for node in tree(path).body:
         match node:
             case ast.ClassDef(name=name) | ast.AnnAssign(target=ast.Name(id=name)):
                 names.append(name)
