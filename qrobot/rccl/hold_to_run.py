@@ -1,7 +1,7 @@
 """Hold-to-run jog: an arm that moves as long as a key is held, one joint, or along or about one axis.
 
-A key that is let go is heeded twice: this program brakes the arm on its path when the key is let go, and the servo stops it by itself when
-it does not hear of the key, or of a brake that has not ended after `BRAKE_MS` (`servo.checks.hold_to_run`).
+A key that is let go is heeded twice: this program brakes the arm on its path, and the servo stops it by itself when it
+does not hear of the key, or of a brake that has not ended after `BRAKE_MS` (`servo.checks.hold_to_run`).
 """
 
 from __future__ import annotations
