@@ -103,18 +103,18 @@ def run(
         if offline:
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
             with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen))):
-                return _run_virtual(_offline_links(chosen), start, folder, ideal=True)
+                return run_virtual(offline_links(chosen), start, folder, ideal=True)
         with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen))):
             return perform_on_bridge()
 
     def perform_on_bridge() -> int:
         if not lockstep:
             _tell_scene(program)
-            return _run_through(_bridge_links(chosen), start, output)
+            return run_through(bridge_links(chosen), start, output)
         from qrobot.cli.run_lockstep import LockstepRun
 
         return LockstepRun(chosen, program, plant, scene, law, model, rate).perform(
-            partial(_run_virtual, start=start, output=output), deployment, log
+            partial(run_virtual, start=start, output=output), deployment, log
         )
 
     return _told(perform, traceback)
@@ -159,22 +159,18 @@ def _told(perform: Callable[[], int], everything: bool) -> int:
     return FAILURE
 
 
-def _run_virtual(
-    factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False
-) -> int:
-    """`_run_through` on virtual time, which tasks of RCI have to be told; they end with the program."""
+def run_virtual(factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False) -> int:
+    """`run_through` on virtual time, which tasks of RCI have to be told; they end with the program."""
     from qrobot import rci
 
     with rci.use(factory):
         try:
-            return _run_through(factory, start, output, ideal)
+            return run_through(factory, start, output, ideal)
         finally:
             rci.rci_close()
 
 
-def _run_through(
-    factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False
-) -> int:
+def run_through(factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False) -> int:
     """Run the program over links of `factory`; what it did is written to `output`, if there is one."""
     if output is not None:
         from qrobot.cli.traced import run_traced
@@ -212,7 +208,7 @@ def _arcl_ending() -> Iterator[None]:
             sys.modules["qrobot.arcl.program"].end_all(well)
 
 
-def _bridge_links(arm: DeployedArm) -> LinkFactory:
+def bridge_links(arm: DeployedArm) -> LinkFactory:
     """Links to the arm of the deployment file, unless the environment names another bridge."""
     from qrobot.rci import TcpLink, bridge_address
     from qrobot.realtime.startup_order import await_turn
@@ -222,7 +218,7 @@ def _bridge_links(arm: DeployedArm) -> LinkFactory:
     return lambda hello: TcpLink(hello, bridge_address())
 
 
-def _offline_links(arm: DeployedArm) -> LinkFactory:
+def offline_links(arm: DeployedArm) -> LinkFactory:
     """Links to an ideal arm as in the deployment file; a program that names another packaged one gets that."""
     from qrobot.rccl.offline import OfflineLink
 

@@ -125,7 +125,7 @@ NUMBER: /(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:E[+-]?[0-9]+)?(?![A-Za-z0-9_.])/i
 NAME: /[A-Za-z][A-Za-z0-9_.]*/
 PRECISION: /#[A-Za-z][A-Za-z0-9_.]*/
 TEXT: /"[^"]*"/
-FORMAT.2: /\/(?:I[0-9]*|F[0-9]*\.[0-9]+|S|C[0-9]*|X[0-9]*)(?![A-Za-z0-9_.])/i
+FORMAT.2: /\/(?:I[0-9]*|F[0-9]*\.[0-9]+|C[0-9]*|X[0-9]*)(?![A-Za-z0-9_.])/i
 %import common.WS_INLINE
 %ignore WS_INLINE
 """

@@ -13,7 +13,7 @@ from qrobot.errors import ProgramError
 from qrobot.printable import printable
 from qrobot.val.grammar import DESCRIPTIONS, GRAMMAR
 from qrobot.val.signatures import check_action, check_expression
-from qrobot.val.tree import Expression, ProgramLine, Variable
+from qrobot.val.tree import Expression, ProgramLine, VariableName
 from qrobot.val.tree_builder import TreeBuilder
 from qrobot.val.vocabulary import RESERVED, UNSUPPORTED
 
@@ -45,10 +45,10 @@ def parse_expression(text: str) -> Expression:
     return found
 
 
-def parse_variable(text: str) -> Variable:
+def parse_variable(text: str) -> VariableName:
     """A variable or precision point by itself. Raises ProgramError."""
     found = parse_expression(text)
-    if not isinstance(found, Variable):
+    if not isinstance(found, VariableName):
         raise ProgramError(f"a name is needed, not {printable(text.strip())!r}", column=1)
     return found
 
@@ -73,7 +73,7 @@ def _parse(text: str, start: str) -> Any:
 
 
 def _without_comment(text: str) -> tuple[str, str | None]:
-    """Parts of a line before and behind a semicolon that is not between quotes."""
+    """Split a line at the first semicolon that is not between quotes; None for no comment."""
     quoted = False
     for place, character in enumerate(text):
         quoted ^= character == '"'

@@ -40,7 +40,7 @@ def print_number(value: float) -> str:
 
 
 def print_action(action: tree.StepAction) -> str:  # noqa: PLR0911 (one form for each)
-    """Text of a line's action, without its label."""
+    """The action of a line, without its label."""
     match action:
         case tree.Instruction(word=word, arguments=arguments, always=always):
             return _joined(word, _arguments(arguments), "ALWAYS" if always else "")
@@ -110,7 +110,7 @@ def _expression(expression: tree.Expression) -> tuple[str, int]:  # noqa: PLR091
             return print_number(value), _ATOM
         case tree.TextLiteral(value=value):
             return f'"{value}"', _ATOM
-        case tree.Variable(name=name, indices=indices):
+        case tree.VariableName(name=name, indices=indices):
             return name + (f"[{_arguments(indices)}]" if indices else ""), _ATOM
         case tree.FunctionCall(name=name, arguments=arguments):
             return f"{name}({_arguments(arguments)})", _ATOM

@@ -1,4 +1,4 @@
-"""Signatures of instructions and functions: how many arguments each takes, and of which kind."""
+"""Arguments of instructions and functions: how many, and of which kind."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def check_expression(expression: tree.Expression) -> None:
 def kind_of(expression: tree.Expression) -> str:
     """ "location" or "number"; "either" for a variable, which only a run can tell."""
     match expression:
-        case tree.Variable(name=name) if name.startswith("#") or name in LOCATION_VALUES:
+        case tree.VariableName(name=name) if name.startswith("#") or name in LOCATION_VALUES:
             return "location"
-        case tree.Variable():
+        case tree.VariableName():
             return "either"
         case tree.LocationChange() | tree.BinaryOperation(operator=":"):
             return "location"
@@ -137,7 +137,7 @@ def _check_arguments(
 
 def _check_kind(word: str, expression: tree.Expression, kind: str, column: int = 0) -> None:
     where = getattr(expression, "column", 0) or column or 1
-    if kind.endswith("variable") and not isinstance(expression, tree.Variable):
+    if kind.endswith("variable") and not isinstance(expression, tree.VariableName):
         raise ProgramError(f"{word}: expected the name of a {kind.removesuffix(' variable')}", column=where)
     wanted, found = kind.removesuffix(" variable"), kind_of(expression)
     if found not in ("either", wanted):

@@ -28,7 +28,7 @@ from qrobot.errors import ConfigError, ProgramError
 from qrobot.printable import printable
 from qrobot.val.parser import parse_line, parse_variable
 from qrobot.val.printer import print_expression, print_number, print_program
-from qrobot.val.tree import NumberLiteral, ProgramLine, UnaryOperation, ValProgram, Variable
+from qrobot.val.tree import NumberLiteral, ProgramLine, UnaryOperation, ValProgram, VariableName
 
 MOST_LINES: Final = 100_000  # of a file [A]
 NUMBERS_OF_LOCATION: Final = 6
@@ -42,7 +42,7 @@ Numbered: TypeAlias = tuple[int, str]
 
 @dataclass
 class SourceFile:
-    """Contents of a file.
+    """The contents of a file.
 
     Attributes:
         programs: by name.
@@ -72,8 +72,10 @@ def store_source(path: Path, source: SourceFile) -> None:
 
 
 def source_text(path: Path) -> str:
-    """Text of a file. Raises ConfigError when it cannot be read."""
-    return _text(path)
+    """Text of a file. Raises ConfigError when it cannot be read, or is empty."""
+    if not (text := _text(path)).strip():
+        raise ConfigError(f"{path} is empty; a file begins with .PROGRAM")
+    return text
 
 
 def _text(path: Path) -> str:
@@ -94,7 +96,7 @@ def print_source(source: SourceFile) -> str:
 
 
 def read_source(text: str) -> tuple[SourceFile, list[ProgramError]]:
-    """Read the text of a file, and every mistake in it; lines with a mistake are empty."""
+    """Contents of a file's text, and every mistake in it; lines with a mistake are empty."""
     lines = text.splitlines()
     if len(lines) > MOST_LINES:
         return SourceFile(), [ProgramError(f"a file has at most {MOST_LINES} lines, this has {len(lines)}")]
@@ -200,7 +202,7 @@ def _entry(line: str) -> tuple[str, tuple[float, ...]] | None:
     return stored_name(parse_variable(words[0])), numbers
 
 
-def stored_name(variable: Variable) -> str:
+def stored_name(variable: VariableName) -> str:
     """The name under which a variable is stored. Raises ProgramError: its indices are not constant."""
     constant = all(isinstance(index, NumberLiteral | UnaryOperation) for index in variable.indices)
     if not constant:

@@ -28,7 +28,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Jumps:
-    """Targets of steps, all from 0; a step behind the last is the end of the program.
+    """The places that steps lead to, all from 0; a step behind the last is the end of the program.
 
     Attributes:
         labels: step of each label.

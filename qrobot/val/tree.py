@@ -25,14 +25,13 @@ class TextLiteral:
 
 @dataclass(frozen=True)
 class OutputFormat:
-    """Format of TYPE for what follows: "I3", "F8.2", "S" a line's end left out, "C2" two line ends, "X3" three
-    blanks."""
+    """The form in which TYPE writes what follows: "I3", "F8.2"; "C2" is two line ends, "X3" three blanks."""
 
     code: str
 
 
 @dataclass(frozen=True)
-class Variable:
+class VariableName:
     """A number or a location by its name; `#` begins the name of a precision point.
 
     Attributes:
@@ -82,7 +81,7 @@ class BinaryOperation:
 
 
 Expression: TypeAlias = (
-    NumberLiteral | Variable | FunctionCall | LocationChange | UnaryOperation | BinaryOperation | TextLiteral
+    NumberLiteral | VariableName | FunctionCall | LocationChange | UnaryOperation | BinaryOperation | TextLiteral
 )
 
 
@@ -113,7 +112,7 @@ class SpeedSetting:
 class Assignment:
     """`x = e`; with `location`, `SET a = b`."""
 
-    target: Variable
+    target: VariableName
     value: Expression
     location: bool = False
 
@@ -177,7 +176,7 @@ class Block:
 class ForLoop:
     """`FOR i = a TO b STEP c`."""
 
-    variable: Variable
+    variable: VariableName
     first: Expression
     last: Expression
     step: Expression | None = None
@@ -231,7 +230,7 @@ class PromptFor:
     """`PROMPT "how many? ", n`."""
 
     text: str
-    target: Variable
+    target: VariableName
 
 
 StepAction: TypeAlias = (

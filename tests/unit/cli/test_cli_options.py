@@ -43,6 +43,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--velocity": ("novelocity", ""),
     "--date": ("nonsense", "2026-13-01", ""),
     "--plant": ("noplant", ""),
+    "--execute": ("nobody", "", "/"),
 }
 """What a word may not be, by option; `--plant` of `log record` is free text."""
 FREE: Final = {("log", "record", "--plant"), ("cc", "ARGUMENTS"), ("run", "ARGUMENTS"), ("servo", "ctl", "WORDS")}

@@ -46,7 +46,7 @@ LINES = (
     "REACTE recover",
     "IGNORE 1001",
     "LOCK 3",
-    'TYPE /C1, "x; y", /F8.2, x, /S',
+    'TYPE /C1, "x; y", /F8.2, x, /X2',
     'PROMPT "how many? ", n[2]',
     "DECOMPOSE x[] = a",
     "TIMER 1 = 0",
@@ -127,13 +127,13 @@ def grown(values: st.SearchStrategy[tree.Expression]) -> st.SearchStrategy[tree.
         st.builds(tree.BinaryOperation, operators, values, values),
         st.builds(tree.UnaryOperation, st.sampled_from(["-", "+", "NOT"]), values),
         st.builds(lambda value: tree.FunctionCall("SIN", (value,)), values),
-        st.builds(lambda name, index: tree.Variable(name, (index,)), NAMES, values),
+        st.builds(lambda name, index: tree.VariableName(name, (index,)), NAMES, values),
     )
 
 
-VALUES = st.recursive(NUMBERS | st.builds(tree.Variable, NAMES), grown, max_leaves=12)
+VALUES = st.recursive(NUMBERS | st.builds(tree.VariableName, NAMES), grown, max_leaves=12)
 PLACES = st.recursive(
-    st.builds(tree.Variable, NAMES | NAMES.map(lambda name: f"#{name}")),
+    st.builds(tree.VariableName, NAMES | NAMES.map(lambda name: f"#{name}")),
     lambda inner: st.one_of(
         st.builds(lambda left, right: tree.BinaryOperation(":", left, right), inner, inner),
         st.builds(lambda place: tree.FunctionCall("INVERSE", (place,)), inner),
@@ -145,10 +145,10 @@ LABELS = st.none() | st.integers(0, 99999)
 ACTIONS = st.one_of(
     st.builds(lambda place: tree.Instruction("MOVES", (place,)), PLACES),
     st.builds(lambda place, number: tree.Instruction("APPRO", (place, number)), PLACES, VALUES),
-    st.builds(tree.Assignment, st.builds(tree.Variable, NAMES), VALUES),
-    st.builds(lambda target, place: tree.Assignment(target, place, True), st.builds(tree.Variable, NAMES), PLACES),
+    st.builds(tree.Assignment, st.builds(tree.VariableName, NAMES), VALUES),
+    st.builds(lambda target, place: tree.Assignment(target, place, True), st.builds(tree.VariableName, NAMES), PLACES),
     st.builds(tree.Goto, st.integers(0, 9999), st.none() | VALUES),
-    st.builds(tree.ForLoop, st.builds(tree.Variable, NAMES), VALUES, VALUES, st.none() | VALUES),
+    st.builds(tree.ForLoop, st.builds(tree.VariableName, NAMES), VALUES, VALUES, st.none() | VALUES),
     st.builds(tree.CaseValues, st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=3).map(tuple)),
     st.builds(tree.Reaction, st.sampled_from(["REACT", "REACTI"]), VALUES, NAMES, st.none() | VALUES),
     st.builds(tree.ProgramCall, NAMES, st.lists(VALUES | PLACES, max_size=3).map(tuple)),

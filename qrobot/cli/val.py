@@ -1,0 +1,173 @@
+"""`qrobot val`: programs in VAL II, checked and run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+from cyclopts import App, Parameter
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.console import FAILURE, SUCCESS, complain, note, out, write_json
+from qrobot.cli.option_types import OutputFolder, OutputLog, Range
+from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
+from qrobot.errors import ConfigError
+
+if TYPE_CHECKING:
+    from qrobot.config.deployment import DeployedArm
+    from qrobot.rci import LinkFactory
+    from qrobot.val.interpreter import Interpreter
+
+HELP: Final = """
+Programs in VAL II, the language that PUMA arms came with: check a file, run it.
+"""
+CycleCount = Annotated[int, Parameter(validator=Range(1))]
+MonitorSpeed = Annotated[float, Parameter(validator=Range(0.1, 100.0, "%"))]
+
+app = App(name="val", help=HELP, help_format="plaintext", group_commands="Commands")
+
+
+@app.command
+def check(file: Path, *, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None, json: bool = False) -> int:
+    """Look for mistakes in a file before anything moves: status 1 when there are some.
+
+    Structures and labels, programs that are missing, constant places that the arm cannot reach, signals that there are
+    not.
+
+    Parameters
+    ----------
+    file
+        Programs and locations (.v2).
+    deployment
+        Deployment file, or the name of a packaged one: tells which robot.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    json
+        Print a list of mistakes as JSON.
+    """
+    from dataclasses import asdict
+
+    from qrobot.val.check import check_text
+    from qrobot.val.source import source_text
+
+    mistakes = check_text(source_text(file), robot_of_arm(choose_arm(deployment, arm)))
+    if json:
+        write_json([asdict(mistake) for mistake in mistakes])
+    for mistake in [] if json else mistakes:
+        where = f"line {mistake.line}, column {mistake.column}: " if mistake.line else ""
+        out.print(f"{file.name}, {where}{mistake.what}", markup=False, highlight=False, soft_wrap=True)
+    if not mistakes:
+        note(f"{file.name}: no mistakes")
+    return FAILURE if mistakes else SUCCESS
+
+
+@app.command
+def run(
+    file: Path,
+    *,
+    execute: str = "main",
+    cycles: CycleCount = 1,
+    speed: MonitorSpeed = 50.0,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+    lockstep: bool = False,
+    offline: bool = False,
+    output: OutputFolder | None = None,
+    log: OutputLog | None = None,
+) -> int:
+    """Run a program of a file: on a running arm, in lock-step on an emulated one, or off line on an ideal one.
+
+    The file is checked first, and nothing moves when it has a mistake. At a PAUSE, return goes on.
+
+      qrobot val run --offline examples/val/01_pick_and_place.v2
+      qrobot val run --lockstep --speed 100 examples/val/03_light_curtain.v2
+
+    Parameters
+    ----------
+    file
+        Programs and locations (.v2).
+    execute
+        Name of the program.
+    cycles
+        How often.
+    speed
+        Monitor speed in percent, a factor of every speed of the program.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    lockstep
+        On virtual time, without processes.
+    offline
+        On virtual time, without a servo.
+    output
+        Folder for what is written down of the run: requests, setpoints, figures.
+    log
+        With --lockstep: log of every cycle to write.
+    """
+    if lockstep and offline:
+        raise ConfigError("--offline knows no servo and no board: leave out --lockstep")
+    if log is not None and not lockstep:
+        raise ConfigError("--log: only with --lockstep; a running arm has its own")
+    if (status := check(file, deployment=deployment, arm=arm)) != SUCCESS:
+        return status
+    chosen = choose_arm(deployment, arm)
+    start = partial(_start, file, chosen.robot, lambda it: _execute(it, execute.lower(), cycles, speed))
+    return _perform(chosen, start, file, deployment, lockstep, offline, output, log)
+
+
+def _perform(
+    chosen: DeployedArm, start: Callable[[], int], file: Path, deployment: str, lockstep: bool, offline: bool,
+    output: Path | None, log: Path | None,
+) -> int:  # fmt: skip
+    """Call `start` where the arm is."""
+    if offline:
+        return run_virtual(offline_links(chosen), start, output, ideal=True)
+    if not lockstep:
+        return run_through(bridge_links(chosen), start, output)
+    from qrobot.cli.run_lockstep import LockstepRun
+
+    def perform(factory: LinkFactory) -> int:
+        return run_virtual(factory, start, output)
+
+    return LockstepRun(chosen, file).perform(perform, deployment, log)
+
+
+def _start(file: Path, robot: str, act: Callable[[Interpreter], int]) -> int:
+    """Take control of the arm, load the file, and `act`."""
+    from qrobot.rccl import control
+    from qrobot.val.interpreter import Interpreter
+    from qrobot.val.rccl_arm import RcclArm
+    from qrobot.val.source import load_source
+
+    with control(robot) as channel:
+        interpreter = Interpreter(RcclArm(channel), _say, _ask)
+        interpreter.machine.load(load_source(file))
+        return act(interpreter)
+
+
+def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) -> int:
+    from qrobot.val.interpreter import RunState
+
+    interpreter.machine.monitor_speed = speed
+    state = interpreter.execute(program, cycles)
+    while state is RunState.PAUSED:
+        _ask(f"{interpreter.message}; return goes on ")
+        state = interpreter.proceed()
+    if state is RunState.COMPLETED:
+        return SUCCESS
+    complain(interpreter.message)
+    return FAILURE
+
+
+def _say(line: str) -> None:
+    out.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _ask(question: str) -> str:
+    try:
+        return input(question)
+    except EOFError:
+        raise ConfigError("the program waits for an answer, and there is no more input") from None

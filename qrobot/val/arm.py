@@ -1,0 +1,89 @@
+"""The interpreter's interface to an arm, as narrow as it can be: any library that moves one can be put below it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Destination:
+    """The goal of a motion, and the manner of it.
+
+    Attributes:
+        name: for messages.
+        T_robot_tool: pose of the tool in the robot's base frame, m, shape (4, 4); None when `q` is given.
+        T_last_tool: pose of the tool in the last link's frame, m, shape (4, 4).
+        q: joint positions, rad or m, shape (n,); None when the pose is given.
+        straight: the tool goes in a straight line.
+        share: of the joints' own speed limits.
+        speed_mm_s: of the tool, instead of `share`; None for none.
+        letters: configuration at its end, as in "lun"; empty to keep the present one.
+    """
+
+    name: str
+    T_robot_tool: Floats | None
+    T_last_tool: Floats
+    q: Floats | None
+    straight: bool
+    share: float
+    speed_mm_s: float | None
+    letters: str
+
+
+class ValArm(Protocol):
+    """An arm under control. Motions are queued; nothing waits but `sample`.
+
+    Attributes:
+        robot: the arm.
+    """
+
+    robot: Robot
+
+    @property
+    def time_s(self) -> float:
+        """The robot's own time."""
+
+    @property
+    def q(self) -> Floats:
+        """Measured joint positions, rad or m. Shape (n,)."""
+
+    @property
+    def inputs(self) -> int:
+        """Binary inputs, input 1001 in bit 0."""
+
+    @property
+    def outputs(self) -> int:
+        """Binary outputs in force, output 1 in bit 0."""
+
+    @property
+    def waiting(self) -> int:
+        """Motions that have not begun."""
+
+    @property
+    def idle(self) -> bool:
+        """Everything is done, and the arm stands."""
+
+    def move(self, destination: Destination) -> None:
+        """Queue a motion, joined to the one before without a stop. Raises MotionError when it cannot be done."""
+
+    def unfinished(self) -> list[Destination]:
+        """Motions that have not ended, or were stopped before their end, oldest first; each is told once."""
+
+    def failure(self) -> str:
+        """Tell why a motion failed that had begun, in words, once; empty when none did."""
+
+    def stop(self) -> None:
+        """Come to rest on the path, and forget what waits."""
+
+    def hand(self, opened: bool) -> None:
+        """Open or close it, now."""
+
+    def signal(self, *lines: int) -> None:
+        """Switch outputs, now; negative ones off."""
+
+    def sample(self) -> None:
+        """Let one sample pass. Raises QRobotError when the arm is lost."""

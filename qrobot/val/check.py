@@ -1,0 +1,179 @@
+"""Mistakes of a program that can be seen before anything moves.
+
+Structures and labels, programs that are called and are not there, constant locations that the arm cannot reach, and
+signals that there are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import ProgramError, QRobotError
+from qrobot.model.transform import transform
+from qrobot.units import M_PER_MM
+from qrobot.val import tree
+from qrobot.val.evaluate import location_of, number_of
+from qrobot.val.machine import no_signal
+from qrobot.val.signatures import expressions_in, parts_of
+from qrobot.val.source import SourceFile, read_source
+from qrobot.val.structure import jumps_of
+from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, transformation
+from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
+from qrobot.val.workspace import Workspace
+
+_MOTIONS = ("MOVE", "MOVES", "APPRO", "APPROS")
+_SWITCHING = ("SIGNAL", "RUNSIG")
+
+
+@dataclass(frozen=True)
+class ProgramMistake:
+    """A mistake that was found.
+
+    Attributes:
+        program: empty for none.
+        line, column: from 1; 0 for none.
+        what: in words.
+    """
+
+    program: str
+    line: int
+    column: int
+    what: str
+
+
+def check_text(text: str, robot: Robot) -> list[ProgramMistake]:
+    """All mistakes of a file's text, for this arm, in the order of lines."""
+    source, errors = read_source(text)
+    found = [ProgramMistake("", error.line, error.column, error.what) for error in errors]
+    for program in source.programs.values():
+        mistakes = [*jumps_of(program)[1], *_Checker(source, robot).look_at(program)]
+        found += [ProgramMistake(program.name, error.line, error.column, error.what) for error in mistakes]
+    return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
+
+
+class _Checker:
+    """Looks at programs; the `Surroundings` of expressions that are constant."""
+
+    def __init__(self, source: SourceFile, robot: Robot) -> None:
+        self.robot = robot
+        self._source = source
+        self._space = Workspace(robot)
+        actions = [line.action for program in source.programs.values() for line in program.lines]
+        self._changed = {name for action in actions for name in _names_given(action)}
+        self._frames_move = any(isinstance(a, tree.Instruction) and a.word in ("TOOL", "BASE") for a in actions)
+
+    def look_at(self, program: tree.ValProgram) -> Iterator[ProgramError]:
+        """Mistakes of one program."""
+        self._changed |= set(program.parameters)
+        for line in program.lines:
+            if line.action is not None:
+                for error in (*self._calls(line.action), *self._signals(line.action), *self._places(line.action)):
+                    yield ProgramError(error.what, line.line, error.column)
+
+    def _calls(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        if not isinstance(action, tree.ProgramCall | tree.Reaction | tree.ProcessStart):
+            return
+        called = self._source.programs.get(action.program)
+        if called is None:
+            yield ProgramError(f"there is no program {action.program}", column=action.column)
+        elif isinstance(action, tree.ProgramCall) and len(action.arguments) > len(called.parameters):
+            most = len(called.parameters)
+            yield ProgramError(
+                f"program {called.name} has {most} parameters, not {len(action.arguments)}", column=action.column
+            )
+
+    def _signals(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        for expression, switched in _signal_numbers(action):
+            try:
+                number = abs(number_of(expression, self))
+            except QRobotError:
+                continue  # only a run can tell
+            if not any(number in numbers for numbers in (OUTPUTS, INPUTS, INTERNAL)):
+                yield ProgramError(no_signal(int(number)), column=1)
+            elif switched and number in INPUTS:
+                yield ProgramError(f"signal {number:g} is an input: it cannot be switched", column=1)
+
+    def _places(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        if not isinstance(action, tree.Instruction) or action.word not in _MOTIONS or action.arguments[0] is None:
+            return
+        where = action.arguments[0]
+        try:
+            location = location_of(where, self)
+            places = [location, *self._approached(action, location)]
+        except QRobotError:
+            return  # it is not constant
+        if self._frames_move and isinstance(location, Transformation):
+            return
+        if not all(self._space.reaches(place) for place in places):
+            yield ProgramError(
+                f"{action.word}: the arm does not reach this place", column=getattr(where, "column", 0) or 1
+            )
+
+    def _approached(
+        self, action: tree.Instruction, location: Transformation | JointLocation
+    ) -> Iterator[Transformation]:
+        if len(action.arguments) > 1 and action.arguments[1] is not None:
+            back = np.array([0.0, 0.0, -M_PER_MM * number_of(action.arguments[1], self)])
+            yield Transformation(self._space.pose_of(location) @ transform(translation=back))
+
+    # ------------------------------------------------------------------------------------------------ `Surroundings`
+
+    def value(self, name: str, indices: tuple[int, ...]) -> ValValue | None:
+        """A stored location or number that no program changes."""
+        if name in self._changed:
+            return None
+        key = name + (f"[{', '.join(map(str, indices))}]" if indices else "")
+        if (numbers := self._source.locations.get(key)) is not None:
+            return joint_location(numbers, self.robot) if name.startswith("#") else transformation(numbers)
+        return self._source.numbers.get(key)
+
+    def frame(self, name: str) -> Floats:
+        """NULL alone is constant. Raises ProgramError for the others."""
+        if name != "null":
+            raise ProgramError(f"{name.upper()} is not constant")
+        return np.eye(4)
+
+    def signal_is_on(self, _number: int) -> bool:
+        """Raise ProgramError: no signal is constant."""
+        raise ProgramError("signals are not constant")
+
+    def number_function(self, name: str, _arguments: Sequence[float]) -> float:
+        """Raise ProgramError: timers, speeds and random numbers are not constant."""
+        raise ProgramError(f"{name} is not constant")
+
+    def pose_of(self, location: Transformation | JointLocation) -> Floats:
+        """See `Surroundings`."""
+        return self._space.pose_of(location)
+
+    def reaches(self, location: Transformation | JointLocation) -> bool:
+        """See `Surroundings`."""
+        return self._space.reaches(location)
+
+
+def _names_given(action: tree.StepAction | None) -> Iterator[str]:
+    """Variables that an action may change; those given to a program may be changed there."""
+    match action:
+        case tree.Assignment(target=target) | tree.PromptFor(target=target) | tree.ForLoop(variable=target):
+            yield target.name
+        case tree.Decomposition(target=name):
+            yield name
+        case tree.Instruction(word="HERE", arguments=arguments) | tree.ProgramCall(arguments=arguments):
+            yield from (argument.name for argument in arguments if isinstance(argument, tree.VariableName))
+
+
+def _signal_numbers(action: tree.StepAction) -> Iterator[tuple[tree.Expression, bool]]:
+    """Expressions that name signals, and whether the action switches them."""
+    match action:
+        case tree.Instruction(word="SIGNAL" | "RUNSIG" | "IGNORE" as word, arguments=arguments):
+            yield from ((argument, word in _SWITCHING) for argument in arguments if argument is not None)
+        case tree.Reaction(signal=signal) if signal is not None:
+            yield signal, False
+    for expression in expressions_in(action):
+        for part in parts_of(expression):
+            if isinstance(part, tree.FunctionCall) and part.name == "SIG":
+                yield from ((argument, False) for argument in part.arguments if argument is not None)

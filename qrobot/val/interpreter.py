@@ -1,0 +1,335 @@
+"""The interpreter: one program that moves the arm, process control programs beside it, and reactions to signals.
+
+Time is the robot's. In each sample every program does steps until it has to wait for something, or has done its share;
+then the sample passes. A mistake while it runs stops the arm on its path, and leaves the program where it can go on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import Final
+
+from qrobot.errors import LinkError, MotionError, ProgramError, QRobotError, ServoFault
+from qrobot.val import tree
+from qrobot.val.arm import Destination, ValArm
+from qrobot.val.evaluate import signal_holds
+from qrobot.val.machine import Machine
+from qrobot.val.parser import parse_line
+from qrobot.val.printer import print_line
+from qrobot.val.steps import do_step
+from qrobot.val.task import ValTask, Watch
+
+STEPS_PER_SAMPLE: Final = 50  # of each program [A]; VAL II's own rate is not published
+MOST_BESIDE: Final = 6  # process control programs at a time [A]
+SAMPLES_TO_REST: Final = 5000  # an arm that does not come to rest by then has been lost
+
+
+class RunState(Enum):
+    """States of the program that moves the arm."""
+
+    IDLE = "no program has been executed"
+    RUNNING = "running"
+    PAUSED = "paused"
+    FAILED = "stopped by an error"
+    COMPLETED = "completed"
+    ABORTED = "aborted"
+
+
+class Interpreter:
+    """Runs programs on an arm.
+
+    Args:
+        arm: under control, at rest.
+        say: is given each line that programs type.
+        ask: gives the answer to a question of PROMPT.
+
+    Attributes:
+        machine: what the programs share.
+        state: how far the program that moves the arm is.
+        message: why it paused, or the error.
+        error: what stopped it; None for nothing.
+        task: the program that moves the arm; None for none.
+        beside: process control programs under way.
+    """
+
+    def __init__(
+        self,
+        arm: ValArm,
+        say: Callable[[str], None] = print,
+        ask: Callable[[str], str] = input,
+    ) -> None:
+        self.machine = Machine(arm, say, ask)
+        self.state = RunState.IDLE
+        self.message = ""
+        self.error: QRobotError | None = None
+        self.task: ValTask | None = None
+        self.beside: list[ValTask] = []
+        self._unfinished: list[Destination] = []
+        self._run_signal = 0
+        self._single = False
+
+    # ------------------------------------------------------------------------------------------------------- commands
+
+    def execute(self, program: str, cycles: int = 1, step: int = 1, single: bool = False) -> RunState:
+        """Run a program until it ends, pauses or fails; see `state` and `message`.
+
+        Raises:
+            ProgramError: there is no such program or step, or a structure in it does not match.
+            LinkError, ServoFault: the arm is lost.
+        """
+        self.machine.reset_manner()
+        self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
+        return self._run(single)
+
+    def proceed(self, single: bool = False) -> RunState:
+        """Go on: first with the motions that were interrupted, then with the step behind. Raises as `execute`."""
+        self._need_task()
+        unfinished, self._unfinished = self._unfinished, []
+        try:
+            for destination in unfinished:
+                self.machine.arm.move(destination)
+        except MotionError as error:
+            self._unfinished = unfinished
+            self._fail(error)
+            return self.state
+        return self._run(single)
+
+    def retry(self) -> RunState:
+        """Go on, with the interrupted motions, or else with the step that failed once more. Raises as `execute`."""
+        task = self._need_task()
+        if self.state is RunState.FAILED and task.last is not None and task.frames and not self._unfinished:
+            frame, pc = task.last
+            if frame in task.frames:
+                frame.pc = pc
+        return self.proceed()
+
+    def abort(self) -> None:
+        """Give the program up; the arm comes to rest on its path."""
+        self.stop_arm()
+        self._settle()
+        self.machine.arm.unfinished()
+        self.task, self._unfinished, self.beside = None, [], []
+        self.state, self.message = RunState.ABORTED, ""
+
+    def do(self, text: str) -> RunState:
+        """One step typed at the monitor; a program that is paused stays where it is. Raises as `execute`."""
+        line = parse_line(text)
+        if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
+            raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
+        kept = self.task, self.state, self.message, self._unfinished
+        name = "do:"
+        self.machine.programs[name] = tree.ValProgram(name, (), (line,))
+        try:
+            self.task, self._unfinished = ValTask(self.machine, name), []
+            self._run(single=False)
+            if self.error is not None:
+                raise self.error
+            return self.state
+        finally:
+            del self.machine.programs[name]
+            self.task, self.state, self.message, self._unfinished = kept
+            self.error = None
+
+    def start_beside(self, program: str, cycles: int) -> None:
+        """Begin a process control program. Raises ProgramError: it runs already, or too many do."""
+        if any(task.name == program for task in self.beside):
+            raise ProgramError(f"process control program {program} runs already")
+        if len(self.beside) >= MOST_BESIDE:
+            raise ProgramError(f"{MOST_BESIDE} process control programs run already")
+        self.beside.append(ValTask(self.machine, program, moves=False, cycles=cycles))
+
+    # ------------------------------------------------------------------------------------------- what steps may ask for
+
+    def stop_arm(self) -> None:
+        """Let the arm come to rest on its path; the next motion begins where it stands."""
+        self.machine.arm.stop()
+        self.machine.forget_destination()
+
+    def pause(self, why: str) -> None:
+        """Stop between steps; `proceed` goes on."""
+        self.state, self.message = RunState.PAUSED, why
+
+    def end_of_program(self, task: ValTask) -> None:
+        """RETURN, or the last line: back to the caller, or the end of a cycle."""
+        task.return_()
+        if not task.frames:
+            self._next_cycle(task)
+
+    def end_of_cycle(self, task: ValTask) -> None:
+        """STOP: leave all calls."""
+        while task.frames:
+            task.return_()
+        self._next_cycle(task)
+
+    def set_run_signal(self, number: int) -> None:
+        """RUNSIG: on while the program runs; 0 for none."""
+        if number:
+            self.machine.set_signal(number)
+        elif self._run_signal:
+            self.machine.set_signal(-self._run_signal)
+        self._run_signal = number
+
+    def _next_cycle(self, task: ValTask) -> None:
+        task.doing = task.until = None
+        if task.cycles != 1:
+            task.cycles -= task.cycles > 0
+            task.call(task.name, ())
+
+    # -------------------------------------------------------------------------------------------------------- running
+
+    def _need_task(self) -> ValTask:
+        if self.task is None or self.state not in (RunState.PAUSED, RunState.FAILED):
+            raise ProgramError(f"there is nothing to go on with: {self.state.value}")
+        return self.task
+
+    def _run(self, single: bool) -> RunState:
+        self.state, self.message, self.error, self._single = RunState.RUNNING, "", None, single
+        try:
+            while self.state is RunState.RUNNING:
+                self._turn()
+                if self.state is RunState.RUNNING:
+                    self.machine.arm.sample()
+        except (KeyboardInterrupt, LinkError, ServoFault):
+            self._interrupted()
+            raise
+        if self.state is RunState.PAUSED:
+            self._settle()
+        if self._run_signal:
+            self.machine.set_signal(-self._run_signal)
+        return self.state
+
+    def _interrupted(self) -> None:
+        """Ctrl-C is the panic button: the arm comes to rest, and PROCEED takes up the motion."""
+        self.pause("interrupted")
+        try:
+            self.stop_arm()
+            self._settle()
+            self._unfinished = self.machine.arm.unfinished()
+        except QRobotError:
+            self.task = None  # the arm is lost
+
+    def _settle(self) -> None:
+        """Let samples pass until the arm stands."""
+        for _ in range(SAMPLES_TO_REST):
+            if self.machine.arm.idle:
+                return
+            self.machine.arm.sample()
+
+    def _turn(self) -> None:
+        """Let all programs do their part of one sample."""
+        if failure := self.machine.arm.failure():
+            self._fail(MotionError(failure))
+            return
+        for task in list(self.beside):
+            self._attempt(task)
+            if task.over:
+                self.beside.remove(task)
+        if self.task is not None and self.state is RunState.RUNNING:
+            self._attempt(self.task)
+            if self.task.over and self.machine.arm.idle and self.state is RunState.RUNNING:
+                self.state = RunState.COMPLETED
+
+    def _attempt(self, task: ValTask) -> None:
+        try:
+            self._go_on(task)
+        except (LinkError, ServoFault):
+            raise
+        except QRobotError as error:
+            self._blame(task, error)
+
+    def _go_on(self, task: ValTask) -> None:
+        for _ in range(STEPS_PER_SAMPLE):
+            self._react(task)
+            if self.state is not RunState.RUNNING or not self._ready(task):
+                return
+            if not task.frames:
+                return
+            if task is self.task and self._single_is_done(task):
+                return
+            self._step(task)
+
+    def _ready(self, task: ValTask) -> bool:
+        """True when a new step can begin; goes on with what the present one waits for."""
+        while task.doing is not None:
+            if task.until is not None and not task.until():
+                return False
+            task.until = next(task.doing, None)
+            if task.until is None:
+                task.doing = None
+            if self.state is not RunState.RUNNING:
+                return False
+        return True
+
+    def _step(self, task: ValTask) -> None:
+        frame = task.frame_now
+        if frame.pc >= len(frame.program.lines):
+            self.end_of_program(task)
+            return
+        line = frame.program.lines[frame.pc]
+        task.at, task.last = (frame.program.name, line.line), (frame, frame.pc)
+        frame.pc += 1
+        if self.machine.switches["TRACE"]:
+            self.machine.say(f"{frame.program.name} {frame.pc}: {print_line(line)}")
+        if line.action is not None:
+            task.doing = do_step(self, task, line.action)
+            if self._single and task is self.task:
+                self._single_begun = True
+
+    _single_begun = False
+
+    def _single_is_done(self, task: ValTask) -> bool:
+        """Pause when NEXT has done its one step; lines that do nothing are none."""
+        if not (self._single and self._single_begun):
+            return False
+        self._single_begun = False
+        self.pause(f"at step {task.frame_now.pc + 1} of program {task.frame_now.program.name}")
+        return True
+
+    # ---------------------------------------------------------------------------------------------- reactions, errors
+
+    def _react(self, task: ValTask) -> None:
+        """Call the program of the most urgent signal that has come."""
+        come = []
+        for number, watch in task.watches.items():
+            on = signal_holds(number, task)
+            if on and not task.seen[number]:
+                come.append((watch.priority, number, watch))
+            elif not on:
+                task.seen[number] = False
+        now = task.frames[-1].priority if task.frames else 0
+        for priority, number, watch in sorted(come, key=lambda each: -each[0]):
+            if task.frames and priority > now and (watch.at_once or task.doing is None):
+                task.seen[number] = True
+                self._call_reaction(task, watch)
+                return
+
+    def _call_reaction(self, task: ValTask, watch: Watch) -> None:
+        task.interrupt(watch.program, watch.priority)
+        if watch.at_once and task.moves:
+            self.stop_arm()
+            task.doing = iter([lambda: self.machine.arm.idle])
+
+    def _blame(self, task: ValTask, error: QRobotError) -> None:
+        """An error of a step: with its place; REACTE's program is called, or everything stops."""
+        program, line = task.at
+        column = error.column if isinstance(error, ProgramError) else 0
+        what = error.what if isinstance(error, ProgramError) else str(error)
+        told = ProgramError(f"program {program}, {ProgramError(what, line, column)}" if line else what)
+        told.line, told.column = line, column
+        task.doing = task.until = None
+        if task.on_error and task is self.task:
+            handler, task.on_error = task.on_error, ""
+            self.message = str(told)
+            self._call_reaction(task, Watch(handler, task.frames[-1].priority if task.frames else 0, True))
+            return
+        if task is not self.task:
+            self.beside.remove(task)
+            told = ProgramError(f"beside: {told}")
+        self._fail(told)
+
+    def _fail(self, error: QRobotError) -> None:
+        self.stop_arm()
+        self._settle()
+        self._unfinished = self.machine.arm.unfinished()
+        self.state, self.message, self.error = RunState.FAILED, str(error), error

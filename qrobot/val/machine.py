@@ -1,0 +1,215 @@
+"""The state that all programs share: variables, signals, timers, switches, frames, speeds, and the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import ProgramError
+from qrobot.model.branch import Branch, branch_of
+from qrobot.val.arm import Destination, ValArm
+from qrobot.val.parser import parse_variable
+from qrobot.val.source import SourceFile, stored_name
+from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
+from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, stored_numbers, transformation
+from qrobot.val.vocabulary import INPUTS, INTERNAL, LOCATION_VALUES, NUMBER_VALUES, OUTPUTS, SWITCHES
+from qrobot.val.workspace import Workspace
+
+DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
+DEFAULT_HAND_TIME_S: Final = 0.5  # [A]
+MOST_TIMERS: Final = 15
+_MULTIPLIER: Final = 6364136223846793005  # Knuth's 64-bit generator: RANDOM is the same in every run
+_INCREMENT: Final = 1442695040888963407
+_BITS: Final = 64
+
+CellKey: TypeAlias = tuple[str, tuple[int, ...]]
+
+
+class Machine:
+    """The controller under the interpreter.
+
+    Args:
+        arm: under control.
+        say: is given each line that programs type.
+        ask: gives the answer to a question of PROMPT.
+    """
+
+    def __init__(self, arm: ValArm, say: Callable[[str], None], ask: Callable[[str], str]) -> None:
+        self.arm = arm
+        self.robot = arm.robot
+        self.say = say
+        self.ask = ask
+        self.space = Workspace(arm.robot)
+        self.programs: dict[str, ValProgram] = {}
+        self.values: dict[CellKey, ValValue] = {}
+        self.switches = {switch: switch in ("CP", "MESSAGES") for switch in SWITCHES}
+        self.hand_time_s = DEFAULT_HAND_TIME_S
+        self.monitor_speed = DEFAULT_MONITOR_SPEED
+        self.hand_at_next: bool | None = None
+        self._internal: set[int] = set()
+        self._timers: dict[int, float] = {}
+        self._random = 1
+        self.reset_manner()
+
+    # ------------------------------------------------------------------------------------------- values and programs
+
+    def load(self, source: SourceFile) -> None:
+        """Take programs, locations and numbers of a file; those of the same name are replaced."""
+        self.programs |= source.programs
+        for name, numbers in source.locations.items():
+            value = joint_location(numbers, self.robot) if name.startswith("#") else transformation(numbers)
+            self.values[_key(name)] = value
+        self.values |= {_key(name): number for name, number in source.numbers.items()}
+
+    def source(self) -> SourceFile:
+        """Everything that there is, for a file; variables of calls are left out."""
+        found = SourceFile(dict(self.programs))
+        for (name, indices), value in sorted(self.values.items(), key=lambda item: item[0]):
+            if ":" in name:
+                continue
+            key = stored_name(VariableName(name, tuple(NumberLiteral(float(index)) for index in indices)))
+            if isinstance(value, float):
+                found.numbers[key] = value
+            else:
+                found.locations[key] = stored_numbers(value, self.robot)
+        return found
+
+    def store(self, key: CellKey, value: ValValue) -> None:
+        """Give a variable a value. Raises ProgramError: it is a name of the language, or of the other kind."""
+        name, precise = key[0], key[0].rpartition(":")[2].startswith("#")
+        if name in LOCATION_VALUES or name in NUMBER_VALUES:
+            raise ProgramError(f"{name.upper()} cannot be given a value")
+        if precise != isinstance(value, JointLocation):
+            raise ProgramError("a precision point has a # in front, other locations and numbers have none")
+        self.values[key] = value
+
+    # --------------------------------------------------------------------------------------- what expressions ask for
+
+    def frame(self, name: str) -> Floats:
+        """See `Surroundings`."""
+        match name:
+            case "here":
+                return self.space.tool_at(self.arm.q)
+            case "dest":
+                return self.destination_pose()
+            case "tool":
+                return self.space.tool
+            case "base":
+                return self.space.base
+            case _:
+                return np.eye(4)
+
+    def signal_is_on(self, number: int) -> bool:
+        """See `Surroundings`."""
+        if number in OUTPUTS:
+            return bool(self.arm.outputs >> (number - OUTPUTS.start) & 1)
+        if number in INPUTS:
+            return bool(self.arm.inputs >> (number - INPUTS.start) & 1)
+        if number in INTERNAL:
+            return number in self._internal
+        raise ProgramError(no_signal(number))
+
+    def set_signal(self, number: int) -> None:
+        """Switch a signal on, or off for a negative number. Raises ProgramError: an input, or none at all."""
+        if abs(number) in OUTPUTS:
+            self.arm.signal(number)
+        elif abs(number) in INTERNAL:
+            self._internal = self._internal - {abs(number)} | ({number} if number > 0 else set())
+        elif abs(number) in INPUTS:
+            raise ProgramError(f"signal {abs(number)} is an input: it cannot be switched")
+        else:
+            raise ProgramError(no_signal(number))
+
+    def reset_signals(self) -> None:
+        """Switch all outputs off."""
+        self.arm.signal(*(-number for number in OUTPUTS))
+
+    def number_function(self, name: str, arguments: Sequence[float]) -> float:
+        """See `Surroundings`."""
+        if name == "TIMER":
+            return self.arm.time_s - self._timers.get(_timer(arguments[0]), 0.0)
+        if name == "SPEED":
+            return self.monitor_speed if arguments[:1] == [1.0] else self.speed
+        self._random = (self._random * _MULTIPLIER + _INCREMENT) % (1 << _BITS)
+        return (self._random >> 11) / float(1 << 53)
+
+    def set_timer(self, number: float, seconds: float) -> None:
+        """Let a timer stand at `seconds` now. Raises ProgramError: no such timer."""
+        self._timers[_timer(number)] = self.arm.time_s - seconds
+
+    def pose_of(self, location: Transformation | JointLocation) -> Floats:
+        """See `Surroundings`."""
+        return self.space.pose_of(location)
+
+    def reaches(self, location: Transformation | JointLocation) -> bool:
+        """See `Surroundings`."""
+        return self.space.reaches(location)
+
+    # ------------------------------------------------------------------------------------------------------- motions
+
+    def reset_manner(self) -> None:
+        """Restore the manner in which a program begins: full speed, no configuration asked for, where the arm is."""
+        self.speed, self.in_mm_s = 100.0, False
+        self.next_speed: tuple[float, bool] | None = None
+        self.words = ""
+        self.forget_destination()
+
+    def forget_destination(self) -> None:
+        """The arm has been stopped: motions begin where it stands."""
+        self._dest: Floats | None = None
+        self._branch: Branch | None = None
+
+    def destination_pose(self) -> Floats:
+        """Pose in the world that the tool is going to, or has. Shape (4, 4)."""
+        return self.space.tool_at(self.arm.q) if self._dest is None else self._dest
+
+    def go(self, name: str, location: Transformation | JointLocation, straight: bool) -> None:
+        """Queue a motion with the speed and the configuration that were asked for. Raises MotionError, ProgramError."""
+        speed, in_mm_s = self.next_speed or (self.speed, self.in_mm_s)
+        letters = self._letters(straight)
+        pose = self.pose_of(location)
+        q = location.q if isinstance(location, JointLocation) else None
+        share = min(max(self.monitor_speed / 100.0 * (1.0 if in_mm_s else speed / 100.0), 1e-3), 1.0)
+        mm_s = speed * self.monitor_speed / 100.0 if in_mm_s else None
+        robot_pose = None if q is not None and not straight else self.space.robot_pose(pose)
+        destination = Destination(
+            name, robot_pose, self.space.T_last_tool, q if robot_pose is None else None, straight, share, mm_s, letters
+        )
+        if not self.switches["DRY.RUN"]:
+            self.arm.move(destination)
+        self._dest = pose
+        self._branch = branch_of(letters) if letters else self._branch
+        if q is not None:
+            self._branch = self.space.branch(q)
+        self.next_speed, self.words = None, ""
+
+    def _letters(self, straight: bool) -> str:
+        if not self.words:
+            return ""
+        before = self.space.branch(self.arm.q) if self._branch is None else self._branch
+        letters = branch_of(self.words, before).letters
+        if straight and letters != before.letters:
+            raise ProgramError("the configuration cannot change in a straight line; MOVE first")
+        return "" if straight else letters
+
+
+def no_signal(number: int) -> str:
+    """Words for a signal that there is not."""
+    kinds = (("outputs", OUTPUTS), ("inputs", INPUTS), ("internal ones", INTERNAL))
+    told = ", ".join(f"{name} {numbers.start} to {numbers.stop - 1}" for name, numbers in kinds)
+    return f"there is no signal {abs(number)}; there are {told}"
+
+
+def _timer(number: float) -> int:
+    if number != int(number) or not 0 <= number <= MOST_TIMERS:
+        raise ProgramError(f"timers are 0 to {MOST_TIMERS}, not {number:g}")
+    return int(number)
+
+
+def _key(name: str) -> CellKey:
+    variable = parse_variable(name)
+    indices = tuple(int(index.value) for index in variable.indices if isinstance(index, NumberLiteral))
+    return variable.name, indices

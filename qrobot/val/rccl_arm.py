@@ -1,0 +1,154 @@
+"""An arm of RCCL below the interpreter: `MOVE` is `move`, in joint or Cartesian mode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.motion import Termination
+from qrobot.rccl import EQ, TL, Channel, Position, Transform, makeposition, newtrans, t6
+from qrobot.units import DEG_PER_RAD, S_PER_MS
+from qrobot.val.arm import Destination
+
+TURN_PER_MM: Final = 0.5  # degrees/s for each mm/s of a SPEED in MMPS [A]
+SETTLING_S: Final = 0.15  # the servo has then come after its last setpoints [A]
+_WORDS: Final = {
+    Termination.JOINT_LIMIT: "a joint would leave its range",
+    Termination.UNREACHABLE: "out of reach",
+    Termination.SINGULAR: "too near a singular place",
+    Termination.TOO_FAST: "a joint would be too fast",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    destination: Destination
+    position: Position
+
+
+class RcclArm:
+    """A `ValArm` over a channel of RCCL.
+
+    Args:
+        channel: under control.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self.robot = channel.robot
+        self._channel = channel
+        self._radians = np.where(self.robot.prismatic, S_PER_MS, 1.0 / DEG_PER_RAD)  # of mm and degrees
+        self._motions: list[_Motion] = []
+        self._failure = ""
+        self._rest_since_s: float | None = None
+        self._stopped: list[Destination] = []
+
+    @property
+    def time_s(self) -> float:
+        """See `ValArm`."""
+        return self._channel.time * S_PER_MS
+
+    @property
+    def q(self) -> Floats:
+        """See `ValArm`."""
+        return np.asarray(self._channel.how.q, dtype=np.float64)
+
+    @property
+    def inputs(self) -> int:
+        """See `ValArm`."""
+        return self._channel.how.inputs
+
+    @property
+    def outputs(self) -> int:
+        """See `ValArm`."""
+        return self._channel.chg.outputs
+
+    @property
+    def waiting(self) -> int:
+        """See `ValArm`."""
+        return self._channel.nbrequest
+
+    @property
+    def idle(self) -> bool:
+        """See `ValArm`; the last setpoints are still under way when a motion is completed."""
+        if self._channel.completed.count == 0:
+            self._rest_since_s = None
+        elif self._rest_since_s is None:
+            self._rest_since_s = self.time_s
+        return self._rest_since_s is not None and self.time_s - self._rest_since_s >= SETTLING_S
+
+    def move(self, destination: Destination) -> None:
+        """See `ValArm`."""
+        channel, self._rest_since_s = self._channel, None
+        channel.setmode("cartesian" if destination.straight else "joint")
+        if destination.speed_mm_s is None:
+            channel.setjvel(share=destination.share)
+        else:
+            channel.setvel(destination.speed_mm_s, TURN_PER_MM * destination.speed_mm_s)
+        channel.setconf(destination.letters)
+        position = self._position(destination)
+        channel.move(position)
+        self._look()
+        self._motions.append(_Motion(destination, position))
+
+    def unfinished(self) -> list[Destination]:
+        """See `ValArm`."""
+        self._look()
+        stopped, self._stopped = self._stopped, []
+        motions, self._motions = self._motions, []
+        return stopped + [motion.destination for motion in motions]
+
+    def failure(self) -> str:
+        """See `ValArm`."""
+        self._look()
+        failure, self._failure = self._failure, ""
+        return failure
+
+    def stop(self) -> None:
+        """See `ValArm`."""
+        self._rest_since_s = None
+        self._channel.stop()
+
+    def hand(self, opened: bool) -> None:
+        """See `ValArm`."""
+        if opened:
+            self._channel.OPEN()
+        else:
+            self._channel.CLOSE()
+
+    def signal(self, *lines: int) -> None:
+        """See `ValArm`."""
+        self._channel.signal(*lines)
+
+    def sample(self) -> None:
+        """See `ValArm`."""
+        before = self._channel.how.t_ns
+        self._channel.waitas(lambda: self._channel.how.t_ns != before)
+
+    def _position(self, destination: Destination) -> Position:
+        if destination.q is not None:
+            return self._channel.jposition(destination.name, (destination.q / self._radians).tolist())
+        if destination.T_robot_tool is None:
+            raise ValueError(f"{destination.name} has neither joints nor a pose")
+        goal, tool = _constant(destination.name, destination.T_robot_tool), _constant("TOOL", destination.T_last_tool)
+        return makeposition(destination.name, t6, tool, EQ, goal, TL, tool)
+
+    def _look(self) -> None:
+        """Take note of motions that have ended."""
+        going = []
+        for motion in self._motions:
+            if motion.position.end.count == 0:
+                going.append(motion)
+            elif motion.position.code != Termination.COMPLETED:
+                self._stopped.append(motion.destination)
+                if reason := _WORDS.get(Termination(motion.position.code)):
+                    self._failure = self._failure or f"the motion to {motion.destination.name} ended: {reason}"
+        self._motions = going
+
+
+def _constant(name: str, value: Floats) -> Transform:
+    made = newtrans(name, "const")
+    made.set(value)
+    return made

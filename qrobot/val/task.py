@@ -1,0 +1,195 @@
+"""A program that runs: its calls, where each of them is, what it waits for, and its reactions to signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import ProgramError
+from qrobot.val import tree
+from qrobot.val.evaluate import Surroundings, evaluate, indices_of
+from qrobot.val.machine import CellKey, Machine
+from qrobot.val.structure import jumps_of
+from qrobot.val.values import JointLocation, Transformation, ValValue
+
+DEEPEST_CALL: Final = 100  # [A]
+Until: TypeAlias = Callable[[], bool]
+Waits: TypeAlias = Iterator[Until]
+"""What an instruction waits for, one after the other."""
+
+
+@dataclass
+class CallFrame:
+    """One call of a program.
+
+    Attributes:
+        program: which one.
+        pc: the step to come, from 0.
+        priority: no reaction of this priority or below interrupts it.
+        bindings: variables that its parameters stand for.
+        loops: last value and step of each FOR under way, by its step.
+        again: the FOR that its END has just led back to.
+        doing: what the interrupted caller's step still waits for; it goes on with that afterwards.
+    """
+
+    program: tree.ValProgram
+    pc: int = 0
+    priority: int = 0
+    bindings: dict[str, CellKey] = field(default_factory=dict)
+    loops: dict[int, tuple[float, float]] = field(default_factory=dict)
+    doing: tuple[Waits | None, Until | None] = (None, None)
+    again: int = -1
+
+    def __post_init__(self) -> None:
+        self.jumps, errors = jumps_of(self.program)
+        if errors:
+            raise ProgramError(f"program {self.program.name}, {errors[0]}")
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A reaction that waits for its signal.
+
+    Attributes:
+        program: called when it comes.
+        priority: of that call.
+        at_once: the arm is stopped first (REACTI).
+    """
+
+    program: str
+    priority: int
+    at_once: bool
+
+
+class ValTask:
+    """One program under way, with all that it calls. An expression is evaluated in it: see `Surroundings`.
+
+    Args:
+        machine: shared by all.
+        program: its name.
+        moves: it may move the arm; process control programs may not.
+        cycles: how often it is run; negative for ever.
+        step: to begin at, from 0.
+
+    Attributes:
+        frames: calls, the innermost last; empty when it is over.
+        at: program and line of the step that was begun last.
+        doing, until: what the step waits for.
+        watches: reactions by signal number, negative for one that goes off.
+        on_error: program that REACTE has named; empty for none.
+    """
+
+    def __init__(self, machine: Machine, program: str, moves: bool = True, cycles: int = 1, step: int = 0) -> None:
+        self.machine = machine
+        self.name = program
+        self.moves = moves
+        self.cycles = cycles
+        self.frames: list[CallFrame] = []
+        self.at: tuple[str, int] = (program, 0)
+        self.last: tuple[CallFrame, int] | None = None
+        self.doing: Waits | None = None
+        self.until: Until | None = None
+        self.watches: dict[int, Watch] = {}
+        self.seen: dict[int, bool] = {}
+        self.on_error = ""
+        self._calls = 0
+        self.call(program, ())
+        if not 0 <= step <= len(self.frames[0].program.lines):
+            raise ProgramError(f"program {program} has steps 1 to {len(self.frames[0].program.lines)}")
+        self.frames[0].pc = step
+
+    @property
+    def over(self) -> bool:
+        """Nothing is left to do."""
+        return not self.frames and self.doing is None
+
+    @property
+    def frame_now(self) -> CallFrame:
+        """The innermost call."""
+        return self.frames[-1]
+
+    # ------------------------------------------------------------------------------------------------------- calling
+
+    def call(self, name: str, arguments: Sequence[tree.Expression | None], priority: int | None = None) -> None:
+        """Begin a program. Raises ProgramError: there is none, too many arguments, or calls too deep."""
+        program = self.machine.programs.get(name)
+        if program is None:
+            raise ProgramError(f"there is no program {name}")
+        if len(arguments) > len(program.parameters):
+            raise ProgramError(f"program {name} has {len(program.parameters)} parameters, not {len(arguments)}")
+        if len(self.frames) >= DEEPEST_CALL:
+            raise ProgramError(f"calls are {DEEPEST_CALL} deep: program {name} calls itself without end")
+        self._calls += 1
+        bindings = {}
+        given = [*arguments, *[None] * (len(program.parameters) - len(arguments))]
+        for parameter, argument in zip(program.parameters, given, strict=True):
+            bindings[parameter] = self._bound(parameter, argument)
+        now = self.frames[-1].priority if self.frames else 0
+        self.frames.append(CallFrame(program, 0, now if priority is None else priority, bindings))
+
+    def interrupt(self, name: str, priority: int) -> None:
+        """Call a program between steps, or in the middle of one that waits."""
+        kept = self.doing, self.until
+        self.call(name, (), priority)
+        self.frames[-1].doing, self.doing, self.until = kept, None, None
+
+    def return_(self) -> None:
+        """End the innermost call."""
+        self.doing, self.until = self.frames.pop().doing
+
+    def _bound(self, parameter: str, argument: tree.Expression | None) -> CellKey:
+        """The variable that a parameter stands for: the caller's own for a name, else one that only this call has."""
+        if isinstance(argument, tree.VariableName) and (key := self.key_of(argument)) is not None:
+            return key
+        key = (f"{self.name}:{self._calls}:{parameter}", ())
+        self.machine.values.pop(key, None)
+        if argument is not None:
+            self.machine.values[key] = evaluate(argument, self.around)
+        return key
+
+    # ------------------------------------------------------------------------------------------------------ variables
+
+    @property
+    def around(self) -> Surroundings:
+        """This task, as what expressions are evaluated in."""
+        return self
+
+    @property
+    def robot(self) -> Robot:
+        """See `Surroundings`."""
+        return self.machine.robot
+
+    def key_of(self, variable: tree.VariableName) -> CellKey:
+        """The key under which a variable's value is kept; parameters lead to the caller's."""
+        return self._resolved(variable.name, indices_of(variable, self))
+
+    def _resolved(self, name: str, indices: tuple[int, ...]) -> CellKey:
+        bound = self.frames[-1].bindings.get(name) if self.frames else None
+        return (name, indices) if bound is None else (bound[0], (*bound[1], *indices))
+
+    def value(self, name: str, indices: tuple[int, ...]) -> ValValue | None:
+        """See `Surroundings`."""
+        return self.machine.values.get(self._resolved(name, indices))
+
+    def frame(self, name: str) -> Floats:
+        """See `Surroundings`."""
+        return self.machine.frame(name)
+
+    def signal_is_on(self, number: int) -> bool:
+        """See `Surroundings`."""
+        return self.machine.signal_is_on(number)
+
+    def number_function(self, name: str, arguments: Sequence[float]) -> float:
+        """See `Surroundings`."""
+        return self.machine.number_function(name, arguments)
+
+    def pose_of(self, location: Transformation | JointLocation) -> Floats:
+        """See `Surroundings`."""
+        return self.machine.pose_of(location)
+
+    def reaches(self, location: Transformation | JointLocation) -> bool:
+        """See `Surroundings`."""
+        return self.machine.reaches(location)

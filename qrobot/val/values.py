@@ -1,0 +1,73 @@
+"""Values of variables: numbers, transformations and precision points; how they are written down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.model.orientation import oat, oat_angles
+from qrobot.model.transform import transform
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
+
+TRUE: Final = -1.0
+FALSE: Final = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Transformation:
+    """A location by its pose.
+
+    Attributes:
+        T: from the frame it is given in, m. Shape (4, 4).
+    """
+
+    T: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class JointLocation:
+    """A precision point.
+
+    Attributes:
+        q: joint positions, rad or m. Shape (n,).
+    """
+
+    q: Floats
+
+
+ValValue: TypeAlias = "float | Transformation | JointLocation"
+
+
+def transformation(numbers: Sequence[float]) -> Transformation:
+    """The location of x, y, z (mm), o, a, t (degrees)."""
+    x, y, z, o, a, t = numbers
+    rotation = oat(o * RAD_PER_DEG, a * RAD_PER_DEG, t * RAD_PER_DEG)
+    return Transformation(transform(rotation, M_PER_MM * np.array([x, y, z])))
+
+
+def numbers_of(T: Floats) -> tuple[float, ...]:
+    """x, y, z (mm) and o, a, t (degrees) of a pose (4, 4)."""
+    angles = [angle * DEG_PER_RAD for angle in oat_angles(T[:3, :3])]
+    return (*(float(x) for x in T[:3, 3] * MM_PER_M), *(float(angle) for angle in angles))
+
+
+def joint_units(robot: Robot) -> Floats:
+    """The factor from degrees (mm on a sliding joint) to SI units. Shape (n,)."""
+    return np.where(robot.prismatic, M_PER_MM, RAD_PER_DEG)
+
+
+def joint_location(degrees: Sequence[float], robot: Robot) -> JointLocation:
+    """A precision point of joints in degrees (mm on a sliding joint)."""
+    return JointLocation(np.array(degrees, dtype=np.float64) * joint_units(robot))
+
+
+def stored_numbers(value: Transformation | JointLocation, robot: Robot) -> tuple[float, ...]:
+    """The numbers that a file holds of a location."""
+    if isinstance(value, JointLocation):
+        return tuple(float(x) for x in value.q / joint_units(robot))
+    return numbers_of(value.T)

@@ -1,0 +1,80 @@
+"""Frames of an arm in VAL: BASE, the last link, the flange, TOOL. BASE is where the robot stands in the world."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import MotionError
+from qrobot.model.arm import Arm
+from qrobot.model.branch import Branch
+from qrobot.model.transform import inverse, rot_z, transform
+from qrobot.val.values import JointLocation, Transformation
+
+_AXES: Final = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+
+
+class Workspace:
+    """Poses of the tool, and what the arm reaches.
+
+    Args:
+        robot: the arm.
+
+    Attributes:
+        base: pose of the robot in the world, shape (4, 4).
+        tool: pose of the tool on the flange, shape (4, 4).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.arm = Arm(robot)
+        self.base: Floats = np.eye(4)
+        self.tool: Floats = np.eye(4)
+
+    @property
+    def T_last_tool(self) -> Floats:  # noqa: N802 (name of the field)
+        """Pose of the tool in the last link's frame."""
+        return self.arm.T_last_flange @ self.tool
+
+    def tool_at(self, q: Floats) -> Floats:
+        """Pose of the tool in the world at joint positions `q` (n,). Shape (4, 4)."""
+        return self.base @ self.arm.forward(q) @ self.T_last_tool
+
+    def pose_of(self, location: Transformation | JointLocation) -> Floats:
+        """Pose of the tool in the world. Shape (4, 4)."""
+        return location.T if isinstance(location, Transformation) else self.tool_at(location.q)
+
+    def robot_pose(self, T: Floats) -> Floats:
+        """A pose in the world as one in the robot's base frame. Shape (4, 4)."""
+        return inverse(self.base) @ T
+
+    def reaches(self, location: Transformation | JointLocation) -> bool:
+        """Whether the arm gets there, in any configuration."""
+        if isinstance(location, JointLocation):
+            return self.arm.limits_passed(location.q) == ""
+        T = self.robot_pose(location.T) @ inverse(self.T_last_tool)
+        try:
+            return bool(self.arm.inverses(T, self.arm.robot.poses["park"]))
+        except MotionError:
+            return False
+
+    def branch(self, q: Floats) -> Branch:
+        """The configuration at joint positions `q` (n,); RUN for an arm that has none."""
+        try:
+            return self.arm.branch(q)
+        except MotionError:
+            return Branch.RUN
+
+    def move_base(self, dx: float, dy: float, dz: float, rotation: float) -> None:
+        """The robot stands `dx`, `dy`, `dz` (m) away, turned by `rotation` (rad) about z."""
+        self.base = transform(rot_z(rotation), np.array([dx, dy, dz]))
+
+
+def aligned(T: Floats) -> Floats:
+    """A pose (4, 4) turned so that its z axis is parallel to the nearest axis of the world, by the shortest turn."""
+    z = max(_AXES, key=lambda axis: float(axis @ T[:3, 2]))
+    y = T[:3, 1] - (T[:3, 1] @ z) * z
+    y /= np.linalg.norm(y)
+    return transform(np.column_stack((np.cross(y, z), y, z)), T[:3, 3])

@@ -1,0 +1,44 @@
+"""VAL II programs run off line: an ideal arm on virtual time, what is typed kept in a list."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from qrobot.rccl.connect import open_channel
+from qrobot.rccl.offline import OfflineLink
+from qrobot.val.interpreter import Interpreter
+from qrobot.val.rccl_arm import RcclArm
+from qrobot.val.source import read_source
+
+EXAMPLES = Path(__file__).parents[2] / "examples/val"
+
+
+class Typed(list[str]):
+    """The lines that programs typed, and the answers that they get."""
+
+    def __init__(self, *answers: str) -> None:
+        super().__init__()
+        self.answers = list(answers)
+
+    def ask(self, _text: str) -> str:
+        return self.answers.pop(0)
+
+
+@contextmanager
+def interpreter(text: str = "", *answers: str) -> Iterator[tuple[Interpreter, Typed]]:
+    """An interpreter with the programs of `text`, without their first blanks, on an ideal arm."""
+    source, errors = read_source(text)
+    assert errors == []
+    typed = Typed(*answers)
+    with open_channel(OfflineLink, "puma560") as channel:
+        run = Interpreter(RcclArm(channel), typed.append, typed.ask)
+        run.machine.monitor_speed = 100.0
+        run.machine.load(source)
+        yield run, typed
+
+
+def main_program(*lines: str, rest: str = "") -> str:
+    """A file with a program `main` of these lines."""
+    return "\n".join([".PROGRAM main", *lines, ".END", rest])

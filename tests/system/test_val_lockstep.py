@@ -1,0 +1,45 @@
+"""VAL II programs on the emulated arm, in lock-step, by `qrobot val run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from qrobot.cli.val import check, run
+from tests.support.val_runs import EXAMPLES, main_program
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("03_light_curtain", "the curtain has stopped the arm 1 time"),
+        ("04_touch_a_seam", "the table is 12.0 mm below"),
+    ],
+)
+def test_an_example_runs_on_the_emulated_arm(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(EXAMPLES / f"{name}.v2", lockstep=True, speed=100.0) == 0
+    assert said in capsys.readouterr().out
+
+
+def test_nothing_moves_when_the_file_has_a_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "wrong.v2"
+    file.write_text(main_program('TYPE "it runs"', "MOVE"))
+    assert run(file, offline=True) == 1
+    told = capsys.readouterr().out
+    assert "wrong.v2, line 3, column 1: MOVE: expected 1 arguments" in told
+    assert "it runs" not in told
+
+
+def test_the_check_tells_its_mistakes_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "wrong.v2"
+    file.write_text(main_program("CALL nobody"))
+    assert check(file, json=True) == 1
+    assert '"what": "there is no program nobody"' in capsys.readouterr().out
+
+
+def test_an_error_while_it_runs_has_its_line_and_a_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "fails.v2"
+    file.write_text(main_program("x = y"))
+    assert run(file, offline=True) == 1
+    assert "program main, line 2, column 5: the value of y is not defined" in capsys.readouterr().err

@@ -1,0 +1,64 @@
+"""`check_text`: mistakes of VAL II programs that can be seen before anything moves."""
+
+from __future__ import annotations
+
+import pytest
+
+from qrobot.config import load_robot
+from qrobot.val.check import check_text
+from tests.support.val_runs import EXAMPLES, main_program
+
+ROBOT = load_robot("puma560")
+PLACES = """
+.LOCATIONS
+near 450 0 0 90 90 0
+far 2000 0 0 90 90 0
+#bent 0 0 0 0 170 0
+.END
+"""
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.v2")), ids=lambda file: file.stem)
+def test_the_examples_have_no_mistakes(file) -> None:
+    assert check_text(file.read_text(), ROBOT) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "said"),
+    [
+        ("MOVE far", 6, "does not reach"),
+        ("MOVES SHIFT(near BY 2000)", 7, "does not reach"),
+        ("APPRO near, 3000", 7, "does not reach"),
+        ("MOVE #bent", 6, "does not reach"),
+        ("MOVE #PPOINT(0, 0, 0, 0, 170, 0)", 6, "does not reach"),
+        ("CALL nobody", 6, "there is no program nobody"),
+        ("CALL main(3)", 6, "has 0 parameters, not 1"),
+        ("REACTI 1001, nobody", 14, "there is no program nobody"),
+        ("PCEXECUTE nobody", 11, "there is no program nobody"),
+        ("SIGNAL 17", 1, "there is no signal 17"),
+        ("SIGNAL 1001", 1, "is an input"),
+        ("x = SIG(-1033)", 1, "there is no signal 1033"),
+        ("WAIT SIG(3000)", 1, "there is no signal 3000"),
+        ("GOTO 10", 6, "there is no label 10"),
+        ("WHILE x DO", 1, "expected END for this WHILE"),
+        ("MOVE near far", 11, "'far' stands there"),
+    ],
+)
+def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: str) -> None:
+    mistakes = check_text(main_program("; a comment", line, rest=PLACES), ROBOT)
+    assert [(mistake.line, mistake.column) for mistake in mistakes] == [(3, column)]
+    assert said in mistakes[0].what
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("MOVE near",),
+        ('PROMPT "n", n', "SIGNAL n"),
+        ("SET far = near", "MOVE far"),
+        ("BASE 1600", "MOVE far"),
+        ("MOVE HERE:far",),
+    ],
+)
+def test_what_only_a_run_can_tell_is_no_mistake(lines: tuple[str, ...]) -> None:
+    assert check_text(main_program(*lines, rest=PLACES), ROBOT) == []

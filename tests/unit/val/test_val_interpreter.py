@@ -1,0 +1,271 @@
+"""The interpreter of VAL II on an ideal arm: motions, flow, signals, reactions, errors and going on after them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qrobot.config import load_robot
+from qrobot.errors import ProgramError
+from qrobot.val.interpreter import RunState
+from qrobot.val.source import print_source, read_source
+from qrobot.val.values import numbers_of, transformation
+from qrobot.val.workspace import Workspace
+from tests.support.val_runs import EXAMPLES, interpreter, main_program
+
+PLACES = """
+.LOCATIONS
+a 450 150 0 90 90 0
+b 450 -150 0 90 90 0
+c 500 0 200 45 0 0
+far 2000 0 0 90 90 0
+.END
+"""
+TYPED = {
+    "01_pick_and_place": ["the part has been moved by 412 mm"],
+    "02_palletise": ["6 parts are on the pallet"],
+    "03_light_curtain": ["somebody is there", "nobody is there", "the curtain has stopped the arm 1 time"],
+    "04_touch_a_seam": ["the table is 12.0 mm below"],  # from -110 by steps of 2 to the first below -121
+    "05_machine_handshake": ["loaded"],
+    "06_process_control": ["the glue was switched on 2 times"],  # there, and on the way to READY
+    "07_pause_and_proceed": ["done"],
+    "08_sort": ["1 2 1"],
+    "09_weave": ["woven 120 mm"],
+    "10_recover": ["that place is out of reach", "the program goes on", "home"],
+}
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.v2")), ids=lambda file: file.stem)
+def test_an_example_runs_to_its_end_and_types_what_it_has_done(file) -> None:
+    with interpreter(file.read_text()) as (run, typed):
+        state = run.execute("main")
+        if file.stem.startswith("07"):
+            assert state is RunState.PAUSED
+            state = run.proceed()
+        assert state is RunState.COMPLETED
+        assert typed == TYPED[file.stem]
+
+
+def result(*lines: str, rest: str = "") -> float:
+    """The number x after these lines."""
+    with interpreter(main_program(*lines, rest=rest)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        value = run.machine.values["x", ()]
+        assert isinstance(value, float)
+        return value
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("2+3*4-6/3", 12),
+        ("-7 MOD 3", -1),
+        ("2 < 3 AND NOT 3 < 2", -1),
+        ("0 OR 0", 0),
+        ("SIN(30)+COS(60)", 1),
+        ("ATAN2(1, -1)", 135),
+        ("SQRT(SQR(3)+16)", 5),
+        ("INT(-2.7)+FRACT(2.25)", -1.75),
+        ("SIGN(-3)*ABS(-2)", -2),
+        ("DCB(BCD(1234))", 1234),
+        ("DISTANCE(TRANS(1,2,3), TRANS(4,6,3))", 5),
+        ("DZ(TRANS(,,7,0,90):TRANS(,,5))", 2),  # o = 0, a = 90: the tool's z points down
+        ("INRANGE(TRANS(450,,,90,90))", 0),
+        ("INRANGE(TRANS(3000,,,90,90))", 1),
+        ("DX(INVERSE(TRANS(5)):TRANS(5))", 0),
+        ("DY(FRAME(TRANS(), TRANS(,1), TRANS(-1), TRANS()):TRANS(3,0,0))", 3),
+        ("DX(SCALE(TRANS(4) BY 2.5))", 10),
+    ],
+)
+def test_expressions_have_the_values_of_the_manual(expression: str, value: float) -> None:
+    assert result(f"x = {expression}") == pytest.approx(value, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lines", "value"),
+    [
+        ("x = 0|FOR i = 1 TO 5 STEP 2|x = x+i|END", 9),
+        ("x = 0|FOR i = 3 TO 1|x = 1|END", 0),
+        ("x = 0|FOR j = 1 TO 2|FOR i = 1 TO 3|IF i == 2 GOTO 10|x = x+1|END|10|END", 2),
+        ("x = 0|WHILE x < 3 DO|x = x+1|END", 3),
+        ("x = 0|DO|x = x+1|UNTIL x == 4", 4),
+        ("IF 1 THEN|x = 1|ELSE|x = 2|END", 1),
+        ("IF 0 THEN|x = 1|ELSE|x = 2|END", 2),
+        ("CASE 5 OF|VALUE 1:|x = 1|VALUE 4, 5:|x = 2|ANY|x = 3|END", 2),
+        ("CASE 6 OF|VALUE 1:|x = 1|ANY|x = 3|END", 3),
+        ("x = 1|GOTO 20|x = 2|20 x = x+10", 11),
+        ("x = 1|CALL twice(x)|CALL twice(x)", 4),
+        ("x = 3|CALL twice(x+1)", 3),
+        ("a[2] = 5|CALL twice(a[2])|x = a[2]", 10),
+        ("SIGNAL 2001, 3|x = SIG(2001, 3, -4)+10*BITS(1, 4)|SIGNAL -3", 39),
+        ("TIMER 1 = 5|DELAY 1|x = INT(TIMER(1))", 6),
+        ("HALT", None),
+    ],
+)
+def test_control_flow_and_signals(lines: str, value: float | None) -> None:
+    text = ("x = 0", "HALT") if value is None else tuple(lines.split("|"))
+    assert result(*text, rest=".PROGRAM twice(n)\nn = 2*n\n.END") == (value or 0)
+
+
+@given(
+    st.tuples(*[st.floats(-900, 900)] * 3),
+    st.floats(-179, 179), st.floats(-89, 89), st.floats(-179, 179),
+)  # fmt: skip
+def test_six_numbers_of_a_location_come_back(p: tuple[float, ...], o: float, a: float, t: float) -> None:
+    assert numbers_of(transformation((*p, o, a, t)).T) == pytest.approx((*p, o, a, t), abs=1e-6)
+
+
+def test_ready_has_the_orientation_of_the_manual() -> None:
+    robot = load_robot("puma560")
+    T = Workspace(robot).tool_at(robot.poses["ready"])
+    assert np.allclose(T[:3, :3], transformation((0, 0, 0, 90, -90, 0)).T[:3, :3], atol=1e-12)
+
+
+def test_moves_end_where_they_should_with_tool_and_base() -> None:
+    program = main_program("TOOL TRANS(,,100,90,-90)", "BASE ,,300", "MOVE SHIFT(a BY ,,300)", "BREAK", rest=PLACES)
+    with interpreter(program) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED
+        T = run.machine.frame("here")
+        assert T[:3, 3] == pytest.approx([0.45, 0.15, 0.3], abs=1e-6)
+        flange = run.machine.space.arm.flange(run.machine.arm.q)
+        assert flange[:3, 3] == pytest.approx([0.45, 0.15, 0.1], abs=1e-6)  # the tool points down
+
+
+def test_motions_are_joined_and_break_parts_them() -> None:
+    times = []
+    for between in ("", "BREAK"):
+        with interpreter(main_program("MOVE a", between, "MOVE b", between, "MOVE a", rest=PLACES)) as (run, _):
+            run.execute("main")
+            times.append(run.machine.arm.time_s)
+    assert times[0] < times[1] - 0.1
+
+
+def test_monitor_speed_is_a_factor_of_every_speed() -> None:
+    times = []
+    for speed in (100.0, 25.0):
+        with interpreter(main_program("MOVE a", "BREAK", "TIMER 1 = 0", "SPEED 200 MMPS", "MOVES b", "BREAK",
+                                      "x = TIMER(1)", rest=PLACES)) as (run, _):  # fmt: skip
+            run.machine.monitor_speed = speed
+            run.execute("main")
+            times.append(run.machine.values["x", ()])
+    assert 1.5 < times[0] < 2.5
+    assert 2.9 < times[1] / times[0] < 4.2
+
+
+@pytest.mark.parametrize(
+    "words", ["RIGHTY ABOVE NOFLIP", "RIGHTY BELOW FLIP", "LEFTY BELOW NOFLIP", "LEFTY ABOVE FLIP"]
+)
+def test_a_configuration_is_taken_with_the_next_motion(words: str) -> None:
+    letters = "".join(
+        {"NOFLIP": "n", "RIGHTY": "r", "ABOVE": "u", "BELOW": "d"}.get(w, w[0].lower()) for w in words.split()
+    )
+    with interpreter(main_program(*words.split(), "MOVE c", "MOVES SHIFT(c BY 5)", rest=PLACES)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert run.machine.space.branch(run.machine.arm.q).letters == letters
+
+
+def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
+    program = main_program("MOVE a", "MOVES far", "MOVE b", "BREAK", 'TYPE "end"', rest=PLACES)
+    with interpreter(program) as (run, typed):
+        assert run.execute("main") is RunState.FAILED
+        assert run.message.startswith("program main, line 3: ")
+        assert run.machine.arm.idle
+        run.machine.values["far", ()] = run.machine.values["b", ()]
+        assert run.retry() is RunState.COMPLETED
+        assert typed == ["end"]
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
+
+
+def test_a_motion_that_is_interrupted_is_taken_up_by_proceed() -> None:
+    program = main_program("MOVE a", "BREAK", "SPEED 20", "MOVES b", "BREAK", "x = y", 'TYPE "end"', rest=PLACES)
+    with interpreter(program) as (run, typed):
+        stop_at = iter(range(60))
+        sample = run.machine.arm.sample
+
+        def interrupted() -> None:
+            sample()
+            if next(stop_at, None) == 59:
+                raise KeyboardInterrupt
+
+        run.machine.arm.sample = interrupted  # type: ignore[method-assign]
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        assert run.state is RunState.PAUSED
+        where = run.machine.frame("here")[:3, 3]
+        assert where[[0, 2]] == pytest.approx([0.45, 0.0], abs=1e-4)  # on its straight line
+        assert -0.149 < where[1] < 0.149
+        assert run.proceed() is RunState.FAILED  # y is not defined
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
+        run.machine.values["y", ()] = 1.0
+        assert run.retry() is RunState.COMPLETED
+        assert typed == ["end"]
+
+
+def test_next_does_single_steps() -> None:
+    with interpreter(main_program("x = 1", "; nothing", "x = 2", "x = 3")) as (run, _):
+        states = [run.execute("main", single=True)]
+        seen = [run.machine.values["x", ()]]
+        while states[-1] is RunState.PAUSED:
+            states.append(run.proceed(single=True))
+            seen.append(run.machine.values["x", ()])
+        assert seen[:3] == [1.0, 2.0, 3.0]
+        assert states[-1] is RunState.COMPLETED
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("x = y", "line 2, column 5: the value of y is not defined"),
+        ("x = 1/0", "line 2: / of 1, 0 is no number"),
+        ("CALL main", "calls are 100 deep"),
+        ("SIGNAL 1001", "is an input"),
+        ("SIGNAL 99", "there is no signal 99"),
+        ("FOR i = 1 TO 2 STEP 0|END", "never ends"),
+        ("TIMER 99 = 0", "timers are 0 to 15"),
+        ("MOVE x", "the value of x is not defined"),
+        ("x = 3|MOVE x", "line 3, column 6: expected a location, not a number"),
+        ("SET #p = TRANS()", "a precision point has a # in front"),
+        ("DRIVE 7, 1, 10", "joints are 1 to 6"),
+        ("SPEED 0", "SPEED: a number above 0"),
+        ("PCEXECUTE main|DELAY 1", "beside"),
+    ],
+)
+def test_a_mistake_while_it_runs_names_its_line(lines: str, said: str) -> None:
+    with interpreter(main_program(*lines.split("|"))) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        assert said in run.message
+        assert isinstance(run.error, ProgramError)
+
+
+def test_a_reaction_with_a_higher_priority_alone_interrupts() -> None:
+    lines = "LOCK 2", "REACT 2001, low, 1", "REACT 2002, high, 3", "SIGNAL 2001, 2002", "x = 1", "LOCK 0", "x = 2"
+    low, high = '.PROGRAM low\nTYPE "low", x\n.END\n', '.PROGRAM high\nTYPE "high"\n.END'
+    program = main_program(*lines, rest=low + high)
+    with interpreter(program) as (run, typed):
+        assert run.execute("main") is RunState.COMPLETED
+        assert typed == ["high", "low1"]
+
+
+def test_do_leaves_a_paused_program_where_it_is() -> None:
+    with interpreter(main_program("x = 1", "PAUSE", "x = x+1")) as (run, _):
+        run.execute("main")
+        run.do("x = 41")
+        with pytest.raises(ProgramError, match="no part of a structure"):
+            run.do("GOTO 10")
+        with pytest.raises(ProgramError, match="not defined"):
+            run.do("MOVE nowhere")
+        assert run.proceed() is RunState.COMPLETED
+        assert run.machine.values["x", ()] == 42.0
+
+
+def test_what_was_taught_is_stored_and_read_again() -> None:
+    with interpreter(main_program("HERE #p", "HERE q[1]", "x = 2.5")) as (run, _):
+        run.execute("main")
+        text = print_source(run.machine.source())
+        again, errors = read_source(text)
+        assert errors == []
+        assert again.numbers == {"x": 2.5}
+        assert again.locations["#p"] == pytest.approx([0, -45, 180, 0, 45, 0])
+        assert print_source(again) == text
