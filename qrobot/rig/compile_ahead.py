@@ -28,10 +28,14 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.inputs import read
 from qrobot.servo.stages.mode_machine import handle_requests
 from qrobot.servo.stages.torque_output import drive, write
-from qrobot.sim_board.emulator import EmulatorBundle, advance
+from qrobot.sim_board.board import accept_operations, publish_sample
+from qrobot.sim_board.injection import apply_faults
 
 # Of servo and emulated board, in the order of the lock-step loop: what `part_kernel` marks.
-PARTS: Final[tuple[Any, ...]] = read, check_inputs, handle_requests, update_reference, drive, write, advance
+PARTS: Final[tuple[Any, ...]] = (
+    read, check_inputs, handle_requests, update_reference, drive, write,
+    apply_faults, accept_operations, publish_sample,
+)  # fmt: skip
 
 
 def is_compiled() -> bool:
@@ -72,8 +76,8 @@ def argument_types(rig: LockstepRig) -> dict[str, Any]:
     """Numba's types of what the parts are handed, by the names of their arguments."""
     *blocks, emulated = rig.loop_arguments
     known = dict(zip(("params", "state", "mail", "memory"), map(_type_in_kernel, blocks), strict=True))
-    bundle = types.NamedTuple(tuple(map(_type_in_kernel, emulated)), EmulatorBundle)
-    return {**known, "bundle": bundle, "now_ns": types.int64, "sample_ns": types.int64}
+    board, shaft = _type_in_kernel(emulated.board), _type_in_kernel(emulated.shaft)
+    return {**known, "board": board, "shaft": shaft, "now_ns": types.int64, "t_ns": types.int64}
 
 
 def _type_in_kernel(value: Any) -> Any:

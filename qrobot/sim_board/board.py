@@ -63,7 +63,7 @@ from qrobot.hwif.registers import (
 )
 from qrobot.hwif.trace import trace_write
 from qrobot.realtime.atomics import load_acquire
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.sim_board.analog import Analog, convert_e, convert_f, input_volts, turn_wipers
 from qrobot.sim_board.encoder import COUNTER_MASK, Encoders, sample_encoders
 from qrobot.sim_board.fault_effects import (
@@ -240,7 +240,7 @@ def _update_power(register: Words, switch: Words, options: BoardOptions, memory:
         register[REG_BRAKED] = 1 - power
 
 
-@lean_kernel
+@part_kernel
 def accept_operations(board: BoardState, memory: BoardMemory, t_ns: int) -> None:
     """Apply what was posted for times up to board time `t_ns`, lane by lane in order; then settle power and brakes."""
     for lane in range(N_LANES):
@@ -292,7 +292,7 @@ def _status(register: Words, options: BoardOptions, memory: BoardMemory) -> int:
     return int(power | flags | register[REG_DISCRETE] & _SCRATCH | inputs | estop)
 
 
-@lean_kernel
+@part_kernel
 def publish_sample(board: BoardState, memory: BoardMemory, shaft: NDArray[np.float64], t_ns: int) -> None:
     """Sample the shafts (float64[6], counts from the encoder zero) at `t_ns` and publish the sixteen input words."""
     _count(board, shaft)

@@ -14,7 +14,7 @@ from qrobot.errors import ConfigError
 from qrobot.hwif.board_memory import PANEL_MICRO, BoardMemory
 from qrobot.hwif.registers import DISCRETE_CALIBRATED, N_ENCODERS
 from qrobot.realtime.flat_record import record_of
-from qrobot.realtime.jit import lean_kernel, part_kernel
+from qrobot.realtime.jit import lean_kernel
 from qrobot.sim_board.analog import Analog, make_analog
 from qrobot.sim_board.board import (
     REG_BRAKED,
@@ -75,7 +75,7 @@ def _come_to_rest(v: Floats) -> None:
             v[i] = 0.0
 
 
-@part_kernel
+@lean_kernel
 def advance(bundle: EmulatorBundle, memory: BoardMemory, now_ns: int, sample_ns: int) -> None:
     """One plant step: apply what was posted until `now_ns`, move the arm, publish the image of `sample_ns`."""
     board, plant = bundle.board, bundle.plant

@@ -14,7 +14,7 @@ from qrobot.errors import ConfigError
 from qrobot.hwif.board_memory import FAULT_SLOTS, PANEL_MICRO, BoardMemory, FaultSlot
 from qrobot.hwif.registers import DAC_MASK, DISCRETE_POWER, N_ENCODERS
 from qrobot.realtime.atomics import load_acquire, store_release
-from qrobot.realtime.jit import lean_kernel
+from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.sim_board import faults as kinds
 from qrobot.sim_board.board import (
     REG_ADC_CHANNEL,
@@ -217,7 +217,7 @@ def _act(board: BoardState, memory: BoardMemory, slot: FaultSlot) -> bool:
     return acts
 
 
-@lean_kernel
+@part_kernel
 def apply_faults(board: BoardState, memory: BoardMemory, now_ns: int) -> None:
     """Turn the board's knobs to what the faults active at `now_ns` call for; first of all in a step."""
     used = min(load_acquire(memory.faults, "used"), FAULT_SLOTS)
