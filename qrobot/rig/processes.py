@@ -232,7 +232,7 @@ def board_ready(arm: str) -> bool:
 
 @contextlib.contextmanager
 def _maybe_front(arm: str) -> Iterator[ServoFront | None]:
-    """What the servo and the guardian of an arm tell; None when there is no servo."""
+    """Memory of servo and guardian of an arm, while it is looked at; None when there is no servo."""
     try:
         segment = attach_servo_memory(arm)
     except QRobotError:
