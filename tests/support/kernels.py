@@ -14,6 +14,7 @@ from qrobot import rccl
 from qrobot.config import load_robot
 from qrobot.hwif.board_memory import local_board_memory
 from qrobot.rci import VirtualLink
+from qrobot.rig.compile_ahead import compile_parts
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.trial import prove_finite
@@ -44,6 +45,11 @@ def both() -> None:
     LockstepRig(load_robot(ROBOT), ServoSettings()).ticks(1)
 
 
+def ahead() -> None:
+    """The parts of cycle and board from the last one on, while another process comes to them from the first one on."""
+    compile_parts(ROBOT)
+
+
 def processes() -> None:
     """The loops of servo and guardian as processes: the first test on the wall clock would wait for them."""
     daemon.warm_up(load_robot(ROBOT), ServoSettings())
@@ -72,7 +78,7 @@ def tests() -> None:
         pytest.main(["--collect-only", "-q"])
 
 
-PARTS: Final[tuple[Callable[[], None], ...]] = servo, processes, laws, motion, board, tests, both
+PARTS: Final[tuple[Callable[[], None], ...]] = servo, ahead, processes, laws, motion, board, tests, both
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2) as pool:
