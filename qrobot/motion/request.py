@@ -41,7 +41,7 @@ def _positive(value: float, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """How far one segment goes, from via point to via point.
+    """Length of one segment, from via point to via point.
 
     Attributes:
         joints: how far each joint goes. Shape (n,).

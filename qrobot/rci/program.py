@@ -291,7 +291,7 @@ class RciProgram:
 
 
 def _has_come_up(td: TaskDescriptor) -> bool:
-    """It is ready, or why it is not has been told: a processor of its own tells that a little later."""
+    """True when it is ready, or has told why it is not: a processor of its own tells that a little later."""
     return td.state is not TaskState.ATTACHING and (td.state is not TaskState.ENDED or td.error is not None)
 
 
