@@ -21,7 +21,7 @@ from qrobot.config import load_robot
 from qrobot.motion.path.path_piece import evaluate
 from qrobot.rccl.connect import compile_joint_motion, compile_motion
 from qrobot.realtime.jit import jit_disabled
-from qrobot.rig.lockstep import LockstepRig
+from qrobot.rig.lockstep import LockstepRig, run_blocks
 from qrobot.servo.cycle import update_reference
 from qrobot.servo.protection import check_inputs
 from qrobot.servo.settings import ServoSettings
@@ -74,10 +74,12 @@ def compile_parts(robot: str) -> None:
 
 def argument_types(rig: LockstepRig) -> dict[str, Any]:
     """Numba's types of what the parts are handed, by the names of their arguments."""
-    *blocks, emulated = rig.loop_arguments
-    known = dict(zip(("params", "state", "mail", "memory"), map(_type_in_kernel, blocks), strict=True))
-    board, shaft = _type_in_kernel(emulated.board), _type_in_kernel(emulated.shaft)
-    return {**known, "board": board, "shaft": shaft, "now_ns": types.int64, "t_ns": types.int64}
+    loop: Any = run_blocks
+    by_name = dict(zip(inspect.signature(loop.py_func).parameters, rig.loop_arguments, strict=False))
+    known = {name: _type_in_kernel(by_name[name]) for name in ("params", "state", "mail")}
+    emulated = {name: _type_in_kernel(getattr(by_name["emulator"], name)) for name in ("board", "shaft")}
+    times = dict.fromkeys(("now_ns", "t_ns"), types.int64)
+    return {**known, **emulated, **times, "memory": _type_in_kernel(by_name["board"])}
 
 
 def _type_in_kernel(value: Any) -> Any:
