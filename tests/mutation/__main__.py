@@ -25,14 +25,16 @@ from _pytest.runner import runtestprotocol
 from tests.mutation.explained import EXPLAINED
 from tests.mutation.mutants import Mutant, mutants
 
-GATES: Final = ("limit_checks", "motor_fault_diagnosis", "timing_checks", "dead_encoder")
+CHECKS: Final = ("limit_checks", "motor_fault_diagnosis", "timing_checks", "dead_encoder")
+GATES: Final = (*CHECKS, "stop_categories")  # the last is tested with the limit checks
 PATIENCE_S: Final = 30  # a mutant that never ends is noticed
 SURVIVED = 255  # of a process that ends; else the place of the test that has noticed, or a signal
 
 
 def gate_modules() -> dict[str, ModuleType]:
     """The modules to be mutated, by name."""
-    return {gate: importlib.import_module(f"qrobot.servo.checks.{gate}") for gate in GATES}
+    rooms = {gate: "servo.checks" if gate in CHECKS else "servo" for gate in GATES}
+    return {gate: importlib.import_module(f"qrobot.{room}.{gate}") for gate, room in rooms.items()}
 
 
 def become(module: ModuleType, mutant: Mutant) -> None:
@@ -124,7 +126,7 @@ def main() -> int:
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         os.execve(sys.executable, [sys.executable, "-m", "tests.mutation"], os.environ | {"NUMBA_DISABLE_JIT": "1"})
     run, began = MutationRun(), time.monotonic()
-    tests = [f"tests/unit/servo/test_{gate}.py" for gate in GATES]
+    tests = [f"tests/unit/servo/test_{gate}.py" for gate in CHECKS]
     status = pytest.main(
         ["-q", "-s", "--tb=native", "-p", "no:cacheprovider", "-p", "no:logging", "--timeout=0", *tests], plugins=[run]
     )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 EXPLAINED: Final[dict[tuple[str, str], str]] = {
-    ("limit_checks", "256  ->  257"): "room for one more code that there is not",
-    ("limit_checks", "0 <= code < _CATEGORY_BY_NUMBER.size  ->  0 < code < _CATEGORY_BY_NUMBER.size"): (
+    ("stop_categories", "256  ->  257"): "room for one more code that there is not",
+    ("stop_categories", "0 <= code < _CATEGORY_BY_NUMBER.size  ->  0 < code < _CATEGORY_BY_NUMBER.size"): (
         "code 0 has category 0 in the table and outside it"
     ),
-    ("limit_checks", "0  ->  1"): "the same: code 0 has category 0 in the table and outside it",
+    ("stop_categories", "0  ->  1"): "the same: code 0 has category 0 in the table and outside it",
     (
         "limit_checks",
         "tau[j] > 0.0  ->  tau[j] >= 0.0",
