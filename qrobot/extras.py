@@ -22,6 +22,7 @@ EXTRAS: Final = {
     "can": Extra("can", "CAN"),
     "canopen": Extra("can", "CAN"),
     "lark": Extra("val", "programs in VAL II"),
+    "prompt_toolkit": Extra("val", "the monitor of VAL II"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

@@ -48,7 +48,7 @@ COMMANDS: Final = (
     Subcommand("cc", "qrobot.cli.cc:cc", EVERYDAY, "Compile a C program that moves an arm, old ones included."),
     Subcommand("replay", "qrobot.cli.replay:replay", EVERYDAY, "Send the setpoints of a file to an arm."),
     Subcommand("arcl", "qrobot.cli.arcl:app", EVERYDAY, "Look at the streams that ARCL programs leave behind."),
-    Subcommand("val", "qrobot.cli.val:app", EVERYDAY, "Check and run programs in VAL II."),
+    Subcommand("val", "qrobot.cli.val:app", EVERYDAY, "The monitor of VAL II; check and run its programs."),
     Subcommand("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
     Subcommand("jog", "qrobot.cli.jog:jog", EVERYDAY, "Move an arm as long as a key of the terminal is held."),
     Subcommand(

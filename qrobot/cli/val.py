@@ -1,4 +1,4 @@
-"""`qrobot val`: programs in VAL II, checked and run."""
+"""`qrobot val`: the monitor of VAL II; programs checked and run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
 
 HELP: Final = """
-Programs in VAL II, the language that PUMA arms came with: check a file, run it.
+VAL II, the language that PUMA arms came with: its monitor, and programs checked and run.
 """
 CycleCount = Annotated[int, Parameter(validator=Range(1))]
 MonitorSpeed = Annotated[float, Parameter(validator=Range(0.1, 100.0, "%"))]
@@ -61,6 +61,46 @@ def check(file: Path, *, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None =
     if not mistakes:
         note(f"{file.name}: no mistakes")
     return FAILURE if mistakes else SUCCESS
+
+
+@app.default
+def monitor(
+    *,
+    load: Path | None = None,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+    lockstep: bool = False,
+    offline: bool = False,
+) -> int:
+    """Command an arm by VAL II's monitor, in the terminal or from a pipe; ? lists the commands.
+
+    Commands may be abbreviated. Ctrl-C stops the arm on its path, and PROCEED goes on. Monitor speed is 50 % at first.
+
+      qrobot val --offline --load examples/val/07_pause_and_proceed.v2
+      echo "DO READY" | qrobot val --lockstep
+
+    Parameters
+    ----------
+    load
+        Programs and locations (.v2) to begin with.
+    deployment
+        Deployment file, or the name of a packaged one: tells where the bridge is.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    lockstep
+        On virtual time, without processes.
+    offline
+        On virtual time, without a servo.
+    """
+    _check_kind(lockstep, offline)
+    chosen = choose_arm(deployment, arm)
+    start = partial(_start, load, chosen.robot, _serve)
+    return _perform(chosen, start, load or Path(__file__), deployment, lockstep, offline, None, None)
+
+
+def _check_kind(lockstep: bool, offline: bool) -> None:
+    if lockstep and offline:
+        raise ConfigError("--offline knows no servo and no board: leave out --lockstep")
 
 
 @app.command
@@ -107,8 +147,7 @@ def run(
     log
         With --lockstep: log of every cycle to write.
     """
-    if lockstep and offline:
-        raise ConfigError("--offline knows no servo and no board: leave out --lockstep")
+    _check_kind(lockstep, offline)
     if log is not None and not lockstep:
         raise ConfigError("--log: only with --lockstep; a running arm has its own")
     if (status := check(file, deployment=deployment, arm=arm)) != SUCCESS:
@@ -135,17 +174,27 @@ def _perform(
     return LockstepRun(chosen, file).perform(perform, deployment, log)
 
 
-def _start(file: Path, robot: str, act: Callable[[Interpreter], int]) -> int:
+def _start(file: Path | None, robot: str, act: Callable[[Interpreter], int]) -> int:
     """Take control of the arm, load the file, and `act`."""
     from qrobot.rccl import control
     from qrobot.val.interpreter import Interpreter
     from qrobot.val.rccl_arm import RcclArm
     from qrobot.val.source import load_source
 
+    source = None if file is None else load_source(file)
     with control(robot) as channel:
         interpreter = Interpreter(RcclArm(channel), _say, _ask)
-        interpreter.machine.load(load_source(file))
+        if source is not None:
+            interpreter.machine.load(source)
         return act(interpreter)
+
+
+def _serve(interpreter: Interpreter) -> int:
+    from qrobot.val.monitor import ValMonitor
+    from qrobot.val.terminal import serve
+
+    serve(ValMonitor(interpreter), _say)
+    return SUCCESS
 
 
 def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) -> int:

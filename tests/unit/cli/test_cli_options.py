@@ -25,6 +25,7 @@ READ: Final = {"--program", "--file", "--script", "--a", "--b", "LOGS", "FILES",
     "--model",
     "--results",
     "--faults",
+    "--load",
 }
 """Paths that a command reads."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {

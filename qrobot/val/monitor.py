@@ -1,0 +1,213 @@
+"""The monitor: commands typed at the terminal, abbreviated down to uniqueness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from qrobot.errors import LinkError, ProgramError, QRobotError, ServoFault
+from qrobot.printable import printable
+from qrobot.val import tree
+from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.parser import parse_variable
+from qrobot.val.printer import print_number, print_program
+from qrobot.val.source import load_source, store_source
+from qrobot.val.values import JointLocation, numbers_of, stored_numbers
+from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
+
+HELP: Final[dict[str, str]] = {
+    "EXECUTE": "p, cycles, step    run a program",
+    "DO": "step    one step, as DO MOVE a",
+    "NEXT": "one step of the paused program",
+    "PROCEED": "go on, first with the interrupted motion",
+    "RETRY": "go on with the step that failed",
+    "ABORT": "give the program up",
+    "HERE": "a    where the arm is becomes a, or #a",
+    "POINT": "a = location    as SET",
+    "TEACH": "a    as HERE",
+    "WHERE": "where the arm is",
+    "LISTP": "p    programs",
+    "LISTL": "locations",
+    "LISTR": "numbers",
+    "DELETEP": "p    forget a program",
+    "DELETEL": "a    forget a location",
+    "DELETER": "x    forget a number",
+    "LOAD": "file    programs and locations, in place of those of the same name",
+    "STORE": "file    all there is",
+    "SPEED": "n    monitor speed, per cent",
+    "IO": "signals that are on",
+    "STATUS": "how far the program is",
+    "CALIBRATE": "whether the arm is calibrated; `qrobot calibrate` does it",
+    "QUIT": "leave the monitor",
+}
+
+
+class ValMonitor:
+    """Obeys commands.
+
+    Args:
+        interpreter: of the arm.
+
+    Attributes:
+        over: nothing more is to be obeyed.
+    """
+
+    def __init__(self, interpreter: Interpreter) -> None:
+        self.over = False
+        self._run = interpreter
+        self._machine = interpreter.machine
+        self._commands: dict[str, Callable[[str], str]] = {
+            "EXECUTE": self._execute,
+            "DO": self._do,
+            "NEXT": lambda _: self._told(self._run.proceed(single=True)),
+            "PROCEED": lambda _: self._told(self._run.proceed()),
+            "RETRY": lambda _: self._told(self._run.retry()),
+            "ABORT": self._abort,
+            "HERE": lambda rest: self._do(f"HERE {rest}"),
+            "POINT": lambda rest: self._do(f"SET {rest}"),
+            "TEACH": lambda rest: self._do(f"HERE {rest}"),
+            "WHERE": lambda _: self._where(),
+            "LISTP": self._list_programs,
+            "LISTL": lambda _: self._list_locations(),
+            "LISTR": lambda _: "\n".join(f"{k} {print_number(x)}" for k, x in self._machine.source().numbers.items()),
+            "DELETEP": self._delete_program,
+            "DELETEL": lambda rest: self._delete(rest, number=False),
+            "DELETER": lambda rest: self._delete(rest, number=True),
+            "LOAD": self._load,
+            "STORE": self._store,
+            "SPEED": self._speed,
+            "IO": lambda _: self._signals(),
+            "STATUS": lambda _: " ".join(filter(None, [self._run.state.value, self._run.message])),
+            "CALIBRATE": lambda _: (
+                "the arm is calibrated, or it could not be under control; QUIT and `qrobot calibrate` do it"
+            ),
+            "QUIT": self._quit,
+        }
+
+    @property
+    def names(self) -> list[str]:
+        """Words that may be typed: commands, programs, locations and numbers."""
+        there = self._machine.source()
+        return [*HELP, *there.programs, *there.locations, *there.numbers]
+
+    def obey(self, line: str) -> str:
+        """Do what a line says, and give the answer. A mistake is answered, and ends nothing.
+
+        Raises:
+            LinkError, ServoFault: the arm is lost.
+        """
+        word, _, rest = line.strip().partition(" ")
+        if not word or word.startswith(";"):
+            return ""
+        try:
+            return self._obey(word.upper(), rest.strip())
+        except KeyboardInterrupt:
+            return "interrupted: the arm stands; PROCEED goes on"
+        except (LinkError, ServoFault):
+            raise
+        except QRobotError as error:
+            return f"error: {error}"
+
+    def _obey(self, word: str, rest: str) -> str:
+        if word.startswith("?") or word == "HELP":
+            return "\n".join(f"{name:9} {text}" for name, text in HELP.items())
+        found = [name for name in self._commands if name.startswith(word)]
+        if word in self._commands:
+            found = [word]
+        if len(found) > 1:
+            raise ProgramError(f"{printable(word)} may be {', '.join(found)}", column=1)
+        if not found:
+            raise ProgramError(f"there is no command {printable(word)}; ? lists them, and DO does a step", column=1)
+        return self._commands[found[0]](rest)
+
+    # ------------------------------------------------------------------------------------------------------- programs
+
+    def _execute(self, rest: str) -> str:
+        name, *numbers = [part.strip() for part in rest.split(",")]
+        if not all(number.lstrip("-").isdecimal() for number in numbers) or len(numbers) > 2:
+            raise ProgramError("expected EXECUTE program, cycles, step", column=1)
+        cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
+        return self._told(self._run.execute(name.lower(), cycles, step))
+
+    def _told(self, state: RunState) -> str:
+        return f"{state.value}{': ' + self._run.message if self._run.message else ''}"
+
+    def _do(self, text: str) -> str:
+        self._run.do(text)
+        return ""
+
+    def _abort(self, _rest: str) -> str:
+        self._run.abort()
+        return "aborted"
+
+    def _quit(self, _rest: str) -> str:
+        self.over = True
+        return ""
+
+    # --------------------------------------------------------------------------------------------- places and numbers
+
+    def _where(self) -> str:
+        pose, joints = numbers_of(self._machine.frame("here")), JointLocation(self._machine.arm.q)
+        degrees = stored_numbers(joints, self._machine.robot)
+        names = "x {:.2f} y {:.2f} z {:.2f} o {:.2f} a {:.2f} t {:.2f}".format(*pose)
+        return f"{names}\njoints {' '.join(f'{angle:.2f}' for angle in degrees)}"
+
+    def _list_programs(self, rest: str) -> str:
+        if not rest:
+            return "\n".join(self._machine.programs)
+        return print_program(self._program(rest)).rstrip()
+
+    def _list_locations(self) -> str:
+        there = self._machine.source().locations
+        return "\n".join(f"{name} {' '.join(f'{number:.3f}' for number in there[name])}" for name in there)
+
+    def _program(self, name: str) -> tree.ValProgram:
+        if name.lower() not in self._machine.programs:
+            raise ProgramError(f"there is no program {printable(name)}")
+        return self._machine.programs[name.lower()]
+
+    def _delete_program(self, rest: str) -> str:
+        name = self._program(rest).name
+        if self._run.state in (RunState.PAUSED, RunState.FAILED):
+            raise ProgramError("a program is to be continued; ABORT first")
+        del self._machine.programs[name]
+        return ""
+
+    def _delete(self, rest: str, number: bool) -> str:
+        variable = parse_variable(rest)
+        key = (variable.name, tuple(int(i.value) for i in variable.indices if isinstance(i, tree.NumberLiteral)))
+        if isinstance(self._machine.values.get(key), float) != number or key not in self._machine.values:
+            raise ProgramError(f"there is no {'number' if number else 'location'} {printable(rest)}")
+        del self._machine.values[key]
+        return ""
+
+    # ------------------------------------------------------------------------------------------------ files, settings
+
+    def _load(self, rest: str) -> str:
+        source = load_source(Path(rest))
+        self._machine.load(source)
+        return f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
+
+    def _store(self, rest: str) -> str:
+        if not rest:
+            raise ProgramError("expected STORE file")
+        store_source(Path(rest), self._machine.source())
+        return ""
+
+    def _speed(self, rest: str) -> str:
+        try:
+            speed = float(rest)
+        except ValueError:
+            speed = 0.0
+        if not 0.0 < speed <= 100.0:
+            raise ProgramError("expected SPEED and a number above 0 and up to 100")
+        self._machine.monitor_speed = speed
+        return ""
+
+    def _signals(self) -> str:
+        lines = []
+        for name, numbers in (("outputs", OUTPUTS), ("inputs", INPUTS), ("internal", INTERNAL)):
+            on = [str(number) for number in numbers if self._machine.signal_is_on(number)]
+            lines.append(f"{name:9}{' '.join(on) or 'none'}")
+        return "\n".join(lines)

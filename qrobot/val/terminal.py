@@ -1,0 +1,36 @@
+"""The terminal of the monitor: line editing, history and completion by prompt_toolkit; plain lines from a pipe."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+
+from qrobot.errors import ConfigError
+from qrobot.val.monitor import ValMonitor
+
+PROMPT = "."  # VAL's own
+
+
+def serve(monitor: ValMonitor, say: Callable[[str], None]) -> None:
+    """Obey lines until QUIT or their end. Raises what `ValMonitor.obey` raises, ConfigError without prompt_toolkit."""
+    for line in _typed(monitor) if sys.stdin.isatty() else sys.stdin:
+        if answer := monitor.obey(line):
+            say(answer)
+        if monitor.over:
+            return
+
+
+def _typed(monitor: ValMonitor) -> Iterator[str]:
+    try:
+        from prompt_toolkit import PromptSession
+        from prompt_toolkit.completion import WordCompleter
+    except ModuleNotFoundError as error:
+        raise ConfigError("the monitor needs prompt_toolkit: pip install 'qrobot[val]'") from error
+    session: PromptSession[str] = PromptSession()
+    while True:
+        try:
+            yield session.prompt(PROMPT, completer=WordCompleter(monitor.names, ignore_case=True, WORD=True))
+        except KeyboardInterrupt:
+            continue
+        except EOFError:
+            return

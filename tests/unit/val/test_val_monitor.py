@@ -1,0 +1,88 @@
+"""The monitor of VAL II: abbreviations, programs run, paused and continued, places taught, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from qrobot.val.monitor import HELP, ValMonitor
+from tests.support.val_runs import EXAMPLES, interpreter, main_program
+
+
+def session(text: str, *lines: str) -> list[str]:
+    """Answers to commands."""
+    with interpreter(text) as (run, _):
+        monitor = ValMonitor(run)
+        return [monitor.obey(line) for line in lines]
+
+
+def test_commands_are_known_by_abbreviations_down_to_uniqueness() -> None:
+    text = main_program("x = 1")
+    assert session(text, "EXEC main", "ex MAIN", "LISTR") == ["completed", "completed", "x 1"]
+    assert session(text, "LIST") == ["error: column 1: LIST may be LISTP, LISTL, LISTR"]
+    assert session(text, "MOVE a")[0].startswith("error: column 1: there is no command MOVE; ? lists them, and DO")
+    assert all(name in session(text, "?")[0] for name in HELP)
+
+
+def test_a_paused_program_is_looked_at_and_continued() -> None:
+    file = (EXAMPLES / "07_pause_and_proceed.v2").read_text()
+    answers = session(file, "EX main", "STATUS", "DELETEP main", "NEXT", "LISTR", "PROCEED", "PROCEED")
+    assert answers == [
+        "paused: PAUSE in program main",
+        "paused PAUSE in program main",
+        "error: a program is to be continued; ABORT first",
+        "paused: at step 6 of program main",
+        "step 2",
+        "completed",
+        "error: there is nothing to go on with: completed",
+    ]
+
+
+def test_places_are_taught_listed_stored_and_loaded(tmp_path: Path) -> None:
+    file = tmp_path / "taught.v2"
+    commands = "DO MOVE TRANS(450,150,0,90,90)", "DO BREAK", "HERE a", "TEACH #p", "POINT b = a:TRANS(,,10)"
+    assert session("", *commands, f"STORE {file}") == [""] * 6
+    answers = session("", f"LOAD {file}", "LISTL", "DELETEL a", "DELETEL a")
+    assert answers[0] == "0 programs, 3 locations, 0 numbers"
+    assert any(line.startswith("a 450.000 150.000 ") for line in answers[1].splitlines())
+    assert answers[2:] == ["", "error: there is no location a"]
+
+
+def test_where_tells_place_and_joints_of_the_arm() -> None:
+    where = session("", "DO READY", "WHERE")[1]
+    assert "o 0.00 a -90.00 t 90.00" in where  # the same as 90, -90, 0: the angles about z add up
+    assert where.endswith("joints 0.00 -90.00 90.00 0.00 0.00 0.00")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("SPEED 0", "SPEED nan", "EX nobody", "EX main,x", "EX main,1,99", "LOAD missing.v2", "STORE", "DO GOTO 3"),
+        *(
+            "HERE 3",
+            "POINT a = 3",
+            "LISTP nobody",
+            "DELETER x",
+            "NEXT",
+            "RETRY",
+            "DO FOO",
+            "DELETEL (",
+            "HERE",
+            "POINT",
+        ),
+    ],
+)
+def test_a_mistake_is_answered_and_ends_nothing(line: str) -> None:
+    answers = session(main_program("x = 1"), line, "EX main")
+    assert answers[0].startswith("error: ")
+    assert answers[1] == "completed"
+
+
+def test_signals_and_quit() -> None:
+    answers = session("", "DO SIGNAL 3, 2001", "IO")
+    assert answers[1].splitlines() == ["outputs  3", "inputs   none", "internal 2001"]
+    with interpreter() as (run, _):
+        monitor = ValMonitor(run)
+        assert monitor.obey("QUIT") == ""
+        assert monitor.over
