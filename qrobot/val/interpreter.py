@@ -18,7 +18,7 @@ from qrobot.val.machine import Machine
 from qrobot.val.parser import parse_line
 from qrobot.val.printer import print_line
 from qrobot.val.steps import do_step
-from qrobot.val.task import ValTask, Watch
+from qrobot.val.task import ValTask, Waits, Watch
 
 STEPS_PER_SAMPLE: Final = 50  # of each program [A]; VAL II's own rate is not published
 MOST_BESIDE: Final = 6  # process control programs at a time [A]
@@ -67,7 +67,7 @@ class Interpreter:
         self.beside: list[ValTask] = []
         self._unfinished: list[Destination] = []
         self._run_signal = 0
-        self._single = False
+        self._single = self._single_begun = self._step_failed = False
 
     # ------------------------------------------------------------------------------------------------------- commands
 
@@ -96,9 +96,9 @@ class Interpreter:
         return self._run(single)
 
     def retry(self) -> RunState:
-        """Go on, with the interrupted motions, or else with the step that failed once more. Raises as `execute`."""
+        """Go on: with the interrupted motions, and with the step that failed once more. Raises as `execute`."""
         task = self._need_task()
-        if self.state is RunState.FAILED and task.last is not None and task.frames and not self._unfinished:
+        if self._step_failed and task.last is not None:
             frame, pc = task.last
             if frame in task.frames:
                 frame.pc = pc
@@ -184,7 +184,8 @@ class Interpreter:
         return self.task
 
     def _run(self, single: bool) -> RunState:
-        self.state, self.message, self.error, self._single = RunState.RUNNING, "", None, single
+        self.state, self.message, self.error = RunState.RUNNING, "", None
+        self._single, self._single_begun, self._step_failed = single, False, False
         try:
             while self.state is RunState.RUNNING:
                 self._turn()
@@ -276,8 +277,6 @@ class Interpreter:
             if self._single and task is self.task:
                 self._single_begun = True
 
-    _single_begun = False
-
     def _single_is_done(self, task: ValTask) -> bool:
         """Pause when NEXT has done its one step; lines that do nothing are none."""
         if not (self._single and self._single_begun):
@@ -308,7 +307,12 @@ class Interpreter:
         task.interrupt(watch.program, watch.priority)
         if watch.at_once and task.moves:
             self.stop_arm()
-            task.doing = iter([lambda: self.machine.arm.idle])
+            task.doing = self._stopped()
+
+    def _stopped(self) -> Waits:
+        """Wait until the arm stands; the motions that were stopped count as ended."""
+        yield lambda: self.machine.arm.idle
+        self.machine.arm.unfinished()
 
     def _blame(self, task: ValTask, error: QRobotError) -> None:
         """An error of a step: with its place; REACTE's program is called, or everything stops."""
@@ -327,9 +331,11 @@ class Interpreter:
             self.beside.remove(task)
             told = ProgramError(f"beside: {told}")
         self._fail(told)
+        self._step_failed = task is self.task
 
     def _fail(self, error: QRobotError) -> None:
         self.stop_arm()
         self._settle()
         self._unfinished = self.machine.arm.unfinished()
+        self._step_failed = False
         self.state, self.message, self.error = RunState.FAILED, str(error), error

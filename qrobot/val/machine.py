@@ -21,6 +21,7 @@ from qrobot.val.workspace import Workspace
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
 DEFAULT_HAND_TIME_S: Final = 0.5  # [A]
 MOST_TIMERS: Final = 15
+STRAIGHT_SHARE: Final = 0.9  # of the joints' limits at 100 %, for a straight line needs more where it is joined [A]
 _MULTIPLIER: Final = 6364136223846793005  # Knuth's 64-bit generator: RANDOM is the same in every run
 _INCREMENT: Final = 1442695040888963407
 _BITS: Final = 64
@@ -172,7 +173,8 @@ class Machine:
         letters = self._letters(straight)
         pose = self.pose_of(location)
         q = location.q if isinstance(location, JointLocation) else None
-        share = min(max(self.monitor_speed / 100.0 * (1.0 if in_mm_s else speed / 100.0), 1e-3), 1.0)
+        fastest = STRAIGHT_SHARE if straight else 1.0
+        share = fastest * min(max(self.monitor_speed / 100.0 * (1.0 if in_mm_s else speed / 100.0), 1e-3), 1.0)
         mm_s = speed * self.monitor_speed / 100.0 if in_mm_s else None
         robot_pose = None if q is not None and not straight else self.space.robot_pose(pose)
         destination = Destination(

@@ -203,6 +203,21 @@ def test_a_motion_that_is_interrupted_is_taken_up_by_proceed() -> None:
         assert typed == ["end"]
 
 
+def test_a_mistake_in_a_reaction_is_retried_and_the_stopped_motion_counts_as_ended() -> None:
+    lines = "REACTI 2001, r", "PCEXECUTE p", "MOVE a", "BREAK", "SPEED 20", "MOVES b", "BREAK", "y = DY(HERE)"
+    r, p = ".PROGRAM r\nx = z\n.END\n", ".PROGRAM p\nWAIT DY(HERE) < 50 AND DY(HERE) > 0 AND y\nSIGNAL 2001\n.END"
+    with interpreter(main_program(*lines, rest=r + p + PLACES)) as (run, _):
+        run.machine.values["y", ()] = 1.0
+        assert run.execute("main") is RunState.FAILED
+        assert run.message.startswith("program r, line 12, column 5: the value of z is not defined")
+        assert run.retry() is RunState.FAILED  # the same step
+        run.machine.values["z", ()] = 1.0
+        assert run.retry() is RunState.COMPLETED
+        stopped_at = run.machine.values["y", ()]
+        assert isinstance(stopped_at, float)
+        assert -20.0 < stopped_at < 50.0
+
+
 def test_next_does_single_steps() -> None:
     with interpreter(main_program("x = 1", "; nothing", "x = 2", "x = 3")) as (run, _):
         states = [run.execute("main", single=True)]
@@ -212,6 +227,9 @@ def test_next_does_single_steps() -> None:
             seen.append(run.machine.values["x", ()])
         assert seen[:3] == [1.0, 2.0, 3.0]
         assert states[-1] is RunState.COMPLETED
+        run.execute("main", single=True)  # the last step of before does not count
+        assert run.machine.values["x", ()] == 1.0
+        assert run.state is RunState.PAUSED
 
 
 @pytest.mark.parametrize(
