@@ -276,7 +276,8 @@ def _digest_of(function: Any, arguments: str) -> str:
     different processes compiled, could bear one name, and the loader would take one for the other.
     """
     path = Path(function.__code__.co_filename)
-    words = function.__module__, function.__qualname__, source_stamp(path) if path.is_file() else "", arguments
+    source = source_stamp(path) if path.is_file() else function.__code__.co_code.hex()
+    words = _written_in(function), function.__qualname__, source, arguments
     cells = dumps(tuple(cell.cell_contents for cell in function.__closure__ or ()))
     return hashlib.sha256("\n".join(words).encode() + cells).hexdigest()[:16]
 
@@ -288,7 +289,12 @@ def _told_below(function: Any) -> set[str]:
 
 def told_name(function: Any) -> str:
     """The name of a kernel for who waits for it."""
-    return f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+    return f"{_written_in(function).rpartition('.')[2]}.{function.__qualname__}"
+
+
+def _written_in(function: Any) -> str:
+    """Its Python module; empty for what was typed at a prompt."""
+    return function.__module__ or ""
 
 
 @contextmanager

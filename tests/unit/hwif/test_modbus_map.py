@@ -33,7 +33,7 @@ from qrobot.hwif.modbus.map import (
 )
 from qrobot.hwif.operations import OP_WRITE
 from qrobot.hwif.registers import DAC, REGISTERS, WINDOW_BYTES, Access
-from qrobot.servo.memory import mailbox
+from qrobot.servo.memory import servo_memory
 
 words = st.integers(0, 0xFFFF)
 operations = st.lists(
@@ -64,7 +64,7 @@ def test_an_exchange_fits_into_one_request() -> None:
 
 
 def test_the_map_has_room_for_every_joint_a_servo_can_have() -> None:
-    assert MAX_JOINTS == mailbox.MAX_JOINTS
+    assert MAX_JOINTS == servo_memory.MAX_JOINTS
     assert ROBOT_ROWS[-1].address + ROBOT_ROWS[-1].count == VECTORS + 4 * 2 * MAX_JOINTS
 
 
