@@ -19,8 +19,7 @@ from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.log.summary import tracking_summary
 from qrobot.rig.experiment import STALLS, ExperimentRun, Result, stalled_before_fault
-from qrobot.servo.memory.telemetry import FLAG_UNSEEN
-from qrobot.servo.memory.telemetry import TelemetryLayout
+from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
 from qrobot.servo.modes import Mode
 
 
