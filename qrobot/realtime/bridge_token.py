@@ -7,12 +7,13 @@ that comes through a tunnel is given it in `$QROBOT_TOKEN`. What an account cann
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import secrets
 from collections.abc import Iterator
 from typing import Final
 
-from qrobot.errors import LinkError
+from qrobot.errors import LinkBusy, LinkError
 from qrobot.realtime.loopback import is_loopback
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, serve_in_folder, tidy_folder
 
@@ -29,21 +30,24 @@ def token_name(port: int) -> str:
 
 @contextlib.contextmanager
 def offered_token(port: int) -> Iterator[bytes]:
-    """A new token, readable in the runtime folder while the block runs. Raises LinkError, see `runtime_folder`."""
+    """A new token, readable in the runtime folder while the block runs.
+
+    The file is locked as long: two bridges that start at once can both take the port until one of them listens, and
+    neither the token of the first nor the file is the other's to replace or remove.
+
+    Raises LinkBusy when a living bridge offers its token there, LinkError, see `runtime_folder`.
+    """
     token = secrets.token_hex(RANDOM_BYTES).encode()
-    fd = open_served(token_name(port), os.O_WRONLY)
+    fd = _owned_file(port)
     try:
         os.ftruncate(fd, 0)
         os.write(fd, token)
         _share(fd)
-    finally:
-        os.close(fd)
-    try:
         yield token
     finally:
-        with contextlib.suppress(OSError, LinkError), serve_in_folder() as folder:
-            os.unlink(token_name(port), dir_fd=folder.fd)
-            tidy_folder(folder.path)
+        _remove(token_name(port), fd)
+        fcntl.flock(fd, fcntl.LOCK_UN)  # also when a forked child still has the file open
+        os.close(fd)
 
 
 def token_for(host: str, port: int) -> bytes:
@@ -62,6 +66,37 @@ def token_for(host: str, port: int) -> bytes:
         return b""
     with open(fd, "rb") as file:
         return file.read(LONGEST_BYTES)
+
+
+def _owned_file(port: int) -> int:
+    """Descriptor of the token's file, locked by us and still the one of that name."""
+    while True:
+        fd = open_served(token_name(port), os.O_WRONLY)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_current(token_name(port), fd):
+                return fd
+        except BlockingIOError:
+            os.close(fd)
+            raise LinkBusy(f"another bridge runs at port {port} and offers its token: choose another port") from None
+        os.close(fd)  # the one before us removed it between our opening and our locking
+
+
+def _is_current(name: str, fd: int) -> bool:
+    try:
+        with look_into_folder() as folder:
+            found = os.stat(name, dir_fd=folder.fd, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(found, os.fstat(fd))
+
+
+def _remove(name: str, fd: int) -> None:
+    """Remove our file; one that somebody else has put in its place stays."""
+    with contextlib.suppress(OSError, LinkError), serve_in_folder() as folder:
+        if _is_current(name, fd):
+            os.unlink(name, dir_fd=folder.fd)
+        tidy_folder(folder.path)
 
 
 def _share(fd: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import socket
 import tempfile
@@ -11,12 +12,15 @@ from shutil import rmtree
 
 import pytest
 
-from qrobot.errors import LinkError
+from qrobot.errors import LinkBusy, LinkError
+from qrobot.rccl_bridge import BridgeServer, BridgeSettings
+from qrobot.rccl_bridge.server import _serve
 from qrobot.rci import TcpLink, hello_for
 from qrobot.realtime.bridge_token import offered_token, token_for, token_name
 from qrobot.realtime.loopback import is_loopback, maybe_peer_account
 from tests.support.accounts import OTHER, as_other_account, needs_root
 from tests.support.bridge import Bridge
+from tests.support.fake_port import FakePort
 
 PORT = 5600
 
@@ -46,6 +50,43 @@ def test_each_start_has_a_token_of_its_own_also_after_a_kill(folder: Path) -> No
     (folder / token_name(PORT)).chmod(0o600)
     with offered_token(PORT) as second:
         assert token_for("127.0.0.1", PORT) == second != first
+
+
+def test_a_token_of_a_living_bridge_is_neither_replaced_nor_removed(folder: Path) -> None:
+    with offered_token(PORT) as token:
+        with pytest.raises(LinkBusy, match=f"port {PORT}"), offered_token(PORT):
+            pass
+        assert token_for("127.0.0.1", PORT) == token
+    assert not list(folder.iterdir())
+
+
+def test_a_file_that_another_program_put_in_its_place_stays(folder: Path) -> None:
+    with offered_token(PORT):
+        (folder / token_name(PORT)).unlink()
+        (folder / token_name(PORT)).write_bytes(b"theirs")
+    assert (folder / token_name(PORT)).read_bytes() == b"theirs"
+
+
+def test_of_two_bridges_that_took_one_port_the_one_that_listens_keeps_its_token(folder: Path) -> None:
+    """Two sockets can be bound to one port until one of them listens."""
+
+    async def start_both() -> None:
+        first = BridgeServer(FakePort(), BridgeSettings(port=0))
+        port = first.take_address().address[1]
+        second = BridgeServer(FakePort(), BridgeSettings(port=port))
+        second.take_address()
+        ready = asyncio.Event()
+        serving = asyncio.create_task(_serve(first, lambda *_: ready.set()))
+        await ready.wait()
+        with pytest.raises(LinkBusy):
+            await _serve(second, None)
+        assert token_for("127.0.0.1", port) == first.token
+        assert second.token == b""
+        serving.cancel()
+        await asyncio.gather(serving, return_exceptions=True)
+
+    asyncio.run(start_both())
+    assert not list(folder.iterdir())
 
 
 def test_the_variable_comes_before_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
