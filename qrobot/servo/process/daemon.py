@@ -23,7 +23,7 @@ from typing import Any
 from qrobot.arrays import Floats, Words
 from qrobot.config import Robot
 from qrobot.errors import LinkError, QRobotError
-from qrobot.faultcodes import FaultCode, explain
+from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.board_memory import BoardSegment, Lane, attach_board_memory, command_board_memory, local_board_memory
 from qrobot.hwif.isa.bus import PortBus
 from qrobot.hwif.isa.card import CARD_BASE, CARD_KIND, CARD_READ_ONLY, CARD_WITHHELD, NO_CARD, REAL_CARD, make_card
@@ -54,7 +54,7 @@ from qrobot.servo.memory.servo_memory import (
 )
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.memory.telemetry import SMALLEST_RING, Rows, TelemetryLayout, fitting_capacity
-from qrobot.servo.modes import mode_name
+from qrobot.servo.modes import Mode, mode_name
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters
@@ -193,11 +193,6 @@ class ServoProcess:
         """The newest incident."""
         return read_incident(self.state.watch.incident)
 
-    @property
-    def told(self) -> tuple[int, int, int]:
-        """Mode, newest event and its joint, as last published."""
-        return int(self.state.mode), int(self.state.event), int(self.state.event_joint)
-
 
 def _complaint(code: int, step: SetupStep) -> str:
     return f"{FaultCode(code).name}: {step.detail}; {step.remedy}"
@@ -207,16 +202,24 @@ class _Herald:
     """Tells people what became of the servo since it was last looked at."""
 
     def __init__(self, process: ServoProcess) -> None:
-        self._process, self._told, self._number = process, process.told, 0
-        self._faults_told = 0
+        self._process, self._number, self._faults_told = process, 0, 0
+        self._told, self._told_tick = (int(Mode.OFF), int(FaultCode.NONE), NO_JOINT), 0
+
+    def _published(self) -> tuple[int, int, int]:
+        """Mode, newest event and its joint, of one cycle; what was told when nothing newer has been published."""
+        with contextlib.suppress(LinkError):  # the loop was interrupted while it wrote: the next look will do
+            state = self._process.mailbox.snapshot()
+            if state.tick >= self._told_tick:
+                return state.mode, state.event, state.event_joint
+        return self._told
 
     def announce(self, incident: Incident | None) -> None:
         """A line for a new incident, then for any other change of mode and any other event."""
         if incident is not None and incident.number > self._number:
             self._number = incident.number
             self._process.report(incident.line(self._process.robot.prismatic))
-            self._told = incident.mode_to, incident.code, incident.joint
-        before, self._told = self._told, self._process.told
+            self._told, self._told_tick = (incident.mode_to, incident.code, incident.joint), incident.tick
+        before, self._told = self._told, self._published()
         mode, event, joint = self._told
         if mode != before[0]:
             self._process.report(f"{mode_name(before[0])} -> {mode_name(mode)}")

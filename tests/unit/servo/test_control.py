@@ -36,7 +36,7 @@ from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import MAX_CLIENTS, ControlSocket, OperatorConnection, connect_to_servo
-from qrobot.servo.process.daemon import _run_and_watch, _served
+from qrobot.servo.process.daemon import _Herald, _run_and_watch, _served
 from qrobot.servo.settings import ServoSettings
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.servo_bench import ServoBench, moving
@@ -517,7 +517,6 @@ class Process(Bench):
     memory: SimpleNamespace = field(init=False)
     ended: bool = False
     error: BaseException | None = None
-    told: tuple[int, int, int] = (0, 0, 0)
 
     def __post_init__(self) -> None:
         self.memory = SimpleNamespace(words=self.bench.mailbox.words, front=self.bench.mail)
@@ -540,6 +539,38 @@ def test_when_the_main_thread_fails_the_loop_ends_in_good_order_first() -> None:
     with pytest.raises(OSError, match="the disk has gone"):
         _run_and_watch(process, look)  # type: ignore[arg-type]
     assert process.ended
+
+
+def test_what_people_are_told_is_of_one_whole_cycle() -> None:
+    """Mode, event and joint of a cycle that is still at work do not belong together yet."""
+    process = Process(ServoBench().hold())
+    herald = _Herald(process)  # type: ignore[arg-type]
+    herald.announce(process.incident)
+    process.said.clear()
+    state = process.bench.state
+    state.mode, state.event, state.event_joint = int(Mode.FAULT), int(FaultCode.FOLLOWING), 2
+    herald.announce(process.incident)
+    assert process.said == []
+
+
+def test_a_stop_is_told_once_also_when_it_is_seen_before_its_cycle_is_published() -> None:
+    process = Process(ServoBench().hold())
+    herald = _Herald(process)  # type: ignore[arg-type]
+    herald.announce(process.incident)
+    process.said.clear()
+    process.bench.follows = False
+    published = np.array(process.bench.mail.published)
+    while process.incident is None:
+        published = np.array(process.bench.mail.published)
+        process.bench.q[2] += 1e-3
+        process.bench.tick()
+    after, process.bench.mail.published = np.array(process.bench.mail.published), published
+    herald.announce(process.incident)
+    herald.announce(process.incident)
+    process.bench.mail.published = after
+    herald.announce(process.incident)
+    assert len(process.said) == 1
+    assert "FOLLOWING" in process.said[0]
 
 
 def test_no_change_while_the_arm_moves() -> None:
