@@ -97,14 +97,16 @@ def rci_create(name: str, proc: str | None = None, priority: int = 0) -> TaskDes
     """Create a control task, which is not active yet.
 
     Args:
-        name: of the task. That of a robot connects it: its `td.how` and `td.chg` are that robot's.
+        name: of the task. That of a robot connects it: its `td.how` and `td.chg` are that robot's. Any other name
+            makes a task without one, a misspelt one too: `td.robot` is None, and `td.chg` raises LinkError.
         proc: processor it runs on, "host" by default: the program's own; "cpu1" for a process kept on that processor,
             "aux", "aux1" and so on for one that the system places; "compiled", "compiled1" and so on for a thread that
             runs one task of compiled functions.
         priority: of tasks of one processor that are due together the highest goes first, equals in turn.
 
     Raises:
-        ConfigError: a name that is taken, a mistake in the robot's file, no such processor, or tasks have been active.
+        ConfigError: a name that is taken, too many tasks, a mistake in the robot's file, no such processor or priority,
+            or tasks have been active.
     """
     return _begun().create(name, proc, priority)
 
@@ -297,6 +299,8 @@ def rci_send(sendcode: int, data: bytes) -> int:
     Raises:
         ConfigError: no such tasks, or a message longer than a queue.
     """
+    if not isinstance(data, bytes | bytearray | memoryview | np.ndarray):
+        raise ConfigError(f"send: a message is bytes, not {data!r}")
     return _table().send(_self(), sendcode, bytes(data))
 
 

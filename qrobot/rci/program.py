@@ -108,10 +108,7 @@ class RciProgram:
     def create(self, name: str, processor: str | None, priority: int) -> TaskDescriptor:
         """A task, not active yet; see `rci_create`."""
         self._check_not_sealed(f"task {name!r}")
-        if not name or not name.isprintable() or name == self.parent.name:
-            raise ConfigError(f"{name!r} cannot name a task")
-        if any(td.name == name for td in self._tasks) or len(self._tasks) == MOST_TASKS:
-            raise ConfigError(f"task {name!r}: there is one of that name, or there are {MOST_TASKS} already")
+        self._check_task(name, processor, priority)
         known, where = self.robots.find(name), processor or HOST
         data = None if known is None else known.data()
         self._processors.add(where)
@@ -122,6 +119,19 @@ class RciProgram:
         self._robots_of[td.bit] = known
         self._processors.order(where, "add", td, link_maker(self._environment, known, data))
         return td
+
+    def _check_task(self, name: object, processor: object, priority: object) -> None:
+        """Raise ConfigError for what cannot make a task, before anything of it is kept."""
+        if not isinstance(name, str) or not name or not name.isprintable() or name == self.parent.name:
+            raise ConfigError(f"{name!r} cannot name a task")
+        if any(td.name == name for td in self._tasks):
+            raise ConfigError(f"task {name!r}: there is one of that name already; take another name")
+        if len(self._tasks) == MOST_TASKS:
+            raise ConfigError(f"task {name!r}: there are {MOST_TASKS} already, the most that a program can have")
+        if processor is not None and not isinstance(processor, str):
+            raise ConfigError(f"task {name!r}: a processor has a name, as 'host' or 'aux', not {processor!r}")
+        if not isinstance(priority, int) or isinstance(priority, bool):
+            raise ConfigError(f"task {name!r}: a priority is a whole number, not {priority!r}")
 
     def _check_not_sealed(self, what: str) -> None:
         if self._sealed:

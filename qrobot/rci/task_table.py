@@ -20,6 +20,7 @@ from qrobot.rci.mail_lane import (
     LARGEST_MESSAGE,
     NO_MESSAGE,
     oldest_stamp,
+    prepare_messages,
     put_message,
     take_message,
     words_of,
@@ -50,6 +51,7 @@ class TaskTable:
         self._by_name: dict[str, TaskDescriptor] = {}
         self._areas: dict[str, SharedArea] = {}
         self._payload: Words = np.zeros(LANE_WORDS, np.int64)
+        prepare_messages()
 
     # ----------------------------------------------------------------------------------------------------- descriptors
 
@@ -96,8 +98,10 @@ class TaskTable:
     def send(self, sender: TaskDescriptor, mask: int, data: bytes) -> int:
         """Queue a message for each task of the mask; the bytes queued, fewer than given when one has no room."""
         receivers = [td for td in self.of(mask, "send") if td is not sender]
-        if not data or len(data) > LARGEST_MESSAGE or not receivers:
-            raise ConfigError(f"send: 1 to {LARGEST_MESSAGE} bytes for at least one other task, not {len(data)}")
+        if not receivers:
+            raise ConfigError(f"send: mask {mask:#x} names no task but {sender.name}, which sends; name another")
+        if not 1 <= len(data) <= LARGEST_MESSAGE:
+            raise ConfigError(f"send: a message has 1 to {LARGEST_MESSAGE} bytes, not {len(data)}")
         words, stamp = words_of(data), self._stamp()
         return min(put_message(td.lane_from(sender.bit), stamp, len(data), words) for td in receivers)
 

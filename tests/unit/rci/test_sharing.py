@@ -7,6 +7,7 @@ import signal
 import sys
 from collections import deque
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from qrobot import rci
 from qrobot.errors import ConfigError
-from qrobot.rci import calls
+from qrobot.rci import calls, mail_lane, task_table
 from qrobot.rci.mail_lane import LANE_WORDS, LARGEST_MESSAGE
 from qrobot.rci.task_table import catches
 from tests.support.rci_tasks import pass_ticks, recorded, virtual_program
@@ -173,3 +174,46 @@ def test_a_line_on_the_console_begins_with_the_task(pair, capsys: pytest.Capture
     run_in(a, lambda _: rci.rci_print("gain", 2.5))
     rci.rci_print("done")
     assert capsys.readouterr().err == "[a] gain 2.5\n[parent] done\n"
+
+
+def test_the_kernels_of_messages_are_ready_before_a_task_is_active(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Types of all arguments that they see in a task were seen when the program began: nothing is compiled late."""
+    seen: set[tuple] = set()
+    for name in ("put_message", "oldest_stamp", "take_message", "set_word", "clear_word"):
+        for module in (mail_lane, task_table, calls):
+            if (kernel := getattr(module, name, None)) is not None:
+                monkeypatch.setattr(module, name, noting(seen, name, kernel))
+    with virtual_program():
+        td = rci.rci_create("a")
+        flag = rci.rci_shared_memory("flag", 24)
+        rci.rci_control(td, lambda _: (rci.rci_send(1, b"hello"), rci.rci_receive(), rci.rci_test_and_set(flag, 2)))
+        rci.rci_onclock(td, 1)
+        rci.rci_start(td.bit)
+        ready = set(seen)
+        assert {name for name, *_ in ready} == {"put_message", "oldest_stamp", "take_message", "set_word", "clear_word"}
+        rci.rci_send(td.bit, b"a message of three words")
+        pass_ticks(2)
+        assert rci.rci_receive() == (b"hello", td)
+        rci.rci_clear(flag, 2)
+        assert seen == ready
+
+
+def noting(seen: set[tuple], name: str, kernel):
+    def call(*arguments):
+        seen.add((name, *(numba.typeof(argument) for argument in arguments)))
+        return kernel(*arguments)
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("data", "error"), [("text", "a message is bytes, not 'text'"), (7, "is bytes, not 7"), (None, "is bytes")]
+)
+def test_a_message_that_is_no_bytes_is_refused(pair, data, error: str) -> None:
+    with pytest.raises(ConfigError, match=error):
+        rci.rci_send(pair[0].bit, data)
+
+
+def test_a_message_to_nobody_else_tells_that_its_mask_is_wrong(pair) -> None:
+    with pytest.raises(ConfigError, match="names no task but parent"):
+        rci.rci_send(1, b"hello")

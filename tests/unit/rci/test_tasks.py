@@ -10,6 +10,7 @@ from qrobot import rci
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.rci import TaskState, VirtualLink
+from qrobot.rci.descriptor import MOST_TASKS
 from tests.support.fake_robot import FakeRobot
 from tests.support.rci_tasks import Runs, no_robot, pass_ticks, recorded, virtual_program
 
@@ -243,3 +244,21 @@ def test_the_clock_has_100_ticks_a_second_unless_a_faster_one_is_chosen(rate_hz:
         rci.rci_wait(lambda: len(at) == 101)
         rci.rci_close()
     assert at[100] - at[0] == pytest.approx(ticks, abs=1)
+
+
+@pytest.mark.parametrize("wrong", [("b", "host", "x"), ("b", "host", True), ("b", 3), (3,), (None,)])
+def test_a_task_that_cannot_be_leaves_nothing_behind(wrong: tuple) -> None:
+    with virtual_program():
+        with pytest.raises(ConfigError):
+            rci.rci_create(*wrong)
+        assert rci.rci_create("b").bit == 2
+        with pytest.raises(ConfigError, match="one of that name already"):
+            rci.rci_create("b")
+
+
+def test_a_program_has_so_many_tasks_and_says_so() -> None:
+    with virtual_program():
+        for k in range(MOST_TASKS):
+            rci.rci_create(f"t{k}")
+        with pytest.raises(ConfigError, match=f"there are {MOST_TASKS} already"):
+            rci.rci_create("one more")
