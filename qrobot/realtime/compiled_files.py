@@ -19,8 +19,6 @@ from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
 DIGEST_BYTES: Final = hashlib.sha256().digest_size
-# What reading a damaged file, or one that names a class of the past, raises.
-UNREADABLE: Final = OSError, EOFError, ValueError, TypeError, KeyError, AttributeError, ImportError, pickle.PickleError
 
 
 class CompiledFiles(IndexDataCacheFile):  # type: ignore[misc]
@@ -33,30 +31,50 @@ class CompiledFiles(IndexDataCacheFile):  # type: ignore[misc]
     def __init__(self, folder: str, name: str, stamp: str) -> None:
         super().__init__(folder, f"{name}.{processor_digest()}", stamp)
 
+    def save(self, key: Any, data: Any) -> None:
+        """Keep code under its key: signature, processor and contents of the kernel."""
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        """The code under a key; None when there is none, or the file that is to hold it has another's."""
+        found, data = super().load(key) or (None, None)
+        return data if found == key else None
+
     def _load_index(self) -> dict[Any, str]:
         try:
-            return dict(super()._load_index())
-        except UNREADABLE:
+            return dict(self._read(Path(self._index_path)))
+        except OSError:
             return {}
 
-    def _save_data(self, name: str, data: Any) -> None:
-        written = self._dump(data)
-        with self._open_for_write(self._data_path(name)) as file:
-            file.write(self._digest(written) + written)
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, overloads)
 
     def _load_data(self, name: str) -> Any:
         """Raises OSError, which Numba takes for a file that is not there."""
-        read = Path(self._data_path(name)).read_bytes()
+        return self._read(Path(self._data_path(name)))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, contents: Any) -> None:
+        written = self._dump(contents)
+        with self._open_for_write(path) as file:
+            file.write(self._digest(Path(path).name, written) + written)
+
+    def _read(self, path: Path) -> Any:
+        """Contents of a file. Raises OSError when it is missing, not whole, or of another kernel or version of one."""
+        read = path.read_bytes()
         digest, written = read[:DIGEST_BYTES], read[DIGEST_BYTES:]
-        if digest != self._digest(written):
-            raise OSError(f"{name} is not whole, or of other sources")
+        if digest != self._digest(path.name, written):
+            raise OSError(f"{path} is not whole, or of another name or other sources")
         try:
             return pickle.loads(written)
-        except UNREADABLE as error:
-            raise OSError(f"{name} cannot be read: {error}") from error
+        except Exception as error:  # whole, but it names what is no more: any error is possible
+            raise OSError(f"{path} cannot be read: {error}") from error
 
-    def _digest(self, written: bytes) -> bytes:
-        return hashlib.sha256(self._source_stamp.encode() + written).digest()
+    def _digest(self, name: str, written: bytes) -> bytes:
+        about = f"{self._version} {name} {self._source_stamp} "
+        return hashlib.sha256(about.encode() + written).digest()
 
 
 @cache

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from qrobot.realtime import compiled_files
@@ -59,6 +60,17 @@ def program(tmp_path: Path) -> Program:
     return Program(tmp_path)
 
 
+class Unreadable:
+    """Contents that end in a MemoryError when they are read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return run_out_of_memory, ()
+
+
+def run_out_of_memory() -> None:
+    raise MemoryError
+
+
 def cut(whole: bytes) -> bytes:
     return whole[: len(whole) // 2]
 
@@ -70,7 +82,7 @@ def flip_a_bit(whole: bytes) -> bytes:
 
 def test_a_damaged_file_counts_as_none_and_is_made_anew(program: Program) -> None:
     program.run()
-    for ending, damage in ((".nbc", cut), (".nbc", flip_a_bit), (".nbi", cut)):
+    for ending, damage in ((".nbc", cut), (".nbc", flip_a_bit), (".nbi", cut), (".nbi", flip_a_bit)):
         (file,) = program.files(ending)
         file.write_bytes(damage(file.read_bytes()))
         assert program.run() == COMPILED
@@ -117,6 +129,59 @@ def test_code_of_other_sources_is_not_read_even_under_its_name(tmp_path: Path) -
     assert new.load("key") is None
     new.save("key", "new code")
     assert new.load("key") == "new code"
+
+
+def test_an_index_with_any_byte_changed_or_cut_off_counts_as_none(tmp_path: Path) -> None:
+    files = CompiledFiles(str(tmp_path), "kernel", "stamp")
+    files.save("key", "code")
+    path, whole = Path(files._index_path), Path(files._index_path).read_bytes()
+    chance = np.random.default_rng(1)
+    for place in range(len(whole)):
+        changed = whole[:place] + bytes([whole[place] ^ int(chance.integers(1, 256))]) + whole[place + 1 :]
+        for damaged in (changed, whole[:place]):
+            path.write_bytes(damaged)
+            assert files.load("key") is None
+    path.write_bytes(whole)
+    assert files.load("key") == "code"
+
+
+def test_what_cannot_be_read_although_it_is_whole_counts_as_none(tmp_path: Path) -> None:
+    """A class of the past may end in any error."""
+    files = CompiledFiles(str(tmp_path), "kernel", "stamp")
+    files.save("key", Unreadable())
+    assert files.load("key") is None
+
+
+def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
+    """Neither from a file that was copied, nor through an index that leads to the wrong one."""
+    files = CompiledFiles(str(tmp_path), "kernel", "stamp")
+    files.save("of int64", "code for int64")
+    files.save("of float64", "code for float64")
+    ints, reals = (Path(files._data_path(files._data_name(number))) for number in (1, 2))
+    ints.write_bytes(reals.read_bytes())
+    assert (files.load("of int64"), files.load("of float64")) == (None, "code for float64")
+    files.save("of int64", "code for int64")
+    assert files.load("of int64") == "code for int64"
+    files._save_index({"of int64": files._data_name(2)})
+    assert files.load("of int64") is None
+    Path(files._index_path).write_bytes(ints.read_bytes())
+    assert files.load("of int64") is None
+
+
+def test_code_of_another_kernel_of_the_same_sources_is_not_taken(tmp_path: Path) -> None:
+    """The key has the instructions of a kernel and not its constants: two kernels can have equal ones."""
+    one, other = (CompiledFiles(str(tmp_path), name, "stamp") for name in ("one", "other"))
+    one.save("key", "one")
+    other.save("key", "other")
+    for path in ("_index_path", "_data_name"):
+        mine, theirs = (_path_of(files, path) for files in (one, other))
+        mine.write_bytes(theirs.read_bytes())
+        assert (one.load("key"), other.load("key")) == (None, "other")
+        one.save("key", "one")
+
+
+def _path_of(files: CompiledFiles, what: str) -> Path:
+    return Path(files._index_path if what == "_index_path" else files._data_path(files._data_name(1)))
 
 
 def test_the_name_of_a_file_tells_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
