@@ -29,9 +29,9 @@ from qrobot.hwif.registers import N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
 from qrobot.realtime.shared_memory import SegmentHeader, SharedMemory
-from qrobot.realtime.structure import WORD_BYTES, dtype_of, local_record, part, record_in, word, words
+from qrobot.realtime.structure import WORD_BYTES, digest_of, dtype_of, local_record, part, record_in, word, words
 
-LAYOUT: Final = 5
+LAYOUT: Final = 5  # the one thing that programs in C compare; those in Python compare `DIGEST` too
 
 
 class Lane(IntEnum):
@@ -154,6 +154,7 @@ class BoardMemory:
 
 BOARD_MEMORY: Final = dtype_of(BoardMemory)
 N_WORDS: Final = BOARD_MEMORY.itemsize // WORD_BYTES
+DIGEST: Final = digest_of(BOARD_MEMORY)
 
 
 class BoardSegment(SharedMemory):
@@ -170,12 +171,13 @@ class BoardSegment(SharedMemory):
 
 def create_board_memory(arm: str) -> BoardSegment:
     """Own the board memory of `arm` (the board side). Raises LinkBusy when another board serves that arm."""
-    return BoardSegment.create(f"{arm}-board", LAYOUT, N_WORDS)
+    return BoardSegment.create(f"{arm}-board", LAYOUT, N_WORDS, DIGEST)
 
 
 def attach_board_memory(arm: str) -> BoardSegment:
     """Map the board memory of `arm` (a controller). Raises LinkError when no board serves it."""
-    return BoardSegment.attach(f"{arm}-board", LAYOUT, "the arm with `qrobot up`, or its board with `qrobot board`")
+    start = "the arm with `qrobot up`, or its board with `qrobot board`"
+    return BoardSegment.attach(f"{arm}-board", LAYOUT, start, DIGEST)
 
 
 def command_board_memory(arm: str) -> BoardSegment:

@@ -37,6 +37,7 @@ class SegmentHeader:
     layout: int = word()  # version of what the words mean
     owner_pid: int = word()
     generation: int = word()  # rises with every owner
+    digest: int = word()  # of the fields behind, see `structure.digest_of`; 0 when none was given
 
 
 HEADER: Final = dtype_of(SegmentHeader)
@@ -69,13 +70,14 @@ class SharedMemory:
         self.header: SegmentHeader = record_in(self.words, HEADER)
 
     @classmethod
-    def create(cls, name: str, layout: int, n_words: int) -> Self:
+    def create(cls, name: str, layout: int, n_words: int, digest: int = 0) -> Self:
         """Own segment `name`, made or taken over from a dead owner, zeroed but for the header.
 
         Args:
             name: instance name, see `segment_path`.
             layout: version of what the words mean; `attach` refuses another one.
             n_words: size in 64-bit words, header included.
+            digest: of its fields, see `structure.digest_of`; `attach` refuses another one.
 
         Raises:
             LinkBusy: a living process owns it.
@@ -86,17 +88,21 @@ class SharedMemory:
         segment = cls(path, fd, n_words, owner=True)
         header, generation = segment.header, 0
         if header.magic == MAGIC_VALUE:  # a new file is zero already
+            if (header.layout, header.digest) != (layout, digest):  # peers of that version keep the old file
+                segment.close(unlink=True)
+                return cls.create(name, layout, n_words, digest)
             generation = int(header.generation)
             segment.words[HEADER_WORDS:] = 0
-        header.layout, header.owner_pid, header.generation = layout, os.getpid(), generation + 1
+        header.layout, header.digest = layout, digest
+        header.owner_pid, header.generation = os.getpid(), generation + 1
         header.magic = MAGIC_VALUE
         return segment
 
     @classmethod
-    def attach(cls, name: str, layout: int, start: str = "the process that serves it") -> Self:
+    def attach(cls, name: str, layout: int, start: str = "the process that serves it", digest: int = 0) -> Self:
         """Map an existing segment; `start` tells what to start when there is none.
 
-        Raises LinkError when it is missing, has another layout or is another account's.
+        Raises LinkError when it is missing, has another layout or other fields, or is another account's.
         """
         path = segment_path(name)
         try:
@@ -109,11 +115,22 @@ class SharedMemory:
             os.close(fd)
             raise LinkError(f"shared memory {path.name!r} is empty: its owner is just starting or has failed")
         segment = cls(path, fd, n_words, owner=False)
-        if segment.header.magic != MAGIC_VALUE or segment.header.layout != layout:
-            found = int(segment.header.layout)
+        try:
+            segment._insist_on_layout(layout, digest)
+        except LinkError:
             segment.close()
-            raise LinkError(f"shared memory {path.name!r} has layout {found}, this version expects {layout}")
+            raise
         return segment
+
+    def _insist_on_layout(self, layout: int, digest: int) -> None:
+        found = int(self.header.layout)
+        if self.header.magic != MAGIC_VALUE or found != layout:
+            raise LinkError(f"shared memory {self.path.name!r} has layout {found}, this version expects {layout}")
+        if self.header.digest != digest:
+            raise LinkError(
+                f"shared memory {self.path.name!r} has layout {layout} with other fields than this version expects: "
+                "its owner runs other code; restart both"
+            )
 
     def claim(self) -> None:
         """Be the one that commands the owner, as long as this segment is open. Raises LinkBusy when another one is.

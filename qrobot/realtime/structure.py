@@ -13,6 +13,8 @@ of the type, so nobody counts words. The base of a mapping is a page's, so lines
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -108,6 +110,12 @@ def offset_of(dtype: np.dtype[Any], path: str) -> int:
     return offset
 
 
+def digest_of(dtype: np.dtype[Any]) -> int:
+    """A number of 64 bits for names, places and formats of all fields: what is laid out otherwise has another."""
+    text = "\n".join(_described(dtype))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:WORD_BYTES], "little", signed=True)
+
+
 def record_in(memory: Words, dtype: np.dtype[Any], start: int = 0) -> Any:
     """The words of a memory from `start` on as a record; both are the same memory."""
     size = dtype.itemsize // WORD_BYTES
@@ -134,3 +142,11 @@ def _shape(length: ArrayLength | None, sizes: dict[str, int]) -> tuple[int, ...]
         return ()
     steps = length if isinstance(length, tuple) else (length,)
     return tuple(sizes[step] if isinstance(step, str) else step for step in steps)
+
+
+def _described(dtype: np.dtype[Any], path: str = "") -> Iterator[str]:
+    """A line for each field and for each field of its parts."""
+    fields: Any = dtype.fields or {}
+    for name, (field, offset, *_) in fields.items():
+        yield f"{path}{name} at {offset}: {field.base.str} {field.shape}"
+        yield from _described(field.base, f"{path}{name}.")

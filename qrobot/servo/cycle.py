@@ -44,7 +44,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
 
     Args:
         params: numbers of robot and servo. state: everything remembered; `state.image` holds the newest image of the
-            board, `state.image_ok` whether it was whole. mail: servo memory, see `servo.memory.mailbox`.
+            board, `state.image_ok` whether it was whole. mail: servo memory, see `ServoMemory`.
         now_ns: planned time of this cycle. late_ns: how much later it really runs.
 
     Returns:

@@ -31,7 +31,6 @@ START_POSE: Final = int(FaultCode.START_POSE)
 VELOCITY_CATEGORY_0: Final = 1.5
 
 
-# Reaction to each code (IEC 60204-1). Feedback and DAC trusted: stop on the path. Otherwise: cut the power.
 @lean_kernel
 def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
     """(code, joint): measured speed within `factor` times the limit; RUNAWAY beyond 1.5 times. Shapes (n,).

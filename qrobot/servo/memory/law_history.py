@@ -63,7 +63,7 @@ def journal_words(n: int) -> int:
 
 def write_entry(words: Words, base: int, entry: LawInForce) -> None:
     """Servo's main thread: add an entry to the journal at `base`."""
-    record = np.zeros(1, dtype=_dtype(len(entry.kp)))
+    record = np.zeros(1, dtype=entry_dtype(len(entry.kp)))
     record["t_ns"], record["tick"] = entry.t_ns, entry.tick
     record["law"], record["settings"] = entry.law.encode(), entry.settings.encode()
     record["signals"] = entry.signals.encode()
@@ -76,7 +76,7 @@ class JournalReader:
     """Follows the journal at `base` of the servo memory of `n` joints; each reader keeps its own place."""
 
     def __init__(self, words: Words, base: int, n: int) -> None:
-        self._words, self._base, self._dtype = words, base, _dtype(n)
+        self._words, self._base, self._dtype = words, base, entry_dtype(n)
         self._rows = np.zeros((ENTRIES, entry_words(n)), dtype=np.int64)
         self._next = int(oldest_row(int(head_row(words, base)), ENTRIES))
 
@@ -90,7 +90,8 @@ class JournalReader:
             yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia), signals)
 
 
-def _dtype(n: int) -> np.dtype[Any]:
+def entry_dtype(n: int) -> np.dtype[Any]:
+    """NumPy record of one entry of a servo of `n` joints."""
     gains = [(name, "<f8", (n,)) for name in ("kp", "kv", "inertia")]
     texts = [("law", f"S{LAW_BYTES}"), ("settings", f"S{SETTINGS_BYTES}"), ("signals", f"S{SIGNALS_BYTES}")]
     return np.dtype([("t_ns", "<i8"), ("tick", "<i8"), *texts, *gains])

@@ -25,10 +25,21 @@ from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError, LinkError
 from qrobot.printable import printable
 from qrobot.realtime.shared_memory import MAGIC_VALUE, SegmentHeader, SharedMemory
-from qrobot.realtime.structure import WORD_BYTES, dtype_of, floats, offset_of, part, record_in, text, word, words
+from qrobot.realtime.structure import (
+    WORD_BYTES,
+    digest_of,
+    dtype_of,
+    floats,
+    offset_of,
+    part,
+    record_in,
+    text,
+    word,
+    words,
+)
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from qrobot.servo.kernels.velocity import ESTIMATORS
-from qrobot.servo.memory.law_history import LAW_BYTES, journal_words
+from qrobot.servo.memory.law_history import LAW_BYTES, entry_dtype, journal_words
 from qrobot.servo.memory.published_state import PublishedBlock
 from qrobot.servo.memory.setpoint_queue import QueueBlock
 from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
@@ -138,6 +149,13 @@ def servo_dtype(n: int) -> np.dtype[Any]:
     return dtype_of(ServoMemory, n=n, journal_words=journal_words(n))
 
 
+@cache
+def memory_digest() -> int:
+    """Digest of all fields: of the memory, of a row of telemetry and of an entry of the journal, of two joints each."""
+    parts = {"memory": servo_dtype(2), "row": TelemetryLayout(2).dtype, "entry": entry_dtype(2)}
+    return digest_of(np.dtype(list(parts.items())))
+
+
 def journal_base(n: int) -> int:
     """Word at which the journal of laws stands."""
     return offset_of(servo_dtype(n), "journal") // WORD_BYTES
@@ -243,14 +261,15 @@ def create_servo_memory(
     arm: str, robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int
 ) -> ServoSegment:
     """Own the servo memory of `arm`. Raises LinkBusy when another servo runs that arm."""
-    segment = ServoSegment.create(f"{arm}-servo", LAYOUT, memory_words(n, telemetry_capacity))
+    segment = ServoSegment.create(f"{arm}-servo", LAYOUT, memory_words(n, telemetry_capacity), memory_digest())
     describe_servo(segment.words, robot_name, law, n, period_ns, telemetry_capacity)
     return segment
 
 
 def attach_servo_memory(arm: str) -> ServoSegment:
     """Map the servo memory of `arm`. Raises LinkError when no servo serves it."""
-    return ServoSegment.attach(f"{arm}-servo", LAYOUT, "the arm with `qrobot up`, or its servo with `qrobot servo`")
+    start = "the arm with `qrobot up`, or its servo with `qrobot servo`"
+    return ServoSegment.attach(f"{arm}-servo", LAYOUT, start, memory_digest())
 
 
 def local_servo_memory(robot_name: str, law: str, n: int, period_ns: int, telemetry_capacity: int) -> Words:

@@ -133,6 +133,22 @@ def test_an_orderly_end_removes_the_file_and_a_peer_notices(name: str) -> None:
     peer.close()
 
 
+def test_a_peer_with_other_fields_under_the_same_layout_is_refused(name: str) -> None:
+    with SharedMemory.create(name, 1, 64, digest=7), SharedMemory.attach(name, 1, digest=7):
+        for digest in (0, 8):
+            with pytest.raises(LinkError, match="layout 1 with other fields"):
+                SharedMemory.attach(name, 1, digest=digest)
+
+
+def test_a_successor_with_other_fields_leaves_its_file_to_the_peers_of_a_dead_owner(name: str) -> None:
+    kill(start_owner(name))
+    peer = SharedMemory.attach(name, 1)
+    with SharedMemory.create(name, 1, 64, digest=7) as successor:
+        successor.words[HEADER_WORDS] = 1
+        assert (peer.words[HEADER_WORDS], peer.is_current, successor.header.generation) == (42, False, 1)
+    peer.close()
+
+
 def test_a_peer_of_another_layout_or_without_an_owner_is_refused(name: str) -> None:
     with pytest.raises(LinkError, match="start the process that serves it"):
         SharedMemory.attach(name, 1)

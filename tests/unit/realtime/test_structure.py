@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qrobot.hwif.board_memory import BOARD_MEMORY, BoardMemory
+from qrobot.hwif.board_memory import BOARD_MEMORY, LAYOUT, BoardMemory
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.flat_record import copy_fields, words_of
 from qrobot.realtime.jit import lean_kernel
@@ -14,6 +14,7 @@ from qrobot.realtime.structure import (
     WORD_BYTES,
     StructureField,
     columns_of,
+    digest_of,
     dtype_of,
     floats,
     local_record,
@@ -25,6 +26,7 @@ from qrobot.realtime.structure import (
     word,
     words,
 )
+from qrobot.servo.memory.servo_memory import ServoMemory, servo_dtype
 
 
 class Pair:
@@ -75,10 +77,49 @@ def test_fields_follow_each_other_in_their_order_and_without_gaps_but_for_lines(
     assert offset_of(DTYPE, "ring[2].second") == 72 + 2 * 16 + 8
 
 
-def test_every_field_of_the_board_memory_that_is_to_begin_a_line_does() -> None:
-    paths = lines_of(BoardMemory, BOARD_MEMORY)
-    assert {"lanes[2].tail", "lanes[1].ring", "shown.image", "facts"} <= set(paths)
-    assert not [path for path in paths if offset_of(BOARD_MEMORY, path) % LINE_BYTES]
+@pytest.mark.parametrize(
+    ("kind", "dtype", "some"),
+    [
+        (BoardMemory, BOARD_MEMORY, {"lanes[2].tail", "lanes[1].ring", "shown.image", "facts"}),
+        (ServoMemory, servo_dtype(6), {"guardian", "command", "published.state", "queue.tail", "journal"}),
+        (ServoMemory, servo_dtype(1), {"heartbeat", "results"}),
+    ],
+)
+def test_every_field_that_is_to_begin_a_line_does(kind: type, dtype: np.dtype[np.void], some: set[str]) -> None:
+    paths = lines_of(kind, dtype)
+    assert some <= set(paths)
+    assert not [path for path in paths if offset_of(dtype, path) % LINE_BYTES]
+
+
+def test_blocks_of_the_servo_memory_with_different_writers_never_share_a_line() -> None:
+    dtype = servo_dtype(6)
+    lines = [offset_of(dtype, name) // LINE_BYTES for name in dtype.names or ()]
+    assert len(set(lines)) == len(lines) == 10
+
+
+def test_the_digest_of_a_type_tells_fields_that_change_places() -> None:
+    class Swapped:
+        second: int = word()
+        first: int = word()
+
+    class Real:
+        first: float = floats(1)
+        second: int = word()
+
+    class Outer:
+        inner = part(Pair)
+
+    class OuterOfSwapped:
+        inner = part(Swapped)
+
+    kinds = (Pair, Swapped, Real, Outer, OuterOfSwapped)
+    assert len({digest_of(dtype_of(kind)) for kind in kinds}) == len(kinds)
+    assert digest_of(dtype_of(Pair)) == digest_of(np.dtype([("first", "<i8"), ("second", "<i8")]))
+
+
+def test_a_change_of_the_board_memory_raises_its_layout() -> None:
+    """Programs in C compare that number alone: raise `LAYOUT` and `TRC004_LAYOUT` with each change of the fields."""
+    assert (LAYOUT, digest_of(BOARD_MEMORY)) == (5, 5280987312170791815)
 
 
 def test_producer_and_consumer_of_a_lane_and_two_writers_never_share_a_line() -> None:
