@@ -15,11 +15,11 @@ from benchmarks.rows import Goal, Row, row
 from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
 from qrobot.errors import QRobotError
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.lockstep import LockstepRig, run_ticks
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, frame_dtype, push_frame
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.plant import Physics

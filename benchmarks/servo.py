@@ -12,11 +12,11 @@ from qrobot.config import load_robot
 from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS
 from qrobot.hwif.lanes import discard_operations, take_operation
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, make_frame, push_frame
 from qrobot.servo.memory.telemetry import append_telemetry
-from qrobot.servo.modes import Mode
 from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
 

@@ -25,11 +25,11 @@ from qrobot.faultcodes import FaultCode
 from qrobot.log.header import LOCKSTEP, header_for
 from qrobot.log.mcap_scan import scan_file
 from qrobot.log.writer import LogWriter
+from qrobot.modecodes import Mode
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.plant import Physics

@@ -24,6 +24,7 @@ from qrobot.config.deployment import load_deployment
 from qrobot.errors import QRobotError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import attach_board_memory
+from qrobot.modecodes import Mode
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
@@ -32,7 +33,6 @@ from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
-from qrobot.servo.modes import Mode
 from qrobot.units import NS_PER_S
 
 SHORTEST_S, LONGEST_S = 0.005, 0.5

@@ -9,6 +9,7 @@ from textwrap import fill
 from typing import Final
 
 from qrobot.faultcodes import EXPLANATION, NO_JOINT
+from qrobot.modecodes import Mode
 from qrobot.wire import layout, vocabulary
 from qrobot.wire.document import state_members, state_reads
 from qrobot.wire.layout import CRC_BYTES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
@@ -18,7 +19,7 @@ _ENUMERATIONS: Final = {
     "ROLE": vocabulary.ClientRole,
     "JOINT": vocabulary.JointMode,
     "HAND": vocabulary.Hand,
-    "MODE": vocabulary.RobotMode,
+    "MODE": Mode,
     "FLAG": vocabulary.RobotFlag,
     "REQUEST": vocabulary.Request,
     "ERROR": vocabulary.ErrorCode,

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import transmission_params
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 
 STUCK_COUNTS: Final = 200  # that a motor was to turn while its counter did not: no friction holds an arm so far off
 STUCK_BAND: Final = 2  # counts between which a counter may toggle and still stand

@@ -23,8 +23,8 @@ from qrobot.ident.observe import RESOLUTION, slowest_rates
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import Regressor
 from qrobot.ident.window import window_weights
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 
 WINDOW_S: Final = 0.1  # a sixteenth of the fastest swing of a plan; encoder steps leave 0.01 rad/s2
 SHORTEST_S: Final = 0.9 * RUN_S  # from rest to rest: shorter motions are ways between

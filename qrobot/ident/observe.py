@@ -21,9 +21,9 @@ from qrobot.ident.base import BaseParameters
 from qrobot.ident.recording import limited
 from qrobot.ident.regressor import OF_GRAVITY, Regressor
 from qrobot.ident.window import Weights, subsample, window_weights
+from qrobot.modecodes import Mode
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 
 CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction

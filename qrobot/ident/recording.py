@@ -15,8 +15,8 @@ from qrobot.config import Robot
 from qrobot.errors import IdentificationError
 from qrobot.hwif.registers import DAC_ZERO
 from qrobot.ident.counters import counter_faults
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import VECTORS, Rows
-from qrobot.servo.modes import Mode
 
 SATURATED_SHARE: Final = 0.02  # of the time under way
 DAC_MARGIN: Final = 2  # counts within which a DAC word is at its end

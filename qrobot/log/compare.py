@@ -22,7 +22,7 @@ from qrobot.log.events import GAINS
 from qrobot.log.header import LogHeader
 from qrobot.log.read import Log
 from qrobot.log.summary import TrackingSummary, plain_numbers, tracking_summary
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 
 MAX_SHIFT_S: Final = 0.25  # two and a half frames of the longest sample period
 SHIFT_STEPS_S: Final = (0.005, 0.0005, 0.00005)  # each search refines the one before

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.log.read import Log
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 
 MOVING: Final = 1e-3  # rad/s or m/s of a desired velocity that is motion [A]
 BESIDE_S: Final = 1.0  # shown before the first motion and after the last

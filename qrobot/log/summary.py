@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from qrobot.config.scene import FORCE_AXES
 from qrobot.log.read import Log
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from qrobot.units import NS_PER_S
 
 

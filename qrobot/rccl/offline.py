@@ -21,7 +21,7 @@ from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynami
 from qrobot.motion.force.external_torque import DriveFriction
 from qrobot.motion.path.setpoint_history import DEPTH, motion_of
 from qrobot.units import NS_PER_US
-from qrobot.wire import ClientRole, Command, Hello, JointMode, RobotFlag, RobotMode, RobotState, State, Welcome
+from qrobot.wire import ClientRole, Command, Hello, JointMode, Mode, RobotFlag, RobotState, State, Welcome
 from qrobot.wire.packets import UNKNOWN_FORCE
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
@@ -76,7 +76,7 @@ class OfflineLink:
         still = (0.0,) * self._robot.n
         place = tuple(map(float, q))
         waits = RobotState(
-            t_ns=0, mode=RobotMode.OFF, q=place, v=still, tau=still, q_setpoint=place, flags=_READY, force=UNKNOWN_FORCE
+            t_ns=0, mode=Mode.OFF, q=place, v=still, tau=still, q_setpoint=place, flags=_READY, force=UNKNOWN_FORCE
         )
         self._state = State(0, waits, you_command=True)
         self._torques = _Torques(self._robot, self._period_us * 1e-6)
@@ -100,7 +100,7 @@ class OfflineLink:
         mode, q = before.robot.mode, before.robot.q
         if command is not None:
             mode = _next_mode(mode, command)
-            q = command.setpoints if mode == RobotMode.TRACKING else q
+            q = command.setpoints if mode == Mode.TRACKING else q
         seq = before.seq + 1
         v, tau = self._torques.at(seq, np.array(q))
         robot = replace(
@@ -124,7 +124,7 @@ def _next_mode(mode: int, command: Command) -> int:
     if JointMode.TORQUE in command.modes:
         raise MotionError("off line nothing gives way: there is nothing around the arm; try `qrobot run --lockstep`")
     if not command.power:
-        return RobotMode.OFF
-    if mode == RobotMode.OFF or command.stop:
-        return RobotMode.HOLDING
-    return RobotMode.TRACKING if JointMode.POSITION in command.modes else mode
+        return Mode.OFF
+    if mode == Mode.OFF or command.stop:
+        return Mode.HOLDING
+    return Mode.TRACKING if JointMode.POSITION in command.modes else mode

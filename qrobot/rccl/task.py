@@ -41,7 +41,7 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
-from qrobot.wire import Command, RobotMode, RobotState, State
+from qrobot.wire import Command, Mode, RobotState, State
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
 START_S: Final = 0.5  # for the servo to follow a stream that began
@@ -227,14 +227,14 @@ class TrajectoryTask:
             self.phase = TaskPhase.STARTING
 
     def _start(self, robot: RobotState) -> None:
-        if robot.mode == RobotMode.TRACKING:
+        if robot.mode == Mode.TRACKING:
             self.phase = TaskPhase.TRACKING
-        elif robot.mode != RobotMode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
+        elif robot.mode != Mode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
             raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
         self._generate()
 
     def _track(self, robot: RobotState) -> None:
-        if robot.mode != RobotMode.TRACKING:
+        if robot.mode != Mode.TRACKING:
             raise servo_fault(robot, f"the servo stopped the arm{self.timing.complaint()}", self._heard)
         self._generate()
         if self.each_sample is not None:

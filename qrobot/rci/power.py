@@ -10,7 +10,7 @@ import numpy as np
 from qrobot.errors import MotionError, ServoFault
 from qrobot.faultcodes import NO_JOINT, explain
 from qrobot.rci.blackboard import Chg
-from qrobot.wire import RobotMode, RobotState
+from qrobot.wire import Mode, RobotState
 
 PATIENCE_S: Final = 6.0  # twice what the servo itself waits for power
 REACTION_S: Final = 0.15  # for the servo to answer a request
@@ -28,7 +28,7 @@ def servo_fault(robot: RobotState, what: str, trace: Sequence[RobotState] = ()) 
 def mode_name(mode: int) -> str:
     """Name of a mode, also of one this version does not know."""
     try:
-        return RobotMode(mode).name
+        return Mode(mode).name
     except ValueError:
         return f"number {mode}"
 
@@ -60,15 +60,15 @@ class PowerUp:
         if self._elapsed_s > PATIENCE_S:
             raise servo_fault(robot, f"the arm did not come to hold within {PATIENCE_S:g} s")
         match robot.mode:
-            case RobotMode.FAULT:
+            case Mode.FAULT:
                 self._leave_fault(robot, chg)
-            case RobotMode.OFF:
+            case Mode.OFF:
                 self._ask(robot, chg)
-            case RobotMode.UNCALIBRATED:
+            case Mode.UNCALIBRATED:
                 raise MotionError("the arm has power but is not calibrated: its joint angles are unknown")
             case _:  # powering, or coming to rest after somebody else's program
                 chg.power = True
-        return robot.mode == RobotMode.HOLDING
+        return robot.mode == Mode.HOLDING
 
     def _ask(self, robot: RobotState, chg: Chg) -> None:
         if not chg.power:
@@ -106,9 +106,9 @@ class PowerDown:
         """Say the next request in `chg`; True when there is nothing left to wait for."""
         self._elapsed_s += self._period_s
         arrived = not any(chg.modes) or np.allclose(robot.q_setpoint, chg.setpoints, rtol=0.0, atol=ARRIVED)
-        if not self._stopped and (arrived or robot.mode != RobotMode.TRACKING):
+        if not self._stopped and (arrived or robot.mode != Mode.TRACKING):
             chg.hold()
             chg.stop = self._stopped = True
         chg.power = chg.power and not (self._stopped and self._power_off)
-        final = RobotMode.OFF if self._power_off else RobotMode.HOLDING
-        return robot.mode in (final, RobotMode.FAULT, RobotMode.OFF) or self._elapsed_s > PATIENCE_S
+        final = Mode.OFF if self._power_off else Mode.HOLDING
+        return robot.mode in (final, Mode.FAULT, Mode.OFF) or self._elapsed_s > PATIENCE_S

@@ -25,7 +25,7 @@ from qrobot.rci.blackboard import Chg
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
-from qrobot.wire import Command, JointMode, RobotMode, RobotState, State
+from qrobot.wire import Command, JointMode, Mode, RobotState, State
 from qrobot.wire.vocabulary import Hand
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
@@ -116,13 +116,13 @@ class RobotCycle:
 
     def _start(self, robot: RobotState) -> None:
         self._waited_s += self._period_s
-        if robot.mode == RobotMode.TRACKING:
+        if robot.mode == Mode.TRACKING:
             self.phase = CyclePhase.FOLLOWING
-        elif robot.mode != RobotMode.HOLDING or self._waited_s > START_S:
+        elif robot.mode != Mode.HOLDING or self._waited_s > START_S:
             raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
 
     def _follow(self, robot: RobotState, chg: Chg, control: Callable[[], object] | None) -> None:
-        if robot.mode != RobotMode.TRACKING:
+        if robot.mode != Mode.TRACKING:
             raise servo_fault(robot, "the servo stopped the arm", self._heard)
         if control is not None:
             self._control(chg, control)

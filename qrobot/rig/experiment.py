@@ -28,6 +28,7 @@ from qrobot.log.header import LOCKSTEP, REALTIME, header_for
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import write_log
 from qrobot.log.summary import TrackingSummary, tracking_summary
+from qrobot.modecodes import Mode
 from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.lockstep import LockstepRig, link_factory
@@ -35,7 +36,6 @@ from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR
 from qrobot.servo.laws import DEFAULT_LAW, law_label
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

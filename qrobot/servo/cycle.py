@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.procedure import IDLE, calibrate, leave_calibration
 from qrobot.servo.checks.fault_monitors import watch_timing
@@ -18,7 +19,7 @@ from qrobot.servo.event import report_fault
 from qrobot.servo.hold import hold_position
 from qrobot.servo.kernels.interpolator import reference, shift_extrapolated, stop_profile
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.protection import check_inputs, check_reference
 from qrobot.servo.stages.binary_outputs import settle_outputs

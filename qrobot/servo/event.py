@@ -14,8 +14,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.modes import Mode
 from qrobot.servo.stop_categories import category_of
 
 FAULT: Final = int(Mode.FAULT)

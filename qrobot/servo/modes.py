@@ -15,20 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
-
-
-class Mode(IntEnum):
-    """Modes in which the servo keeps the arm. The numbers stand in logs and on the wire."""
-
-    OFF = 0
-    POWERING = 1
-    UNCALIBRATED = 2
-    CALIBRATING = 3
-    HOLDING = 4
-    TRACKING = 5
-    STOPPING = 6
-    FAULT = 7
 
 
 class StopCategory(IntEnum):

@@ -9,10 +9,10 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.modecodes import Mode
 from qrobot.rig.fallen_arm import control_at_rest
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US

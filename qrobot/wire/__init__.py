@@ -5,6 +5,7 @@ into the other, `states` tells which packet may follow which, and `connection` i
 docs/reference/wire-protocol.md is the page for those who write the other end in another language.
 """
 
+from qrobot.modecodes import Mode
 from qrobot.wire.connection import Connection, InvalidSetpoint, WireEvent
 from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
 from qrobot.wire.states import Conversation, Side
@@ -18,7 +19,6 @@ from qrobot.wire.vocabulary import (
     ErrorCode,
     JointMode,
     RobotFlag,
-    RobotMode,
 )
 
 __all__ = [
@@ -36,9 +36,9 @@ __all__ = [
     "Hello",
     "InvalidSetpoint",
     "JointMode",
+    "Mode",
     "Packet",
     "RobotFlag",
-    "RobotMode",
     "RobotState",
     "Side",
     "State",

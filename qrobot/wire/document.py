@@ -12,12 +12,13 @@ from functools import partial
 from typing import Final
 
 from qrobot.faultcodes import EXPLANATION
+from qrobot.modecodes import Mode
 from qrobot.wire import layout
 from qrobot.wire.codec import encode
 from qrobot.wire.layout import C_TYPES, HEADER_BYTES, HEADER_FIELDS, LAYOUTS, Field, Layout
 from qrobot.wire.packets import Command
 from qrobot.wire.states import mermaid
-from qrobot.wire.vocabulary import ERROR_MEANING, JointMode, RobotFlag, RobotMode
+from qrobot.wire.vocabulary import ERROR_MEANING, JointMode, RobotFlag
 
 EXAMPLE: Final = Command(
     seq=258, modes=(JointMode.POSITION, JointMode.HOLD), setpoints=(0.5, 0.0), power=True, stream=1, ack=258, t_ns=1_000
@@ -84,7 +85,7 @@ def error_table() -> str:
     return "\n".join(rows)
 
 
-def number_table(numbers: type[RobotMode | RobotFlag]) -> str:
+def number_table(numbers: type[Mode | RobotFlag]) -> str:
     """Names and numbers of an enumeration."""
     rows = ["| number | name |", "| --- | --- |"]
     return "\n".join(rows + [f"| {each.value} | {each.name} |" for each in numbers])
@@ -174,7 +175,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "states": lambda: f"```mermaid\n{mermaid()}```",
     "errors": error_table,
     "faults": fault_table,
-    "modes": partial(number_table, RobotMode),
+    "modes": partial(number_table, Mode),
     "flags": partial(number_table, RobotFlag),
     "structs": c_structs,
     "dump": hex_dump,

@@ -39,19 +39,6 @@ class Hand(IntEnum):
     CLOSED = 2
 
 
-class RobotMode(IntEnum):
-    """Modes in which the servo keeps the arm; the numbers of the servo's mode table."""
-
-    OFF = 0
-    POWERING = 1
-    UNCALIBRATED = 2
-    CALIBRATING = 3
-    HOLDING = 4
-    TRACKING = 5
-    STOPPING = 6
-    FAULT = 7
-
-
 class RobotFlag(IntFlag):
     """Flags of a STATE; the low byte is the servo's, the next one the bridge's."""
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.motion import Generator, MoveRequest, SpeedShare, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.stop_record import read_incident
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

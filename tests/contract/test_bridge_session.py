@@ -21,7 +21,6 @@ from qrobot.rccl_bridge import (
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.places import Places
 from qrobot.rccl_bridge.session import Peer
-from qrobot.servo.modes import Mode
 from qrobot.wire import (
     Bye,
     ClientRole,
@@ -30,7 +29,7 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     JointMode,
-    RobotMode,
+    Mode,
     Side,
     State,
     Welcome,
@@ -490,7 +489,7 @@ def test_a_servo_that_comes_back_moves_only_after_the_power_request_was_dropped(
     client.wait(PERIOD_NS)
     port.restart()
     (state,) = client.wait(PERIOD_NS)
-    assert state.robot.mode == RobotMode.OFF
+    assert state.robot.mode == Mode.OFF
     client.say(replace(MOVE, seq=2))
     assert len(port.frames) == 1
     client.say(replace(MOVE, seq=3, power=False))

@@ -16,7 +16,7 @@ from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, newtrans, t6
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
 from qrobot.rci import TcpLink, VirtualLink
-from qrobot.wire import RobotMode
+from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import wait_until
 from tests.support.puma import PARK
@@ -97,7 +97,7 @@ def test_an_impossible_period_is_refused_before_anything_is_let_go(robot: FakeRo
         with pytest.raises(MotionError, match=words):
             arm.sample(ms)
         assert not robot.goodbyes
-        assert robot.mode is RobotMode.TRACKING
+        assert robot.mode is Mode.TRACKING
     with pytest.raises(MotionError, match=words):
         rccl.control(period_ms=ms)
 
@@ -143,6 +143,6 @@ def test_in_real_time_the_connection_is_made_anew() -> None:
             arm.sample(4)
             begin = arm.time
             arm.waitas(lambda: arm.time > begin + 40)
-            assert robot.mode is RobotMode.TRACKING
+            assert robot.mode is Mode.TRACKING
         assert len(made) == 2
     assert robot.period_us == 4_000

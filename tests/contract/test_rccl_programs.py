@@ -16,7 +16,7 @@ from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
 from qrobot.rci import TcpLink, VirtualLink
-from qrobot.wire import JointMode, RobotMode
+from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import wait_until
 
@@ -73,13 +73,13 @@ def quick(position: rccl.Position) -> None:
 
 def test_control_powers_the_arm_and_streams_from_where_it_stands(robot) -> None:
     rccl.control("puma560")
-    assert robot.mode is RobotMode.TRACKING
+    assert robot.mode is Mode.TRACKING
     wait_until_sample(3)
     assert np.allclose(robot.path, PARK)
     assert robot.commands[0].power is False
     rccl.release()
     wait_until(lambda: robot.goodbyes)
-    assert robot.mode is RobotMode.HOLDING
+    assert robot.mode is Mode.HOLDING
 
 
 def wait_until_sample(count: int) -> None:
@@ -213,16 +213,16 @@ def test_release_may_leave_the_arm_without_power(robot) -> None:
     rccl.control()
     rccl.release(power_off=True)
     wait_until(lambda: robot.goodbyes)
-    assert robot.mode is RobotMode.OFF
+    assert robot.mode is Mode.OFF
 
 
 def test_a_second_program_takes_over_an_arm_that_holds_without_switching_it_off(quiet_robot) -> None:
     with rccl.control():
         pass
-    assert quiet_robot.mode is RobotMode.HOLDING
+    assert quiet_robot.mode is Mode.HOLDING
     quiet_robot.commands.clear()
     with rccl.control():
-        assert quiet_robot.mode is RobotMode.TRACKING
+        assert quiet_robot.mode is Mode.TRACKING
     assert all(command.power for command in quiet_robot.commands)
 
 
@@ -352,7 +352,7 @@ def test_a_latched_fault_is_raised_and_nothing_moves(quiet_robot) -> None:
 def test_a_latched_fault_is_cleared_when_asked_for(quiet_robot) -> None:
     quiet_robot.break_down(FaultCode.GUARD_TRIP)
     with rccl.control(clear_fault=True):
-        assert quiet_robot.mode is RobotMode.TRACKING
+        assert quiet_robot.mode is Mode.TRACKING
     assert sum(command.clear_fault for command in quiet_robot.commands) == 1
 
 
@@ -365,7 +365,7 @@ def test_a_fault_that_stays_is_given_up(quiet_robot) -> None:
 
 def test_power_that_never_comes_is_given_up(quiet_robot) -> None:
     def stay_off(_seq: int) -> None:
-        quiet_robot.mode = RobotMode.OFF
+        quiet_robot.mode = Mode.OFF
 
     quiet_robot.before_period = stay_off
     with pytest.raises(ServoFault, match="did not come to hold within 6 s: the servo is in mode OFF"):
@@ -381,7 +381,7 @@ def test_an_uncalibrated_arm_is_not_moved(quiet_robot) -> None:
 
 def test_a_stream_that_is_not_followed_is_given_up(quiet_robot) -> None:
     def pull_away(_seq: int) -> None:
-        if quiet_robot.mode is RobotMode.TRACKING:
+        if quiet_robot.mode is Mode.TRACKING:
             quiet_robot.halt(FaultCode.START_POSE)
 
     quiet_robot.before_period = pull_away

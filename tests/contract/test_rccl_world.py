@@ -12,7 +12,7 @@ from qrobot.errors import JointLimit, MotionError, Unreachable
 from qrobot.motion import Termination
 from qrobot.rccl import gentr_trsl, hold, newtrans, rot, trsl, varb, xunit
 from qrobot.rci import VirtualLink
-from qrobot.wire import RobotMode
+from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import LIMITS, PARK, PERIOD_S, arm
 from tests.support.rccl_table import TABLE, TIP, on_table, programmed
@@ -207,7 +207,7 @@ def test_a_frame_that_carries_the_arm_out_of_reach_ends_in_a_stop_with_its_code(
     still = tip(robot)
     sample(5)
     assert (tip(robot) == still).all()
-    assert robot.mode is RobotMode.TRACKING
+    assert robot.mode is Mode.TRACKING
 
 
 @pytest.mark.parametrize("where", ["transform", "monitor"])

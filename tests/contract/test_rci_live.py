@@ -13,7 +13,7 @@ import pytest
 from qrobot import rci
 from qrobot.errors import ConfigError, LinkLost, RogueTask
 from qrobot.rci import TaskDescriptor, TaskState, TcpLink, compiled_thread, host_thread
-from qrobot.wire import RobotMode
+from qrobot.wire import Mode
 from tests.support import rci_compiled as functions
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import PATIENCE_S, wait_until
@@ -137,7 +137,7 @@ def test_a_robot_is_stopped_when_its_task_turns_rogue() -> None:
         rci.rci_control(td, endless)
         with pytest.raises(RogueTask):
             rci.rci_wait(lambda: False)
-        wait_until(lambda: robot.mode is RobotMode.HOLDING, "a controlled stop")
+        wait_until(lambda: robot.mode is Mode.HOLDING, "a controlled stop")
         wait_until(lambda: td.state is TaskState.ENDED, "the end of the task")
         assert any(command.stop for command in robot.commands)
         rci.rci_close()
@@ -154,7 +154,7 @@ def test_a_task_that_cannot_be_interrupted_is_given_up_and_its_robot_let_go(monk
         rci.rci_control(td, lambda _: forever.wait(PATIENCE_S))
         with pytest.raises(RogueTask, match="does not return"):
             rci.rci_wait(lambda: False)
-        wait_until(lambda: robot.mode is not RobotMode.TRACKING, "a stop")
+        wait_until(lambda: robot.mode is not Mode.TRACKING, "a stop")
         rci.rci_close()
         forever.set()
 
@@ -172,7 +172,7 @@ def test_a_robot_follows_in_real_time_and_is_let_go() -> None:
         rci.rci_start(td.bit)
         rci.rci_wait(lambda: td.runs >= 30)
         rci.rci_release(td.bit)
-        assert (td.state, robot.mode) == (TaskState.RELEASED, RobotMode.HOLDING)
+        assert (td.state, robot.mode) == (TaskState.RELEASED, Mode.HOLDING)
         assert robot.q[0] > START[0] + 0.04
         rci.rci_close()
 

@@ -11,7 +11,7 @@ from qrobot import rci
 from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
-from qrobot.wire import JointMode, RobotMode
+from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK, ROBOT
 
@@ -77,14 +77,14 @@ def test_a_start_powers_the_arm_and_its_functions_run_once_the_servo_follows(rob
     modes = []
     td = task(lambda td: modes.append(td.how.mode))
     assert td.robot is not None
-    assert robot.mode is RobotMode.OFF
+    assert robot.mode is Mode.OFF
     rci.rci_start(td.bit)
-    assert (td.state, robot.mode) == (TaskState.ACTIVE, RobotMode.TRACKING)
+    assert (td.state, robot.mode) == (TaskState.ACTIVE, Mode.TRACKING)
     wait_runs(td, 5)
-    assert set(modes) == {RobotMode.TRACKING}
+    assert set(modes) == {Mode.TRACKING}
     assert robot.q == START
     rci.rci_release(td.bit)
-    assert (td.state, robot.mode, robot.goodbyes) == (TaskState.RELEASED, RobotMode.HOLDING, 1)
+    assert (td.state, robot.mode, robot.goodbyes) == (TaskState.RELEASED, Mode.HOLDING, 1)
 
 
 def test_the_arm_follows_what_the_control_function_asks_for(robot: FakeRobot) -> None:
@@ -165,7 +165,7 @@ def test_what_must_not_be_asked_for_is_never_sent_and_the_arm_comes_to_a_stop(ro
     assert [command.stop for command in robot.commands[sent:]].count(True) == 1
     assert all(set(c.modes) == {JointMode.HOLD} for c in robot.commands if c.stop)
     moved = [c for c in robot.commands[sent:] if JointMode.TORQUE in c.modes]
-    assert (moved, robot.mode, robot.q, robot.goodbyes) == ([], RobotMode.HOLDING, START, 1)
+    assert (moved, robot.mode, robot.q, robot.goodbyes) == ([], Mode.HOLDING, START, 1)
 
 
 def test_the_largest_step_that_is_allowed_is_followed(robot: FakeRobot) -> None:

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
-from qrobot.servo.modes import Mode
 from qrobot.wire import (
     VERSION,
     Bye,
@@ -22,7 +21,6 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     InvalidSetpoint,
-    RobotMode,
     Side,
     State,
     WireError,
@@ -211,10 +209,6 @@ def test_a_length_that_lies_ends_the_conversation_before_anything_is_waited_for(
     server.receive_data(b"QROB\x01\x01" + length.to_bytes(2, "little"))
     with pytest.raises(RemoteProtocolError, match="impossible packet length"):
         server.next_event()
-
-
-def test_the_modes_on_the_wire_are_the_servos() -> None:
-    assert {mode.name: mode.value for mode in RobotMode} == {mode.name: mode.value for mode in Mode}
 
 
 def test_a_welcome_tells_both_ends_the_joint_count() -> None:

@@ -17,10 +17,10 @@ from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import PANEL_MICRO
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.table import load_table
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import Overrun, ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from qrobot.sim_board.mismatch import PlantMismatch

@@ -18,9 +18,9 @@ from qrobot.hwif.board_memory import attach_board_memory, create_board_memory
 from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.can_transport import TransportStack

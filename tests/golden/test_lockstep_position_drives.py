@@ -14,8 +14,8 @@ from qrobot.hwif.bus import Endpoint
 from qrobot.hwif.canbus.drives import DrivesBus
 from qrobot.hwif.canbus.ds402 import DriveState
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.drives import Drives, loops_for, served, torque_for

@@ -16,11 +16,11 @@ import pytest
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.modecodes import Mode
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.stages.setpoint_stream import longest_silence
 from qrobot.sim_board.emulator import Emulator

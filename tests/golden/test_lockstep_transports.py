@@ -9,10 +9,10 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.bus import Endpoint
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import DirectBus

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.state import PROVEN, REFUTED, UNPROVEN
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.stop_record import read_incident
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import BoardOptions
 from qrobot.sim_board.emulator import Emulator

@@ -18,7 +18,8 @@ import pytest
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.hwif.trace import load_head
-from qrobot.servo.modes import Mode, StopCategory
+from qrobot.modecodes import Mode
+from qrobot.servo.modes import StopCategory
 from qrobot.servo.stages.setpoint_stream import SILENCE_MARGIN
 from qrobot.servo.stop_categories import stop_category
 from tests.support.campaign import FRAME_S, PUMA, SAMPLE_S, FastLeg, Outcome, fast_leg, writes_since

@@ -15,7 +15,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from qrobot.hwif.board_memory import FAULT_SLOTS
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER
 from qrobot.hwif.trace import load_head
-from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.modecodes import Mode
+from qrobot.servo.modes import gives_torque, may_follow, wants_power
 from qrobot.sim_board.faults import BOARD_DEAF, KINDS, Fault, FaultKind
 from tests.support.campaign import PUMA, FastLeg, fast_leg, writes_since
 

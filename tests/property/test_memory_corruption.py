@@ -15,9 +15,9 @@ from qrobot.hwif.image import IMAGE_INPUTS, IMAGE_WORDS
 from qrobot.hwif.lanes import pending_operations, post_operations
 from qrobot.hwif.operations import OP_OUTPUTS, OP_READ, OP_WRITE
 from qrobot.hwif.registers import DAC, DAC_ZERO, ENC_COUNT, STATUS_POWER, WINDOW_BYTES
+from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bench import PERIOD_NS, Bench

@@ -13,12 +13,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_HAND_CLOSE, DISCRETE_HAND_OPEN
+from qrobot.modecodes import Mode
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.laws import LAWS
 from qrobot.servo.laws.law import law
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
-from qrobot.servo.modes import Mode, gives_torque, may_follow, wants_power
+from qrobot.servo.modes import gives_torque, may_follow, wants_power
 from tests.support.servo_bench import Program, ServoBench, cruise
 
 N = 6

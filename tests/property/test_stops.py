@@ -10,12 +10,12 @@ import pytest
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
 from qrobot.servo.kernels.interpolator import PEAK_SLOPE
 from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.campaign import FRAME_S, PUMA
 from tests.support.dead_encoder import Case, SlowArm
 

@@ -9,11 +9,11 @@ import numpy as np
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.calibration.table import CalibrationTable, load_table
 from qrobot.servo.memory.published_state import ServoSnapshot
-from qrobot.servo.modes import Mode
 from qrobot.servo.operator.calibration_client import CalibrationReport, run_calibration
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.board import BoardOptions

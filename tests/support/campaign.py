@@ -14,11 +14,11 @@ from qrobot.config import load_robot
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.hwif.trace import load_head, read_trace
+from qrobot.modecodes import Mode
 from qrobot.motion import Generator, JointSpeed, MoveRequest, motion_limits
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge import RobotState, SetpointFrame
-from qrobot.wire import JointMode, RobotFlag, RobotMode
+from qrobot.wire import JointMode, Mode, RobotFlag
 from tests.support.packets import resting
 
 
@@ -20,7 +20,7 @@ class FakePort:
         self.requests: list[SetpointFrame] = []
         self.stops = 0
         self.running = True
-        self.state = resting((0.0,) * n, mode=RobotMode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
+        self.state = resting((0.0,) * n, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
 
     def alive(self) -> bool:
         return self.running
@@ -46,7 +46,7 @@ class FakePort:
         flags = self.state.flags & ~RobotFlag.POWERED | powered
         self.state = replace(
             self.state, t_ns=frame.t_ns, q=q, q_setpoint=q, flags=flags, hand=frame.hand,
-            mode=RobotMode.TRACKING if frame.power else RobotMode.OFF,
+            mode=Mode.TRACKING if frame.power else Mode.OFF,
         )  # fmt: skip
 
     def write_requests(self, frame: SetpointFrame) -> None:
@@ -62,4 +62,4 @@ class FakePort:
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""
         self.running = True
-        self.state = replace(self.state, mode=RobotMode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
+        self.state = replace(self.state, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)

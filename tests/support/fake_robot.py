@@ -18,8 +18,8 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     JointMode,
+    Mode,
     RobotFlag,
-    RobotMode,
     RobotState,
     Side,
     State,
@@ -44,7 +44,7 @@ class FakeRobot:
     def __init__(self, q: tuple[float, ...], name: str = "puma560", period_us: int = 28_000, patience: int = 2) -> None:
         self.name, self.period_us = name, period_us
         self.q = tuple(float(x) for x in q)
-        self.mode = RobotMode.OFF
+        self.mode = Mode.OFF
         self.fault, self.event, self.hand = 0, 0, 0
         self.refuse_power = False
         self.calibrated = True
@@ -65,11 +65,11 @@ class FakeRobot:
 
     def break_down(self, code: FaultCode) -> None:
         """Latch a fault."""
-        self.mode, self.fault, self.event = RobotMode.FAULT, code, code
+        self.mode, self.fault, self.event = Mode.FAULT, code, code
 
     def halt(self, code: FaultCode) -> None:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
-        self.mode, self.event, self._dead_stream = RobotMode.HOLDING, code, self._stream
+        self.mode, self.event, self._dead_stream = Mode.HOLDING, code, self._stream
 
     # --------------------------------------------------------------------------------------------------- its one port
 
@@ -121,41 +121,41 @@ class FakeRobot:
         self.commands.append(command)
         self._heard, self.hand = self.seq, command.hand
         asked_now, self._power_seen = command.power and not self._power_seen, command.power
-        if command.clear_fault and self.mode is RobotMode.FAULT:
-            self.mode, self.fault = RobotMode.OFF, 0
-        elif not command.power and self.mode is not RobotMode.FAULT:
-            self.mode = RobotMode.OFF
-        elif self.mode is RobotMode.OFF and asked_now:
-            self.mode, self._powering = RobotMode.POWERING, 0
-        if command.stop and self.mode is RobotMode.TRACKING:
-            self.mode, self._dead_stream = RobotMode.HOLDING, self._stream
+        if command.clear_fault and self.mode is Mode.FAULT:
+            self.mode, self.fault = Mode.OFF, 0
+        elif not command.power and self.mode is not Mode.FAULT:
+            self.mode = Mode.OFF
+        elif self.mode is Mode.OFF and asked_now:
+            self.mode, self._powering = Mode.POWERING, 0
+        if command.stop and self.mode is Mode.TRACKING:
+            self.mode, self._dead_stream = Mode.HOLDING, self._stream
         self._follow(command)
 
     def _follow(self, command: Command) -> None:
         if command.modes != (JointMode.POSITION,) * len(self.q) or command.stream == self._dead_stream:
             return
-        if self.mode is RobotMode.HOLDING:
+        if self.mode is Mode.HOLDING:
             if np.abs(np.subtract(command.setpoints, self.q)).max() > START_TOLERANCE:
                 self.event, self._dead_stream = FaultCode.START_POSE, command.stream
                 return
-            self.mode, self._stream = RobotMode.TRACKING, command.stream
-        if self.mode is RobotMode.TRACKING and command.stream == self._stream:
+            self.mode, self._stream = Mode.TRACKING, command.stream
+        if self.mode is Mode.TRACKING and command.stream == self._stream:
             self.q = command.setpoints
             self.path.append(self.q)
 
     def _live(self) -> None:
-        if self.mode is RobotMode.POWERING:
+        if self.mode is Mode.POWERING:
             self._powering += 1
             if self.refuse_power:
-                self.mode, self.event = RobotMode.OFF, FaultCode.POWER_NO_ACK
+                self.mode, self.event = Mode.OFF, FaultCode.POWER_NO_ACK
             elif self._powering >= POWERING_PERIODS:
-                self.mode = RobotMode.HOLDING if self.calibrated else RobotMode.UNCALIBRATED
-        if self.mode is RobotMode.TRACKING and self.seq - self._heard > self._patience:
+                self.mode = Mode.HOLDING if self.calibrated else Mode.UNCALIBRATED
+        if self.mode is Mode.TRACKING and self.seq - self._heard > self._patience:
             self.halt(FaultCode.STREAM_LOST)
 
     def _state(self) -> RobotState:
         still = (0.0,) * len(self.q)
-        powered = self.mode not in (RobotMode.OFF, RobotMode.POWERING, RobotMode.FAULT)
+        powered = self.mode not in (Mode.OFF, Mode.POWERING, Mode.FAULT)
         flags = RobotFlag.POWERED if powered else 0
         return RobotState(
             t_ns=self._t_ns,

@@ -13,9 +13,9 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 

@@ -11,8 +11,8 @@ import pytest
 
 from qrobot.faultcodes import NO_JOINT
 from qrobot.log.header import LogHeader
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout, TelemetryReader, append_row, ring_words
-from qrobot.servo.modes import Mode
 
 PERIOD_NS = 250_000
 START_NS = 5_000_000_000

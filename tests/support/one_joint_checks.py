@@ -14,7 +14,7 @@ import pytest
 from qrobot.config import Robot
 from qrobot.config.robot import robot_of
 from qrobot.hwif.registers import DAC_ZERO
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.servo_bench import ServoBench, cruise, play
 
 ONE_SLIDE = """

@@ -12,7 +12,7 @@ from qrobot.wire import (
     Connection,
     ErrorCode,
     Hello,
-    RobotMode,
+    Mode,
     RobotState,
     Side,
     State,
@@ -69,7 +69,7 @@ BYES = st.builds(Bye, text=TEXTS, t_ns=T_NS)
 PACKETS = st.one_of(HELLOS, WELCOMES, JOINTS.flatmap(commands), JOINTS.flatmap(states), ERRORS, BYES)
 
 
-def resting(q: tuple[float, ...], t_ns: int = 0, mode: int = RobotMode.HOLDING, **others: int) -> RobotState:
+def resting(q: tuple[float, ...], t_ns: int = 0, mode: int = Mode.HOLDING, **others: int) -> RobotState:
     """A robot that stands at `q`."""
     still = (0.0,) * len(q)
     return RobotState(t_ns=t_ns, mode=mode, q=q, v=still, tau=still, q_setpoint=q, **others)

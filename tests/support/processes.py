@@ -26,6 +26,7 @@ from qrobot.hwif.bus import MemoryEndpoint
 from qrobot.hwif.image import IMAGE_INPUTS, make_image
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.hwif.trace import read_trace
+from qrobot.modecodes import Mode
 from qrobot.rccl.channel import Channel
 from qrobot.rccl.connect import open_channel
 from qrobot.rci import TcpLink
@@ -36,7 +37,6 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import attach_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
-from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, wait_until
 
 GUARDIAN_MS = 60.0  # these tests ask what happens and in which order; a machine busy with other things must not trip it

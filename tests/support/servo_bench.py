@@ -38,6 +38,7 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import joint_to_counts, transmission_params
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import jit_disabled, lean_kernel
@@ -48,7 +49,7 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import ServoSnapshot
 from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.process.loop import one_cycle

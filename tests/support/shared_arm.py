@@ -10,9 +10,9 @@ import numpy as np
 
 from qrobot.config import load_robot
 from qrobot.hwif.board_memory import attach_board_memory
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import attach_servo_memory
-from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms

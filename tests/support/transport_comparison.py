@@ -17,9 +17,9 @@ from qrobot.config import Robot
 from qrobot.hwif.board_memory import BoardMemory, attach_board_memory, create_board_memory
 from qrobot.hwif.bus import NO_OPERATIONS, Bus, Endpoint
 from qrobot.hwif.isa.card import serve_card, show_card
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, run_blocks
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator, emulator_run
 from tests.support.fake_card import FakeCard

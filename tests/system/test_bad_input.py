@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from qrobot.errors import LinkError
+from qrobot.modecodes import Mode
 from qrobot.rig.processes import ProcessPlan, ProcessRig
-from qrobot.servo.modes import Mode
 from qrobot.wire import Connection, ErrorCode, Side, WireError
 from tests.support.patience import PATIENCE_S
 from tests.support.processes import RunningArm, free_port, qrobot

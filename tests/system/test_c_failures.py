@@ -19,7 +19,7 @@ from qrobot.errors import ConfigError, LinkLost
 from qrobot.rccl.c import engine
 from qrobot.rccl.c.program import run_executable
 from qrobot.rci import VirtualLink
-from qrobot.wire import RobotMode
+from qrobot.wire import Mode
 from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
 from tests.support.patience import give_time, wait_until
@@ -62,7 +62,7 @@ def run(robot: FakeRobot, tmp_path: Path) -> Run:
 
 def at_rest(robot: FakeRobot) -> bool:
     """The program let go of it in order: whoever breaks off leaves it tracking."""
-    return robot.goodbyes and robot.mode is RobotMode.HOLDING
+    return robot.goodbyes and robot.mode is Mode.HOLDING
 
 
 def part_of_the_way(robot: FakeRobot) -> bool:
@@ -136,7 +136,7 @@ def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_tw
 
     def watch(seq: int) -> None:
         nonlocal ended_before
-        if robot.mode is not RobotMode.TRACKING or not interrupted.exists():
+        if robot.mode is not Mode.TRACKING or not interrupted.exists():
             return
         if signals > 1:
             wait_until(has_ended, "the program ends before its arm rests")  # an arm that takes its time

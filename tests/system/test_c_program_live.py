@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.c_programs import EXAMPLES, compiled, needs_compiler
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm

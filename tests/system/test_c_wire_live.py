@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from qrobot.config.deployment import load_deployment
+from qrobot.modecodes import Mode
 from qrobot.rig.deployed import ArmProcesses
 from qrobot.rig.processes import ProcessRig
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
 from qrobot.servo.memory.servo_memory import attach_servo_memory
-from qrobot.servo.modes import Mode
 from tests.support.patience import wait_until
 from tests.support.processes import left_behind, qrobot, write_deployment
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.puma import LIMITS, ROBOT, arm, shift

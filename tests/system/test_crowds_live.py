@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rccl_bridge.settings import BridgeSettings
 from qrobot.rci import TcpLink
-from qrobot.servo.modes import Mode
 from qrobot.wire import ClientRole, Hello
 from tests.support.flood import flood
 from tests.support.patience import PATIENCE_S

@@ -19,8 +19,8 @@ from qrobot.cli.main import make_app
 from qrobot.errors import QRobotError
 from qrobot.log.events import log_events
 from qrobot.log.read import read_log
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.commander_lock import Authority
-from qrobot.servo.modes import Mode
 from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm, qrobot

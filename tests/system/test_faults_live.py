@@ -14,9 +14,9 @@ from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.flight import incidents_of
 from qrobot.log.read import read_log
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import attach_servo_memory
-from qrobot.servo.modes import Mode
 from qrobot.sim_board.injection import FaultPanel, Injected
 from tests.support.patience import PATIENCE_S, STALL_MS, wait_until
 from tests.support.processes import RunningArm, qrobot, write_deployment

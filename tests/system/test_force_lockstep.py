@@ -15,12 +15,12 @@ import pytest
 from qrobot import rccl
 from qrobot.config.scene import Scene
 from qrobot.errors import ServoFault
+from qrobot.modecodes import Mode
 from qrobot.motion.force.joint_matching import JointIndices
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, t6, yunit
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.calibration.table import load_table
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.puma import ROBOT

@@ -19,12 +19,12 @@ from qrobot.ident.plan import make_plan
 from qrobot.ident.regressor import gravity_regressor, known_parameters
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
+from qrobot.modecodes import Mode
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.rig.perturbed_arm import PerturbedArm
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 
 PUMA = load_robot("puma560")

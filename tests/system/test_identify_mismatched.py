@@ -22,11 +22,11 @@ from qrobot.ident.session import identify_log
 from qrobot.ident.stribeck import friction_of
 from qrobot.log.header import header_for
 from qrobot.log.record import write_log
+from qrobot.modecodes import Mode
 from qrobot.rig.experiment import program_path, run_program
 from qrobot.rig.identify import record_lockstep
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.drive import STRIBECK_FRACTION
 from qrobot.sim_board.emulator import Emulator

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import RunningArm
 

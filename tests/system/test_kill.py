@@ -21,8 +21,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.log.read import read_log
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import GUARDIAN_PERIODS
 from qrobot.servo.stages.setpoint_stream import SILENCE_MARGIN
 from tests.support.patience import PATIENCE_S, STALL_MS, give_time, wait_until

@@ -15,7 +15,7 @@ import pytest
 from qrobot.errors import LinkError, QRobotError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import STALL_MS, wait_until
 from tests.support.processes import GUARDIAN_MS, RunningArm

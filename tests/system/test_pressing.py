@@ -9,8 +9,8 @@ import pytest
 
 from qrobot.config.scene import ForceSensor, Scene
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mujoco_plant import PlantMemory

@@ -19,11 +19,11 @@ from qrobot.hwif.board_memory import Lane, attach_board_memory
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_POWER, N_DACS
 from qrobot.hwif.trace import read_trace
 from qrobot.log.read import read_log
+from qrobot.modecodes import Mode
 from qrobot.rig.experiment import program_path
 from qrobot.rig.processes import board_ready, bridge_ready, guardian_ready, servo_ready
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import attach_servo_memory
-from qrobot.servo.modes import Mode
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import FIRST_START_S, left_behind, processes_of, qrobot, write_deployment
 

@@ -13,9 +13,9 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.cli.motion_figures import path_of
+from qrobot.modecodes import Mode
 from qrobot.rccl import DataBase
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
-from qrobot.servo.modes import Mode
 from tests.support import puma
 from tests.support.processes import RunningArm
 from tests.support.puma import ROBOT, shift

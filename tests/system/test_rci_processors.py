@@ -14,9 +14,9 @@ import pytest
 
 from qrobot import rci
 from qrobot.errors import ConfigError, LinkBusy, LinkLost, RogueTask
+from qrobot.modecodes import Mode
 from qrobot.rci import TaskDescriptor, TaskState
 from qrobot.rci.processor_names import claim_processor
-from qrobot.servo.modes import Mode
 from tests.support import rci_auxiliary as functions
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm

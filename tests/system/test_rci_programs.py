@@ -13,8 +13,8 @@ import pytest
 from qrobot import rci
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from tests.support.puma import PARK, ROBOT
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from qrobot.faultcodes import FaultCode
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.servo_scenario import eventful_runs
 
 ROOT = Path(__file__).parents[2]

@@ -9,13 +9,13 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
+from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.motion import TransformKind, Trsf
 from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, t6
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.trace import Trace
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 

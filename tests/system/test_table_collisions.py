@@ -14,9 +14,9 @@ import pytest
 
 from qrobot.config.scene import Scene
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch

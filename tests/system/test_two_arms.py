@@ -10,7 +10,7 @@ import pytest
 
 from qrobot.hwif.board_memory import Lane
 from qrobot.log.read import read_log
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms
 

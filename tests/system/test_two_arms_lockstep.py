@@ -11,8 +11,8 @@ import pytest
 
 from qrobot import rccl
 from qrobot.errors import LinkBusy, ServoFault
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from tests.support.puma import PARK, ROBOT
 

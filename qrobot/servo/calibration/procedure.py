@@ -29,6 +29,7 @@ from qrobot.hwif.registers import (
     INDEX_BIT_0,
     STATUS_CALIBRATED,
 )
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import count_word, signed_word
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.index_matching import find_rows
@@ -39,7 +40,7 @@ from qrobot.servo.calibration.state import (
 from qrobot.servo.event import report_event
 from qrobot.servo.hold import allow_range, hold_position, hold_reference
 from qrobot.servo.kernels.converter import IMAGES_TO_ANSWER
-from qrobot.servo.modes import Mode, set_mode
+from qrobot.servo.modes import set_mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.hwif.registers import STATUS_POWER
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import motor_rates, torque_to_motor
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.dead_encoder import (
@@ -31,7 +32,7 @@ from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
 from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
 from qrobot.servo.event import report_event, report_fault, report_warning
 from qrobot.servo.memory.stop_record import note_incident
-from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.modes import gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     ServoState,

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.event import report_fault
-from qrobot.servo.modes import Mode
 from qrobot.servo.state import ServoState
 
 HOLD_TO_RUN: Final = int(FaultCode.HOLD_TO_RUN)

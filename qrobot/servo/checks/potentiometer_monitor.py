@@ -22,6 +22,7 @@ from typing import Final
 
 from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.registers import ADC_E_VOLT_PER_COUNT, ADC_F_VOLT_PER_COUNT
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.calibration.potentiometers import MOST_SILENCES, has_table, pot_residue
 from qrobot.servo.calibration.state import (
@@ -36,7 +37,7 @@ from qrobot.servo.calibration.state import (
 )
 from qrobot.servo.checks.dead_encoder import FIRST_READINGS, follow_pot, gone_units, has_followed, in_a_row
 from qrobot.servo.kernels.converter import REVISION_E
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 

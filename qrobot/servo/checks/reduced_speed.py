@@ -11,10 +11,11 @@ from __future__ import annotations
 from typing import Final
 
 from qrobot.faultcodes import NO_JOINT
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.event import report_fault
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 

@@ -35,7 +35,7 @@ SCALARS: Final = (
     ("t_ns", "planned time of the cycle, ns on the servo's clock"),
     ("late_ns", "wake-up error, ns"),
     ("busy_ns", "computing time of the previous cycle, ns"),
-    ("mode", "servo.modes.Mode"),
+    ("mode", "modecodes.Mode"),
     ("fault", "faultcodes.FaultCode, the newest event"),
     ("setpoint_seq", "sequence number of the setpoint being played"),
     ("flags", "FLAG_* bits; joints at their torque limit << 8; frames missed in a row << 16"),

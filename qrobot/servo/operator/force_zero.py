@@ -13,9 +13,10 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import QRobotError
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_AT_REST
-from qrobot.servo.modes import Mode, mode_name
+from qrobot.servo.modes import mode_name
 from qrobot.servo.settings import ServoSettings
 
 READINGS: Final = 40  # [A] of each channel, some of which are of the same conversion

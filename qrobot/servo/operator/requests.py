@@ -23,6 +23,7 @@ from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotEr
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.hwif.board_memory import BoardSegment
+from qrobot.modecodes import Mode
 from qrobot.realtime.deadline import Deadline, sleep_between_looks
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.law import KP, KV, M0, Law
@@ -42,7 +43,7 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK, FLAG_GUARDED, FLAG_POWERED
 from qrobot.servo.memory.servo_memory import describe_law, journal_base
 from qrobot.servo.memory.stop_record import Incident
-from qrobot.servo.modes import Mode, mode_name
+from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.operator.messages import (

@@ -11,8 +11,8 @@ from typing import Any, Final
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.hwif.operations import put_outputs
 from qrobot.hwif.registers import DISCRETE_LINES, STATUS_ESTOP_OK
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
-from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     ServoState,

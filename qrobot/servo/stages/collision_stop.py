@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.kernels.interpolator import line_through
-from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import ServoState
 

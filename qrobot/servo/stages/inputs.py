@@ -12,6 +12,7 @@ from qrobot.hwif.registers import (
     DISCRETE_INDEX,
     STATUS_CALIBRATED,
 )
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import (
     counts_to_joint,
     signed_word,
@@ -37,7 +38,7 @@ from qrobot.servo.hold import narrow_range
 from qrobot.servo.kernels.converter import collect_sample
 from qrobot.servo.kernels.velocity import Estimator, difference, observe, start_observer
 from qrobot.servo.kernels.wrench import measure_wrench
-from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.modes import gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.dropout_hold import lose_sight, see_again
 from qrobot.servo.state import (

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.calibration.potentiometers import has_table, pots_judged
 from qrobot.servo.calibration.state import (
@@ -26,7 +27,7 @@ from qrobot.servo.kernels.interpolator import line_through, room_duration, stop_
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
 from qrobot.servo.memory.stop_record import note_incident
-from qrobot.servo.modes import Mode, gives_torque, set_mode, wants_power
+from qrobot.servo.modes import gives_torque, set_mode, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.collision_stop import forget_yielding
 from qrobot.servo.stages.setpoint_stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent

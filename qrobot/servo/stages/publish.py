@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_INPUTS, STATUS_POWER
+from qrobot.modecodes import Mode
 from qrobot.realtime.atomics import store_release
 from qrobot.realtime.flat_record import copy_fields
 from qrobot.realtime.jit import lean_kernel
@@ -18,7 +19,6 @@ from qrobot.servo.memory.published_state import (
     publish_state,
 )
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN
-from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.mode_machine import guardian_alive
 from qrobot.servo.state import ServoState

@@ -20,6 +20,7 @@ from qrobot.hwif.registers import (
     DISCRETE_POWER,
     N_DACS,
 )
+from qrobot.modecodes import Mode
 from qrobot.model.dynamics import friction_torque, gravity_torque
 from qrobot.model.stiction_compensation import lead
 from qrobot.model.transmission import (
@@ -54,7 +55,7 @@ from qrobot.servo.laws.law_swap import (
     swap_asked,
 )
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
-from qrobot.servo.modes import Mode, gives_torque, wants_power
+from qrobot.servo.modes import gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.binary_outputs import post_outputs
 from qrobot.servo.state import (

@@ -18,9 +18,9 @@ from qrobot.faultcodes import FaultCode
 from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.log.summary import tracking_summary
+from qrobot.modecodes import Mode
 from qrobot.rig.experiment import STALLS, ExperimentRun, Result, stalled_before_fault
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN, TelemetryLayout
-from qrobot.servo.modes import Mode
 
 
 class Attempts:

@@ -11,9 +11,9 @@ from qrobot.ident.fit import Fit, fit_linear
 from qrobot.ident.friction import friction_columns
 from qrobot.ident.model import identify
 from qrobot.ident.observe import Observer, steady_passes
+from qrobot.modecodes import Mode
 from qrobot.model.dynamics import FrictionParams, friction_torque
 from qrobot.servo.memory.telemetry import TelemetryLayout
-from qrobot.servo.modes import Mode
 from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")

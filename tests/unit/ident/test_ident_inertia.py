@@ -23,9 +23,9 @@ from qrobot.ident.motion import WINDOW_S, MotionRows, observe_motion
 from qrobot.ident.physical_inertia import nearest_bodies
 from qrobot.ident.regressor import OF_GRAVITY, Regressor, inertial_regressor, known_parameters
 from qrobot.ident.result import model_of, write_model
+from qrobot.modecodes import Mode
 from qrobot.model.dynamics import dynamics_params
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
-from qrobot.servo.modes import Mode
 from tests.support.observations import LOAD, generated, puma_base
 
 PUMA = load_robot("puma560")

@@ -16,9 +16,9 @@ from qrobot.ident.change import LoadChange, counter_slip, load_change
 from qrobot.ident.exchanged import check_torques
 from qrobot.ident.model import Identified, identify
 from qrobot.ident.recording import check_recording
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import transmission_params
 from qrobot.servo.memory.telemetry import Rows, TelemetryLayout
-from qrobot.servo.modes import Mode
 from tests.support.observations import drawn, generated, puma_base
 
 PUMA = load_robot("puma560")

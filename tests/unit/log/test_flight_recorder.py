@@ -18,13 +18,13 @@ from qrobot.log.flight import AFTER_NS, ATTACHMENT, BEFORE_NS, FlightRecorder, i
 from qrobot.log.header import Attachment, header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
+from qrobot.modecodes import Mode
 from qrobot.realtime.structure import local_record
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.published_state import publish_state, state_dtype
 from qrobot.servo.memory.servo_memory import ServoInfo, local_servo_memory
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.memory.telemetry import TelemetryLayout, append_row
-from qrobot.servo.modes import Mode
 
 ROBOT = load_robot("puma560")
 PERIOD_NS = 1_000_000

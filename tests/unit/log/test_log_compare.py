@@ -19,8 +19,8 @@ from qrobot.log.overlay import comparison_figure
 from qrobot.log.plot import save_figure
 from qrobot.log.read import Log
 from qrobot.log.record import write_log
+from qrobot.modecodes import Mode
 from qrobot.realtime.setup import SetupStep
-from qrobot.servo.modes import Mode
 from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 N_ROWS = 6000

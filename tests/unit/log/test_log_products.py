@@ -18,7 +18,7 @@ from qrobot.log.plot import FIGURES, MAX_POINTS, errors_figure, positions_figure
 from qrobot.log.read import Log
 from qrobot.log.status import LogStatus
 from qrobot.log.summary import tracking_summary
-from qrobot.servo.modes import Mode
+from qrobot.modecodes import Mode
 from tests.support.log_samples import PERIOD_NS, make_header, make_rows
 
 PNG = b"\x89PNG\r\n\x1a\n"

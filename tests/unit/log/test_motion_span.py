@@ -9,8 +9,8 @@ import pytest
 
 from qrobot.log.motion_span import BESIDE_S, around_motion
 from qrobot.log.read import Log
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import TelemetryLayout
-from qrobot.servo.modes import Mode
 from tests.support.log_samples import make_header
 
 PERIOD_NS = 10_000_000

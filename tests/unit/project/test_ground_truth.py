@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.telemetry import TelemetryLayout
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.ground_truth import GroundTruthRig, TrackedTruth

@@ -11,13 +11,13 @@ import pytest
 from qrobot import rccl
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.rccl.held_key import REPEAT_MS
 from qrobot.rccl.hold_to_run import BRAKE_MS, HeldJog
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.units import MM_PER_M, NS_PER_MS

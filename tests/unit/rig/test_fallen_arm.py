@@ -10,10 +10,10 @@ import pytest
 from qrobot import rccl
 from qrobot.config import load_robot
 from qrobot.errors import ServoFault
+from qrobot.modecodes import Mode
 from qrobot.rig.fallen_arm import control_at_rest
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.rig.perturbed_arm import PerturbedArm
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 
 PERIOD_US = 28_000

@@ -15,9 +15,9 @@ from qrobot.errors import ConfigError, MotionError
 from qrobot.hwif.isa.card import NO_CARD, make_card
 from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import DISCRETE, DISCRETE_LINES, STATUS_CALIBRATED, STATUS_POWER
+from qrobot.modecodes import Mode
 from qrobot.rci import Chg
 from qrobot.servo.memory.servo_memory import servo_front
-from qrobot.servo.modes import Mode
 from qrobot.servo.output_lines import OUTPUT_PATIENCE_NS, OutputWire
 from qrobot.servo.process.guardian import N_OWN, N_SAFE_OPS, look
 from tests.support.deployment import LEFT

@@ -7,9 +7,9 @@ import pytest
 
 from qrobot.errors import ConfigError, ServoFault
 from qrobot.faultcodes import NO_JOINT, FaultCode
+from qrobot.modecodes import Mode
 from qrobot.servo.calibration.state import Stage
 from qrobot.servo.memory.published_state import FLAG_CALIBRATED
-from qrobot.servo.modes import Mode
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.faults import FaultPlan
 from tests.support.calibrating import PUMA, CalibratingRig, random_pose

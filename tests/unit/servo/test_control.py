@@ -20,6 +20,7 @@ from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteP
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.board_memory import local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
+from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
@@ -28,7 +29,6 @@ from qrobot.servo.memory.law_history import JournalReader
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import journal_base
 from qrobot.servo.memory.stop_record import Incident, read_incident
-from qrobot.servo.modes import Mode
 from qrobot.servo.operator import client as client_module
 from qrobot.servo.operator import requests
 from qrobot.servo.operator.board_status import board_status

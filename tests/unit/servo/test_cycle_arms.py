@@ -19,8 +19,8 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_J6_OVERFLOW,
 )
+from qrobot.modecodes import Mode
 from qrobot.servo.laws.law import KP
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import MAX_OPS
 from tests.support.servo_bench import ServoBench, moving, writes_at

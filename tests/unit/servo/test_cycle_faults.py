@@ -22,8 +22,9 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
+from qrobot.modecodes import Mode
 from qrobot.servo.laws.law import law
-from qrobot.servo.modes import Mode, StopCategory
+from qrobot.servo.modes import StopCategory
 from qrobot.servo.stop_categories import stop_category
 from tests.support.servo_bench import Floats, ServoBench, changes, cruise, moving, play
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import counts_to_joint
 from qrobot.servo.hold import hold_position
 from qrobot.servo.kernels.velocity import ESTIMATORS
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.memory.telemetry import FLAG_UNSEEN
-from qrobot.servo.modes import Mode
 from qrobot.servo.stages.dropout_hold import hold_through_dropout, lose_sight
 from tests.support.campaign import PUMA, FastLeg
 from tests.support.servo_bench import Floats, ServoBench, cruise, moving, play

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws.guarded_copies import EDGE_WORDS, GAP_WORDS, GUARDED, broken_words, make_law_copies
 from qrobot.servo.laws.law import KP, KV, Law, law
 from qrobot.servo.laws.law_swap import OUT_OF_BOUNDS, SWAPPED, ask_for_law, maybe_swap_result
-from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, moving
 
 needs_compiler = pytest.mark.skipif(jit_disabled(), reason="plain Python checks every index by itself")

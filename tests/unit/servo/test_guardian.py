@@ -28,9 +28,9 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
+from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_front
-from qrobot.servo.modes import Mode
 from qrobot.servo.process.guardian import (
     LOOKS_PER_TIMEOUT,
     N_OWN,

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from qrobot import rccl
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.rccl_bridge.mailbox_port import tell_key
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS, key_is_held
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.puma import ROBOT

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError
+from qrobot.modecodes import Mode
 from qrobot.realtime.jit import jit_disabled
 from qrobot.servo.laws import DEFAULT_LAW, LAWS, find_law, law_label
 from qrobot.servo.laws.law import KP, KV, MEMORY_WORDS, N_GAINS, Law, Setting, law
-from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, cycle_of_blocks, moving
 
 ROBOT = load_robot("puma560")

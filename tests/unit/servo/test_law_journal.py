@@ -20,6 +20,7 @@ from qrobot.log.plot import MAX_MARKS, torques_figure
 from qrobot.log.read import Log, read_log
 from qrobot.log.record import LogRecorder, write_log
 from qrobot.log.writer import LogWriter
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.law_history import (
     ENTRIES,
     LAW_BYTES,
@@ -30,7 +31,6 @@ from qrobot.servo.memory.law_history import (
     settings_text,
     write_entry,
 )
-from qrobot.servo.modes import Mode
 from tests.support.log_samples import PERIOD_NS, START_NS, Ring, make_header, make_rows
 
 BASE = 16

@@ -11,10 +11,10 @@ import pytest
 
 from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
+from qrobot.modecodes import Mode
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.laws import find_law
 from qrobot.servo.laws.trial import prove
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.unit.servo.test_law import call

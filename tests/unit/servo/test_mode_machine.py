@@ -10,7 +10,8 @@ import pytest
 
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import DAC, DAC_ZERO, DISCRETE, DISCRETE_CALIBRATED, DISCRETE_POWER, N_DACS
-from qrobot.servo.modes import Mode, gives_torque
+from qrobot.modecodes import Mode
+from qrobot.servo.modes import gives_torque
 from qrobot.servo.stages.mode_machine import guardian_alive
 from tests.support.servo_bench import ServoBench, changes, moving, play, swing, writes_at
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
+from qrobot.modecodes import Mode
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rci.power import servo_fault
 from qrobot.servo.event import report_event, report_fault
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, note_incident, read_incident
-from qrobot.servo.modes import Mode
 from qrobot.servo.operator.requests import Controls
 from qrobot.servo.state import ServoState
 from qrobot.wire import State

@@ -10,8 +10,8 @@ from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.operations import REFERENCE_PER_COUNT
 from qrobot.hwif.registers import DAC_ZERO
+from qrobot.modecodes import Mode
 from qrobot.model.transmission import counts_to_joint, transmission_params
-from qrobot.servo.modes import Mode
 from qrobot.servo.parameters import servo_parameters
 from qrobot.servo.settings import ServoSettings
 from tests.support.servo_bench import ServoBench

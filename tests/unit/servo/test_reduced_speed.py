@@ -11,11 +11,11 @@ from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
 from qrobot.servo.checks.reduced_speed import MEASURED_FACTOR
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from tests.support.servo_bench import ServoBench, cruise, moving, play
 

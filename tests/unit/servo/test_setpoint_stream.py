@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
 from qrobot.model.stiction_compensation import REST_SHARE
 from qrobot.servo.kernels.interpolation_polynomials import FORMS, QUINTIC, Form
 from qrobot.servo.kernels.interpolator import PEAK_SLOPE
 from qrobot.servo.memory.telemetry import Rows
-from qrobot.servo.modes import Mode
 from qrobot.servo.stages.setpoint_stream import PLAYOUT_FRAMES, SILENCE_MARGIN, longest_silence
 from tests.support.servo_bench import FRAME_NS, Floats, Program, ServoBench, changes, cruise, moving, play, swing
 

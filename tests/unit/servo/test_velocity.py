@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from qrobot.arrays import Floats
 from qrobot.config.deployment import ServoChoice, Velocity
 from qrobot.errors import ConfigError
+from qrobot.modecodes import Mode
 from qrobot.servo.kernels.velocity import (
     DEFAULT_ESTIMATOR,
     ESTIMATORS,
@@ -22,7 +23,6 @@ from qrobot.servo.kernels.velocity import (
     observe,
     start_observer,
 )
-from qrobot.servo.modes import Mode
 from tests.support.servo_bench import ServoBench, cruise, moving, play
 
 DT = 1e-3

@@ -13,10 +13,10 @@ from qrobot.config import load_robot
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_ESTOP_OK, STATUS_POWER
+from qrobot.modecodes import Mode
 from qrobot.servo.checks.fault_monitors import SETTLE_S
 from qrobot.servo.laws.law import law
 from qrobot.servo.memory.stop_record import INCIDENT_WORDS, Incident, read_incident
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import Overrun
 from tests.support.servo_bench import ServoBench, moving
 

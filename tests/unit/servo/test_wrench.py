@@ -16,12 +16,12 @@ from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.config.force_calibration import ForceCalibration, calibration_of_emulated
 from qrobot.config.scene import FORCE_AXES, ForceSensor, Scene
 from qrobot.errors import ConfigError, QRobotError
+from qrobot.modecodes import Mode
 from qrobot.rccl.c.variables import ADC_NONE, reading
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rig.lockstep import LockstepRig
 from qrobot.servo.kernels.wrench import measure_wrench, wrench_params
 from qrobot.servo.memory.published_state import FLAG_AT_REST
-from qrobot.servo.modes import Mode
 from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator

@@ -37,8 +37,8 @@ from qrobot.hwif.registers import (
     STATUS_ESTOP_OK,
     STATUS_POWER,
 )
+from qrobot.modecodes import Mode
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
-from qrobot.servo.modes import Mode
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.bus import BenchEndpoint, Row
