@@ -90,7 +90,12 @@ class MotionQueue:
     @property
     def busy(self) -> bool:
         """Motions wait or are under way, or events are still to be told."""
-        return bool(self._waiting) or self._engine.busy or self._engine.has_events
+        return bool(self._waiting) or self.moving
+
+    @property
+    def moving(self) -> bool:
+        """A motion is under way, or events are still to be told; those in the queue do not count."""
+        return self._engine.busy or self._engine.has_events
 
     def push(self, motion: Motion) -> None:
         """Queue a motion. Raises MotionError: the queue is full."""
@@ -207,6 +212,7 @@ class MotionQueue:
     def _fail(self, event: ArclEvent, motion: Motion | None, error: MotionError, seen: MachineSample) -> None:
         if motion is not None:
             self._end(motion, event, seen)
+            self._reporter.notify(ArclEvent.EVENT_STOP, motion)
         if not self._reporter.failed(event, error):
             self.stop(0.0)
 

@@ -14,6 +14,7 @@ from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.positions import Pos, joints_of
+from qrobot.arcl.standstill import Standstill
 from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.switches import say, switches
 from qrobot.arcl.trace import exec_line, request_line
@@ -25,7 +26,6 @@ from qrobot.motion import Trsf, whole_samples
 from qrobot.units import MM_PER_M, S_PER_MS
 
 STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
-_PATIENCE: Final = 100  # samples in which nothing moves, while a program waits on virtual time
 
 
 class ArclRobot:
@@ -48,7 +48,7 @@ class ArclRobot:
         self._units = units_of(robot)
         self._options = MotionOptions()
         self._error: QRobotError | None = None
-        self._closed = self._loss_told = False
+        self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
         q = ami.open()
         self._motions = MotionQueue(aki, ami.period_s, q, self)
@@ -133,23 +133,31 @@ class ArclRobot:
         with self._lock():
             return self._motions.busy
 
+    @property
+    def moving(self) -> bool:
+        """A motion is under way, or comes to its end."""
+        return self._motions.moving
+
+    @property
+    def held(self) -> bool:
+        """Motions wait in the queue."""
+        return self._motions.waiting > 0
+
     def wait(self, predicate: Callable[[], object] | None = None) -> None:
         """Wait until `predicate`, called at every sample, is true; without one until all motions are done.
 
         Raises:
-            MotionError: a motion could not be done; or, on virtual time, nothing is left that could make it true.
+            MotionError: a motion could not be done; or, on virtual time, nothing is left that could make it true; or
+                the arm was given up before.
+            Exception: what a call-back raised, once.
         """
-        idle = [0]
+        standstill = Standstill(self)
 
         def done() -> bool:
             self._raise_error()
-            if predicate is None:
-                return not self._motions.busy
-            if predicate():
+            if not self._motions.busy if predicate is None else predicate():
                 return True
-            idle[0] = 0 if self._motions.busy else idle[0] + 1
-            if self.ami.virtual_time and idle[0] > _PATIENCE:
-                raise MotionError(f"{self.name}: no motion is left that could end this waiting")
+            standstill.check()
             return False
 
         try:
@@ -188,8 +196,9 @@ class ArclRobot:
         if self._closed:
             return
         try:
-            self.wait()
-            self.stop()
+            if not self._given_up:
+                self.wait()
+                self.stop()
         finally:
             self.abandon(power_off)
 
@@ -282,6 +291,17 @@ class ArclRobot:
         error, self._error = self._error, None
         if error is not None:
             raise error
+        if (lost := self.ami.error) is not None:
+            self._raise_lost(lost)
+
+    def _raise_lost(self, lost: BaseException) -> None:
+        """Raise what ended control of the arm: the loss of the arm at each call, the error of a call-back once."""
+        if isinstance(lost, LinkError | ServoFault):
+            raise lost
+        if self._given_up:
+            raise MotionError(f"{self.name} was given up after {type(lost).__name__}: {lost}; call arcl_open") from lost
+        self._given_up = True
+        raise lost
 
     def _rounded_ms(self, ms: float) -> float:
         """Whole samples of a time that was asked for; nothing stays nothing."""

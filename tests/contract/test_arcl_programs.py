@@ -72,6 +72,7 @@ from qrobot.arcl import (
     stop,
     where,
 )
+from qrobot.arcl.standstill import HELD_S
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, Unreachable
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
@@ -532,3 +533,78 @@ def test_a_transform_is_no_position_and_a_tool_is_named_behind_tl() -> None:
         joint_pos(rp, "p", (1, 2, 3))
     with pytest.raises(MotionError):
         makeposition(T6, EQ, TL, T6, T6)
+
+
+def test_a_motion_that_fails_behind_its_deq_ends_with_a_stop_too() -> None:
+    rp, told, free = offline(), [], new_sem("free")
+    arcl_errproc(lambda _event, _robot, _error: OK)
+
+    def one_at_a_time(event, _robot):
+        told.append(event)
+        if event == EVENT_DEQ and sem_take(free) == ERROR:
+            return MOVE_STOP
+        if event in (EVENT_DONE, EVENT_STOP):
+            sem_give(free)
+        return OK
+
+    bad = move(rp, joint_pos(rp, "far", (170.0, *PARK[1:])), MOV_NOTIFY, one_at_a_time, 0)
+    move(rp, joint_pos(rp, "away", AWAY), MOV_NOTIFY, one_at_a_time, 0)
+    arcl_wait(rp)
+    assert told[:3] == [EVENT_DEQ, EVENT_LIMIT, EVENT_STOP]
+    assert bad.code == EVENT_LIMIT
+    assert np.allclose(rp.joints, AWAY)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_program_whose_arms_are_all_held_back_for_ever_ends(n: int) -> None:
+    robots = [offline() for _ in range(n)]
+    motions = [move(rp, joint_pos(rp, "away", AWAY), MOV_NOTIFY, lambda *_: MOVE_STOP, 0) for rp in robots]
+    with pytest.raises(MotionError, match="held back by MOVE_STOP"):
+        arcl_wait(robots[0])
+    assert HELD_S * 1e3 < ami_treal(robots[0]) < HELD_S * 1e3 + 1000.0
+    forget_programs()
+    assert [motion.code for motion in motions] == [EVENT_STOP] * n
+
+
+def test_an_arm_waits_for_another_one_that_moves_for_long() -> None:
+    first, second = offline(), offline()
+    ready = new_sem("ready", value=False)
+    move(
+        first, joint_pos(first, "away", AWAY), MOV_NOTIFY,
+        lambda event, _: MOVE_STOP if event == EVENT_DEQ and sem_take(ready) == ERROR else OK, 0,
+    )  # fmt: skip
+    give = (MOV_DONEPROC, lambda _robot, _motion: sem_give(ready))
+    move(second, joint_pos(second, "away", AWAY), MOV_TIME, 1000 * HELD_S + 5000, *give, 0)
+    arcl_wait(first)
+    assert np.allclose(first.joints, AWAY)
+
+
+def fails(*_arguments):
+    raise ZeroDivisionError("division")
+
+
+def answers_junk(*_arguments):
+    return "banana"
+
+
+@pytest.mark.parametrize(
+    ("handler", "attribute", "function", "where_to"),
+    [
+        (fails, MOV_DONEPROC, fails, (999.0, *PARK[1:])),
+        (answers_junk, MOV_DONEPROC, fails, (999.0, *PARK[1:])),
+        (None, MOV_DONEPROC, fails, AWAY),
+        (None, MOV_NOTIFY, answers_junk, AWAY),
+    ],
+)
+def test_what_the_last_call_back_raises_is_raised_once_and_then_the_arm_is_given_up(
+    handler, attribute, function, where_to
+) -> None:
+    rp = offline()
+    arcl_errproc(handler)
+    move(rp, joint_pos(rp, "goal", where_to), attribute, function, 0)
+    with pytest.raises((ZeroDivisionError, MotionError), match=r"division|not 'banana'"):
+        arcl_wait(rp)
+    for call in (lambda: arcl_wait(rp), lambda: move(rp, joint_pos(rp, "home", PARK), 0), lambda: stop(rp)):
+        with pytest.raises(MotionError, match=r"was given up after .* call arcl_open"):
+            call()
+    arcl_close(rp)
