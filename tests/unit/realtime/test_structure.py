@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import uuid
+
 import numpy as np
 import pytest
 
-from qrobot.hwif.board_memory import BOARD_MEMORY, LAYOUT, BoardMemory
+from qrobot.errors import LinkError
+from qrobot.hwif.board_memory import BOARD_MEMORY, LAYOUT, BoardMemory, attach_board_memory, create_board_memory
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.flat_record import copy_fields, words_of
 from qrobot.realtime.jit import lean_kernel
@@ -26,7 +29,7 @@ from qrobot.realtime.structure import (
     word,
     words,
 )
-from qrobot.servo.memory.servo_memory import ServoMemory, servo_dtype
+from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, create_servo_memory, servo_dtype
 
 
 class Pair:
@@ -115,6 +118,18 @@ def test_the_digest_of_a_type_tells_fields_that_change_places() -> None:
     kinds = (Pair, Swapped, Real, Outer, OuterOfSwapped)
     assert len({digest_of(dtype_of(kind)) for kind in kinds}) == len(kinds)
     assert digest_of(dtype_of(Pair)) == digest_of(np.dtype([("first", "<i8"), ("second", "<i8")]))
+
+
+def test_servo_and_board_memory_are_refused_to_a_peer_with_other_fields() -> None:
+    arm = f"test-{uuid.uuid4().hex[:12]}"
+    with create_servo_memory(arm, "puma560", "pd", 6, 1_000_000, 64) as servo, create_board_memory(arm) as board:
+        attach_servo_memory(arm).close()
+        attach_board_memory(arm).close()
+        servo.header.digest += 1
+        board.header.digest += 1
+        for attach in (attach_servo_memory, attach_board_memory):
+            with pytest.raises(LinkError, match="other fields"):
+                attach(arm)
 
 
 def test_a_change_of_the_board_memory_raises_its_layout() -> None:

@@ -22,6 +22,7 @@ from qrobot.hwif.board_memory import local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
 from qrobot.realtime.page_faults import FaultWatch
+from qrobot.realtime.structure import view_words
 from qrobot.servo.laws import LAWS, find_law
 from qrobot.servo.laws.law import KP, KV, Law
 from qrobot.servo.laws.law_swap import SwapState
@@ -559,15 +560,17 @@ def test_a_stop_is_told_once_also_when_it_is_seen_before_its_cycle_is_published(
     herald.announce(process.incident)
     process.said.clear()
     process.bench.follows = False
-    published = np.array(process.bench.mail.published)
+    published = view_words(process.mailbox.memory.published)
+    before = published.copy()
     while process.incident is None:
-        published = np.array(process.bench.mail.published)
+        before = published.copy()
         process.bench.q[2] += 1e-3
         process.bench.tick()
-    after, process.bench.mail.published = np.array(process.bench.mail.published), published
+    after = published.copy()
+    published[:] = before
     herald.announce(process.incident)
     herald.announce(process.incident)
-    process.bench.mail.published = after
+    published[:] = after
     herald.announce(process.incident)
     assert len(process.said) == 1
     assert "FOLLOWING" in process.said[0]
