@@ -40,12 +40,14 @@ kernels: $(VENV)/dev.stamp
 
 # Tests on virtual time share out the processors, file by file and in order: the longest files are not the last. Those on
 # the wall clock wait more than they compute, and two of them at a time would only slow each other down: they run beside
-# the others, one by one, ahead of them on any processor (`nice`). What they print comes when they are done.
+# the others, one by one, and these get what they leave of the processors. What they print comes when they are done.
+IDLE := $(shell command -v chrt >/dev/null && echo chrt --idle 0 || echo nice -n 19)
+
 unit: $(VENV)/dev.stamp
 	@$(MAKE) --no-print-directory -j 2 realtime virtual
 
 virtual: $(VENV)/dev.stamp
-	nice $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(IDLE) $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 realtime: $(VENV)/dev.stamp
 	@$(BIN)/python -m pytest -m realtime > $(VENV)/realtime.txt 2>&1; status=$$?; cat $(VENV)/realtime.txt; exit $$status

@@ -179,7 +179,7 @@ class Trial:
     def move_again(self) -> tuple[bool, float]:
         """Ask for the motion anew from where the arm is held; whether it was stopped, and how far a joint went, rad."""
         rig, start = self.rig, self.rig.emulator.q.copy()
-        begin = np.array(rig.mailbox.snapshot().q_ref)
+        begin = np.array(rig.mailbox.snapshot().q_setpoint)
         for seq in range(round(WATCH_S * 1e9 / FRAME_NS)):
             q = begin + way(self.conditions, np.array([seq * FRAME_NS * 1e-9]))[0]
             rig.mailbox.push_setpoint(2, seq, rig.now_ns, FRAME_NS, [POSITION_SETPOINT] * N, q.tolist())
