@@ -64,6 +64,7 @@ class HeldJog:
                 pass
         finally:
             self._arm.each_sample(None)
+            self._arm.chg.key_held = False
 
     def _look_at_key(self) -> None:
         """Tell at each sample whether the servo may let the arm move."""

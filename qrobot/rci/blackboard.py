@@ -17,7 +17,7 @@ from qrobot.wire.packets import Values
 class Chg:
     """The next command. Fields mean what they mean in `wire.Command`.
 
-    `clear_fault` and `stop` go out once and are lowered again. Once `hold_to_run` was said, the
+    `clear_fault`, `stop` and `key_held` go out once and are lowered again. Once `hold_to_run` was said, the
     arm moves only while `key_held` is: a program that jogs sets it at each sample from its key. Output 1 is bit 0 of
     `outputs`.
     """
@@ -69,5 +69,5 @@ class Chg:
             state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
             self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held,
         )  # fmt: skip
-        self.clear_fault = self.stop = False
+        self.clear_fault = self.stop = self.key_held = False
         return command

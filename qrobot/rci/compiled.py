@@ -40,6 +40,18 @@ def no_function(tick: int, memory: Floats) -> None:
 
 
 @lean_kernel
+def tick_at_time(since_ns: int, rate_hz: int) -> int:
+    """The newest tick of a clock that began `since_ns` ago; seconds by themselves, or 64 bits end after 106 days."""
+    return since_ns // NS_PER_S * rate_hz + since_ns % NS_PER_S * rate_hz // NS_PER_S
+
+
+@lean_kernel
+def time_of_tick(tick: int, rate_hz: int) -> int:
+    """First nanosecond of a tick, since the clock began."""
+    return tick // rate_hz * NS_PER_S - (-(tick % rate_hz * NS_PER_S) // rate_hz)
+
+
+@lean_kernel
 def run_control(
     words: Words, over: Words, memory: Floats, control1: int, control2: int, rate_hz: int, epoch_ns: int,
     interval: int, tick: int,
@@ -50,12 +62,12 @@ def run_control(
     """
     first, second = _call_at(control1), _call_at(control2)
     while load_acquire(over, 0) == 0:
-        due_ns = epoch_ns - (-tick * NS_PER_S // rate_hz)
+        due_ns = epoch_ns + time_of_tick(tick, rate_hz)
         now_ns = monotonic_ns()
         if now_ns < due_ns:
             sleep_until_ns(min(due_ns, now_ns + LOOK_NS))
             continue
-        times = ((now_ns - epoch_ns) * rate_hz // NS_PER_S - tick) // interval + 1
+        times = (tick_at_time(now_ns - epoch_ns, rate_hz) - tick) // interval + 1
         words[_MISSED] += times - 1
         store_release(words, _WOKEN, words[_WOKEN] + times)
         for _ in range(times):

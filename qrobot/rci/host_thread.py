@@ -38,12 +38,16 @@ class HostThread:
         self._loop = ProcessorLoop(Monitor(name, clock), clock, happened)
         self._thread = threading.Thread(target=self._run, name=f"rci-{name}", daemon=True)
         self._hung = False
+        self._why = ""  # it runs no task any more
         sys.setswitchinterval(min(SWITCH_S, sys.getswitchinterval()))
         self._thread.start()
 
     def _run(self) -> None:
         set_fifo(PRIORITY)
-        self._loop.run()
+        try:
+            self._loop.run()
+        except BaseException as error:  # whatever it is, nobody else would tell the program
+            self._give_up(error, f"it has failed ({type(error).__name__}: {error})")
 
     def order(self, order: str, *arguments: Any) -> None:
         """Let the monitor do something between two runs, and wait until it has. Raises what it raises."""
@@ -51,11 +55,16 @@ class HostThread:
             self._loop.monitor.obey(order, *arguments)
             return
         if self._hung:
-            refuse_start(order, "a function that does not return keeps its thread")
+            refuse_start(order, self._why)
             return  # its tasks have ended
         answer = Answer(lambda: self._loop.monitor.obey(order, *arguments))
         self._loop.ring(answer.give)
-        answer.take(lambda: self._hung)
+        answer.take(self._is_hopeless)
+
+    def _is_hopeless(self) -> bool:
+        """True when nobody will carry out an order; functions that an order calls are looked after meanwhile."""
+        self.end_rogues(self._clock.now_ns())
+        return self._hung or not self._thread.is_alive()
 
     def end_rogues(self, now_ns: int) -> None:
         """End a function that takes longer than it is allowed; all tasks, when it does not let itself be ended."""
@@ -68,14 +77,15 @@ class HostThread:
                         ctypes.c_ulong(self._thread.ident), ctypes.py_object(RogueTask)
                     )
             if late_ns > PATIENCE_S * NS_PER_S and not self._hung:
-                self._give_up(runner.td)
+                error = RogueTask(f"task {runner.td.name} does not return, and its processor with it")
+                self._give_up(error, "a function that does not return keeps its thread")
 
-    def _give_up(self, rogue: TaskDescriptor) -> None:
+    def _give_up(self, error: BaseException, why: str) -> None:
         """The thread never comes back: close the links of its robots, whose bridges then stop them."""
-        self._hung = True
+        self._hung, self._why = True, why
         for runner in self._loop.monitor.runners:
             if runner.td.state not in (TaskState.CREATED, TaskState.RELEASED, TaskState.ENDED):
-                runner.abandon(RogueTask(f"task {rogue.name} does not return, and its processor with it"))
+                runner.abandon(error)
         self._happened()
 
     @property
@@ -87,7 +97,10 @@ class HostThread:
         """End the thread, unless it never comes back."""
         if not self._hung:
             self._loop.end()
-            self._thread.join()
+        while self._thread.is_alive() and not self._hung:
+            self._thread.join(WATCH_S)
+            self.end_rogues(self._clock.now_ns())
+        if not self._thread.is_alive():
             self._loop.close()
 
 

@@ -6,7 +6,6 @@ clock: whoever does tells it how far time has come, and which robots and devices
 
 from __future__ import annotations
 
-import select
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -14,6 +13,7 @@ from qrobot.errors import ConfigError, LinkTimeout
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import OpenLink
+from qrobot.rci.readiness import await_readable
 from qrobot.rci.schedule import ClockEntry, TaskScheduler
 from qrobot.rci.task_runner import ControlFunctions, TaskRunner
 
@@ -119,7 +119,11 @@ class Monitor:
     @property
     def sources(self) -> dict[int, TaskRunner]:
         """Descriptors that become readable when a task is to be woken: of robots and of devices."""
-        robots = {r.port.fileno(): r for r in self.attached if r.port is not None}
+        robots: dict[int, TaskRunner] = {}
+        for runner in self.attached:
+            with runner.guarded():
+                if runner.port is not None:
+                    robots[runner.port.fileno()] = runner
         return robots | self.devices
 
     @property
@@ -131,14 +135,16 @@ class Monitor:
         """The clock has come to `tick`: wake what is due, call triggers."""
         for key, times in self._scheduler.due(tick):
             runner = self._runners[abs(key)]
+            if not runner.td.active:
+                continue  # it has ended
             if key < 0:
                 self._call_trigger(runner)
-            elif runner.td.active:
+            else:
                 runner.wake(times)
 
     def _call_trigger(self, runner: TaskRunner) -> None:
         with runner.guarded():
-            self._triggers[runner.td.bit](runner.td)
+            runner.watched(lambda: self._triggers[runner.td.bit](runner.td))
 
     def ask_functions(self) -> None:
         """Wake the tasks without a device whose wake-up functions say so."""
@@ -150,7 +156,7 @@ class Monitor:
         """Wake a task that has answered every wake-up, unless its function says that there is nothing to do."""
         if runner.td.active and not runner.td.run_count:
             with runner.guarded():
-                if runner.wakeup is None or runner.wakeup():
+                if runner.wakeup is None or runner.watched(runner.wakeup):
                     runner.wake()
 
     def hear(self, descriptors: Iterable[int]) -> None:
@@ -164,6 +170,22 @@ class Monitor:
                 self.wake_by_function(runner)
             else:
                 runner.wake()
+
+    def hear_devices(self) -> None:
+        """Wake the tasks whose devices can be read now, on virtual time."""
+        if devices := self.devices:
+            ready = await_readable(devices, 0.0)
+            self.end_deaf(ready.closed)
+            for descriptor in devices:
+                if descriptor in ready.readable:
+                    self.wake_by_function(devices[descriptor])
+
+    def end_deaf(self, closed: Iterable[int]) -> None:
+        """End the tasks whose devices were closed under them."""
+        devices = self.devices
+        for descriptor in closed:
+            if (runner := devices.get(descriptor)) is not None:
+                runner.end(ConfigError(f"task {runner.td.name}: its device was closed: release the task before"))
 
     def end_silent(self, now_ns: int, patience_ns: int) -> None:
         """End the tasks whose robots have not been heard for so long."""
@@ -187,8 +209,3 @@ class Monitor:
                 if runner.runnable:
                     runner.run()
                     ready = True
-
-
-def readable(devices: dict[int, TaskRunner]) -> dict[int, TaskRunner]:
-    """Descriptors, of those given, that can be read now."""
-    return {fd: devices[fd] for fd in select.select(devices, (), (), 0.0)[0]} if devices else {}

@@ -102,6 +102,10 @@ class PowerDown:
         self._elapsed_s = 0.0
         self._stopped = False
 
+    def ask_off(self) -> None:
+        """Leave the arm without power after all, with all the time there is for it."""
+        self._power_off, self._elapsed_s = True, 0.0
+
     def step(self, robot: RobotState, chg: Chg) -> bool:
         """Say the next request in `chg`; True when there is nothing left to wait for."""
         self._elapsed_s += self._period_s

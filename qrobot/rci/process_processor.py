@@ -95,7 +95,7 @@ class ProcessProcessor:
         if self._process is None or self._dead:
             return
         self._hear()
-        for td in self._tds.values():
+        for td in list(self._tds.values()):
             if lateness(td, now_ns) > 2 * PATIENCE_S * NS_PER_S:
                 self._process.kill()
                 self._bury(f"task {td.name} does not return, and its processor with it", RogueTask)

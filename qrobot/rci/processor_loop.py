@@ -7,7 +7,6 @@ decides when its tasks are woken.
 from __future__ import annotations
 
 import os
-import select
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,6 +15,7 @@ from typing import Any, Final
 from qrobot.errors import RogueTask
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.monitor import Monitor
+from qrobot.rci.readiness import Readiness, await_readable
 from qrobot.rci.tcp import ANSWER_TIMEOUT_S
 from qrobot.units import NS_PER_S
 
@@ -54,14 +54,14 @@ class ProcessorLoop:
         while not self._over:
             with suppress(RogueTask):  # one that came when its task had just ended by itself
                 ready = self._await(also)
-                if also in ready:
+                if also in ready.readable:
                     hear()
                 self._turn(ready)
 
-    def _await(self, also: int | None) -> set[int]:
-        """The descriptors that are readable, at the latest when the next tick is due."""
+    def _await(self, also: int | None) -> Readiness:
+        """The descriptors that have something to say, at the latest when the next tick is due."""
         watched = {self._doorbell, *self.monitor.sources} | ({also} if also is not None else set())
-        return set(select.select(watched, (), (), self._patience_s)[0])
+        return await_readable(watched, self._patience_s)
 
     @property
     def _patience_s(self) -> float | None:
@@ -71,13 +71,14 @@ class ProcessorLoop:
             return min(max(0, self._clock.time_of(tick) - now_ns) / NS_PER_S, LOOK_S)
         return LOOK_S if monitor.attached else None
 
-    def _turn(self, ready: set[int]) -> None:
+    def _turn(self, ready: Readiness) -> None:
         with suppress(BlockingIOError):
             os.eventfd_read(self._doorbell)
         while self._orders:
             self._orders.popleft()()
         monitor, now_ns = self.monitor, self._clock.now_ns()
-        monitor.hear(ready)
+        monitor.end_deaf(ready.closed)
+        monitor.hear(ready.readable)
         monitor.pass_ticks(self._clock.tick_at(now_ns))
         monitor.ask_functions()
         monitor.run_ready()

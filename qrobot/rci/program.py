@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import select
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,6 +17,7 @@ from qrobot.rci.common_clock import CommonClock, checked_rate
 from qrobot.rci.descriptor import AREA_WORDS, HOST, MOST_TASKS, PARENT, TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import Environment, link_maker
 from qrobot.rci.processor_image import KnownArea, KnownTask, SharedVariable
+from qrobot.rci.readiness import check_open
 from qrobot.rci.real_time import RealTimeProcessors
 from qrobot.rci.robot_data import KnownRobot, RobotTable
 from qrobot.rci.schedule import check_interval
@@ -192,8 +192,8 @@ class RciProgram:
             raise ConfigError(f"task {td.name} is woken by its robot: give a task without one the device")
         try:
             descriptor = device if isinstance(device, int) else device.fileno()
-            select.select([descriptor], (), (), 0)
-        except (OSError, ValueError, AttributeError, TypeError) as error:
+            check_open(descriptor)
+        except (OSError, ValueError, OverflowError, AttributeError, TypeError) as error:
             raise ConfigError(f"task {td.name}: {device!r} is no device that can be waited for: {error}") from error
         self._order(td, "set_device", descriptor)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import time
@@ -23,6 +24,7 @@ from qrobot.rci.task_runner import current_task
 from qrobot.rci.task_table import Bytes
 
 START_LEAD_S: Final = 0.01  # [A] in which every processor hears that its tasks are to begin at one tick
+_log = logging.getLogger(__name__)
 _LOOK_S: Final = 0.002  # a waiting program looks up so often
 
 
@@ -126,5 +128,8 @@ class RealTimeProcessors:
     def _watch_tasks(self) -> None:
         """End what takes longer than it is allowed."""
         while not self._over.wait(WATCH_S):
-            for processor in list(self._processors.values()):
-                processor.end_rogues(self.clock.now_ns())
+            for name, processor in list(self._processors.items()):
+                try:
+                    processor.end_rogues(self.clock.now_ns())
+                except Exception:  # one processor that cannot be looked at leaves no other without a watch
+                    _log.exception("the watch over processor %s failed, and looks again", name)

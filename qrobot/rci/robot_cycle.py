@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
-from typing import Final
+from numbers import Integral
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -64,14 +65,20 @@ class RobotCycle:
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
         self._seq: int | None = None
+        self._said = Asked((), ())  # in the command before
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
 
     def stop(self, power_off: bool = False) -> None:
-        """Begin a controlled stop from whatever phase, after which the arm holds its position or loses power."""
+        """Begin a controlled stop from whatever phase, after which the arm holds its position or loses power.
+
+        A stop that has begun already ends without power when this one is to.
+        """
         if self.phase not in (CyclePhase.STOPPING, CyclePhase.LEFT):
             self._power_down = PowerDown(self._period_s, power_off)
             self._td.chg.hold()
             self.phase = CyclePhase.STOPPING
+        elif power_off:
+            self._power_down.ask_off()
 
     def step(self, state: State, now_ns: int, control: Callable[[], object] | None) -> Command:
         """Answer a STATE. `control` is the first control function, None while the task is not active.
@@ -96,13 +103,18 @@ class RobotCycle:
                 self._follow(robot, chg, control)
             case CyclePhase.STOPPING:
                 self._stop(robot, chg)
-        return chg.command(state, now_ns)
+        return self._say(chg, state, now_ns)
+
+    def _say(self, chg: Chg, state: State, now_ns: int) -> Command:
+        command = chg.command(state, now_ns)
+        self._said = Asked(tuple(command.modes), tuple(command.setpoints))
+        return command
 
     def answer(self, state: State, now_ns: int) -> Command:
         """Answer a STATE that was taken in already, after something went wrong."""
         if self.phase is CyclePhase.STOPPING:
             self._stop(state.robot, self._td.chg)
-        return self._td.chg.command(state, now_ns)
+        return self._say(self._td.chg, state, now_ns)
 
     def _count(self, seq: int) -> None:
         self.left_out += 0 if self._seq is None else (seq - self._seq - 1) % _SEQ_MODULUS
@@ -129,10 +141,10 @@ class RobotCycle:
 
     def _control(self, chg: Chg, control: Callable[[], object]) -> None:
         """Call the control function; what it says of hand and outputs is forgotten when it cannot be."""
-        before, lines, stream = (chg.modes, chg.setpoints), (chg.hand, chg.outputs), chg.stream
+        lines, stream = (chg.hand, chg.outputs), chg.stream
         try:
             control()
-            check_chg(self._td.name, chg, self._data, before, self._period_s)
+            chg.modes, chg.setpoints = check_chg(self._td.name, chg, self._data, self._said, self._period_s)
         except BaseException:
             chg.hand, chg.outputs = lines
             raise
@@ -144,20 +156,31 @@ class RobotCycle:
             self.phase = CyclePhase.LEFT
 
 
-def check_chg(
-    name: str, chg: Chg, data: RobotData, before: tuple[tuple[int, ...], tuple[float, ...]], period_s: float
-) -> None:
-    """Judge what a control function asks for, `before` being what the sample before it did.
+class Asked(NamedTuple):
+    """Modes and setpoints of one command, which nobody can change in place."""
+
+    modes: tuple[int, ...]
+    setpoints: tuple[float, ...]
+
+
+def check_chg(name: str, chg: Chg, data: RobotData, before: Asked, period_s: float) -> Asked:
+    """Judge what a control function asks for, `before` being what went out at the sample before; returns its copy.
 
     Raises:
-        MotionError: no setpoints of this arm, no such hand or outputs, a torque beyond its limit, or a joint that would
-            be too fast.
+        MotionError: no setpoints of this arm, no such hand or outputs, a torque beyond its limit, a number that is
+            none, or a joint that would be too fast.
         JointLimit: a position outside the range.
     """
-    if chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
+    whole = all(isinstance(number, Integral) for number in (chg.hand, chg.outputs))
+    if not whole or chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
         raise MotionError(f"task {name}: hand {chg.hand!r} and outputs {chg.outputs!r}, 0 to 2 and 16 bits exist")
-    modes, setpoints = np.asarray(chg.modes), np.asarray(chg.setpoints, dtype=np.float64)
-    if modes.shape != (data.n,) or setpoints.shape != (data.n,) or not np.isin(modes, list(JointMode)).all():
+    modes, setpoints = np.array(chg.modes), np.array(chg.setpoints, dtype=np.float64)  # copies, which are judged
+    if (
+        modes.dtype.kind not in "iu"
+        or modes.shape != (data.n,)
+        or setpoints.shape != (data.n,)
+        or not np.isin(modes, list(JointMode)).all()
+    ):
         raise MotionError(f"task {name}: chg needs a mode and a setpoint for each of {data.n} joints")
     positions, torques = modes == JointMode.POSITION, modes == JointMode.TORQUE
     data.limits.check_position(np.where(positions, setpoints, data.limits.q_min), f"task {name}")
@@ -165,6 +188,9 @@ def check_chg(
     if excess.any():
         j = int(excess.argmax())
         raise MotionError(f"task {name}: {setpoints[j]:.4g} on joint {j + 1}, at most {data.tau_max[j]:.4g} allowed")
-    went_on = positions & (np.asarray(before[0]) == JointMode.POSITION)
-    step = np.where(went_on, setpoints - np.asarray(before[1]), 0.0)
+    if not np.isfinite(setpoints).all():
+        raise MotionError(f"task {name}: setpoints {setpoints.tolist()} are no finite numbers")
+    went_on = positions & (np.asarray(before.modes) == JointMode.POSITION)
+    step = np.where(went_on, setpoints - np.asarray(before.setpoints), 0.0)
     data.limits.check_velocity(step / period_s, f"task {name}", "make smaller steps from sample to sample")
+    return Asked(tuple(modes.tolist()), tuple(setpoints.tolist()))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from qrobot.errors import ConfigError, LinkError, RogueTask
 from qrobot.rci.common_clock import CommonClock
@@ -27,6 +27,7 @@ from qrobot.wire import Command, State, Welcome
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 ControlFunction: TypeAlias = Callable[[TaskDescriptor], object]
+T = TypeVar("T")
 
 _current: ContextVar[TaskDescriptor | None] = ContextVar("current_task", default=None)
 
@@ -119,7 +120,7 @@ class TaskRunner:
         self._enter(TaskState.ATTACHING)
         with self.guarded():
             if not self._started_up:
-                self.functions.startup(self.td)
+                self.watched(lambda: self.functions.startup(self.td))
                 self._started_up = True
             if self._open_link is None or self.td.robot is None:
                 self._enter(TaskState.READY)
@@ -193,7 +194,6 @@ class TaskRunner:
                 self._call_both()
             else:
                 self._sample(self._cycle)
-        words[TaskWord.BEGAN_NS] = 0  # also when it was ended while it was ending
         words[TaskWord.SERVED] = words[TaskWord.WOKEN] if self.attached else words[TaskWord.SERVED] + 1
 
     def _call_both(self) -> None:
@@ -202,15 +202,20 @@ class TaskRunner:
         self.td.words[TaskWord.RUNS] += 1
 
     def _call(self, function: ControlFunction) -> None:
-        """Run a control function; as long as it runs, the descriptor tells since when."""
+        """Run a control function, and note how long it took."""
         words, began_ns = self.td.words, self._clock.now_ns()
-        words[TaskWord.BEGAN_NS] = began_ns
+        self.watched(lambda: function(self.td))
+        words[TaskWord.LONGEST_NS] = max(words[TaskWord.LONGEST_NS], self._clock.now_ns() - began_ns)
+
+    def watched(self, call: Callable[[], T]) -> T:
+        """Call any function of the program's; as long as it runs, the descriptor tells since when."""
+        words = self.td.words
+        words[TaskWord.BEGAN_NS] = self._clock.now_ns()
         try:
-            function(self.td)
+            return call()
         finally:
             with self.ending:
                 words[TaskWord.BEGAN_NS] = 0
-        words[TaskWord.LONGEST_NS] = max(words[TaskWord.LONGEST_NS], self._clock.now_ns() - began_ns)
 
     def _sample(self, cycle: RobotCycle) -> None:
         if self.port is None:
@@ -251,6 +256,7 @@ class TaskRunner:
         except (Exception, SystemExit) as error:
             self.end(self._rogue() if isinstance(error, RogueTask) else error)
         finally:
+            self.td.words[TaskWord.BEGAN_NS] = 0  # also when it was ended while it was ending
             _current.reset(token)
 
     def _rogue(self) -> RogueTask:

@@ -50,7 +50,6 @@ class TaskTable:
         self._stamp = stamp
         self._by_name: dict[str, TaskDescriptor] = {}
         self._areas: dict[str, SharedArea] = {}
-        self._payload: Words = np.zeros(LANE_WORDS, np.int64)
         prepare_messages()
 
     # ----------------------------------------------------------------------------------------------------- descriptors
@@ -112,8 +111,9 @@ class TaskTable:
         first = min(senders, key=lambda td: stamps[td.bit], default=None)
         if first is None or stamps[first.bit] == NO_MESSAGE:
             return b"", None
-        n_bytes = take_message(receiver.lane_from(first.bit), self._payload)
-        return self._payload.tobytes()[:n_bytes], first
+        payload: Words = np.empty(LANE_WORDS, np.int64)  # of this call: tasks and program receive at the same time
+        n_bytes = take_message(receiver.lane_from(first.bit), payload)
+        return payload.tobytes()[:n_bytes], first
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from qrobot.arrays import Words
 from qrobot.errors import ConfigError
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.compiled_monitor import CompiledMonitor
-from qrobot.rci.monitor import Monitor, readable
+from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_image import KnownArea, TaskNumbers
 from qrobot.rci.processor_names import check_processor_name, is_compiled
 from qrobot.rci.task_runner import current_task
@@ -85,8 +85,7 @@ class VirtualProcessors:
         for monitor in monitors:
             monitor.pass_ticks(self._tick)
             monitor.ask_functions()
-            for runner in readable(monitor.devices).values():
-                monitor.wake_by_function(runner)
+            monitor.hear_devices()
 
     def words(self, n: int) -> Words:
         """Zeroed memory that all processors reach."""

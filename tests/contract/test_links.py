@@ -243,10 +243,10 @@ def test_the_blackboards_one_time_requests_go_out_once() -> None:
     link, chg = VirtualLink(hello_for("puma560"), robot.transfer), Chg(2)
     link.open()
     state = link.exchange(None)
-    chg.stop = chg.clear_fault = True
+    chg.stop = chg.clear_fault = chg.key_held = True
     first, second = chg.command(state, 0), chg.command(state, 0)
-    assert (first.stop, first.clear_fault) == (True, True)
-    assert (second.stop, second.clear_fault) == (False, False)
+    assert (first.stop, first.clear_fault, first.key_held) == (True, True, True)
+    assert (second.stop, second.clear_fault, second.key_held) == (False, False, False)
     chg.go_to((0.3, 0.4))
     assert chg.command(state, 0).setpoints == (0.3, 0.4)
     assert set(chg.command(state, 0).modes) == {1}

@@ -116,6 +116,76 @@ def test_a_wakeup_function_with_a_device_is_asked_only_when_the_device_says_some
     os.close(source)
 
 
+def test_a_device_that_is_closed_ends_its_task_alone() -> None:
+    source, sink = os.pipe()
+    good, sensor = task("good", lambda _: None, 1), task("sensor", lambda _: None)
+    rci.rci_device_interrupt(sensor, source)
+    rci.rci_start(good.bit | sensor.bit)
+    os.close(source)
+    os.close(sink)
+    with pytest.raises(ConfigError, match="task sensor: its device was closed"):
+        rci.rci_wait(lambda: False)
+    runs = good.runs
+    rci.rci_wait(lambda: good.runs > runs + 5)
+    assert sensor.state is TaskState.ENDED
+
+
+def test_whatever_ends_a_processors_thread_ends_all_its_tasks_and_the_program_goes_on() -> None:
+    class Unheard(BaseException):
+        """No Exception, as Ctrl-C is none."""
+
+    def fail(_: TaskDescriptor) -> None:
+        raise Unheard
+
+    good, bad = task("good", lambda _: None, 5), task("bad", fail, 5)
+    rci.rci_start(good.bit | bad.bit)
+    with pytest.raises(Unheard):
+        rci.rci_wait(lambda: False)
+    wait_until(lambda: good.state is bad.state is TaskState.ENDED, "the end of all tasks")
+    with pytest.raises(LinkLost, match="it has failed"):
+        rci.rci_start(good.bit)
+    with pytest.raises(Unheard):
+        rci.rci_close()
+
+
+@pytest.mark.parametrize("what", ["trigger", "wakeup", "startup"])
+def test_any_function_of_a_task_that_does_not_return_is_ended(what: str) -> None:
+    good, rogue = task("good", lambda _: None, 5), rci.rci_create("rogue")
+    rci.rci_control(rogue, lambda _: None, None, endless if what == "startup" else None)
+    rci.rci_onfunction(rogue, lambda: endless(rogue) if what == "wakeup" else False)
+    if what == "trigger":
+        rci.rci_trigger(rogue, 1, 0, endless)
+    rci.rci_timeout(rogue, 0.05)
+    with pytest.raises(RogueTask, match="task rogue ran for more than the 50 ms"):
+        started_and_waited_for(good.bit, rogue.bit)
+    runs = good.runs
+    rci.rci_wait(lambda: good.runs > runs + 5)
+    assert (good.state, rogue.state) == (TaskState.ACTIVE, TaskState.ENDED)
+
+
+def started_and_waited_for(*masks: int) -> None:
+    for mask in masks:
+        rci.rci_start(mask)
+    rci.rci_wait(lambda: False)
+
+
+def test_a_look_of_the_watch_that_fails_leaves_others_under_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = []
+
+    def fail(self: compiled_thread.CompiledThread, now_ns: int) -> None:
+        looks.append(now_ns)
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(compiled_thread.CompiledThread, "end_rogues", fail)
+    rci.rci_create("filter", "compiled")
+    wait_until(lambda: len(looks) > 1, "a second look")
+    rogue = task("rogue", endless, 5)
+    rci.rci_timeout(rogue, 0.05)
+    rci.rci_start(rogue.bit)
+    with pytest.raises(RogueTask):
+        rci.rci_wait(lambda: False)
+
+
 def test_a_rogue_task_is_found_and_ended_and_others_of_its_processor_go_on() -> None:
     good, rogue = task("good", lambda _: None, 5), task("rogue", endless, 5)
     rci.rci_timeout(rogue, 0.1)

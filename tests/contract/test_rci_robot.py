@@ -107,6 +107,16 @@ def test_a_released_task_is_started_again_where_the_arm_stands(robot: FakeRobot)
     assert np.abs(np.diff(np.array(robot.path)[:, 1])).max() == pytest.approx(0.01)
 
 
+def test_a_stop_under_way_ends_without_power_when_that_is_asked_for(robot: FakeRobot) -> None:
+    td = task(lambda td: td.chg.go_to(START) if td.runs < 5 else 1 / 0)
+    rci.rci_start(td.bit)
+    with pytest.raises(ZeroDivisionError):
+        wait_runs(td, 10)
+    assert td.state is TaskState.RELEASING
+    rci.rci_release(td.bit, power_off=True)
+    assert (td.state, robot.mode) == (TaskState.ENDED, Mode.OFF)
+
+
 def test_an_interval_on_the_clock_is_the_robots_sample_period(robot: FakeRobot) -> None:
     at = []
     td = task(lambda _: at.append(rci.rci_ticks()))
@@ -148,6 +158,10 @@ def test_tasks_with_and_without_a_robot_keep_their_own_rates_on_one_clock(robot:
         (lambda td: setattr(td.chg, "modes", (7,) * 6), MotionError, "a mode and a setpoint"),
         (lambda td: td.chg.drive((500.0, *START[1:]), (True, *[False] * 5)), MotionError, "500 on joint 1, at most"),
         (lambda _: 1 / 0, ZeroDivisionError, "division"),
+        (lambda td: setattr(td.chg, "hand", 1.0), MotionError, "hand 1.0"),
+        (lambda td: setattr(td.chg, "outputs", 1.5), MotionError, "outputs 1.5"),
+        (lambda td: setattr(td.chg, "modes", (1.0,) * 6), MotionError, "a mode and a setpoint"),
+        (lambda td: held_at(td, float("nan")), MotionError, "no finite numbers"),
         (lambda td: setattr(td.chg, "hand", 7), MotionError, "hand 7"),
         (lambda td: setattr(td.chg, "outputs", 1 << 40), MotionError, "16 bits exist"),
         (lambda td: setattr(td.chg, "outputs", -1), MotionError, "16 bits exist"),
@@ -166,6 +180,33 @@ def test_what_must_not_be_asked_for_is_never_sent_and_the_arm_comes_to_a_stop(ro
     assert all(set(c.modes) == {JointMode.HOLD} for c in robot.commands if c.stop)
     moved = [c for c in robot.commands[sent:] if JointMode.TORQUE in c.modes]
     assert (moved, robot.mode, robot.q, robot.goodbyes) == ([], Mode.HOLDING, START, 1)
+
+
+def held_at(td: TaskDescriptor, setpoint: float) -> None:
+    """Hold all joints, with a setpoint that does not matter."""
+    td.chg.hold()
+    td.chg.setpoints = (setpoint,) * 6
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+@pytest.mark.parametrize("where", ["control1", "control2"])
+def test_a_setpoint_that_is_changed_in_place_is_judged_by_what_went_out_before(robot: FakeRobot, kind, where) -> None:
+    q = kind(START)
+
+    def jump(td: TaskDescriptor) -> None:
+        if td.runs > 5:
+            q[0] += 0.5
+
+    def control1(td: TaskDescriptor) -> None:
+        if where == "control1":
+            jump(td)
+        td.chg.go_to(q)
+
+    td = task(control1, jump if where == "control2" else None)
+    rci.rci_start(td.bit)
+    with pytest.raises(MotionError, match=r"would need 17\.86 rad/s"):
+        wait_runs(td, 10)
+    assert np.ptp(np.array(robot.path), axis=0).max() == 0.0
 
 
 def test_the_largest_step_that_is_allowed_is_followed(robot: FakeRobot) -> None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from qrobot import rci
 from qrobot.errors import ConfigError
+from qrobot.rci.compiled import tick_at_time, time_of_tick
+from qrobot.units import NS_PER_S
 from tests.support import rci_compiled as functions
 from tests.support.rci_tasks import pass_ticks, recorded, virtual_program
 
@@ -43,3 +47,14 @@ def test_what_compiled_tasks_cannot_do_is_refused(call, text: str) -> None:
         td = rci.rci_create("filter", "compiled")
         with pytest.raises(ConfigError, match=text):
             call(td)
+
+
+YEAR_NS = 366 * 86_400 * NS_PER_S
+
+
+@settings(max_examples=200)
+@given(st.integers(-YEAR_NS, 100 * YEAR_NS), st.integers(1, 1000))
+def test_ticks_of_a_compiled_loop_are_those_of_whole_numbers_without_end(since_ns: int, rate_hz: int) -> None:
+    tick = since_ns * rate_hz // NS_PER_S
+    assert tick_at_time(since_ns, rate_hz) == tick
+    assert time_of_tick(tick, rate_hz) == -(-tick * NS_PER_S // rate_hz)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections import deque
+from itertools import count
 
 import numba
 import numpy as np
@@ -16,8 +18,9 @@ from hypothesis import strategies as st
 from qrobot import rci
 from qrobot.errors import ConfigError
 from qrobot.rci import calls, mail_lane, task_table
+from qrobot.rci.descriptor import TaskDescriptor, local_area
 from qrobot.rci.mail_lane import LANE_WORDS, LARGEST_MESSAGE
-from qrobot.rci.task_table import catches
+from qrobot.rci.task_table import ALL, TaskTable, catches
 from tests.support.rci_tasks import pass_ticks, recorded, virtual_program
 
 GAINS = np.array([[1.0, 2.0], [3.0, 4.0]])
@@ -217,3 +220,25 @@ def test_a_message_that_is_no_bytes_is_refused(pair, data, error: str) -> None:
 def test_a_message_to_nobody_else_tells_that_its_mask_is_wrong(pair) -> None:
     with pytest.raises(ConfigError, match="names no task but parent"):
         rci.rci_send(1, b"hello")
+
+
+def test_messages_that_two_threads_receive_at_once_are_whole() -> None:
+    """Both ends receive all the time, from one table as in a program, while both send."""
+    table, stamps = TaskTable(count().__next__), range(2000)
+    ends = [TaskDescriptor(name, 1 << i, "host", local_area()) for i, name in enumerate("ab")]
+    heard: dict[str, set[bytes]] = {"a": set(), "b": set()}
+    for td in ends:
+        table.add(td)
+
+    def talk(here: TaskDescriptor, there: TaskDescriptor) -> None:
+        for _ in stamps:
+            table.send(here, there.bit, here.name.encode() * 3200)
+            heard[here.name].add(table.receive(here, ALL)[0])
+
+    threads = [threading.Thread(target=talk, args=pair) for pair in (ends, ends[::-1])]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert heard["a"] <= {b"", b"b" * 3200}
+    assert heard["b"] <= {b"", b"a" * 3200}

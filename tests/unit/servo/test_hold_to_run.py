@@ -130,11 +130,12 @@ def test_a_program_jogs_as_long_as_its_key_is_held_and_is_told_why_it_ended() ->
 
     def jog(arm: rccl.Channel) -> None:
         nonlocal released_ns
-        arm.chg.hold_to_run = arm.chg.key_held = True
+        arm.chg.hold_to_run = True
+        arm.each_sample(lambda: setattr(arm.chg, "key_held", True))
         arm.move(arm.pose("ready"))
         arm.waitas(lambda: arm.time > 500.0)
         released_ns = rig.now_ns
-        arm.chg.key_held = False
+        arm.each_sample(None)  # what was said is lowered with each command
         arm.waitfor(arm.completed)
 
     with (
