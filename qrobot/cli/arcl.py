@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,6 +11,7 @@ from cyclopts import App, Parameter
 
 from qrobot.cli.console import note
 from qrobot.cli.option_types import OutputFile
+from qrobot.errors import LogError
 from qrobot.printable import printable
 
 if TYPE_CHECKING:
@@ -18,7 +21,8 @@ if TYPE_CHECKING:
 HELP = """
 Look at the streams that ARCL programs leave behind.
 
-`qrobot run --offline PROGRAM` writes one for each robot that the program opens.
+`qrobot run --offline PROGRAM` writes one for each robot that the program opens. Of a stream that is cut or damaged
+each command gives what is whole, says where that ends, and exits with status 1.
 """
 
 Orientation = Literal["rpy", "euler", "oat", "rotvec", "quat", "matrix"]
@@ -37,8 +41,9 @@ def unstream(file: Path) -> None:
     """
     from qrobot.arcl.stream import stream_lines
 
-    for line in stream_lines(_read(file)):
-        print(printable(line))
+    with _whole(file) as stream:
+        for line in stream_lines(stream):
+            print(printable(line))
 
 
 @app.command
@@ -56,7 +61,8 @@ def jtraj(file: Path, *, output: OutputFile | None = None, measured: bool = Fals
     """
     from qrobot.arcl.stream import joint_table
 
-    _give(joint_table(_read(file), measured), output)
+    with _whole(file) as stream:
+        _give(joint_table(stream, measured), output)
 
 
 @app.command
@@ -79,7 +85,8 @@ def ctraj(
     """
     from qrobot.arcl.stream import cartesian_table
 
-    _give(cartesian_table(_read(file), orientation), output)
+    with _whole(file) as stream:
+        _give(cartesian_table(stream, orientation), output)
 
 
 @app.command
@@ -100,18 +107,19 @@ def torques(file: Path, *, robot: str | None = None, output: OutputFile | None =
     from qrobot.arcl.stream.torques import torque_table
     from qrobot.config import load_robot
 
-    stream = _read(file)
-    _give(torque_table(stream, load_robot(robot or stream.start.robot)), output)
+    with _whole(file) as stream:
+        _give(torque_table(stream, load_robot(robot or stream.start.robot)), output)
 
 
-def _read(file: Path) -> Stream:
-    """The stream; what is missing at its end is told."""
+@contextmanager
+def _whole(file: Path) -> Iterator[Stream]:
+    """The stream. Raises LogError behind the block, when what is whole is out, if the stream is cut or damaged."""
     from qrobot.arcl.stream import read_stream
 
     stream = read_stream(file)
+    yield stream
     if stream.damage:
-        note(f"{file}: {stream.damage}")
-    return stream
+        raise LogError(f"{file}: {stream.damage}")
 
 
 def _give(table: TrajectoryTable, output: Path | None) -> None:

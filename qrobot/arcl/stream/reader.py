@@ -1,14 +1,15 @@
-"""The reading end of a diagnostic stream: every whole record, also of a file that ends in the middle of one."""
+"""The reading end of a diagnostic stream: every whole record up to the first damage, also of a file that is cut."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
-from qrobot.arcl.stream.layout import HEADER, RecordKind, unpacked
+from qrobot.arcl.stream.content import content_fault
+from qrobot.arcl.stream.layout import HEADER, MARK, RecordHeader, RecordKind, unpacked
 from qrobot.arcl.stream.start import StreamStart, decode_start
 from qrobot.arrays import Floats
 from qrobot.errors import LogError
@@ -46,7 +47,7 @@ class Stream:
     Attributes:
         start: what it is about.
         records: in order, without the first.
-        damage: what is missing at its end, in words; empty when nothing is.
+        damage: where it is cut or damaged and what follows, in words; empty when it is whole.
     """
 
     start: StreamStart
@@ -70,23 +71,41 @@ def read_stream(path: Path) -> Stream:
         data = path.read_bytes()
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
-    records = list(_records(memoryview(data)))
-    if not records:
+    first = unpacked(data, 0)
+    if first is None:
         raise LogError(f"{path}: not an ARCL stream")
-    start = decode_start(records[0].content, str(path))
-    whole = sum(HEADER.size + -(-len(record.content) // 8) * 8 for record in records)
-    return Stream(start, tuple(records[1:]), _damage(records, len(data) - whole))
+    start = decode_start(_content(data, 0, first), str(path))
+    records, damage = _read(data, first.following, start.n)
+    return Stream(start, tuple(records), damage)
 
 
-def _records(data: memoryview) -> Iterator[StreamRecord]:
-    offset = 0
+def _read(data: bytes, offset: int, n: int) -> tuple[list[StreamRecord], str]:
+    """The records from `offset` on, up to the first that is not whole and sound; and what is wrong with that."""
+    records: list[StreamRecord] = []
     while (header := unpacked(data, offset)) is not None:
-        begin = offset + HEADER.size
-        yield StreamRecord(header.kind, header.t_ms, bytes(data[begin : begin + header.content]))
+        record = StreamRecord(header.kind, header.t_ms, _content(data, offset, header))
+        fault = content_fault(header.kind, record.content, n) if isfinite(header.t_ms) else "a time that is not finite"
+        if fault:
+            return records, f"damaged at byte {offset}: {fault}; {_behind(data, offset)}"
+        records.append(record)
         offset = header.following
+    if offset < len(data):
+        return records, f"damaged at byte {offset}: no whole record; {_behind(data, offset)}"
+    if records and records[-1].kind == RecordKind.END:
+        return records, ""
+    return records, f"cut short at byte {offset}: the program that wrote it did not end it; nothing follows"
 
 
-def _damage(records: list[StreamRecord], left_over: int) -> str:
-    if left_over:
-        return f"{left_over} bytes at its end are no whole record"
-    return "" if records[-1].kind == RecordKind.END else "the program that wrote it was cut short"
+def _behind(data: bytes, offset: int) -> str:
+    """What follows damage at `offset`, in words."""
+    following = data.find(MARK, offset + 1)
+    while following >= 0:
+        if unpacked(data, following) is not None:
+            return f"sound records follow from byte {following} on, which are not read"
+        following = data.find(MARK, following + 1)
+    return f"{len(data) - offset} bytes are left, and no sound record in them"
+
+
+def _content(data: bytes, offset: int, header: RecordHeader) -> bytes:
+    begin = offset + HEADER.size
+    return data[begin : begin + header.content]

@@ -8,9 +8,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from qrobot import arcl
 from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter
+from qrobot.arcl.stream.layout import HEADER, checksum
 from qrobot.arcl.stream.layout import RecordKind as Kinds
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -19,9 +21,6 @@ CALLS_PAGE = (DOCS / "reference/arcl.md").read_text()
 
 
 def test_the_reader_printed_on_the_streams_page_reads_a_stream_cut_short(tmp_path: Path) -> None:
-    reader = re.search(r"```python\n(.*?)```", STREAM_PAGE, re.DOTALL)
-    assert reader is not None
-    (tmp_path / "reader.py").write_text(reader[1])
     path = tmp_path / "run.arcl"
     writer = StreamWriter(path, StreamStart("puma560", "RRRRRR", "prog", "offl", 56000))
     writer.text(RecordKind.REQUEST, "request pos: t=0", 0.0)
@@ -29,13 +28,36 @@ def test_the_reader_printed_on_the_streams_page_reads_a_stream_cut_short(tmp_pat
     writer.event(4, "pos", 112.0)
     writer.close(112.0)
     path.write_bytes(path.read_bytes()[:-3])
-    said = subprocess.run([sys.executable, tmp_path / "reader.py", path], capture_output=True, text=True, check=True)
+    said = read_by_the_page(path)
+    assert re.fullmatch(r"no whole record at byte \d+\n", said.stderr)
     assert [line.split() for line in said.stdout.splitlines()] == [
         ["0.000", "START", "puma560", "RRRRRR", "prog", "offl"],
         ["0.000", "REQUEST", "request", "pos:", "t=0"],
         ["0.056", "JOINTS", *(f"{number:.6f}" for number in range(6))],
         ["0.112", "EVENT", "4", "pos"],
     ]
+
+
+def read_by_the_page(path: Path) -> subprocess.CompletedProcess[str]:
+    reader = re.search(r"```python\n(.*?)```", STREAM_PAGE, re.DOTALL)
+    assert reader is not None
+    (path.parent / "reader.py").write_text(reader[1])
+    return subprocess.run(
+        [sys.executable, path.parent / "reader.py", path], capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def circle() -> bytes:
+    """A record whose header behind is its own, with a right checksum."""
+    header = HEADER.pack(b"ARCL", 4, 0, 8, 0, 0, 0, 0.0)
+    return header[:12] + checksum(header, b"a record").to_bytes(4, "little") + header[16:] + b"a record"
+
+
+@pytest.mark.parametrize("content", [b"", b"just a text\n" * 20, circle()])
+def test_the_reader_on_the_page_says_what_is_no_stream_and_always_ends(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x").write_bytes(content)
+    said = read_by_the_page(tmp_path / "x")
+    assert (said.returncode, said.stdout, said.stderr) == (1, "", "no whole record at byte 0\n")
 
 
 def test_the_streams_page_lists_every_kind_of_record() -> None:
