@@ -7,6 +7,7 @@ one of the same rigid body. The work of a force along a displacement is the same
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -14,10 +15,13 @@ from qrobot.arcl.kinematics.jacobian import inverse_jacobian
 from qrobot.arcl.trans import CONST, Trans, new_trans_value
 from qrobot.arcl.vectors import CartesianVector, three
 from qrobot.arrays import Floats
+from qrobot.errors import MotionError
 from qrobot.model.differential import small_motion, twist_to_child, wrench_to_parent
 from qrobot.model.transform import so3_exp, transform
 from qrobot.motion import Trsf
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
+
+_ROWS: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +88,10 @@ class Jacob:
     """A Jacobian matrix: `[v; w] = matrix @ joint rates`, m and rad. Shape (6, n)."""
 
     matrix: Floats
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.matrix, np.ndarray) or self.matrix.ndim != 2 or self.matrix.shape[0] != _ROWS:
+            raise MotionError(f"Jacob: a matrix of six rows is needed, as of aki.jacobian, not {self.matrix!r}")
 
     def velocity(self, rates: Floats) -> Floats:
         """Velocity and angular velocity of T6 in the base, at joint rates (n,) in rad/s (m/s). Shape (6,)."""

@@ -43,6 +43,8 @@ def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1)
     """A group of `count` lines from line `first` on. Raises MotionError: there are no such lines."""
     if not isinstance(direction, LineDirection):
         raise MotionError(f"new_iod: IOD_IN or IOD_OUT is needed, not {direction!r}")
+    if not all(isinstance(number, int) and not isinstance(number, bool) for number in (first, count)):
+        raise MotionError(f"new_iod: numbers of lines are whole, not {first!r} and {count!r}")
     check_lines(first, count, N_INPUTS if direction is IOD_IN else N_OUTPUTS)
     return IOD(rp, direction, first, count)
 

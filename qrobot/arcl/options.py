@@ -14,6 +14,7 @@ from qrobot.errors import MotionError
 from qrobot.motion import Trsf
 
 DEFAULT_TACC_MS: Final = 100.0  # Ta of the requests in Figure 5
+LONGEST_TACC_MS: Final = 60_000.0  # [A] no arm needs a second
 DEFAULT_SHARE: Final = 30.0  # [A] per cent of the joints' speed, where nothing was said
 
 
@@ -92,6 +93,12 @@ def _positive(attribute: Attribute, value: Any) -> float:
     return number
 
 
+def _transition(attribute: Attribute, value: Any) -> float:
+    if (number := _number(attribute, value)) > LONGEST_TACC_MS:
+        raise MotionError(f"{attribute.name}: at most {LONGEST_TACC_MS:g} ms are possible, not {value!r}")
+    return number
+
+
 def _share(attribute: Attribute, value: Any) -> float:
     if (number := _positive(attribute, value)) > 100.0:
         raise MotionError(f"{attribute.name}: above 0 to 100 per cent are possible, not {value!r}")
@@ -134,7 +141,7 @@ _SPEEDS: Final = {
 _FIELDS: Final[dict[Attribute, tuple[str, Callable[..., Any]]]] = {
     Attribute.MOV_TRAJ: ("traj", _traj),
     Attribute.MOV_TIME: ("tseg_ms", _positive),
-    Attribute.MOV_TACC: ("tacc_ms", _number),
+    Attribute.MOV_TACC: ("tacc_ms", _transition),
     Attribute.MOV_VT: ("vt", _number),
     Attribute.MOV_VR: ("vr", _number),
     Attribute.MOV_JVEL: ("jvel", _positive),

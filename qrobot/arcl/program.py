@@ -8,9 +8,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from qrobot.arcl.attributes import Attribute, attribute_values
 from qrobot.arcl.joint_units import units_of
-from qrobot.arcl.kinematics import kinematics
+from qrobot.arcl.kinematics import ManipulatorKinematics, kinematics
 from qrobot.arcl.machine import MachineSettings, machine
 from qrobot.arcl.motion import Motion
 from qrobot.arcl.opened import forget, newest, open_robots, remember
@@ -18,8 +20,9 @@ from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.switches import say, switches
 from qrobot.arcl.trans import Trans
+from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
-from qrobot.errors import MotionError, QRobotError
+from qrobot.errors import JointLimit, MotionError, QRobotError
 from qrobot.motion import Blend, Trsf, warm_up, warm_up_cartesian
 from qrobot.rci.machine_choice import machine_choice
 
@@ -48,8 +51,8 @@ def arcl_open(*attributes: Any) -> ArclRobot:
     aki = kinematics(arm, switches.aki or one.get(Attribute.ARCL_AKI, ""), switches.unlimited)
     start = one.get(Attribute.ARCL_START)
     settings = MachineSettings(
-        arm, aki.zero, one.get(Attribute.ARCL_PERIOD), _stream(one, arm), Path(sys.argv[0] or "python").name,
-        Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm),
+        arm, aki.zero, _period(one.get(Attribute.ARCL_PERIOD)), _stream(one, arm), Path(sys.argv[0] or "python").name,
+        Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm, aki),
     )  # fmt: skip
     if layer != "offline":  # no sample may wait for the compiler
         warm_up(arm.n, Blend.ZERO_JERK)
@@ -65,7 +68,18 @@ def _argv(argc: int, argv: list[str]) -> list[str]:
     return argv
 
 
-def _robot(name: str | Robot) -> Robot:
+def _period(given: object) -> float | None:
+    """A sample period, ms; which are possible the machine knows. Raises MotionError: no number."""
+    if given is None:
+        return None
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        raise MotionError(f"ARCL_PERIOD: a number of ms is needed, not {given!r}")
+    return float(given)
+
+
+def _robot(name: object) -> Robot:
+    if not isinstance(name, str | Robot):
+        raise MotionError(f"ARCL_ROBOT: a name or a path is needed, not {name!r}")
     arm = load_robot(name) if isinstance(name, str) else name
     chosen = machine_choice().robot
     return chosen if chosen is not None and chosen.name == arm.name else arm
@@ -84,8 +98,13 @@ def _stream(one: dict[Attribute, Any], arm: Robot) -> Path | None:
     return folder / f"{arm.name}{f'-{number + 1}' if number else ''}.arcl"
 
 
-def _start(degs: Sequence[float], arm: Robot) -> Any:
-    return joints_of("ARCL_START", degs, units_of(arm))
+def _start(degs: Sequence[float], arm: Robot, aki: ManipulatorKinematics) -> Floats:
+    q, limits = joints_of("ARCL_START", degs, units_of(arm)), aki.limits
+    outside = np.flatnonzero(~((q >= limits.q_min) & (q <= limits.q_max)))
+    if outside.size and not switches.unlimited:
+        joint = int(outside[0])
+        raise JointLimit(f"ARCL_START: joint {joint + 1} ({limits.names[joint]}) is out of its range; +nolim allows it")
+    return q
 
 
 def arcl_close(rp: ArclRobot, power_off: bool = False) -> None:
@@ -94,6 +113,7 @@ def arcl_close(rp: ArclRobot, power_off: bool = False) -> None:
     Raises:
         MotionError: one of them could not be done; the arm is let go all the same.
     """
+    _opened("arcl_close", rp)
     try:
         rp.close(power_off)
     finally:
@@ -137,44 +157,50 @@ def _at_exit() -> None:
 atexit.register(_at_exit)
 
 
+def _opened(call: str, rp: object) -> ArclRobot:
+    if not isinstance(rp, ArclRobot):
+        raise MotionError(f"{call}: a robot is needed, from arcl_open, not {rp!r}")
+    return rp
+
+
 def ami_treal(rp: ArclRobot | None = None) -> float:
     """The real-time clock, ms since a robot's first sample; of that opened last when none is named."""
-    return (newest() if rp is None else rp).treal
+    return (newest() if rp is None else _opened("ami_treal", rp)).treal
 
 
 def move(rp: ArclRobot, pos: Pos, *attributes: Any) -> Motion:
     """Queue a motion: `move(rp, pos, MOV_TRAJ, TRAJ_CART, 0)`; see `ArclRobot.move`."""
-    return rp.move(pos, *attributes)
+    return _opened("move", rp).move(pos, *attributes)
 
 
 def stop(rp: ArclRobot, *attributes: Any) -> None:
     """Drop all motions and come to rest; see `ArclRobot.stop`."""
-    rp.stop(*attributes)
+    _opened("stop", rp).stop(*attributes)
 
 
 def arcl_skip(rp: ArclRobot) -> None:
     """End the motion under way and go on to the next one; see `ArclRobot.skip`."""
-    rp.skip()
+    _opened("arcl_skip", rp).skip()
 
 
 def arcl_wait(rp: ArclRobot, predicate: Callable[[], object] | None = None) -> None:
     """Wait until all motions are done, or a predicate is true; see `ArclRobot.wait`."""
-    rp.wait(predicate)
+    _opened("arcl_wait", rp).wait(predicate)
 
 
-def gripper(rp: ArclRobot, command: int, value: float = 0.0) -> None:
+def gripper(rp: ArclRobot, command: int, value: float | None = None) -> None:
     """Command the gripper: `gripper(rp, GRIP_CLOSE_BY, 40.0)`; see `ArclRobot.gripper`."""
-    rp.gripper(command, value)
+    _opened("gripper", rp).gripper(command, value)
 
 
 def fkine(rp: ArclRobot, degs: Sequence[float], name: str = "T6") -> Trans:
     """T6 at joint positions, degrees (mm); see `ArclRobot.fkine`."""
-    return rp.fkine(degs, name)
+    return _opened("fkine", rp).fkine(degs, name)
 
 
 def where(rp: ArclRobot, name: str = "HERE") -> Trans:
     """T6 at the measured joint positions; see `ArclRobot.where`."""
-    return rp.where(name)
+    return _opened("where", rp).where(name)
 
 
 def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | PosMark) -> Pos:
@@ -183,12 +209,12 @@ def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | Pos
     Raises:
         MotionError: not n finite numbers, or something else behind them.
     """
-    return rp.joint_pos(name, degs, _tool(tool))
+    return _opened("joint_pos", rp).joint_pos(name, degs, _tool(tool))
 
 
 def robot_pos(rp: ArclRobot, name: str, *tool: Trsf | PosMark) -> Pos:
     """A pose of the robot file, such as "park"; `TL, tool` as for `joint_pos`. Raises ConfigError: there is none."""
-    return rp.pose(name, _tool(tool))
+    return _opened("robot_pos", rp).pose(name, _tool(tool))
 
 
 def _tool(given: tuple[Trsf | PosMark, ...]) -> Trsf | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import Any, Final
 
 from qrobot.arcl.errors import answer_of, goes_on
@@ -151,6 +152,8 @@ class ArclRobot:
                 the arm was given up before.
             Exception: what a call-back raised, once.
         """
+        if predicate is not None and not callable(predicate):
+            raise MotionError(f"arcl_wait: a function is needed, or nothing, not {predicate!r}")
         standstill = Standstill(self)
 
         def done() -> bool:
@@ -168,12 +171,13 @@ class ArclRobot:
 
     # --------------------------------------------------------------------------------------------- hand and lines
 
-    def gripper(self, command: int, value: float = 0.0) -> None:
-        """Command the gripper, now. Raises MotionError: no such command, or not for this gripper."""
+    def gripper(self, command: int, value: float | None = None) -> None:
+        """Command the gripper, now. Raises MotionError: no such command or value, or not for this gripper."""
         if isinstance(command, bool) or command not in set(Grip):
             raise MotionError(f"gripper: {command!r} is none of {', '.join(one.name for one in Grip)}")
+        mm = _grip_value(Grip(command), value)
         with self._lock():
-            self.ami.grip(command, value)
+            self.ami.grip(command, mm)
 
     def write_outputs(self, first: int, count: int, value: int) -> None:
         """Switch `count` outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
@@ -323,3 +327,14 @@ class ArclRobot:
             say(line)
         if self.ami.stream is not None:
             self.ami.stream.text(kind, line, self.treal)
+
+
+def _grip_value(command: Grip, value: object) -> float:
+    """Millimetres of a command that has some; 0 for the others, behind which nothing or a final 0 stands."""
+    if command not in (Grip.GRIP_CLOSE_BY, Grip.GRIP_OPEN_BY):
+        if value is None or (isinstance(value, int | float) and value == 0):
+            return 0.0
+        raise MotionError(f"gripper: {command.name} takes no value, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < inf:
+        raise MotionError(f"gripper: {command.name} needs millimetres from 0 on, not {value!r}")
+    return float(value)

@@ -27,6 +27,8 @@ FNDEF: Final = TransformKind.FUNCTION
 
 TransFunction: TypeAlias = Callable[["Trans", "Motion"], object]
 
+_FIELDS: Final = frozenset({"name", "kind", "value", "motion"})
+
 __all__ = ["CONST", "FNDEF", "HOLD", "T6", "VARB", "Trans"]
 
 
@@ -38,6 +40,11 @@ class Trans(Trsf):
     """
 
     motion: Motion | None = None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in _FIELDS and not name.startswith("_"):
+            raise AttributeError(f"transform {self.name} has no field {name!r} that can be set; t_p.x is one that can")
+        super().__setattr__(name, value)
 
     @property
     def t_n(self) -> TransColumn:
@@ -125,23 +132,29 @@ def _told(trans: Trans) -> Trans:
 
 def trans_assign(trans: Trans, other: Trsf) -> Trans:
     """Give `trans` the value that `other` has now; returns it."""
-    trans.set(other.value)
+    trans.set(_value("trans_assign", other))
     return trans
 
 
 def trans_mult(trans: Trans, left: Trsf, right: Trsf) -> Trans:
     """Make `trans` the product of two transforms as they are now; returns it."""
-    trans.set(left.value @ right.value)
+    trans.set(_value("trans_mult", left) @ _value("trans_mult", right))
     return trans
 
 
 def trans_invert(trans: Trans, other: Trsf) -> Trans:
     """Make `trans` the inverse that `other` has now; returns it."""
-    trans.set(inverse(other.value))
+    trans.set(inverse(_value("trans_invert", other)))
     return trans
 
 
 def trans_rpy(trans: Trsf) -> tuple[float, float, float]:
     """Roll, pitch and yaw, degrees."""
-    roll, pitch, yaw = (angle * DEG_PER_RAD for angle in rpy_angles(trans.value[:3, :3]))
+    roll, pitch, yaw = (angle * DEG_PER_RAD for angle in rpy_angles(_value("trans_rpy", trans)[:3, :3]))
     return roll, pitch, yaw
+
+
+def _value(call: str, given: object) -> Floats:
+    if not isinstance(given, Trsf):
+        raise MotionError(f"{call}: a transform is needed, not {given!r}")
+    return given.value

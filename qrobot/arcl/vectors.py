@@ -14,8 +14,9 @@ from qrobot.units import MM_PER_M
 
 
 class CartesianVector:
-    """Three coordinates x, y and z."""
+    """Three coordinates x, y and z. There is no other field: a misspelt one is an AttributeError."""
 
+    __slots__ = ("_own",)
     _scale = 1.0  # from what is stored to the unit of the fields
 
     def __init__(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
@@ -29,6 +30,8 @@ class CartesianVector:
         return float(self._cells[row]) * self._scale
 
     def __setitem__(self, row: int, number: float) -> None:
+        if isinstance(number, bool) or not isinstance(number, int | float | np.number):
+            raise MotionError(f"a coordinate is a number, not {number!r}")
         self._cells[row] = number / self._scale
 
     def __len__(self) -> int:
@@ -80,6 +83,8 @@ class TransColumn(CartesianVector):
         trsf: whose column it is.
         index: 0 to 3, for n, o, a and p.
     """
+
+    __slots__ = ("_index", "_scale", "_trsf")
 
     def __init__(self, trsf: Trsf, index: int) -> None:
         self._trsf, self._index = trsf, index

@@ -24,6 +24,8 @@ from qrobot.arcl import (
     FNDEF,
     GRIP_CLOSE,
     GRIP_CLOSE_BY,
+    GRIP_OPEN,
+    GRIP_OPEN_BY,
     HOLD,
     IOD_IN,
     IOD_OUT,
@@ -607,4 +609,33 @@ def test_what_the_last_call_back_raises_is_raised_once_and_then_the_arm_is_given
     for call in (lambda: arcl_wait(rp), lambda: move(rp, joint_pos(rp, "home", PARK), 0), lambda: stop(rp)):
         with pytest.raises(MotionError, match=r"was given up after .* call arcl_open"):
             call()
+    arcl_close(rp)
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda _: move(None, None, 0), "move: a robot is needed"),
+        (lambda _: arcl_close(5), "arcl_close: a robot"),
+        (lambda _: ami_treal(5), "ami_treal: a robot"),
+        (lambda rp: arcl_wait(rp, 5), "arcl_wait: a function"),
+        (lambda rp: gripper(rp, GRIP_OPEN_BY), "needs millimetres"),
+        (lambda rp: gripper(rp, GRIP_OPEN_BY, -5), "needs millimetres"),
+        (lambda rp: gripper(rp, GRIP_OPEN_BY, float("nan")), "needs millimetres"),
+        (lambda rp: gripper(rp, GRIP_CLOSE_BY, True), "needs millimetres"),
+        (lambda rp: gripper(rp, GRIP_OPEN, 5), "takes no value"),
+        (lambda rp: gripper(rp, GRIP_OPEN, "foo"), "takes no value"),
+        (lambda rp: move(rp, robot_pos(rp, "park"), MOV_TACC, 1e9, 0), "at most 60000 ms"),
+        (lambda rp: new_iod(rp, IOD_OUT, "a", 1), "numbers of lines"),
+        (lambda rp: new_iod(rp, IOD_OUT, 1, 1.5), "numbers of lines"),
+        (lambda _: arcl_open(ARCL_AMI, "offline", ARCL_ROBOT, 5), "ARCL_ROBOT: a name"),
+        (lambda _: arcl_open(ARCL_AMI, "offline", ARCL_PERIOD, "x"), "ARCL_PERIOD: a number"),
+        (lambda _: offline(start=(999.0, 0.0, 0.0, 0.0, 0.0, 0.0)), r"ARCL_START: joint 1 \(waist\)"),
+    ],
+)
+def test_an_argument_that_cannot_be_is_told_by_the_call_that_got_it(call, error: str) -> None:
+    rp = offline()
+    with pytest.raises(MotionError, match=error):
+        call(rp)
+    gripper(rp, GRIP_OPEN, 0)
     arcl_close(rp)

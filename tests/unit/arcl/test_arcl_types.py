@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from qrobot import arcl
 from qrobot.arcl import (
     EQ,
     FNDEF,
@@ -243,3 +244,27 @@ def test_any_list_of_attributes_gives_options_or_a_plain_refusal(words: list) ->
     assert options.traj in (1, 2)
     assert options.ta_ms >= 0.0
     assert 0.0 < options.share <= 100.0
+
+
+def test_a_misspelt_field_of_a_vector_is_an_error() -> None:
+    trans = arcl.new_trans("v", arcl.VARB)
+    for thing in (trans.t_p, arcl.new_vector(1.0, 2.0, 3.0)):
+        with pytest.raises(AttributeError):
+            thing.Z = -50.0
+        with pytest.raises(MotionError, match="a coordinate is a number"):
+            thing.x = "a"
+    for name in ("x", "tp", "t_p"):
+        with pytest.raises(AttributeError):
+            setattr(trans, name, 5)
+
+
+@pytest.mark.parametrize("call", [arcl.trans_assign, arcl.trans_invert, lambda t, x: arcl.trans_mult(t, t, x)])
+def test_what_is_no_transform_is_told(call) -> None:
+    with pytest.raises(MotionError, match="a transform is needed, not 5"):
+        call(arcl.new_trans("t"), 5)
+
+
+@pytest.mark.parametrize("matrix", [5, np.zeros(6), np.zeros((5, 6))])
+def test_a_jacobian_has_six_rows(matrix) -> None:
+    with pytest.raises(MotionError, match="six rows"):
+        arcl.Jacob(matrix)
