@@ -18,6 +18,7 @@ from qrobot.arcl import (
     EVENT_BEGIN,
     EVENT_DEQ,
     EVENT_DONE,
+    EVENT_ERROR,
     EVENT_LIMIT,
     EVENT_NEAR,
     EVENT_STOP,
@@ -639,3 +640,16 @@ def test_an_argument_that_cannot_be_is_told_by_the_call_that_got_it(call, error:
         call(rp)
     gripper(rp, GRIP_OPEN, 0)
     arcl_close(rp)
+
+
+def test_a_time_too_short_is_as_long_as_the_arm_needs_and_an_error_only_with_a_transition_that_was_said() -> None:
+    rp = offline()
+    short = move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1, 0)
+    arcl_wait(rp)
+    assert short.code == EVENT_DONE
+    assert ami_treal() > 500.0
+    first = move(rp, joint_pos(rp, "park", PARK), MOV_TACC, 0, MOV_TIME, 1, 0)
+    move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1, 0)
+    with pytest.raises(MotionError, match=r"give it \d+ ms or more"):
+        arcl_wait(rp)
+    assert first.code == EVENT_ERROR

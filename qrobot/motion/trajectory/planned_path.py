@@ -96,9 +96,11 @@ class PlannedPath:
         path are differences, good to 1e-3 of the arm's limits. Where two pieces meet the later one counts.
 
         Raises:
-            MotionError: the time is before the path or after it.
+            MotionError: the time is no number, before the path or after it.
             Unreachable, JointLimit, Singular: there is no solution between two samples of a Cartesian path.
         """
+        if isinstance(t, bool) or not isinstance(t, int | float | np.number):
+            raise MotionError(f"a time in seconds is needed, not {t!r}")
         if not 0.0 <= t <= self.duration_s + _ROUNDING * self.period_s:
             raise MotionError(f"the path lasts from 0 to {self.duration_s:g} s, and says nothing of {t:g} s")
         place = self._ticks[0] + t / self.period_s
@@ -114,8 +116,8 @@ class PlannedPath:
         return state
 
     def table(self, times: Floats) -> Floats:
-        """`at` of several times (k,). Shape (k, 3, n)."""
-        return np.array([self.at(float(t)) for t in times])
+        """`at` of several times (k,), which may be none. Shape (k, 3, n). Raises what `at` raises."""
+        return np.array([self.at(t) for t in times]).reshape(-1, 3, self._samples[0].q.size)
 
     def _sample_for(self, place: float) -> PathSample:
         """The sample whose piece counts at `place`: the one before, or the next when its piece has begun by then."""

@@ -157,3 +157,15 @@ def test_a_dwell_is_part_of_the_path() -> None:
     path = gen.plan()
     assert path.duration_s == pytest.approx(0.56, abs=2 * path.period_s)
     assert not path.table(path.t).any()
+
+
+@pytest.mark.parametrize("t", ["x", None, True])
+def test_a_time_that_is_no_number_is_refused(t) -> None:
+    path = joint_program().plan()
+    for call in (lambda: path.at(t), lambda: path.table([0.0, t])):
+        with pytest.raises(MotionError, match="a time in seconds is needed"):
+            call()
+
+
+def test_a_table_of_no_times_has_no_rows() -> None:
+    assert joint_program().plan().table(np.empty(0)).shape == (0, 3, 2)
