@@ -13,7 +13,7 @@ from qrobot.rci.blackboard import Chg
 from qrobot.rci.mail_lane import LANE_WORDS
 from qrobot.rci.robot_data import RobotData
 from qrobot.units import NS_PER_S
-from qrobot.wire import RobotState
+from qrobot.wire import Mode, RobotState
 
 PARENT: Final = 1  # the bit of the planning task
 HOST: Final = "host"  # its processor, and that of tasks that ask for none
@@ -60,6 +60,7 @@ class TaskDescriptor:
         priority: of tasks of one processor that are due together the highest goes first.
         robot: parameters of its robot, None for a task without one.
         error: what ended it before its time.
+        starts: times that it was started, by which an end that is told late is known for one of before.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class TaskDescriptor:
         self.name, self.bit, self.processor, self.robot, self.priority = name, bit, processor, robot, priority
         self.words = words
         self.error: BaseException | None = None
+        self.starts = 0
         if not words[TaskWord.ALLOWED_NS]:  # otherwise another processor knows the task already
             words[TaskWord.ALLOWED_NS] = round(ALLOWED_S * NS_PER_S)
         self._how: RobotState | None = None
@@ -82,6 +84,10 @@ class TaskDescriptor:
     def active(self) -> bool:
         """True when it is woken and runs."""
         return self.state is TaskState.ACTIVE
+
+    def begin(self) -> None:
+        """Forget how it ended: it is started anew."""
+        self.error, self.starts = None, self.starts + 1
 
     @property
     def run_count(self) -> int:
@@ -114,6 +120,11 @@ class TaskDescriptor:
     @how.setter
     def how(self, how: RobotState) -> None:
         self._how = how
+
+    @property
+    def left_with_power(self) -> bool:
+        """True when its robot had power, or was about to have it, when it was heard last."""
+        return self._how is not None and self._how.mode not in (Mode.OFF, Mode.FAULT)
 
     @property
     def chg(self) -> Chg:

@@ -105,8 +105,8 @@ class HostThread:
 
 
 def refuse_start(order: str, why: str) -> None:
-    """Raise LinkLost when tasks are to be started on a processor that does nothing any more."""
-    if order == "attach":
+    """Raise LinkLost when tasks are to be started, or robots to lose power, on a processor that does nothing more."""
+    if order in ("attach", "power_off"):
         raise LinkLost(f"this processor runs no task any more, {why}: rci_close(), and create the tasks anew")
 
 

@@ -91,6 +91,17 @@ class Monitor:
                 self._scheduler.deactivate(key)
             runner.release(power_off)
 
+    def power_off(self, bits: int) -> None:
+        """Switch the power of robots off that were let go with it. Raises the first reason for one that cannot be."""
+        errors: list[Exception] = []
+        for runner in self._of(bits):
+            try:
+                runner.power_off()
+            except Exception as error:  # the others shall lose their power all the same
+                errors.append(error)
+        if errors:
+            raise errors[0]
+
     def _of(self, bits: int) -> list[TaskRunner]:
         return [runner for bit, runner in self._runners.items() if bit & bits]
 

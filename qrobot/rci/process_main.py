@@ -47,7 +47,7 @@ class AuxiliaryProcessor:
 
     def __init__(self, image: ProcessorImage, events: Connection) -> None:
         self._events = events
-        self._told: set[int] = set()
+        self._told: dict[int, int] = {}  # of which start the end was told
         clock = CommonClock(time.monotonic_ns, image.rate_hz, image.epoch_ns)
         self._table = TaskTable(time.monotonic_ns)
         self._host = HostThread(image.name, clock, lambda: None)
@@ -97,11 +97,10 @@ class AuxiliaryProcessor:
         """End rogues, tell of tasks that have ended; false when no task runs here any more."""
         self._host.end_rogues(time.monotonic_ns())
         for td in self._tds:
-            if td.error is None:
-                self._told.discard(td.bit)
-            elif td.bit not in self._told:
-                self._told.add(td.bit)
-                self._events.send((td.bit, portable(td.error)))
+            error = td.error
+            if error is not None and self._told.get(td.bit) != td.starts:
+                self._told[td.bit] = td.starts
+                self._events.send((td.bit, td.starts, portable(error)))
         return not self._host.hung
 
     def _farewell(self) -> None:

@@ -50,6 +50,10 @@ class ProcessProcessor:
             self._tds[arguments[0].bit] = arguments[0]  # its process makes a task of the image by itself
             return
         check_portable(order, arguments)
+        if order == "attach":
+            for bit, td in self._tds.items():
+                if bit & arguments[0]:
+                    td.begin()
         if self._process is None:
             self._waiting.append((order, arguments))
         elif self._dead:
@@ -107,8 +111,9 @@ class ProcessProcessor:
     def _hear(self) -> None:
         try:
             while self._events.poll():
-                bit, error = self._events.recv()
-                self._tds[bit].error = error
+                bit, starts, error = self._events.recv()
+                if self._tds[bit].starts == starts:  # otherwise it was started again since
+                    self._tds[bit].error = error
                 self._happened()
         except (EOFError, OSError):
             return  # its end is noticed by itself

@@ -240,7 +240,12 @@ class RciProgram:
 
     def release(self, mask: int, power_off: bool) -> None:
         """Let tasks rest; see `rci_release`."""
-        self._let_go(self._chosen(mask, "release"), power_off)
+        chosen = self._chosen(mask, "release")
+        self._let_go(chosen, power_off)
+        if power_off:  # tasks that had ended, or were released before, have left their arms holding
+            left = [td for td in chosen if td.robot is not None and td.starts]
+            self._each(left, "power_off")
+            self._wait_for(lambda: all(td.state not in _RUNNING for td in left))
 
     def _let_go(self, chosen: list[TaskDescriptor], power_off: bool) -> None:
         held = [td for td in chosen if td.state in _RUNNING]

@@ -117,6 +117,7 @@ class TaskRunner:
 
     def attach(self) -> None:
         """Call its start-up function, once in its life, and take its robot, if it has one."""
+        self.td.begin()
         self._enter(TaskState.ATTACHING)
         with self.guarded():
             if not self._started_up:
@@ -174,6 +175,19 @@ class TaskRunner:
             self._enter(TaskState.RELEASING)
         elif self.td.state is not TaskState.ENDED:
             self._enter(TaskState.RELEASED)
+
+    def power_off(self) -> None:
+        """Take a robot that was let go again, to switch its power off. Raises what keeps it from that."""
+        if self.attached or self._open_link is None or self.td.robot is None or not self.td.left_with_power:
+            return
+        link = self._open_link(0)
+        try:
+            self._take_robot(self.td.robot, link)
+        except BaseException as error:
+            self.port = self._cycle = None
+            link.close(str(error))
+            raise
+        self.release(power_off=True)
 
     def wake(self, times: int = 1) -> None:
         """Count wake-ups."""

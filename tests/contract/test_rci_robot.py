@@ -117,6 +117,23 @@ def test_a_stop_under_way_ends_without_power_when_that_is_asked_for(robot: FakeR
     assert (td.state, robot.mode) == (TaskState.ENDED, Mode.OFF)
 
 
+@pytest.mark.parametrize("fails", [True, False])
+def test_an_arm_that_its_task_has_left_holding_loses_power_when_that_is_asked_for(robot: FakeRobot, fails) -> None:
+    td = task(lambda td: td.chg.go_to(START) if td.runs < 5 else 1 / (not fails))
+    rci.rci_start(td.bit)
+    if fails:
+        with pytest.raises(ZeroDivisionError):
+            wait_runs(td, 10)
+        rci.rci_wait(lambda: td.state is TaskState.ENDED)
+    else:
+        rci.rci_release(td.bit)
+    assert robot.mode is Mode.HOLDING
+    for _ in range(2):
+        rci.rci_release(td.bit, power_off=True)
+        assert (td.state, robot.mode) == (TaskState.ENDED if fails else TaskState.RELEASED, Mode.OFF)
+        assert robot.goodbyes == 2  # and nobody greets an arm that is off
+
+
 def test_an_interval_on_the_clock_is_the_robots_sample_period(robot: FakeRobot) -> None:
     at = []
     td = task(lambda _: at.append(rci.rci_ticks()))

@@ -69,7 +69,12 @@ def test_tasks_on_two_processors_share_clock_memory_data_messages_and_signals(mo
         assert memory[0] not in (0, os.getpid())
         assert rci.rci_send(replies.bit, b"how far") == 7
         heard: list[tuple[bytes, TaskDescriptor | None]] = []
-        rci.rci_wait(lambda: (heard.append(rci.rci_receive()), heard[-1][1])[1] and interrupts and there.runs > 20)
+        rci.rci_wait(
+            lambda: (
+                (heard.append(rci.rci_receive()) if not heard or heard[-1][1] is None else 0)
+                or (heard[-1][1] and interrupts and there.runs > 20)
+            )
+        )
     finally:
         signal.signal(signal.SIGUSR1, before)
     assert (heard[-1], table.tolist()) == ((b"HOW FARTrue", replies), [0.0, 2.0, 2.0, 3.0])
@@ -86,6 +91,17 @@ def test_tasks_on_two_processors_share_clock_memory_data_messages_and_signals(mo
     with pytest.raises(LookupError, match="no sensor"):
         rci.rci_start(late.bit)
     assert not late.active
+
+
+def test_each_end_of_a_task_that_is_started_again_is_told() -> None:
+    late, bad = task("late", "aux", functions.count, 5, functions.fail_to_start), task("bad", "aux", functions.fail)
+    for _ in range(3):
+        with pytest.raises(LookupError, match="no sensor"):
+            rci.rci_start(late.bit)
+        rci.rci_start(bad.bit)
+        with pytest.raises(ConfigError, match="no task 'nobody'"):
+            rci.rci_wait(lambda: False)
+        wait_until(lambda: bad.state is TaskState.ENDED, "the end of the task")
 
 
 def test_a_processor_that_is_killed_is_told_and_other_processors_go_on() -> None:
