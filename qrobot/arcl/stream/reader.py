@@ -72,7 +72,7 @@ def read_stream(path: Path) -> Stream:
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     first = unpacked(data, 0)
-    if first is None:
+    if first is None or first.kind != RecordKind.START:
         raise LogError(f"{path}: not an ARCL stream")
     start = decode_start(_content(data, 0, first), str(path))
     records, damage = _read(data, first.following, start.n)

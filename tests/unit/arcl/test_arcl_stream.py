@@ -251,3 +251,9 @@ def test_a_time_that_is_no_number_is_damage(path: Path, tmp_path: Path) -> None:
     at = chain[2][0]
     (tmp_path / "t").write_bytes(data[:at] + packed(4, b"request", at, chain[1][0], float("nan")))
     assert f"damaged at byte {at}: a time" in read_stream(tmp_path / "t").damage
+
+
+def test_a_stream_begins_with_a_start(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(packed(2, START.encode(), 0, 0, 0.0))
+    with pytest.raises(LogError, match="not an ARCL stream"):
+        read_stream(tmp_path / "x")
