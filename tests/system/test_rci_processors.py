@@ -67,6 +67,7 @@ def test_tasks_on_two_processors_share_clock_memory_data_messages_and_signals(mo
     try:
         rci.rci_start(mask)
         assert memory[0] not in (0, os.getpid())
+        rci.rci_wait(lambda: there.runs)
         assert rci.rci_send(replies.bit, b"how far") == 7
         heard: list[tuple[bytes, TaskDescriptor | None]] = []
         rci.rci_wait(

@@ -14,7 +14,7 @@ from qrobot import rccl
 from qrobot.cli import toolchain
 from qrobot.errors import LinkError
 from qrobot.motion import Trsf
-from qrobot.rccl import Channel, Position, Transform
+from qrobot.rccl import Channel, Position, Transform, program
 from qrobot.rccl.c.dispatcher import CALLS
 from qrobot.rccl.c.message import Op
 
@@ -53,7 +53,8 @@ def test_a_function_has_signature_and_docstring_of_the_method(name) -> None:
     assert function.__name__ == name
 
 
-def test_without_an_arm_a_function_says_so() -> None:
+def test_without_an_arm_a_function_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(program, "_arm", None)  # whatever a test before has left under control
     with pytest.raises(LinkError, match="no arm is under control"):
         rccl.setvel(100, 90)
 
