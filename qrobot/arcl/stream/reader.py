@@ -97,7 +97,7 @@ def _read(data: bytes, offset: int, n: int) -> tuple[list[StreamRecord], str]:
 
 
 def _behind(data: bytes, offset: int) -> str:
-    """What follows damage at `offset`, in words."""
+    """The words for what follows damage at `offset`."""
     following = data.find(MARK, offset + 1)
     while following >= 0:
         if unpacked(data, following) is not None:
