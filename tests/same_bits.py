@@ -35,6 +35,8 @@ SCENES = {
 LEFT_OUT = {
     "14_identify",
     "15_rci_tasks",
+    "16_mirror",
+    "17_spring",
     "s08_all_calls",
     "s09_assembly_cell",
 }  # move nothing, or want an operator who types
