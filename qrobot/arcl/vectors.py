@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
+from qrobot.model.coordinate_fields import CoordinateFields
 from qrobot.motion import Trsf
 from qrobot.units import MM_PER_M
 
 
-class CartesianVector:
+class CartesianVector(CoordinateFields):
     """Three coordinates x, y and z. There is no other field: a misspelt one is an AttributeError."""
 
     __slots__ = ("_own",)
@@ -37,9 +38,6 @@ class CartesianVector:
     def __len__(self) -> int:
         return 3
 
-    def __iter__(self) -> Iterator[float]:
-        return iter([self[row] for row in range(3)])
-
     def __eq__(self, other: object) -> bool:
         return list(self) == list(other) if isinstance(other, CartesianVector) else NotImplemented
 
@@ -47,33 +45,6 @@ class CartesianVector:
 
     def __repr__(self) -> str:
         return f"Vector({', '.join(f'{number:g}' for number in self)})"
-
-    @property
-    def x(self) -> float:
-        """First coordinate."""
-        return self[0]
-
-    @x.setter
-    def x(self, number: float) -> None:
-        self[0] = number
-
-    @property
-    def y(self) -> float:
-        """Second coordinate."""
-        return self[1]
-
-    @y.setter
-    def y(self, number: float) -> None:
-        self[1] = number
-
-    @property
-    def z(self) -> float:
-        """Third coordinate."""
-        return self[2]
-
-    @z.setter
-    def z(self, number: float) -> None:
-        self[2] = number
 
 
 class TransColumn(CartesianVector):

@@ -8,13 +8,14 @@ ordinary function that returns a `Transform`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
+from qrobot.model.coordinate_fields import CoordinateFields
 from qrobot.model.orientation import axis_angle, euler
 from qrobot.model.transform import inverse, rpy, transform
 from qrobot.motion import T6, TransformKind, Trsf
@@ -34,7 +35,7 @@ zunit: Final = (0.0, 0.0, 1.0)
 t6: Final = T6
 
 
-class Column:
+class Column(CoordinateFields):
     """One column of a transform, its fields read and written in place.
 
     Args:
@@ -51,36 +52,6 @@ class Column:
 
     def __setitem__(self, row: int, number: float) -> None:
         self._trsf.value[row, self._index] = number / self._scale
-
-    def __iter__(self) -> Iterator[float]:
-        return iter([self[row] for row in range(3)])
-
-    @property
-    def x(self) -> float:
-        """First field."""
-        return self[0]
-
-    @x.setter
-    def x(self, number: float) -> None:
-        self[0] = number
-
-    @property
-    def y(self) -> float:
-        """Second field."""
-        return self[1]
-
-    @y.setter
-    def y(self, number: float) -> None:
-        self[1] = number
-
-    @property
-    def z(self) -> float:
-        """Third field."""
-        return self[2]
-
-    @z.setter
-    def z(self, number: float) -> None:
-        self[2] = number
 
 
 class Transform(Trsf):

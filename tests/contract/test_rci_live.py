@@ -263,9 +263,17 @@ def test_a_bridge_that_goes_away_ends_the_task_and_no_other() -> None:
 
 
 def test_a_task_changes_its_own_interval() -> None:
-    td = task("a", lambda td: rci.rci_onclock(td, 7), 3)
+    seen: list[int] = []
+
+    def slow_down(td: TaskDescriptor) -> None:
+        seen.append(rci.rci_ticks())
+        rci.rci_onclock(td, 7)
+
+    td = task("a", slow_down, 3)
     rci.rci_start(td.bit)
     rci.rci_wait(lambda: td.runs >= 10)
+    assert len(seen) >= 10
+    assert seen[9] - seen[0] >= 8 * 7  # the first step is one of 3
 
 
 def test_an_error_in_a_task_and_a_processor_that_is_not_there_are_told() -> None:
