@@ -100,14 +100,14 @@ def read_source(text: str) -> tuple[SourceFile, list[ProgramError]]:
     lines = text.splitlines()
     if len(lines) > MOST_LINES:
         return SourceFile(), [ProgramError(f"a file has at most {MOST_LINES} lines, this has {len(lines)}")]
-    reader = _Reader()
+    reader = _SourceReader()
     rest = iter(enumerate(lines, start=1))
     for number, line in rest:
         reader.try_to(reader.section, number, line, rest)
     return reader.source, reader.errors
 
 
-class _Reader:
+class _SourceReader:
     """Reads sections, and gathers mistakes."""
 
     def __init__(self) -> None:
