@@ -59,6 +59,9 @@ COMMANDS: Final = (
         "calibrate", "qrobot.cli.calibrate:calibrate", EVERYDAY, "Find an arm's exact position; make its table."
     ),
     Subcommand("identify", "qrobot.cli.identify:app", EVERYDAY, "Find an arm's weight and friction; make its model."),
+    Subcommand(
+        "robot", "qrobot.cli.robot:app", EVERYDAY, "Look at robot files; exchange them as URDF, MJCF and tables."
+    ),
     Subcommand("study", "qrobot.cli.study:app", EVERYDAY, "Try identification or gains on many arms drawn at random."),
     Subcommand("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
     Subcommand("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),

@@ -49,12 +49,16 @@ def packaged_path(name_or_path: str | Path, wanted: FileKind, folder: str, endin
         if given.is_file():
             return given
         raise ConfigError(f"no configuration file {given}")
-    directory = _packaged() / folder
-    path = directory / f"{name_or_path}{ending}"
+    path = _packaged() / folder / f"{name_or_path}{ending}"
     if path.is_file():
         return path
-    known = sorted(p.stem for p in directory.glob(f"*{ending}"))
+    known = packaged_names(folder, ending)
     raise ConfigError(f"no configuration named {str(name_or_path)!r}{_nearest(str(name_or_path), known)}")
+
+
+def packaged_names(folder: str, ending: str = ".toml") -> list[str]:
+    """Names of the packaged files of one folder, in order."""
+    return sorted(path.stem for path in (_packaged() / folder).glob(f"*{ending}"))
 
 
 def _packaged() -> Path:

@@ -297,6 +297,13 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield 'geometry.family = "stanford" needs the link frames of a Stanford arm (modified DH) and a boom beyond 0'
 
 
+def closed_form_family(robot: Robot) -> Literal["puma", "stanford", "generic"]:
+    """The family whose closed-form inverse this geometry has; generic when it has none."""
+    if _is_puma(robot):
+        return "puma"
+    return "stanford" if _is_stanford(robot) else "generic"
+
+
 def _is_puma(robot: Robot) -> bool:
     """Six revolute joints, AKB's twists; lengths are zero where the inverse leaves them out, and only there."""
     if robot.n != 6 or robot.prismatic.any():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.document import check_document
 from qrobot.config.identified import IdentifiedModel, robot_digest
+from qrobot.config.toml_text import toml_lines
 from qrobot.config.values import JointKinds
 from qrobot.errors import IdentificationError
 from qrobot.ident.friction import FRICTION_NAMES
@@ -124,23 +124,13 @@ def _named(robot: Robot, which: Any) -> str:
 def write_model(path: Path, model: IdentifiedModel) -> None:
     """Write a model as TOML. Raises IdentificationError when the file cannot be written."""
     plain = model.to_dict()
-    tables = [f"[{name}]\n{_lines(plain.pop(name))}" for name in SECTIONS if name in plain]
-    values = [f"[[value]]\n{_lines(value)}" for value in plain.pop("value")]
+    tables = [f"[{name}]\n{toml_lines(plain.pop(name))}" for name in SECTIONS if name in plain]
+    values = [f"[[value]]\n{toml_lines(value)}" for value in plain.pop("value")]
     head = (
         f"# Identified model of {model.robot}; written by `qrobot identify fit`, used as [arm.servo] model.\n{_HEAD}\n"
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(head + "\n".join([_lines(plain), *tables, *values]), encoding="utf-8")
+        path.write_text(head + "\n".join([toml_lines(plain), *tables, *values]), encoding="utf-8")
     except OSError as error:
         raise IdentificationError(f"cannot write the model to {path}: {error.strerror}") from error
-
-
-def _lines(table: Mapping[str, Any]) -> str:
-    return "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -26,6 +26,7 @@ READ: Final = {"--program", "--file", "--script", "--a", "--b", "LOGS", "FILES",
     "--results",
     "--faults",
     "--load",
+    "--with",
 }
 """Paths that a command reads."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {
@@ -45,6 +46,8 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--date": ("nonsense", "2026-13-01", ""),
     "--plant": ("noplant", ""),
     "--execute": ("nobody", "", "/"),
+    "--tip": ("nobody", ""),
+    "--like": ("norobot", "/", "/dev/null", ""),
 }
 """What a word may not be, by option; `--plant` of `log record` is free text."""
 FREE: Final = {("log", "record", "--plant"), ("cc", "ARGUMENTS"), ("run", "ARGUMENTS"), ("servo", "ctl", "WORDS")}

@@ -1,0 +1,1 @@
+"""Robot files to and from the formats of other programs: URDF both ways, Denavit-Hartenberg tables out."""

@@ -1,0 +1,260 @@
+"""URDF both ways, against MuJoCo's own reader of URDF; and what is no serial arm refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+import pytest
+
+from qrobot.config import Robot, load_robot
+from qrobot.errors import ConfigError
+from qrobot.exchange.denavit_hartenberg import denavit_hartenberg
+from qrobot.exchange.robot_document import robot_document, robot_text, write_robot
+from qrobot.exchange.serial_chain import serial_chain
+from qrobot.exchange.urdf_document import read_urdf
+from qrobot.exchange.urdf_export import urdf_text
+from qrobot.exchange.urdf_import import import_urdf
+from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.model.kinematics import forward, kinematics_params
+from qrobot.model.transform import inverse, rot_x, rot_z, transform
+
+ROBOTS: Final = ("puma560", "stanford")
+SEEDS: Final = range(12)
+
+
+def mujoco_of(urdf: str) -> Any:
+    """MuJoCo's own reading, with every link kept as a body."""
+    spec = mujoco.MjSpec.from_string(urdf)
+    spec.compiler.fusestatic = False
+    spec.option.gravity = [0.0, 0.0, -9.81]
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+def poses(model: Any, data: Any, body: str, q: np.ndarray) -> np.ndarray:
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    number = model.body(body).id
+    return transform(data.xmat[number].reshape(3, 3), data.xpos[number])
+
+
+def flange(robot: Robot, q: np.ndarray) -> np.ndarray:
+    T = np.empty((4, 4))
+    forward(q, kinematics_params(robot), T)
+    lift = transform(None, [0.0, 0.0, robot.geometry.base_height_m])
+    return lift @ T @ transform(None, [0.0, 0.0, robot.geometry.flange_m])
+
+
+def drawn(robot: Robot, seed: int, count: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(robot.limits.q_min, robot.limits.q_max, (count, robot.n))
+
+
+def gravity(robot: Robot, q: np.ndarray) -> np.ndarray:
+    tau, still = np.empty(robot.n), np.zeros(robot.n)
+    inverse_dynamics(q, still, still, dynamics_params(robot), dynamics_work(robot.n), tau)
+    return tau
+
+
+def gravity_of(model: Any, data: Any, q: np.ndarray) -> np.ndarray:
+    data.qpos[:], data.qvel[:] = q, 0.0
+    mujoco.mj_forward(model, data)
+    return data.qfrc_bias.copy()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_another_reader_of_the_urdf_finds_the_flange_and_the_weight_where_this_project_does(name: str) -> None:
+    robot = load_robot(name)
+    model, data = mujoco_of(urdf_text(robot))
+    for q in drawn(robot, 1, 20):
+        assert np.allclose(poses(model, data, "tool0", q), flange(robot, q), atol=1e-12)
+        assert np.allclose(gravity_of(model, data, q), gravity(robot, q), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_an_exported_arm_comes_back_with_the_same_geometry_ranges_and_links(name: str, tmp_path: Path) -> None:
+    robot, path = load_robot(name), tmp_path / "arm.urdf"
+    path.write_text(urdf_text(robot))
+    back = import_urdf(path, like=name).robot
+    for section in ("geometry", "limits", "links"):
+        old, new = (getattr(each, section).model_dump(exclude={"source"}) for each in (robot, back))
+        for key, value in old.items():
+            assert new[key] == value if isinstance(value, str) else np.allclose(new[key], value, atol=1e-13), key
+    assert back.joint_names == robot.joint_names
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_written_as_text_is_the_same_robot(name: str, tmp_path: Path) -> None:
+    robot, path = load_robot(name), tmp_path / "again.toml"
+    write_robot(path, robot_document(robot))
+    again = load_robot(path)
+    assert robot_text(robot_document(again)) == robot_text(robot_document(robot))
+    assert np.allclose(again.transmission.coupling, robot.transmission.coupling, atol=1e-12)
+    assert np.allclose(again.limits.q_min, robot.limits.q_min, atol=1e-14)
+
+
+def arbitrary_urdf(seed: int) -> str:
+    """An arm of three to seven joints with axes and frames anywhere, things bolted on, and a fixed foot."""
+    draw = np.random.default_rng(seed)
+    n = int(draw.integers(3, 8))
+
+    def words(size: int, scale: float) -> str:
+        return " ".join(repr(float(x)) for x in draw.uniform(-scale, scale, size))
+
+    def inertial() -> str:
+        return (
+            f'<inertial><origin xyz="{words(3, 0.2)}" rpy="{words(3, 3.0)}"/><mass value="{draw.uniform(0.5, 4):.6f}"/>'
+            '<inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial>'
+        )
+
+    def joint(name: str, kind: str, parent: str, child: str) -> str:
+        axis = ("0 0 1", "0 1 0", "-1 0 0", words(3, 1.0))[int(draw.integers(4))]
+        turn = ("0 0 0", "1.5707963267948966 0 0", words(3, 3.0))[int(draw.integers(3))]
+        limit = '<limit lower="-2" upper="2" velocity="3" effort="10"/>' if kind != "fixed" else ""
+        place = ("0 0 0", words(3, 0.4))[int(draw.integers(2))]
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{place}" rpy="{turn}"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+
+    links, joints, last = ['<link name="foot"/>'], [joint("pedestal", "fixed", "foot", "base")], "base"
+    links.append('<link name="base"/>')
+    for i in range(n):
+        kind = "prismatic" if draw.random() < 0.25 else "revolute"
+        links.append(f'<link name="l{i}">{inertial()}</link>')
+        joints.append(joint(f"j{i}", kind, last, f"l{i}"))
+        last = f"l{i}"
+        if draw.random() < 0.4:  # a cover, which is no end of the arm
+            links.append(f'<link name="c{i}">{inertial()}</link>')
+            joints.append(joint(f"cover{i}", "fixed", last, f"c{i}"))
+    links.append('<link name="tip"/>')
+    joints.append(joint("mount", "fixed", last, "tip"))
+    return f'<robot name="arm {seed}">{"".join(links)}{"".join(joints)}</robot>'
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_rows_of_an_arm_with_axes_anywhere_move_its_tip_as_another_reader_does(seed: int, tmp_path: Path) -> None:
+    urdf, path = arbitrary_urdf(seed), tmp_path / "arm.urdf"
+    path.write_text(urdf)
+    chain = serial_chain(read_urdf(path), "tip")
+    rows = denavit_hartenberg([link.T_previous_joint for link in chain.links], chain.T_last_tip)
+    model, data = mujoco_of(urdf)
+    for q in np.random.default_rng(seed).uniform(-2, 2, (5, len(chain.links))):
+        T = chain.T_root_base @ rows.T_base_0
+        for i, link in enumerate(chain.links):
+            slides = link.joint.kind == "prismatic"
+            theta, d = rows.theta[i] + (0.0 if slides else q[i]), rows.d[i] + (q[i] if slides else 0.0)
+            T = T @ transform(rot_x(rows.alpha[i])) @ transform(None, [rows.a[i], 0.0, 0.0])
+            T = T @ transform(rot_z(theta), None) @ transform(None, [0.0, 0.0, d])
+        T = T @ inverse(rows.T_joint_frame[-1]) @ chain.T_last_tip
+        assert np.allclose(T, poses(model, data, "tip", q), atol=1e-9)
+
+
+def drives(n: int) -> str:
+    """What a URDF does not tell, for n joints."""
+    document = robot_document(load_robot("puma560"))
+    document["transmission"]["coupling"] = {}
+    wanted = {"transmission": (), "control": (), "guard": (), "board": (), "limits": ("a_max",)}
+    lines = []
+    for section, keys in wanted.items():
+        table = {
+            key: value for key, value in document[section].items() if key != "source" and (not keys or key in keys)
+        }
+        table.pop("vendor_rad_per_count", None)
+        for key, value in table.items():
+            table[key] = ([*value, value[-1]])[:n] if isinstance(value, list) else value
+        lines.append(robot_text({"name": "x", section: table | {"source": dict.fromkeys(table, "test")}}))
+    text = "\n".join(line for block in lines for line in block.splitlines() if not line.startswith(("#", "name")))
+    return text.replace('friction_preset = "corke"', 'friction_preset = "own"') + (
+        f"\n[friction.own]\nviscous = {[1.0] * n}\ncoulomb_pos = {[1.0] * n}\ncoulomb_neg = {[1.0] * n}\n"
+        'stiction_factor = 1.0\n[friction.own.source]\nviscous = "t"\ncoulomb_pos = "t"\ncoulomb_neg = "t"\n'
+        'stiction_factor = "t"\n'
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_imported_arm_weighs_on_its_joints_what_another_reader_says(seed: int, tmp_path: Path) -> None:
+    urdf, path, beside = arbitrary_urdf(seed), tmp_path / "arm.urdf", tmp_path / "drives.toml"
+    path.write_text(urdf)
+    n = len(serial_chain(read_urdf(path), "tip").links)
+    beside.write_text(drives(n).replace("pot_channel = [0, 1, 2, 3, 4, 5, 5]", "pot_channel = [0, 1, 2, 3, 4, 5, 6]"))
+    robot = import_urdf(path, "tip", beside=beside).robot
+    model, data = mujoco_of(urdf)
+    for q in np.random.default_rng(seed).uniform(-2, 2, (5, n)):
+        assert np.allclose(gravity(robot, q), gravity_of(model, data, q), atol=1e-7)
+
+
+def test_what_a_urdf_does_not_tell_is_asked_for_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf_text(load_robot("puma560")))
+    with pytest.raises(ConfigError) as refused:
+        import_urdf(path)
+    for missing in (
+        "--like",
+        "--with",
+        "transmission: missing",
+        "guard: missing",
+        "control.kp: missing",
+        "limits.a_max",
+    ):
+        assert missing in str(refused.value)
+    with pytest.raises(ConfigError, match="stanford is not like it"):
+        import_urdf(path, like="stanford")
+
+
+PLAIN: Final = (
+    '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
+    '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    '<joint name="k" type="fixed"><parent link="b"/><child link="c"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("<robot", "<sdf", "not XML"),
+        ('type="revolute"', 'type="floating"', "floating"),
+        ('type="revolute"', "", "of no type"),
+        ('child link="b"', 'child link="nobody"', "'nobody'"),
+        ('child link="c"', 'child link="b"', "hangs on two joints"),
+        ('child link="c"', 'child link="a"', "round in a circle"),
+        ('xyz="0 0 1"', 'xyz="0 0 0"', "no direction"),
+        ('xyz="0 0 1"', 'xyz="0 nan 1"', "three numbers"),
+        ('xyz="0 0 1"', 'xyz="1 2"', "three numbers"),
+        ('lower="-1"', 'lower="low"', "lower must be a number"),
+        ('<link name="c"/>', '<link name="b"/>', "two links are called 'b'"),
+        ('<link name="a"/>', '<link name=""/>', "has no name"),
+        ('<link name="c"/>', '<link name="c"><inertial><mass value="-1"/></inertial></link>', "below zero|missing"),
+        ('name="j" type="revolute"', 'name="j" type="fixed"', "no joint moves"),
+        (
+            '<robot name="r">',
+            '<robot name="r"><xacro:property xmlns:xacro="http://www.ros.org/wiki/xacro" name="p"/>',
+            "xacro FILE",
+        ),
+        ('<parent link="b"/>', '<parent link="a"/>', "several ends.*--tip"),
+    ],
+)
+def test_what_is_no_serial_arm_is_refused_with_its_place(tmp_path: Path, old: str, new: str, told: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=told):
+        serial_chain(read_urdf(path))
+
+
+def test_damaged_urdfs_get_an_error_of_ours_or_are_read(tmp_path: Path) -> None:
+    path, draw = tmp_path / "arm.urdf", np.random.default_rng(9)
+    whole = bytearray(urdf_text(load_robot("puma560")), "utf-8")
+    refused = 0
+    for _ in range(300):
+        damaged = bytearray(whole)
+        for place in draw.integers(0, len(whole), int(draw.integers(1, 6))):
+            damaged[place] = int(draw.integers(0, 256))
+        path.write_bytes(bytes(damaged[: int(draw.integers(1, len(whole) + 1))] if draw.random() < 0.2 else damaged))
+        try:
+            import_urdf(path, like="puma560")
+        except ConfigError:
+            refused += 1
+    assert 100 < refused < 300
