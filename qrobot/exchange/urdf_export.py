@@ -13,9 +13,8 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
+from qrobot.exchange.urdf_document import Element
 from qrobot.model.transform import so3_exp
-
-Element = ElementTree.Element
 
 ROOT, BASE, TIP = "world", "base", "tool0"  # as robots of ROS have them; no joint makes a link of these names
 _RADIUS_M: Final = 0.05  # [A] of the first link's shape; each next one is a tenth thinner

@@ -26,13 +26,11 @@ from qrobot.config.robot import (
 )
 from qrobot.errors import ConfigError
 from qrobot.exchange.denavit_hartenberg import DenavitHartenberg, denavit_hartenberg
-from qrobot.exchange.robot_document import robot_document
+from qrobot.exchange.robot_document import Document, robot_document
 from qrobot.exchange.serial_chain import ChainLink, SerialChain, serial_chain
 from qrobot.exchange.urdf_document import LinkBody, read_urdf
 from qrobot.model.transform import inverse, so3_log, transform
 from qrobot.units import DEG_PER_RAD, MM_PER_M
-
-Document = dict[str, Any]
 
 FRICTION: Final = "urdf"
 STANDARD_GRAVITY: Final = 9.81  # m/s2, as in the packaged robot files
