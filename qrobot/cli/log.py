@@ -13,7 +13,7 @@ from rich.table import Table
 from qrobot.cli.console import note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
-from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog, checked_folder
+from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog, Port, Range, checked_folder
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from qrobot.servo.memory.servo_memory import ServoInfo
 
 MEGABYTE = 1_000_000
+LIVE_PORT: Final = 8765  # viewers propose it
 TABLE_EVENTS: Final = 20
 FigureName = Literal["positions", "errors", "torques", "forces", "signals", "latency"]
 
@@ -258,6 +259,47 @@ def record(
     note(f"waiting for the servo of {chosen.name}")
     with set_on_signals() as stop:
         follow(ServoFollower(chosen.name, open_log, note), stop)
+
+
+@app.command
+def live(
+    deployment: str = "emulator",
+    *,
+    arm: str | None = None,
+    port: Port = LIVE_PORT,
+    rate: Annotated[int, Parameter(validator=Range(1, 1000, "Hz"))] = 100,
+) -> None:
+    """Show a servo live to Foxglove, Lichtblick and viewers like them, until Ctrl-C.
+
+    They find what a log has: the rows, the arm in three dimensions, its frames, the law in force. Choose *Open
+    connection*, *Foxglove WebSocket*, `ws://127.0.0.1:8765`, and the layout `config/foxglove/arm.json`. Nobody can move
+    anything by it; who may open connections on this machine may look.
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; may be left out when there is only one.
+    port
+        Where to listen, on this machine's loopback interface only; 0 for any.
+    rate
+        Rows a second, at most as many as the servo makes.
+    """
+    from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
+    from qrobot.log.follow import ServoFollower, follow
+    from qrobot.log.live import LiveServer
+    from qrobot.realtime.signals import set_on_signals
+
+    chosen = choose_arm(deployment, arm)
+    robot, tool = robot_of_arm(chosen), tool_of_arm(chosen)
+
+    def open_server(servo: ServoInfo, pid: int) -> LiveServer:
+        return LiveServer(port, recorded_header(robot, servo, pid, chosen.board.plant), rate, robot, tool)
+
+    note(f"waiting for the servo of {chosen.name}")
+    with set_on_signals() as stop:
+        follow(ServoFollower(chosen.name, open_server, note, from_now=True), stop)
 
 
 def recorded_header(robot: Robot, servo: ServoInfo, pid: int, plant: str) -> LogHeader:

@@ -29,10 +29,10 @@ from foxglove.messages import (
     Timestamp,
     Vector3,
 )
-from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.log.pace import Pace
 from qrobot.log.topics import FRAMES_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TOOL_TOPIC
 from qrobot.model import transform as frames_of
 from qrobot.model.transform import transform
@@ -89,31 +89,22 @@ class ArmView:
         self._frames = FrameTransformsChannel(FRAMES_TOPIC, context=context)
         self._tool = PoseInFrameChannel(TOOL_TOPIC, context=context)
         self._scene = SceneUpdateChannel(SCENE_TOPIC, context=context)
-        self._last = -1
+        self._pace = Pace(RATE_HZ)
         self._drawn = False
 
     def begin_part(self) -> None:
         """A new file begins: its first row is shown, and the picture of the arm is in it."""
-        self._drawn, self._last = False, -1
+        self._drawn, self._pace = False, Pace(RATE_HZ)
 
     def log_rows(self, rows: Rows) -> None:
         """Messages of those of `rows`, shape (m,), whose turn it is."""
-        for k in self._due(rows["t_ns"]):
+        for k in self._pace.due(rows["t_ns"]):
             row = rows[k]
             log_time = int(row["t_ns"]) + self._offset_ns
             if not self._drawn:
                 self._drawn = True
                 self._scene.log(self._picture(_stamp(log_time)), log_time=log_time)
             self._log_row(row["q"].tolist(), row["v"].tolist(), row["tau"].tolist(), log_time)
-
-    def _due(self, t_ns: NDArray[np.int64]) -> list[int]:
-        """The first row of each period of 1 / RATE_HZ."""
-        if not t_ns.size:
-            return []
-        period = t_ns * RATE_HZ // NS_PER_S
-        first = np.diff(period, prepend=self._last) != 0
-        self._last = int(period[-1])
-        return [int(k) for k in np.flatnonzero(first)]
 
     def _log_row(self, q: list[float], v: list[float], tau: list[float], log_time: int) -> None:
         stamp, frames = _stamp(log_time), [*link_frames(self._robot, q), self._tip]

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final
 
 from qrobot.errors import LinkError
-from qrobot.log.record import LogRecorder
+from qrobot.log.record import LogRecorder, RowSink
 from qrobot.log.status import LogStatus
-from qrobot.log.writer import LogWriter
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.law_history import JournalReader
@@ -29,7 +28,7 @@ LOOK_NS: Final = 200_000_000  # how often to look whether the servo lives
 REPORT_NS: Final = 1_000_000_000
 LEFT_OUT: Final = 4  # [A] of a full ring one part in so many, the oldest, may be overwritten before it is read
 
-OpenLog = Callable[[ServoInfo, int], LogWriter]  # the servo and its process id
+OpenLog = Callable[[ServoInfo, int], RowSink]  # the servo and its process id
 
 
 @dataclass
@@ -57,10 +56,11 @@ class ServoFollower:
         arm: instance name.
         open_log: opens the log of a servo that has just been found.
         report: takes one line for people.
+        from_now: leave out what is in the ring already.
     """
 
-    def __init__(self, arm: str, open_log: OpenLog, report: Report) -> None:
-        self._arm, self._open_log, self._report = arm, open_log, report
+    def __init__(self, arm: str, open_log: OpenLog, report: Report, from_now: bool = False) -> None:
+        self._arm, self._open_log, self._report, self._from_now = arm, open_log, report, from_now
         self._session: _Session | None = None
         self._look_at_ns = self._report_at_ns = 0
         self._reported = LogStatus()
@@ -103,20 +103,23 @@ class ServoFollower:
             return
         writer = self._open_log(info, int(segment.header.owner_pid))
         reader = _reader(segment, info)
+        if self._from_now:
+            reader.next_row += reader.waiting
         journal = JournalReader(segment.words, journal_base(info.n), info.n)
-        self._session = _Session(segment, info.generation, LogRecorder(reader, writer, journal), str(writer.path))
+        self._session = _Session(segment, info.generation, LogRecorder(reader, writer, journal), writer.heading)
         self._reported = LogStatus()
-        self._report(f"recording the servo of {self._arm} into {writer.path}")
+        self._report(f"the servo of {self._arm} is {writer.heading}")
 
     def _end(self, drain: bool) -> None:
         assert self._session is not None
         recorder = self._session.recorder
         recorder.close(drain)
-        self._report(f"{self._session.name} ends: {recorder.status.rows} cycles, {recorder.status.lost} lost")
+        counts = f"{recorder.status.rows} cycles, {recorder.status.lost} lost"
+        self._report(f"the servo of {self._arm} ends, {self._session.name}: {counts}")
         if recorder.backlog:
             self._report(
                 f"the disk did not take its last {recorder.backlog} bytes ({recorder.last_error}): "
-                f"`qrobot log info {self._session.name}` tells how far it reaches"
+                "`qrobot log info` tells how far the log reaches"
             )
         self._session.segment.close()
         self._session = None

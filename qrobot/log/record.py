@@ -13,6 +13,7 @@ from typing import Final
 from qrobot.config import Robot
 from qrobot.errors import LogError
 from qrobot.log.header import Attachment, LogHeader
+from qrobot.log.live import LiveServer
 from qrobot.log.status import LogStatus
 from qrobot.log.writer import LogWriter
 from qrobot.servo.memory.law_history import JournalReader, LawInForce
@@ -22,17 +23,19 @@ FLUSH_NS: Final = 200_000_000  # what a kill -9 of the recorder can cost, and th
 SYNC_NS: Final = 1_000_000_000  # what a power cut can cost
 BACKLOG_BYTES: Final = 16 << 20
 
+RowSink = LogWriter | LiveServer  # whoever takes the rows of a servo
+
 
 class LogRecorder:
     """Follows one ring and writes it down.
 
     Args:
         reader: of the ring.
-        writer: of the log.
+        writer: of the log, or whoever else takes the rows.
         journal: of the laws in force; None when there is none.
     """
 
-    def __init__(self, reader: TelemetryReader, writer: LogWriter, journal: JournalReader | None = None) -> None:
+    def __init__(self, reader: TelemetryReader, writer: RowSink, journal: JournalReader | None = None) -> None:
         self._reader, self._writer, self._journal = reader, writer, journal
         self._lost = 0
         self._flush_at_ns = self._sync_at_ns = 0

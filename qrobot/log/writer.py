@@ -56,6 +56,11 @@ class LogWriter:
         return LogPart(self._stream, part_path(self.path, number), header, self._attachments)
 
     @property
+    def heading(self) -> str:
+        """What it does with rows, for people."""
+        return f"recorded in {self.path}"
+
+    @property
     def parts(self) -> list[Path]:
         """Files written so far."""
         return [part_path(self.path, number) for number in range(1, self._number + 1)]

@@ -199,7 +199,7 @@ def test_record_writes_down_a_running_servo_and_ends_on_sigterm(tmp_path: Path) 
             recorder.send_signal(signal.SIGTERM)
             said = recorder.communicate(timeout=30)[1]
     assert recorder.returncode == 0, said
-    assert f"recording the servo of {arm}" in said
+    assert f"the servo of {arm} is recorded in " in said
     log = read_log(tmp_path / "logs" / "run.mcap")
     np.testing.assert_array_equal(log.rows, rows)
     assert not log.torn

@@ -1,0 +1,87 @@
+"""What a log has, live: a WebSocket server that viewers such as Foxglove and Lichtblick connect to.
+
+It only shows. It offers no service, takes no parameter and no message of a client; so whoever connects moves nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import foxglove
+
+from qrobot.config import Robot
+from qrobot.errors import LinkError
+from qrobot.log.arm_view import NO_TOOL, Point
+from qrobot.log.header import LogHeader
+from qrobot.log.mcap_file import LogStream
+from qrobot.log.pace import Pace
+from qrobot.log.status import LogStatus
+from qrobot.servo.memory.law_history import LawInForce
+from qrobot.servo.memory.telemetry import Rows
+
+HOST: Final = "127.0.0.1"
+
+
+class LiveServer:
+    """Shows the rows of one servo to whoever connects; takes them as `LogWriter` does.
+
+    Args:
+        port: 0 for any.
+        header: facts of the servo.
+        rate_hz: rows a second that are shown.
+        robot, tool_m: see `ArmView`.
+
+    Raises:
+        LinkError: the port is taken.
+    """
+
+    def __init__(self, port: int, header: LogHeader, rate_hz: int, robot: Robot, tool_m: Point = NO_TOOL) -> None:
+        self._stream = LogStream(header, robot, tool_m)
+        self._pace = Pace(rate_hz)
+        self.status = LogStatus()
+        self.last_error, self.backlog = "", 0
+        try:
+            self._server = foxglove.start_server(
+                name=f"qrobot {header.robot}", host=HOST, port=port, capabilities=[], context=self._stream.context
+            )
+        except (RuntimeError, OSError) as error:
+            raise LinkError(f"cannot show anything at port {port}: {error}; name another one with --port") from None
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self._server.port)
+
+    @property
+    def heading(self) -> str:
+        """What it does with rows, for people."""
+        return f"shown at ws://{HOST}:{self.port}"
+
+    def append(self, rows: Rows, lost: int = 0) -> None:
+        """Show those of the rows, shape (m,), whose turn it is. Rows lost before them are counted."""
+        self._stream.log_rows(rows[self._pace.due(rows["t_ns"])])
+        now = int(rows["t_ns"][-1]) if rows.size else self.status.t_ns
+        self.status = LogStatus(now, self.status.rows + rows.size, self.status.lost + lost, 0, 0)
+
+    def append_law(self, law: LawInForce) -> None:
+        """Show what is in force."""
+        self._stream.log_law(law, self.status.t_ns)
+
+    def count_lost(self, rows: int) -> None:
+        """Rows that nobody asks for any more are no loss."""
+
+    def flush(self) -> None:
+        """Show the counts; and how the arm looks once more, for those who have connected since."""
+        if self.status.rows:
+            self._stream.log_status(self.status)
+        self._stream.begin_part()
+
+    def sync(self) -> None:
+        """There is no disk."""
+
+    def drain(self) -> None:
+        """There is no disk."""
+
+    def close(self) -> None:
+        """End the server and every connection."""
+        self._server.stop()
