@@ -1,4 +1,4 @@
-"""What a log has, live: a WebSocket server that viewers such as Foxglove and Lichtblick connect to.
+"""The content of a log, live: a WebSocket server that viewers such as Foxglove and Lichtblick connect to.
 
 It only shows. It offers no service, takes no parameter and no message of a client; so whoever connects moves nothing.
 """
@@ -54,7 +54,7 @@ class LiveServer:
 
     @property
     def heading(self) -> str:
-        """What it does with rows, for people."""
+        """Where the rows go, for people."""
         return f"shown at ws://{HOST}:{self.port}"
 
     def append(self, rows: Rows, lost: int = 0) -> None:
@@ -68,7 +68,7 @@ class LiveServer:
         self._stream.log_law(law, self.status.t_ns)
 
     def count_lost(self, rows: int) -> None:
-        """Rows that nobody asks for any more are no loss."""
+        """Leave out rows that a servo left behind: they are no loss to who looks."""
 
     def flush(self) -> None:
         """Show the counts; and how the arm looks once more, for those who have connected since."""
@@ -77,10 +77,10 @@ class LiveServer:
         self._stream.begin_part()
 
     def sync(self) -> None:
-        """There is no disk."""
+        """Leave out what a file needs: here is no disk."""
 
     def drain(self) -> None:
-        """There is no disk."""
+        """Leave out what a file needs: here is no disk."""
 
     def close(self) -> None:
         """End the server and every connection."""

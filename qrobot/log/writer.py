@@ -57,7 +57,7 @@ class LogWriter:
 
     @property
     def heading(self) -> str:
-        """What it does with rows, for people."""
+        """Where the rows go, for people."""
         return f"recorded in {self.path}"
 
     @property
