@@ -49,12 +49,12 @@ class LiveServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port it listens on."""
         return int(self._server.port)
 
     @property
     def heading(self) -> str:
-        """Where the rows go, for people."""
+        """Place that the rows go to, for people."""
         return f"shown at ws://{HOST}:{self.port}"
 
     def append(self, rows: Rows, lost: int = 0) -> None:

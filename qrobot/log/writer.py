@@ -57,7 +57,7 @@ class LogWriter:
 
     @property
     def heading(self) -> str:
-        """Where the rows go, for people."""
+        """Place that the rows go to, for people."""
         return f"recorded in {self.path}"
 
     @property
