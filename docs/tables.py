@@ -12,7 +12,7 @@ from qrobot.faultcodes import EXPLANATION, FaultCode
 from qrobot.motion.path import phase
 from qrobot.servo import modes
 from qrobot.servo.laws import DEFAULT_LAW, LAWS
-from qrobot.servo.memory.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
+from qrobot.servo.memory.telemetry import ADDED, ARRAYS, COUNTERS, FACTORS, LINES, SCALARS, TERMS, VECTORS
 from qrobot.servo.stop_categories import stop_category
 from qrobot.sim_board.faults import KINDS
 
@@ -90,4 +90,6 @@ def telemetry() -> str:
     rows += [(f"`{name}`", "float64[n]", meaning) for name, meaning in TERMS]
     rows += [(f"`{name}`", f"float64[{length}]", meaning) for name, length, meaning in ARRAYS]
     rows += [(f"`{name}`", "int64", meaning) for name, meaning in LINES]
+    rows += [(f"`{name}`", f"float64[{length}]", meaning) for name, length, meaning in ADDED]
+    rows += [(f"`{name}`", "float64", meaning) for name, meaning in FACTORS]
     return table(("field", "type", "meaning"), rows)

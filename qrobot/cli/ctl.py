@@ -18,11 +18,13 @@ from qrobot.errors import ConfigError
 from qrobot.servo.memory.law_history import settings_text
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import BoardStatus, ServoStatus
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 HELP: Final = """
-Command a running servo by hand: power, stop, clear, law, gains; look at it, or watch it.
+Command a running servo by hand: power, stop, pause, speed, clear, law, gains; look at it, or watch it.
 
-An arm has one commander: while a program commands it over the bridge, only `stop` and `power off` are obeyed from here.
+An arm has one commander: while a program commands it over the bridge, only `stop`, `power off`,
+`pause`, `resume` and `override` are obeyed from here.
 Everybody may look.
 """
 
@@ -68,7 +70,16 @@ def _line(status: ServoStatus) -> str:
     why = f": {status.text}" if status.text else ""
     by = f", commanded by {status.commander}" if status.commander else ""
     settings = f" ({settings_text(status.law_settings)})" if status.law_settings else ""
-    return f"{status.arm}: {status.mode}{why}, law {status.law}{settings}{by}"
+    return f"{status.arm}: {status.mode}{why}, law {status.law}{settings}{_changed(status)}{by}"
+
+
+def _changed(status: ServoStatus) -> str:
+    """Settings of speed and load that are not as usual."""
+    told = [f"override {status.override:.0%}"] if status.override != 1 else []
+    told += ["paused"] if status.paused else []
+    told += [f"tool at most {status.tool_speed_limit:g} m/s"] if status.tool_speed_limit > 0 else []
+    told += [f"payload {status.payload_mass:g} kg"] if status.payload_mass > 0 else []
+    return "".join(f", {each}" for each in told)
 
 
 @app.command
@@ -135,6 +146,38 @@ def power(state: Literal["on", "off"], *, where: Where | None = None) -> int:
 def stop(*, where: Where | None = None) -> int:
     """Stop the arm on its path; it is held where it stops. Anybody may."""
     return _do(where, lambda servo: servo.stop())
+
+
+@app.command
+def override(percent: float, *, where: Where | None = None) -> int:
+    """Let motions go at so many percent of their programmed speed, also those under way. Anybody may.
+
+    A stop leaves it as it is; a servo starts with 100.
+
+    Parameters
+    ----------
+    percent
+        0 to 200; a motion goes faster than programmed as far as the limits of the joints allow.
+    """
+    most = 100 * LARGEST_OVERRIDE
+    if not 0 <= percent <= most:
+        raise ConfigError(f"override {percent:g} %: 0 to {most:g} are possible, 100 is the speed as programmed")
+    return _do(where, lambda servo: servo.change_override(percent / 100))
+
+
+@app.command
+def pause(*, where: Where | None = None) -> int:
+    """Let motions stand still on their path until `qrobot ctl resume`. Anybody may.
+
+    It is no stop: whoever must be sure that the arm stands uses `qrobot ctl stop`.
+    """
+    return _do(where, lambda servo: servo.pause())
+
+
+@app.command
+def resume(*, where: Where | None = None) -> int:
+    """Let motions that were paused go on. Anybody may."""
+    return _do(where, lambda servo: servo.resume())
 
 
 @app.command

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import LogError
 from qrobot.log.read import Log
-from qrobot.servo.memory.telemetry import ARRAYS, COUNTERS, LINES, SCALARS, TERMS, VECTORS
+from qrobot.servo.memory.telemetry import ADDED, ARRAYS, COUNTERS, FACTORS, LINES, SCALARS, TERMS, VECTORS
 
 ANGULAR_UNITS: Final = {
     "q_ref": "rad", "v_ref": "rad_s", "a_ref": "rad_s2", "q": "rad", "v": "rad_s", "tau": "Nm", "gravity": "Nm",
@@ -20,6 +20,7 @@ ANGULAR_UNITS: Final = {
 LINEAR_UNITS: Final = {
     "q_ref": "m", "v_ref": "m_s", "a_ref": "m_s2", "q": "m", "v": "m_s", "tau": "N", "gravity": "N", "friction": "N",
 }  # fmt: skip
+PAYLOAD_AXES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")  # of an inertia
 _CSV_ROWS: Final = 10_000  # turned into text at a time
 
 
@@ -37,6 +38,10 @@ def table_columns(log: Log) -> dict[str, NDArray[Any]]:
         for k, suffix in enumerate(_suffixes(log, name, length)):
             columns[f"{name}_{suffix}"] = log.rows[name][:, k]
     columns |= {name: log.rows[name] for name, _ in LINES}
+    for name, length, _ in ADDED:
+        for k, suffix in enumerate(_suffixes(log, name, length)):
+            columns[f"{name}_{suffix}"] = log.rows[name][:, k]
+    columns |= {name: log.rows[name] for name, _ in FACTORS}
     return columns
 
 
@@ -44,6 +49,8 @@ def _suffixes(log: Log, name: str, length: int) -> tuple[str, ...]:
     """Suffixes that tell the columns of an array apart, with the unit."""
     if name == "force":
         return tuple(f"{axis}_{'N' if axis.startswith('f') else 'Nm'}" for axis in FORCE_AXES)
+    if name == "payload":
+        return ("kg", *(f"{axis}_m" for axis in "xyz"), *(f"{axes}_kgm2" for axes in PAYLOAD_AXES))
     told = log.signal_names if name == "signals" else ()
     return (*told, *(f"{k}_V" if name == "volts" else str(k + 1) for k in range(len(told), length)))
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.servo_interface import RobotPort, SetpointFrame
+from qrobot.wire import Payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +47,45 @@ class Close:
     reason: str
 
 
-Action: TypeAlias = SendBytes | Forward | BareRequest | StopArm | Close
+@dataclass(frozen=True, slots=True)
+class TakePowerAway:
+    """A controlled stop, and no arm power after it; why."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class NameSignals:
+    """Names of the program's numbers."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TakePayload:
+    """A payload to reckon with."""
+
+    payload: Payload
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A line for the bridge's log."""
+
+    text: str
+
+
+ServoAction: TypeAlias = Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload
+Action: TypeAlias = SendBytes | ServoAction | Note | Close
 
 
 @dataclass(frozen=True, slots=True)
 class SessionOutcome:
-    """Rest for the owner of the connection: bytes to write, then, unless `closed` is "", to close it."""
+    """Rest for the owner of the connection: bytes to write, then, unless `closed` is "", to close it; lines to log."""
 
     data: bytes
     closed: str
+    notes: tuple[str, ...] = ()
 
 
 def carry_out(actions: Iterable[Action], port: RobotPort) -> SessionOutcome:
@@ -61,25 +93,32 @@ def carry_out(actions: Iterable[Action], port: RobotPort) -> SessionOutcome:
 
     A servo that went away in between is no error here: the next tick finds out and tells the client.
     """
-    data, closed = b"", ""
+    data, closed, notes = b"", "", list[str]()
     for action in actions:
         match action:
             case SendBytes():
                 data += action.data
             case Close():
                 closed = action.reason
+            case Note():
+                notes.append(action.text)
             case _:
                 _tell_servo(action, port)
-    return SessionOutcome(data, closed)
+    return SessionOutcome(data, closed, tuple(notes))
 
 
-def _tell_servo(action: Forward | BareRequest | StopArm, port: RobotPort) -> None:
-    try:
-        if isinstance(action, Forward):
-            port.write_setpoint(action.frame)
-        elif isinstance(action, BareRequest):
-            port.write_requests(action.frame)
-        else:
-            port.request_stop()
-    except LinkError:
-        return
+def _tell_servo(action: ServoAction, port: RobotPort) -> None:
+    with suppress(LinkError):
+        match action:
+            case Forward():
+                port.write_setpoint(action.frame)
+            case BareRequest():
+                port.write_requests(action.frame)
+            case StopArm():
+                port.request_stop()
+            case TakePowerAway():
+                port.request_power_off()
+            case NameSignals():
+                port.name_signals(action.names)
+            case TakePayload():
+                port.write_payload(action.payload)

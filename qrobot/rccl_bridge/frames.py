@@ -66,4 +66,5 @@ class FrameMaker:
             outputs=command.outputs,
             hold_to_run=command.hold_to_run,
             key_held=command.key_held,
+            signals=command.signals,
         )

@@ -16,7 +16,8 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, local_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.units import NS_PER_S
-from qrobot.wire import RobotState
+from qrobot.wire import Payload, RobotState
+from qrobot.wire.packets import NO_SIGNALS
 from qrobot.wire.robot_state import rows_of
 
 _MASKS: Final = {"B": 0xFF, "H": 0xFFFF, "I": 0xFFFFFFFF}  # by code of the field, as `struct` has it
@@ -74,6 +75,22 @@ class MailboxPort:
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path."""
         self._mailbox.request_stop()
+
+    def request_power_off(self) -> None:
+        """Take arm power away after a controlled stop."""
+        self._mailbox.request_power_off()
+
+    def name_signals(self, names: tuple[str, ...]) -> None:
+        """Names of the program's numbers from now on; there are none yet."""
+        _name_signals(self._mailbox, names)
+
+    def judge_payload(self, payload: Payload) -> str:
+        """Reason for which the arm cannot carry `payload`; "" when it can."""
+        return _judged(payload)
+
+    def write_payload(self, payload: Payload) -> None:
+        """Reckon with `payload` from now on."""
+        self._mailbox.request_payload(payload)
 
 
 class ServoPort:
@@ -136,6 +153,22 @@ class ServoPort:
         """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""
         self._follow().request_stop()
 
+    def request_power_off(self) -> None:
+        """Take arm power away after a controlled stop. Raises LinkError when the servo is gone."""
+        self._follow().request_power_off()
+
+    def name_signals(self, names: tuple[str, ...]) -> None:
+        """Names of the program's numbers from now on; there are none yet. Raises LinkError when the servo is gone."""
+        _name_signals(self._follow(), names)
+
+    def judge_payload(self, payload: Payload) -> str:
+        """Reason for which the arm cannot carry `payload`; "" when it can."""
+        return _judged(payload)
+
+    def write_payload(self, payload: Payload) -> None:
+        """Reckon with `payload` from now on. Raises LinkError when the servo is gone."""
+        self._follow().request_payload(payload)
+
     def _allowed(self, frame: SetpointFrame) -> SetpointFrame:
         """The frame, without a request for power that was made to the servo before this one."""
         if not frame.power:
@@ -163,12 +196,25 @@ class ServoPort:
         return self._mailbox
 
 
+def _judged(payload: Payload) -> str:
+    """Reason for which no arm can carry `payload`."""
+    return "" if payload.mass == 0 else "this servo reckons with no payload"
+
+
+def _name_signals(mailbox: ServoMailbox, names: tuple[str, ...]) -> None:
+    mailbox.tell_signals(NO_SIGNALS)  # first: the old numbers must not stand under the new names
+    mailbox.name_signals(names)
+
+
 def _to_wire(mailbox: ServoMailbox) -> RobotState:
     """The state as packets carry it, cut to the width of its fields there: what stands in memory may be spoilt."""
     snapshot, told = mailbox.snapshot(), dict[str, Any]()
     for row in rows_of(RobotState):
         value = getattr(snapshot, row.name)
-        told[row.name] = tuple(value.tolist()) if row.count != 1 else value & _MASKS.get(row.code, -1)
+        if row.count != 1:
+            told[row.name] = tuple(value.tolist())
+        else:
+            told[row.name] = value if row.code == "d" else value & _MASKS.get(row.code, -1)
     if not 0 <= told["event_joint"] < mailbox.info.n:
         told["event_joint"] = NO_JOINT
     return RobotState(**told)
@@ -189,6 +235,7 @@ def _pass_on(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
     if frame.hold_to_run:
         tell_key(mailbox, frame.stream, frame.t_ns if frame.key_held else None)
     _pass_on_requests(mailbox, frame)
+    mailbox.tell_signals(frame.signals)
     mailbox.push_setpoint(frame.stream, frame.seq, frame.t_ns, frame.period_ns, frame.modes, frame.setpoints)
 
 

@@ -125,8 +125,9 @@ class _Client(asyncio.Protocol):
         self._server = server
         self.peer = peer
         self.session = Session(
-            port.robot_name, port.n, server.lease, server.settings, peer, now_ns, server.places, server.token
-        )
+            port.robot_name, port.n, server.lease, server.settings, peer, now_ns, server.places, server.token,
+            port.judge_payload,
+        )  # fmt: skip
         self.transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._due_s = self._patient_until_s = 0.0  # on the event loop's clock
@@ -206,6 +207,8 @@ class _Client(asyncio.Protocol):
 
     def _carry_out(self, actions: list[Action]) -> None:
         outcome = carry_out(actions, self._server.port)
+        for note in outcome.notes:
+            self._server.say("%s", note)
         if self.transport is None or self.transport.is_closing():
             return
         if outcome.data:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from qrobot.wire import RobotState
+from qrobot.wire import Payload, RobotState
+from qrobot.wire.packets import NO_SIGNALS
 
 __all__ = ["RobotPort", "RobotState", "SetpointFrame"]
 
@@ -26,6 +27,7 @@ class SetpointFrame:
         hand: 0 relaxed, 1 open, 2 closed.
         outputs: bits of the binary outputs.
         hold_to_run: the stream moves the arm only while a key is held. key_held: it is held now.
+        signals: numbers that the program tells, NaN for none. Shape (8,).
     """
 
     stream: int
@@ -41,6 +43,7 @@ class SetpointFrame:
     outputs: int
     hold_to_run: bool = False
     key_held: bool = False
+    signals: tuple[float, ...] = NO_SIGNALS
 
 
 class RobotPort(Protocol):
@@ -81,3 +84,15 @@ class RobotPort(Protocol):
 
     def request_stop(self) -> None:
         """Ask for a controlled stop on the path. Raises LinkError when the servo is gone."""
+
+    def request_power_off(self) -> None:
+        """Take arm power away after a controlled stop. Raises LinkError when the servo is gone."""
+
+    def name_signals(self, names: tuple[str, ...]) -> None:
+        """Names of the program's numbers from now on; there are none yet. Raises LinkError when the servo is gone."""
+
+    def judge_payload(self, payload: Payload) -> str:
+        """Reason for which the arm cannot carry `payload`; "" when it can."""
+
+    def write_payload(self, payload: Payload) -> None:
+        """Reckon with `payload` from now on. Raises LinkError when the servo is gone."""

@@ -5,15 +5,28 @@ Rules:
 * STATE goes out on an absolute grid of the session's period; a grid point that was missed is left out, never made good;
 * its `seq` is the number of the grid point, so that a client that copies it into its COMMAND counts sample periods;
 * setpoints are the commander's alone, and the lease is given back, with a stop, however the session ends;
+* whoever is in may ask for a stop or for no power, the commander or an observer, and the bridge's log says who did;
 * while the servo is away the client is told once, stays connected, and what it commands is dropped.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from qrobot.errors import RemoteProtocolError
-from qrobot.rccl_bridge.actions import Action, BareRequest, Close, Forward, SendBytes, StopArm
+from qrobot.rccl_bridge.actions import (
+    Action,
+    BareRequest,
+    Close,
+    Forward,
+    NameSignals,
+    Note,
+    SendBytes,
+    StopArm,
+    TakePayload,
+    TakePowerAway,
+)
 from qrobot.rccl_bridge.frames import FrameMaker
 from qrobot.rccl_bridge.handshake import HandshakeRequest, judge
 from qrobot.rccl_bridge.lease import Lease
@@ -30,8 +43,11 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     InvalidSetpoint,
+    Payload,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
     WireEvent,
@@ -56,6 +72,7 @@ class Session:
     Args:
         robot_name, n: of the robot. lease: to command it. peer: the client's end. now_ns: the time.
         places: of observers; None keeps no count. token: what a client has to show; empty asks for none.
+        judge_payload: tells why the arm cannot carry a payload, "" when it can.
 
     Attributes:
         label: the client in words for people.
@@ -74,6 +91,7 @@ class Session:
         now_ns: int,
         places: Places | None = None,
         token: bytes = b"",
+        judge_payload: Callable[[Payload], str] = lambda _payload: "",
     ) -> None:
         self.label = str(peer)
         self.due_ns = now_ns + settings.handshake_ns
@@ -89,7 +107,8 @@ class Session:
         self._heard_ns = now_ns
         self._blocked_since_ns: int | None = None
         self._servo_gone = False
-        self._warnings = RateLimit()
+        self._warnings, self._stops, self._changes = RateLimit(), RateLimit(), RateLimit()
+        self._judge_payload = judge_payload
 
     @property
     def ended(self) -> bool:
@@ -164,6 +183,8 @@ class Session:
                 return self._take_command(event, now_ns)
             case InvalidSetpoint():
                 return self._take_invalid(event, now_ns)
+            case Stop() | Signals() | Payload():
+                return self._take_beside(event, now_ns)
             case Hello():
                 return self._greet(event, now_ns)
             case Bye():
@@ -209,6 +230,28 @@ class Session:
             actions.append(SendBytes(self._connection.send(warning)))
         return actions
 
+    def _take_beside(self, packet: Stop | Signals | Payload, now_ns: int) -> list[Action]:
+        """Take something a client says beside the sample periods."""
+        return self._take_stop(packet, now_ns) if isinstance(packet, Stop) else self._take_change(packet, now_ns)
+
+    def _take_stop(self, stop: Stop, now_ns: int) -> list[Action]:
+        """Hand over a stop, each of them; of a flood the log has the first ten of a second."""
+        done = "took arm power away" if stop.power_off else "asked for a stop"
+        action = TakePowerAway(self.label) if stop.power_off else StopArm(self.label)
+        return [action, Note(f"{self.label} {done}")] if self._stops.allows(now_ns) else [action]
+
+    def _take_change(self, change: Signals | Payload, now_ns: int) -> list[Action]:
+        """Take a change the commander makes now and then: of names of signals, of the payload."""
+        self._heard_ns = now_ns
+        if isinstance(change, Signals):
+            return [NameSignals(change.names)]
+        refusal = "the servo is away" if self._servo_gone else self._judge_payload(change)
+        if not refusal:
+            return [TakePayload(change), Note(f"{self.label} set a payload of {change.mass:g} kg")]
+        if not self._changes.allows(now_ns):
+            return []
+        return [SendBytes(self._connection.send(WireError(ErrorCode.PAYLOAD_REFUSED, refusal, False, now_ns)))]
+
     def _take_requests(self, command: Command, now_ns: int) -> list[Action]:
         if self._frames is None or self._servo_gone:
             return []
@@ -242,7 +285,7 @@ class Session:
         return self.refuse(ErrorCode.SLOW_READER, "the client does not read", now_ns)
 
     def _give_up_command(self, reason: str) -> list[Action]:
-        return [StopArm(reason)] if self._lease.release(self) else []
+        return [StopArm(reason), NameSignals(())] if self._lease.release(self) else []
 
 
 def _stop_if_asked(command: Command) -> list[Action]:

@@ -47,6 +47,11 @@ def words(length: ArrayLength, own_line: bool = False) -> Any:
     return StructureField(np.int64, length, own_line)
 
 
+def number(own_line: bool = False) -> Any:
+    """One float64."""
+    return StructureField(np.float64, None, own_line)
+
+
 def floats(length: ArrayLength, own_line: bool = False) -> Any:
     """An array of float64."""
     return StructureField(np.float64, length, own_line)

@@ -185,7 +185,8 @@ class LockstepBridge:
 
     def _new_session(self) -> Session:
         rig = self._rig
-        return Session(rig.robot.name, rig.robot.n, rig.lease, self._settings, Peer("127.0.0.1", 0), rig.now_ns)
+        here, judge = Peer("127.0.0.1", 0), self._port.judge_payload
+        return Session(rig.robot.name, rig.robot.n, rig.lease, self._settings, here, rig.now_ns, judge_payload=judge)
 
     def transfer(self, data: bytes) -> bytes:
         """Hand over the program's bytes; when nothing answers them at once, let time run until the bridge speaks."""

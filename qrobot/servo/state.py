@@ -24,8 +24,9 @@ from qrobot.servo.laws.guarded_copies import LawCopies, make_law_copies
 from qrobot.servo.laws.law import MEMORY_WORDS, Law
 from qrobot.servo.laws.law_swap import SwapState, make_swap_state
 from qrobot.servo.memory.setpoint_queue import make_frame
-from qrobot.servo.memory.telemetry import N_SIGNALS, TelemetryLayout
+from qrobot.servo.memory.telemetry import N_PAYLOAD, TelemetryLayout
 from qrobot.servo.parameters import ServoParameters
+from qrobot.wire.vocabulary import N_SIGNALS
 
 # values of ADOPT
 ADOPT_NOTHING, ADOPT_BOARD, ADOPT_JUMPED = range(3)
@@ -80,6 +81,8 @@ class ServoState:
     watch: WatchState
     ops: Any  # (MAX_OPS, 3)
     signals: Any  # (8,) numbers that the law tells
+    program_signals: Any  # (8,) numbers that the program tells, NaN for none
+    payload: Any  # (10,) in force: mass, centre, inertia; see `wire.packets.Payload`
     row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
     fault: int = 0  # code that latched the FAULT mode
@@ -152,6 +155,11 @@ class ServoState:
     stop_seconds: float = 0.0
     pending_value: float = 0.0  # what was measured when the pending code was raised, and what was allowed
     pending_limit: float = 0.0
+    paused: int = 0  # 1: the operator wants motions to stand still on their path
+    override: float = 1.0  # the operator's speed override
+    speed_limit: float = 1.0  # share of the joints' greatest speeds that programs may plan
+    tool_speed_limit: float = 0.0  # m/s; 0 for none
+    payload_mass: float = 0.0  # kg
 
 
 def make_state(params: ServoParameters, law: Law) -> ServoState:
@@ -178,5 +186,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         memory=np.zeros(MEMORY_WORDS),
         swap=make_swap_state(law, params.gains), copies=make_law_copies(n),
         ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
-        watch=make_watch_state(n), signals=np.zeros(N_SIGNALS), row=local_record(TelemetryLayout(n).source_dtype),
+        watch=make_watch_state(n), signals=np.zeros(N_SIGNALS),
+        program_signals=np.full(N_SIGNALS, np.nan), payload=np.zeros(N_PAYLOAD),
+        row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

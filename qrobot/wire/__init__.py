@@ -7,7 +7,19 @@ docs/reference/wire-protocol.md is the page for those who write the other end in
 
 from qrobot.modecodes import Mode
 from qrobot.wire.connection import Connection, InvalidSetpoint, WireEvent
-from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
+from qrobot.wire.packets import (
+    Bye,
+    Command,
+    Hello,
+    Packet,
+    Payload,
+    RobotState,
+    Signals,
+    State,
+    Stop,
+    Welcome,
+    WireError,
+)
 from qrobot.wire.states import Conversation, Side
 from qrobot.wire.vocabulary import (
     DEFAULT_PORT,
@@ -38,10 +50,13 @@ __all__ = [
     "JointMode",
     "Mode",
     "Packet",
+    "Payload",
     "RobotFlag",
     "RobotState",
     "Side",
+    "Signals",
     "State",
+    "Stop",
     "Welcome",
     "WireError",
     "WireEvent",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from math import isnan, nan
 from typing import Any, Final
 
 from qrobot.errors import LocalProtocolError, RemoteProtocolError
@@ -18,11 +19,25 @@ from qrobot.wire.framing import (
     unpack,
     unpack_with_rest,
 )
-from qrobot.wire.packets import Bye, Command, Hello, Packet, RobotState, State, Welcome, WireError
+from qrobot.wire.packets import (
+    Bye,
+    Command,
+    Hello,
+    Packet,
+    Payload,
+    RobotState,
+    Signals,
+    State,
+    Stop,
+    Welcome,
+    WireError,
+)
 from qrobot.wire.robot_state import StateTable, rows_of
 from qrobot.wire.vocabulary import (
     LONGEST_PERIOD_US,
+    LONGEST_SIGNAL,
     MAX_JOINTS,
+    N_SIGNALS,
     SHORTEST_PERIOD_US,
     ClientRole,
     Hand,
@@ -115,11 +130,13 @@ def _encode_command(packet: Command) -> bytes:
         raise LocalProtocolError(f"COMMAND with joint modes {modes} and hand {packet.hand}: 0 to 2 exist")
     if not 0 <= packet.outputs <= _U32:
         raise LocalProtocolError(f"COMMAND with outputs {packet.outputs:#x}: 32 bits, output 1 in bit 0")
+    if len(packet.signals) != N_SIGNALS:
+        raise LocalProtocolError(f"COMMAND with {len(packet.signals)} signals: {N_SIGNALS} numbers, NaN for none")
     requests = _POWER * packet.power | _CLEAR * packet.clear_fault | _STOP * packet.stop
     requests |= _HOLD_TO_RUN * packet.hold_to_run | _KEY_HELD * packet.key_held
     return pack(
         layout.COMMAND, n, packet.seq, packet.ack, packet.t_ns, n, packet.hand, requests, packet.stream,
-        packet.outputs, *packet.setpoints, *packet.modes,
+        packet.outputs, *packet.signals, *packet.setpoints, *packet.modes,
     )  # fmt: skip
 
 
@@ -127,12 +144,14 @@ def _decode_command(frame: bytes) -> Command:
     n = joint_count(layout.COMMAND, frame)
     values = unpack(layout.COMMAND, n, frame)
     seq, ack, t_ns, _, hand, requests, stream, outputs = values[4:12]
-    setpoints, modes = values[12 : 12 + n], values[12 + n :]
+    signals = tuple(nan if isnan(number) else number for number in values[12 : 12 + N_SIGNALS])
+    values = values[12 + N_SIGNALS :]
+    setpoints, modes = values[:n], values[n:]
     if max(modes) > JointMode.TORQUE or hand > Hand.CLOSED:
         raise RemoteProtocolError(f"COMMAND with joint modes {modes} and hand {hand}: 0 to 2 exist")
     return Command(
         seq, modes, setpoints, bool(requests & _POWER), bool(requests & _CLEAR), bool(requests & _STOP),
-        stream, hand, outputs, ack, t_ns, bool(requests & _HOLD_TO_RUN), bool(requests & _KEY_HELD),
+        stream, hand, outputs, ack, t_ns, bool(requests & _HOLD_TO_RUN), bool(requests & _KEY_HELD), signals,
     )  # fmt: skip
 
 
@@ -158,7 +177,7 @@ def _vector(values: tuple[float, ...], field: layout.Field, n: int) -> tuple[flo
     return values
 
 
-def _number(packet: State, name: str) -> int:
+def _number(packet: State, name: str) -> float:
     """A number of STATE: of the connection, or of the robot; counters wrap."""
     if name == "joints":
         return packet.robot.n
@@ -166,8 +185,8 @@ def _number(packet: State, name: str) -> int:
         return packet.dropped & _U32
     if name == "flags":
         return packet.robot.flags & _SERVO_FLAGS | _YOU * packet.you_command | _SOMEBODY * packet.commanded
-    number: int = getattr(packet.robot, name)
-    return number & _U32 if name in _WRAPPING else number
+    number: float = getattr(packet.robot, name)
+    return int(number) & _U32 if name in _WRAPPING else number
 
 
 def _decode_state(frame: bytes) -> State:
@@ -203,6 +222,59 @@ def _decode_bye(frame: bytes) -> Bye:
     return Bye(text_of(rest), values[_FIRST - 1])
 
 
+# -------------------------------------------------------------------------------------------------- beside the periods
+
+
+def _encode_stop(packet: Stop) -> bytes:
+    return pack(layout.STOP, 0, 0, 0, packet.t_ns, packet.power_off)
+
+
+def _decode_stop(frame: bytes) -> Stop:
+    t_ns, power_off = unpack(layout.STOP, 0, frame)[_FIRST - 1 :]
+    return Stop(bool(power_off), t_ns)
+
+
+def check_signal_names(names: tuple[str, ...]) -> str:
+    """Objection to the names of signals; "" for none."""
+    if len(names) > N_SIGNALS:
+        return f"{len(names)} signals: {N_SIGNALS} at most"
+    if len(set(names)) < len(names):
+        return f"two signals of one name in {', '.join(names)}"
+    odd = next((name for name in names if not _is_signal_name(name)), None)
+    return (
+        "" if odd is None else f"signal {odd!r}: letters, digits and underscores are allowed, at most {LONGEST_SIGNAL}"
+    )
+
+
+def _is_signal_name(name: str) -> bool:
+    return name.isascii() and name.isidentifier() and len(name) <= LONGEST_SIGNAL
+
+
+def _encode_signals(packet: Signals) -> bytes:
+    if wrong := check_signal_names(packet.names):
+        raise LocalProtocolError(wrong)
+    return pack(layout.SIGNALS, 0, 0, 0, packet.t_ns, " ".join(packet.names).encode())
+
+
+def _decode_signals(frame: bytes) -> Signals:
+    t_ns, data = unpack(layout.SIGNALS, 0, frame)[_FIRST - 1 :]
+    names = tuple(text_of(data).split())
+    if wrong := check_signal_names(names):
+        raise RemoteProtocolError(wrong)
+    return Signals(names, t_ns)
+
+
+def _encode_payload(packet: Payload) -> bytes:
+    if (len(packet.centre), len(packet.inertia)) != (3, 6):
+        raise LocalProtocolError("PAYLOAD: a centre has 3 numbers and an inertia 6, xx yy zz xy xz yz")
+    return pack(layout.PAYLOAD, 0, 0, 0, packet.t_ns, packet.mass, *packet.centre, *packet.inertia)
+
+
+def _decode_payload(frame: bytes) -> Payload:
+    t_ns, mass, *rest = unpack(layout.PAYLOAD, 0, frame)[_FIRST - 1 :]
+    return Payload(mass, tuple(rest[:3]), tuple(rest[3:]), t_ns)
+
+
 _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     Hello: _encode_hello,
     Welcome: _encode_welcome,
@@ -210,6 +282,9 @@ _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     State: _encode_state,
     WireError: _encode_error,
     Bye: _encode_bye,
+    Stop: _encode_stop,
+    Signals: _encode_signals,
+    Payload: _encode_payload,
 }
 _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.HELLO.kind: _decode_hello,
@@ -218,4 +293,7 @@ _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.STATE.kind: _decode_state,
     layout.ERROR.kind: _decode_error,
     layout.BYE.kind: _decode_bye,
+    layout.STOP.kind: _decode_stop,
+    layout.SIGNALS.kind: _decode_signals,
+    layout.PAYLOAD.kind: _decode_payload,
 }

@@ -140,7 +140,8 @@ def state_reads(fields: tuple[Field, ...] = layout.STATE.fields) -> Iterator[str
         place = f"frame + QROBOT_AT_STATE_{field.name.upper()}{'(n)' if moving else ''}"
         moving = moving or field.count == "n"
         if field.code == "d":
-            yield f"    qrw_get_doubles({place}, {field.count}, state->{field.name});"
+            target = f"&state->{field.name}" if field.count == 1 else f"state->{field.name}"
+            yield f"    qrw_get_doubles({place}, {field.count}, {target});"
         elif field.code != "x":
             cast = "int16_t" if field.code == "h" else _plain_type(field)
             yield f"    state->{field.name} = ({cast})qrw_get({place}, {field.size});"
@@ -159,7 +160,7 @@ def hex_dump() -> str:
     end = 0
     for offset, field in layout.COMMAND.rows(n):
         end = offset + field.size * field.length(n)
-        lines.append(_dump_line(data, offset, end, field.name))
+        lines += [_dump_line(data, at, min(at + 16, end), field.name) for at in range(offset, end, 16)]
     if end < len(data) - layout.CRC_BYTES:
         lines.append(_dump_line(data, end, len(data) - layout.CRC_BYTES, "padding"))
     return "\n".join([*lines, _dump_line(data, len(data) - layout.CRC_BYTES, len(data), "crc"), "```"])

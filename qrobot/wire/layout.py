@@ -13,6 +13,7 @@ from struct import Struct
 from typing import Final
 
 from qrobot.wire.robot_state import StateRow, StateTable, rows_of
+from qrobot.wire.vocabulary import N_SIGNALS, SIGNAL_NAME_BYTES
 
 MAGIC: Final = b"QROB"
 HEADER_BYTES: Final = 24
@@ -82,7 +83,7 @@ class Layout:
 
 HEADER_FIELDS: Final = (
     Field("magic", "s", "-", 'the bytes "QROB"', 4),
-    Field("version", "B", "-", "2; this header, HELLO and ERROR keep their layout in every version"),
+    Field("version", "B", "-", "3; this header, HELLO and ERROR keep their layout in every version"),
     Field("kind", "B", "-", "which packet"),
     Field("length", "H", "byte", "of the whole packet, header and CRC included; at most 4096"),
     Field("seq", "I", "-", "counts sample periods; wraps (see Sequence numbers)"),
@@ -161,6 +162,7 @@ COMMAND: Final = Layout(
             "binary outputs, output 1 in bit 0; begin with what STATE says",
         ),
         Field("reserved", "x", "-", "send 0, ignore", 4),
+        Field("signals", "d", "-", "numbers that the program tells, see SIGNALS; NaN for none", N_SIGNALS),
         Field("setpoint", "d", "rad, m, N·m or N", "per joint, as its mode says", "n"),
         Field("mode", "B", "-", "per joint: 0 hold, 1 position, 2 torque", "n"),
     ),
@@ -195,7 +197,46 @@ BYE: Final = Layout(
     (Field("text", "s", "-", "why, UTF-8, padded with 0 to a multiple of 4", "rest"),),
 )
 
-LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE)
+STOP: Final = Layout(
+    7,
+    "STOP",
+    "client",
+    "anybody, observers too, asks for a stop on the path",
+    (
+        Field("power_off", "B", "-", "1: take arm power away as well; 0: hold"),
+        Field("reserved", "x", "-", "send 0, ignore", 3),
+    ),
+)
+
+SIGNALS: Final = Layout(
+    8,
+    "SIGNALS",
+    "client",
+    "names of the numbers in the COMMANDs from now on",
+    (
+        Field(
+            "names",
+            "s",
+            "-",
+            "up to 8 names of 31 bytes, in the order of COMMAND's signals, a blank between two; ASCII, padded with 0",
+            SIGNAL_NAME_BYTES,
+        ),
+    ),
+)
+
+PAYLOAD: Final = Layout(
+    9,
+    "PAYLOAD",
+    "client",
+    "what the arm carries from now on",
+    (
+        Field("mass", "d", "kg", "0 for nothing"),
+        Field("centre", "d", "m", "its centre of mass in the frame of the flange: x y z", 3),
+        Field("inertia", "d", "kg·m²", "about that centre, along the axes of the flange: xx yy zz xy xz yz", 6),
+    ),
+)
+
+LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE, STOP, SIGNALS, PAYLOAD)
 _BY_KIND: Final = {shape.kind: shape for shape in LAYOUTS}
 
 

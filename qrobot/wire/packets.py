@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from qrobot.wire.robot_state import StateTable, again
-from qrobot.wire.vocabulary import ClientRole
+from qrobot.wire.vocabulary import N_SIGNALS, ClientRole
 
 Values: TypeAlias = tuple[float, ...]
 
 UNKNOWN_FORCE: Final[Values] = (math.nan,) * 6
+NO_SIGNALS: Final[Values] = (math.nan,) * N_SIGNALS
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,7 @@ class Command:
         t_ns: the client's clock.
         hold_to_run: this stream moves the arm only while a key is held; for as long as the stream lasts.
         key_held: the key is held now; said again at least every 100 ms.
+        signals: numbers that the program tells, in the order of the names of its `Signals`; NaN for none. Shape (8,).
     """
 
     seq: int
@@ -75,6 +77,7 @@ class Command:
     t_ns: int = 0
     hold_to_run: bool = False
     key_held: bool = False
+    signals: Values = NO_SIGNALS
 
     @property
     def n(self) -> int:
@@ -132,4 +135,36 @@ class Bye:
     t_ns: int = 0
 
 
-Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A stop on the path that anybody may ask for; with `power_off` arm power is taken away after it."""
+
+    power_off: bool = False
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """Names of the numbers in `Command.signals` from now on, in their order; at most 8."""
+
+    names: tuple[str, ...]
+    t_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """A load that the arm carries.
+
+    Attributes:
+        mass: kg; 0 for nothing.
+        centre: centre of mass in the frame of the flange, m. Shape (3,).
+        inertia: about that centre, along the axes of the flange, kg m^2: xx yy zz xy xz yz.
+    """
+
+    mass: float
+    centre: Values = (0.0,) * 3
+    inertia: Values = (0.0,) * 6
+    t_ns: int = 0
+
+
+Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye | Stop | Signals | Payload

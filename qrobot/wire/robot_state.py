@@ -76,6 +76,14 @@ class StateTable(Generic[VectorT]):
     force: VectorT = told(
         "d", "N, N·m", "on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known", 6
     )
+    speed_limit: float = told(
+        "d", "-", "share of the joints' greatest speeds that a program may plan; below 1 at reduced speed", default=1.0
+    )
+    tool_speed_limit: float = told(
+        "d", "m/s", "most of the tool's tip; 0 where the limits of the joints are the only ones", default=0.0
+    )
+    override: float = told("d", "-", "operator's speed override, 0 to 2; 1 is the speed as programmed", default=1.0)
+    payload_mass: float = told("d", "kg", "mass of the payload that the servo reckons with", default=0.0)
 
     @property
     def powered(self) -> bool:
@@ -101,6 +109,11 @@ class StateTable(Generic[VectorT]):
     def at_rest(self) -> bool:
         """The arm stands still and no motion is pending."""
         return bool(self.flags & RobotFlag.AT_REST)
+
+    @property
+    def paused(self) -> bool:
+        """The operator wants motions to stand still on their path."""
+        return bool(self.flags & RobotFlag.PAUSED)
 
 
 def again(table: type[StateTable[Any]], name: str, default: Any) -> Any:

@@ -4,7 +4,8 @@ Rules:
 
 * both ends run the same table on the same conversation; what matters is which side speaks and what it says;
 * the client greets, the server welcomes it as commander or observer, or refuses it with a fatal error;
-* STATE flows from the server to everybody who is in; COMMAND only from the commander;
+* STATE flows from the server to everybody who is in; COMMAND, SIGNALS and PAYLOAD only from the commander;
+* anybody who is in may ask for a STOP;
 * an error that is not fatal changes nothing, a fatal one or a BYE ends the conversation for both;
 * what is not in the table is a protocol error: a local one for the speaker, a remote one for the listener;
 * after the end nothing may be sent, and what still arrives (it was under way) is ignored.
@@ -15,7 +16,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from qrobot.wire.packets import Bye, Command, Hello, Packet, State, Welcome, WireError
+from qrobot.wire.packets import Bye, Command, Hello, Packet, Payload, Signals, State, Stop, Welcome, WireError
 from qrobot.wire.vocabulary import ClientRole
 
 
@@ -52,6 +53,9 @@ class PacketClass(Enum):
     WARNING = "ERROR"
     REFUSAL = "fatal ERROR"
     BYE = "BYE"
+    STOP = "STOP"
+    SIGNALS = "SIGNALS"
+    PAYLOAD = "PAYLOAD"
 
 
 _CLIENT_LEAVES: Final = {(Side.CLIENT, PacketClass.BYE): Conversation.ENDED}
@@ -74,11 +78,15 @@ TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, PacketClass], Conversatio
     Conversation.COMMANDING: {
         (Side.SERVER, PacketClass.STATE): Conversation.COMMANDING,
         (Side.CLIENT, PacketClass.COMMAND): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.STOP): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.SIGNALS): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.PAYLOAD): Conversation.COMMANDING,
         (Side.SERVER, PacketClass.WARNING): Conversation.COMMANDING,
         **_EITHER_ENDS,
     },
     Conversation.OBSERVING: {
         (Side.SERVER, PacketClass.STATE): Conversation.OBSERVING,
+        (Side.CLIENT, PacketClass.STOP): Conversation.OBSERVING,
         (Side.SERVER, PacketClass.WARNING): Conversation.OBSERVING,
         **_EITHER_ENDS,
     },
@@ -90,6 +98,9 @@ _PLAIN_WORDS: Final[dict[type, PacketClass]] = {
     Command: PacketClass.COMMAND,
     Hello: PacketClass.HELLO,
     Bye: PacketClass.BYE,
+    Stop: PacketClass.STOP,
+    Signals: PacketClass.SIGNALS,
+    Payload: PacketClass.PAYLOAD,
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum, IntFlag
 from typing import Final
 
-VERSION: Final = 2
+VERSION: Final = 3
 MAX_JOINTS: Final = 32
 SHORTEST_PERIOD_US: Final = 1_000
 LONGEST_PERIOD_US: Final = 100_000
@@ -14,6 +14,14 @@ DEFAULT_PORT: Final = 5600
 
 # No joint of any robot is driven by a larger number; a larger one is a mistake of the program, like NaN.
 LARGEST_SETPOINT: Final = 1e6
+
+
+# Of the operator's speed override; a motion goes faster than programmed as far as the limits of the joints allow.
+LARGEST_OVERRIDE: Final = 2.0  # [A]
+
+N_SIGNALS: Final = 8  # numbers that a program tells beside its setpoints
+LONGEST_SIGNAL: Final = 31  # bytes of the name of one
+SIGNAL_NAME_BYTES: Final = 256  # of all names, a blank between two
 
 
 class ClientRole(IntEnum):
@@ -47,6 +55,7 @@ class RobotFlag(IntFlag):
     ESTOP_OK = 4
     GUARDED = 8
     AT_REST = 16
+    PAUSED = 64  # the operator wants motions to stand still on their path
     YOU_COMMAND = 0x100
     COMMANDED = 0x200  # somebody commands
 
@@ -75,6 +84,7 @@ class ErrorCode(IntEnum):
     SERVO_GONE = 9
     INVALID_SETPOINT = 10
     SLOW_READER = 11
+    PAYLOAD_REFUSED = 12
 
 
 ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
@@ -89,5 +99,6 @@ ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
     ErrorCode.SERVO_GONE: (False, "the servo does not run; STATE packets resume when it does"),
     ErrorCode.INVALID_SETPOINT: (False, "a setpoint is not a finite number of sane size; the frame counts as missing"),
     ErrorCode.SLOW_READER: (True, "the client has read nothing for 10 s"),
+    ErrorCode.PAYLOAD_REFUSED: (False, "the arm cannot carry the payload; the one before it is still reckoned with"),
 }
 """Code to (does the connection end, what it means)."""

@@ -7,6 +7,7 @@ from math import nan
 
 import pytest
 
+from qrobot.errors import LocalProtocolError
 from qrobot.rccl_bridge import (
     BridgeSettings,
     Close,
@@ -30,8 +31,11 @@ from qrobot.wire import (
     Hello,
     JointMode,
     Mode,
+    Payload,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
 )
@@ -54,12 +58,22 @@ class Client:
         self.port = port
         self.now_ns = START_NS
         self.wire = Connection(Side.CLIENT)
-        self.session = Session("puma560", 6, lease, BridgeSettings(**settings), Peer(host, 40_000), START_NS)
+        self.session = Session(
+            "puma560",
+            6,
+            lease,
+            BridgeSettings(**settings),
+            Peer(host, 40_000),
+            START_NS,
+            judge_payload=port.judge_payload,
+        )
         self.closed = ""
+        self.notes: list[str] = []
 
     def exchange(self, actions):
         outcome = carry_out(actions, self.port)
         self.closed = self.closed or outcome.closed
+        self.notes += outcome.notes
         self.wire.receive_data(outcome.data)
         events = []
         while (event := self.wire.next_event()) is not None:
@@ -532,6 +546,43 @@ def test_actions_are_carried_out_in_their_order(port: FakePort) -> None:
     outcome = carry_out([SendBytes(b"a"), Forward(frame), StopArm("why"), SendBytes(b"b"), Close("end")], port)
     assert (outcome.data, outcome.closed) == (b"ab", "end")
     assert (port.frames, port.stops) == ([frame], 1)
+
+
+@pytest.mark.parametrize("power_off", [False, True])
+def test_an_observer_stops_the_arm_and_the_log_says_who_did(port: FakePort, lease: Lease, power_off: bool) -> None:
+    Client(port, lease).join()
+    observer = Client(port, lease).join(Hello(ClientRole.OBSERVER, "", "onlooker"))
+    assert [observer.say(Stop(power_off)) for _ in range(25)] == [[]] * 25
+    assert (port.stops, port.power_offs) == ((0, 25) if power_off else (25, 0))
+    done = "took arm power away" if power_off else "asked for a stop"
+    assert observer.notes == [f"onlooker at 127.0.0.1:40000 {done}"] * 10
+    with pytest.raises(LocalProtocolError, match="may not send PAYLOAD"):
+        observer.say(Payload(1.0))
+
+
+def test_names_of_signals_last_as_long_as_the_commander(port: FakePort, lease: Lease) -> None:
+    client = Client(port, lease).join()
+    client.say(Signals(("depth", "load")))
+    assert port.names == ("depth", "load")
+    client.say(replace(MOVE, seq=1, signals=(1.5, *(nan,) * 7)))
+    assert port.frames[-1].signals[0] == 1.5
+    client.say(Bye())
+    assert port.names == ()
+
+
+def test_a_payload_is_taken_or_refused_with_the_reason(port: FakePort, lease: Lease) -> None:
+    client = Client(port, lease).join()
+    assert client.say(Payload(2.0)) == []
+    assert client.wait(PERIOD_NS)[0].robot.payload_mass == 2.0
+    (refusal,) = client.say(Payload(nan))
+    assert (refusal.code, refusal.fatal) == (ErrorCode.PAYLOAD_REFUSED, False)
+    assert "no load for this arm" in refusal.text
+    answers = [client.say(Payload(9.0)) for _ in range(25)]
+    assert sum(map(len, answers)) == 9
+    port.running = False
+    client.wait(PERIOD_NS)
+    client.wait(1_000_000_000)
+    assert "the servo is away" in client.say(Payload(1.0))[0].text
 
 
 def test_control_characters_of_a_client_reach_neither_log_nor_terminal(port: FakePort, lease: Lease) -> None:

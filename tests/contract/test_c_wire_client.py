@@ -30,9 +30,12 @@ from qrobot.wire import (
     Conversation,
     ErrorCode,
     Hello,
+    Payload,
     RobotFlag,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
     WireEvent,
@@ -68,6 +71,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(COMPILERS[0], ROOT / "tests/support/wire_client.c", target, *SANITIZED, PATIENT)
 
 
+NO_NUMBERS = " ".join(["nan"] * 8)  # signals of a command
 ASAN_OPTIONS = "detect_leaks=0:verify_asan_link_order=0"  # a library is preloaded where the clock is scaled
 
 
@@ -125,7 +129,7 @@ def a_command(rng: random.Random) -> Command:
     return Command(
         words[0], tuple(rng.randint(0, 2) for _ in range(n)), tuple(rng.uniform(-1e6, 1e6) for _ in range(n)),
         *(rng.random() < 0.5 for _ in range(3)), stream=words[1], hand=rng.randint(0, 2), outputs=words[2],
-        ack=words[3], t_ns=rng.randint(-(1 << 63), (1 << 63) - 1),
+        ack=words[3], t_ns=rng.randint(-(1 << 63), (1 << 63) - 1), signals=tuple(rng.gauss(0, 1) for _ in range(8)),
     )  # fmt: skip
 
 
@@ -134,7 +138,7 @@ def written(command: Command) -> str:
     requests = command.power | command.clear_fault << 1 | command.stop << 2
     joints = " ".join(f"{m} {s.hex()}" for m, s in zip(command.modes, command.setpoints, strict=True))
     head = (command.n, command.seq, command.ack, command.t_ns, command.stream, command.outputs, requests, command.hand)
-    return " ".join(map(str, head)) + " " + joints
+    return " ".join((*map(str, head), joints, *(signal.hex() for signal in command.signals)))
 
 
 def test_commands_made_in_c_are_those_of_the_codec_byte_by_byte(client: Path) -> None:
@@ -156,15 +160,25 @@ def test_commands_made_in_c_are_those_of_the_codec_byte_by_byte(client: Path) ->
     ],
 )
 def test_a_command_nobody_could_follow_is_not_sent(client: Path, text: str, objection: str) -> None:
-    assert ask(client, "commands", data=text.encode()) == [f"refused command 1: {objection}"]
+    assert ask(client, "commands", data=f"{text} {NO_NUMBERS}".encode()) == [f"refused command 1: {objection}"]
 
 
 @pytest.mark.parametrize("requests", range(32))
 def test_a_stop_and_a_power_off_are_sent_whatever_the_setpoint_beside_them(client: Path, requests: int) -> None:
-    text = "\n".join(f"1 1 0 0 0 0 {requests} 0 1 {wrong}" for wrong in ("nan", "inf", "-1.1e6"))
+    text = "\n".join(f"1 1 0 0 0 0 {requests} 0 1 {wrong} {NO_NUMBERS}" for wrong in ("nan", "inf", "-1.1e6"))
     takes_away = not requests & Request.POWER or requests & Request.STOP
     answers = ask(client, "commands", data=text.encode())
     assert [answer.split()[0] for answer in answers] == ["made" if takes_away else "refused"] * 3
+
+
+def test_what_is_said_beside_the_periods_is_what_the_codec_makes_of_it(client: Path) -> None:
+    load = Payload(2.5, (0.1, 0.2, 0.3), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), 3)
+    names = tuple(str(k) * 30 for k in "abcdefgh")
+    packets = Stop(t_ns=1), load, Signals(names, 2), Stop(power_off=True, t_ns=4)
+    lines = ask(client, "others", " ".join(names), "2.5")
+    assert lines == [f"made {encode(packet).hex()}" for packet in packets]
+    for wrong in ("1st", "two  blanks", " before", "behind ", "grö", "x" * 32, "a b c d e f g h i"):
+        assert ask(client, "others", wrong, "1")[2].startswith("refused signals")
 
 
 @pytest.mark.parametrize("reason", ["", "done", "x" * 512, "x" * 600, "x" * 511 + "é"])
@@ -200,7 +214,8 @@ def told(event: WireEvent) -> str:
                 flags, robot.late_cycles, robot.missed_frames, event.dropped, robot.inputs, robot.hand,
                 robot.outputs,
             )  # fmt: skip
-            vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force)
+            numbers = robot.speed_limit, robot.tool_speed_limit, robot.override, robot.payload_mass
+            vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force, *numbers)
             return f"state {' '.join(str(int(x)) for x in head)} {doubles(vectors)}"
         case WireError():
             word = "warning" if not event.fatal else "refused" if event.code else "over"
@@ -230,7 +245,7 @@ def record(phase: Conversation, data: bytes) -> bytes:
 def test_whatever_comes_both_clients_judge_it_alike(client: Path) -> None:
     """The corpus of tests/property/test_wire_fuzz.py, one to four packets in a row."""
     rng = random.Random(59)
-    talks = [(rng.choice(HEARD), b"".join(mutant(rng) for _ in range(rng.randint(1, 4)))) for _ in range(12_000)]
+    talks = [(rng.choice(HEARD), b"".join(mutant(rng) for _ in range(rng.randint(1, 4)))) for _ in range(15_000)]
     lines = ask(client, "judge", data=b"".join(record(*talk) for talk in talks))
     expected = [judged(*talk) for talk in talks]
     assert lines == [line for answer in expected for line in (*answer, ".")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import re
 import struct
+from math import nan
 from pathlib import Path
 from zlib import crc32
 
@@ -47,7 +48,9 @@ def test_the_dump_on_the_page_is_the_packet_it_is_said_to_be() -> None:
 
 
 def test_the_dump_can_be_written_by_hand_from_the_tables() -> None:
-    body = struct.pack("<4sBBHIIqBBHIII2d2BH", b"QROB", 2, 3, 64, 258, 258, 1000, 2, 0, 1, 1, 0, 0, 0.5, 0.0, 1, 0, 0)
+    body = struct.pack(
+        "<4sBBHIIqBBHIII8d2d2BH", b"QROB", 3, 3, 128, 258, 258, 1000, 2, 0, 1, 1, 0, 0, *(nan,) * 8, 0.5, 0.0, 1, 0, 0
+    )
     assert body + struct.pack("<I", crc32(body)) == dumped_bytes()
 
 
@@ -74,6 +77,6 @@ def test_a_c_compiler_finds_every_field_where_the_codec_puts_it(shape: Layout, n
 
 def test_the_example_reads_the_same_through_the_c_struct() -> None:
     shape = next(shape for shape in LAYOUTS if shape.name == "COMMAND")
-    seen = c_struct(shape, EXAMPLE.n).from_buffer_copy(dumped_bytes().ljust(128, b"\0"))
-    assert (seen.magic, seen.length, seen.seq, seen.requests) == (b"QROB", 64, EXAMPLE.seq, 1)
+    seen = c_struct(shape, EXAMPLE.n).from_buffer_copy(dumped_bytes().ljust(256, b"\0"))
+    assert (seen.magic, seen.length, seen.seq, seen.requests) == (b"QROB", 128, EXAMPLE.seq, 1)
     assert (tuple(seen.setpoint), tuple(seen.mode)) == (EXAMPLE.setpoints, EXAMPLE.modes)

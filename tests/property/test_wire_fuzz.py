@@ -28,6 +28,7 @@ REASONS = (
     "joint modes",
     "unknown role",
     "not UTF-8",
+    "letters, digits and underscores",
     "while the conversation is",
 )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge import RobotState, SetpointFrame
-from qrobot.wire import JointMode, Mode, RobotFlag
+from qrobot.wire import JointMode, Mode, Payload, RobotFlag
 from tests.support.packets import resting
 
 
@@ -18,7 +18,8 @@ class FakePort:
         self.n = n
         self.frames: list[SetpointFrame] = []
         self.requests: list[SetpointFrame] = []
-        self.stops = 0
+        self.stops = self.power_offs = 0
+        self.names: tuple[str, ...] = ()
         self.running = True
         self.state = resting((0.0,) * n, mode=Mode.OFF, flags=RobotFlag.ESTOP_OK | RobotFlag.CALIBRATED)
 
@@ -58,6 +59,24 @@ class FakePort:
         if not self.running:
             raise LinkError("the fake servo is away")
         self.stops += 1
+
+    def request_power_off(self) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.power_offs += 1
+
+    def name_signals(self, names: tuple[str, ...]) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.names = names
+
+    def judge_payload(self, payload: Payload) -> str:
+        return "" if 0 <= payload.mass <= 5 else f"{payload.mass} kg is no load for this arm"
+
+    def write_payload(self, payload: Payload) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.state = replace(self.state, payload_mass=payload.mass)
 
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""

@@ -9,7 +9,19 @@ import random
 from collections.abc import Callable
 from zlib import crc32
 
-from qrobot.wire import Bye, ClientRole, Command, ErrorCode, Hello, State, Welcome, WireError
+from qrobot.wire import (
+    Bye,
+    ClientRole,
+    Command,
+    ErrorCode,
+    Hello,
+    Payload,
+    Signals,
+    State,
+    Stop,
+    Welcome,
+    WireError,
+)
 from qrobot.wire.codec import encode
 from qrobot.wire.layout import CRC_BYTES, HEADER_BYTES
 from tests.support.packets import resting
@@ -28,6 +40,9 @@ SEEDS = [
         State(9, resting((0.2,))),
         WireError(ErrorCode.FULL, "full", fatal=True),
         Bye("done"),
+        Stop(power_off=True),
+        Signals(("pressure", "depth")),
+        Payload(2.0, (0.0, 0.0, 0.1)),
     )
 ]
 WILD_WORDS = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7FF00000, 0xFFF80000, 0x7FEFFFFF)

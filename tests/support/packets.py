@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import nan
+
 from hypothesis import strategies as st
 
 from qrobot.printable import printable
@@ -13,13 +15,17 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     Mode,
+    Payload,
     RobotState,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
 )
 from qrobot.wire.layout import NAME_BYTES
+from qrobot.wire.vocabulary import N_SIGNALS
 
 U8, U16, U32 = (st.integers(0, (1 << bits) - 1) for bits in (8, 16, 32))
 T_NS = st.integers(-(1 << 63), (1 << 63) - 1)
@@ -41,6 +47,7 @@ def robot_states(n: int) -> st.SearchStrategy[RobotState]:
         RobotState, t_ns=T_NS, mode=U8, q=vector, v=vector, tau=vector, q_setpoint=vector, fault=U16, event=U16,
         event_joint=st.integers(-1, 31), flags=st.integers(0, 0xFF), late_cycles=U32, missed_frames=U32,
         inputs=U32, hand=U8, force=vectors(6), outputs=U16,
+        speed_limit=NUMBERS, tool_speed_limit=NUMBERS, override=NUMBERS, payload_mass=NUMBERS,
     )  # fmt: skip
 
 
@@ -54,7 +61,7 @@ def commands(n: int) -> st.SearchStrategy[Command]:
     return st.builds(
         Command, seq=U32, modes=st.tuples(*[st.integers(0, 2)] * n), setpoints=vectors(n, SETPOINTS),
         power=st.booleans(), clear_fault=st.booleans(), stop=st.booleans(), stream=U32, hand=st.integers(0, 2),
-        outputs=U32, ack=U32, t_ns=T_NS,
+        outputs=U32, ack=U32, t_ns=T_NS, signals=vectors(N_SIGNALS, NUMBERS | st.just(nan)),
     )  # fmt: skip
 
 
@@ -66,7 +73,13 @@ ERRORS = st.builds(
     WireError, code=st.sampled_from(ErrorCode).map(int) | U16, text=TEXTS, fatal=st.booleans(), t_ns=T_NS
 )
 BYES = st.builds(Bye, text=TEXTS, t_ns=T_NS)
-PACKETS = st.one_of(HELLOS, WELCOMES, JOINTS.flatmap(commands), JOINTS.flatmap(states), ERRORS, BYES)
+STOPS = st.builds(Stop, power_off=st.booleans(), t_ns=T_NS)
+SIGNAL_NAMES = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,30}", fullmatch=True)
+SIGNALS = st.builds(Signals, names=st.lists(SIGNAL_NAMES, max_size=N_SIGNALS, unique=True).map(tuple), t_ns=T_NS)
+PAYLOADS = st.builds(Payload, mass=NUMBERS, centre=vectors(3), inertia=vectors(6), t_ns=T_NS)
+PACKETS = st.one_of(
+    HELLOS, WELCOMES, JOINTS.flatmap(commands), JOINTS.flatmap(states), ERRORS, BYES, STOPS, SIGNALS, PAYLOADS
+)
 
 
 def resting(q: tuple[float, ...], t_ns: int = 0, mode: int = Mode.HOLDING, **others: int) -> RobotState:

@@ -30,6 +30,10 @@ static void print_state(const struct qrobot_state *state)
     print_doubles(state->tau, state->joints);
     print_doubles(state->q_setpoint, state->joints);
     print_doubles(state->force, 6);
+    print_doubles(&state->speed_limit, 1);
+    print_doubles(&state->tool_speed_limit, 1);
+    print_doubles(&state->override, 1);
+    print_doubles(&state->payload_mass, 1);
     putchar('\n');
 }
 
@@ -88,7 +92,7 @@ static void welcomed(struct qrobot_link *link, int joints)
     link->joints = joints;
 }
 
-/* "joints seq ack t_ns stream outputs requests hand", then a mode and a setpoint for each joint. */
+/* "joints seq ack t_ns stream outputs requests hand", a mode and a setpoint for each joint, then the signals. */
 static int make_commands(void)
 {
     unsigned char out[QROBOT_MAX_PACKET];
@@ -104,6 +108,9 @@ static int make_commands(void)
         for (int i = 0; i < joints; i++)
             if (scanf("%d %lf", &command.mode[i], &command.setpoint[i]) != 2)
                 return 1;
+        for (int i = 0; i < QROBOT_SIGNALS; i++)
+            if (scanf("%lf", &command.signals[i]) != 1)
+                return 1;
         welcomed(&link, joints);
         size = qrobot_put_command(&link, &command, out);
         if (size < 0)
@@ -112,6 +119,30 @@ static int make_commands(void)
             print_hex("made", out, (size_t)size);
     }
     return 0;
+}
+
+/* Arguments: names of signals, mass. Makes a STOP of each kind, SIGNALS and PAYLOAD, and a STOP as an observer. */
+static int make_others(char **argument)
+{
+    struct qrobot_payload payload = {atof(argument[1]), {0.1, 0.2, 0.3}, {1, 2, 3, 4, 5, 6}};
+    unsigned char out[QROBOT_MAX_PACKET];
+    struct qrobot_link link;
+    int size;
+
+    welcomed(&link, 6);
+    print_hex("made", out, (size_t)qrobot_put_stop(&link, 0, 1, out));
+    print_hex("made", out, (size_t)qrobot_put_payload(&link, &payload, 3, out));
+    if ((size = qrobot_put_signals(&link, argument[0], 2, out)) < 0)
+        printf("refused %s\n", link.error);
+    else
+        print_hex("made", out, (size_t)size);
+    link.phase = QROBOT_OBSERVING;
+    print_hex("made", out, (size_t)qrobot_put_stop(&link, 1, 4, out));
+    if (qrobot_put_payload(&link, &payload, 3, out) != QROBOT_INVALID ||
+        qrobot_put_signals(&link, "", 3, out) != QROBOT_INVALID)
+        return 1;
+    link.phase = QROBOT_ANSWERING;
+    return qrobot_put_stop(&link, 1, 4, out) != QROBOT_INVALID;
 }
 
 /* Arguments: role, robot, program, period in us, reason of the BYE. */
@@ -158,6 +189,8 @@ int main(int argc, char **argv)
         return judge();
     if (argc == 2 && strcmp(argv[1], "commands") == 0)
         return make_commands();
+    if (argc == 4 && strcmp(argv[1], "others") == 0)
+        return make_others(argv + 2);
     if (argc == 7 && strcmp(argv[1], "greet") == 0)
         return greet(argv + 2);
     return argc == 5 && strcmp(argv[1], "talk") == 0 ? talk(argv + 2) : 2;

@@ -45,13 +45,12 @@ from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import kernel
 from qrobot.realtime.pointer import KernelPointer
-from qrobot.servo.memory.telemetry import N_SIGNALS
+from qrobot.wire.vocabulary import LONGEST_SIGNAL, N_SIGNALS
 
 KP, KV, M0 = range(3)  # rows of `gains`
 N_GAINS: Final = 3
 N_SETTINGS: Final = 32
 MEMORY_WORDS: Final = 64
-LONGEST_SIGNAL: Final = 31  # characters; eight of them fit into an entry of the journal
 SIGNALS_AT: Final = MEMORY_WORDS - N_SIGNALS  # from here on the memory is in the log
 ARGUMENTS: Final = (
     "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "gains", "settings", "memory", "dt", "tau",

@@ -11,11 +11,13 @@ import numpy as np
 
 from qrobot.arrays import Floats, Ints, Words
 from qrobot.errors import LinkError
+from qrobot.printable import printable
 from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.structure import WORD_BYTES
 from qrobot.servo.memory.published_state import ServoSnapshot, read_state, snapshot_of, state_dtype
 from qrobot.servo.memory.servo_memory import servo_info, servo_record, telemetry_ring
 from qrobot.servo.memory.setpoint_queue import make_frame, push_block
+from qrobot.wire import Payload
 
 _READ_TRIES: Final = 20
 _READ_PAUSE_S: Final = 0.001
@@ -86,6 +88,35 @@ class ServoMailbox:
         Counters of requests have several writers here; two at once are seen as one, which is all the same.
         """
         self.memory.command.power_offs += 1
+
+    def request_override(self, override: float) -> None:
+        """Ask for motions at `override` times their programmed speed, 0 to `wire.vocabulary.LARGEST_OVERRIDE`."""
+        self.memory.command.override = override
+
+    def request_pause(self, paused: bool) -> None:
+        """Ask for motions to stand still on their path, or to go on."""
+        self.memory.command.paused = int(paused)
+
+    def request_payload(self, payload: Payload) -> None:
+        """Reckon with `payload` from now on; see `servo.payload` for what an arm can carry."""
+        command = self.memory.command
+        command.payload_mass = payload.mass
+        command.payload_centre[:], command.payload_inertia[:] = payload.centre, payload.inertia
+        command.payloads += 1  # last: what is read after it is whole
+
+    def tell_signals(self, numbers: Sequence[float]) -> None:
+        """Numbers that the program tells, NaN for none. Shape (8,)."""
+        self.memory.command.program_signals[:] = numbers
+
+    def name_signals(self, names: Sequence[str]) -> None:
+        """Names of the program's numbers from now on, in their order."""
+        command = self.memory.command
+        command.signal_names = " ".join(names).encode()
+        command.names_told += 1
+
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the program's numbers."""
+        return tuple(printable(bytes(self.memory.command.signal_names).decode(errors="replace")).split())
 
     def request_clear(self) -> None:
         """Ask to leave FAULT for OFF; refused while the cause persists."""

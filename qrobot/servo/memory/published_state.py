@@ -16,7 +16,7 @@ from qrobot.arrays import Floats, Words
 from qrobot.realtime.flat_record import copy_fields, words_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
-from qrobot.realtime.structure import dtype_of, floats, local_record, part, view_words, word
+from qrobot.realtime.structure import dtype_of, floats, local_record, number, part, view_words, word
 from qrobot.wire.robot_state import StateRow, StateTable, rows_of, told
 from qrobot.wire.vocabulary import RobotFlag
 
@@ -26,6 +26,7 @@ FLAG_CALIBRATED: Final = int(RobotFlag.CALIBRATED)
 FLAG_ESTOP_OK: Final = int(RobotFlag.ESTOP_OK)
 FLAG_GUARDED: Final = int(RobotFlag.GUARDED)
 FLAG_AT_REST: Final = int(RobotFlag.AT_REST)
+FLAG_PAUSED: Final = int(RobotFlag.PAUSED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +41,18 @@ ROWS: Final = rows_of(ServoSnapshot)
 
 
 def block_of_rows(rows: tuple[StateRow, ...]) -> type:
-    """The block that holds these fields: a number an int64, a vector float64, each under the name of its source."""
+    """The block that holds these fields: an integer an int64, all else float64, each under the name of its source."""
     return type(
         "StateBlock",
         (),
-        {row.source or row.name: word() if row.count == 1 else floats(row.count) for row in rows},
+        {row.source or row.name: _field(row) for row in rows},
     )
+
+
+def _field(row: StateRow) -> Any:
+    if row.count != 1:
+        return floats(row.count)
+    return number() if row.code == "d" else word()
 
 
 STATE_BLOCK: Final = block_of_rows(ROWS)
@@ -87,5 +94,5 @@ def snapshot_of(words: Words, n: int) -> ServoSnapshot:
     record = local_record(state_dtype(n))
     view_words(record)[:] = words
     told: dict[str, Any] = {row.name: record[row.source or row.name] for row in ROWS}
-    plain: dict[str, Any] = {name: value if np.ndim(value) else int(value) for name, value in told.items()}
+    plain: dict[str, Any] = {name: value if np.ndim(value) else value.item() for name, value in told.items()}
     return ServoSnapshot(**plain)

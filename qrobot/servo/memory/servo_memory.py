@@ -30,6 +30,7 @@ from qrobot.realtime.structure import (
     digest_of,
     dtype_of,
     floats,
+    number,
     offset_of,
     part,
     record_in,
@@ -43,8 +44,9 @@ from qrobot.servo.memory.law_history import LAW_BYTES, entry_dtype, journal_word
 from qrobot.servo.memory.published_state import PublishedBlock
 from qrobot.servo.memory.setpoint_queue import QueueBlock
 from qrobot.servo.memory.telemetry import TelemetryLayout, ring_words
+from qrobot.wire.vocabulary import N_SIGNALS, SIGNAL_NAME_BYTES
 
-LAYOUT: Final = 6
+LAYOUT: Final = 7
 MAX_JOINTS: Final = 32
 NAME_BYTES: Final = LAW_BYTES
 _START_PAUSE_S: Final = 0.001
@@ -110,6 +112,15 @@ class CommandBlock:
     outputs_ns: int = word()  # when they last said so, on the servo's clock
     held_stream: int = word()  # 1 + the stream that moves the arm only while a key is held; 0 for none
     held_ns: int = word()  # when they last said that the key is held, on the servo's clock
+    override: float = number()  # the operator's speed override, 1 for the speed as programmed
+    paused: int = word()  # 1: the operator wants motions to stand still on their path
+    payloads: int = word()  # raised when another payload stands in the fields behind
+    payload_mass: float = number()  # kg
+    payload_centre: Floats = floats(3)  # m, in the frame of the flange
+    payload_inertia: Floats = floats(6)  # kg m2, about that centre: xx yy zz xy xz yz
+    program_signals: Floats = floats(N_SIGNALS)  # numbers that the program tells; NaN for none
+    names_told: int = word()  # raised when the names behind have changed
+    signal_names: bytes = text(SIGNAL_NAME_BYTES)  # of the program's numbers, a blank between two
 
 
 class ServoFront:
@@ -238,6 +249,8 @@ def describe_servo(memory: Words, robot_name: str, law: str, n: int, period_ns: 
     info.joints, info.period_ns = n, period_ns
     info.telemetry_base, info.telemetry_capacity = _telemetry_base(n), telemetry_capacity
     info.robot_name, info.law = _name(robot_name), _name(law)
+    command = servo_front(memory).command
+    command.override, command.program_signals[:] = 1.0, np.nan
 
 
 def describe_law(memory: Words, law: str) -> None:

@@ -20,6 +20,7 @@ from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.atomics import acquire_fence, load_acquire, release_fence, store_release
 from qrobot.realtime.flat_record import words_of
 from qrobot.realtime.jit import lean_kernel
+from qrobot.wire.vocabulary import N_SIGNALS
 
 RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
 SMALLEST_RING: Final = 16  # rows; for memory that only warms kernels up
@@ -27,7 +28,7 @@ WORD_BYTES: Final = 8
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
 CDR_HEADER: Final = b"\x00\x01\x00\x00"
 N_FORCES: Final = 6
-N_SIGNALS: Final = 8
+N_PAYLOAD: Final = 10
 
 # name, meaning
 SCALARS: Final = (
@@ -67,7 +68,13 @@ LINES: Final = (
     ("outputs", "binary outputs in force, output 1 in bit 0"),
     ("event_joint", "joint, from 0, that `fault` speaks of; -1 for none"),
 )
-ROW_VERSION: Final = 2
+# since version 3 of the row
+ADDED: Final = (
+    ("program_signals", N_SIGNALS, "numbers that the program tells, NaN for none; see /servo/program"),
+    ("payload", N_PAYLOAD, "reckoned with: mass, kg, centre, m, inertia, kg m2 (xx yy zz xy xz yz)"),
+)
+FACTORS: Final = (("override", "the operator's speed override"),)
+ROW_VERSION: Final = 3
 FLAG_UNSEEN: Final = 32  # beside those of `servo.memory.published_state`
 SOURCES: Final = {"fault": "event", "flags": "flag_word", "volts": "sensors"}  # fields of the state of another name
 
@@ -94,6 +101,9 @@ class TelemetryLayout:
             fields += [(name, "<f8", (self.n,)) for name, _ in TERMS]
             fields += [(name, "<f8", (length,)) for name, length, _ in ARRAYS]
             fields += [(name, "<i8") for name, _ in LINES]
+        if self.version > 2:
+            fields += [(name, "<f8", (length,)) for name, length, _ in ADDED]
+            fields += [(name, "<f8") for name, _ in FACTORS]
         return np.dtype(fields)
 
     @property
@@ -127,6 +137,9 @@ class TelemetryLayout:
             lines += [f"float64[{self.n}] {name}  # {meaning}" for name, meaning in TERMS]
             lines += [f"float64[{length}] {name}  # {meaning}" for name, length, meaning in ARRAYS]
             lines += [f"int64 {name}  # {meaning}" for name, meaning in LINES]
+        if self.version > 2:
+            lines += [f"float64[{length}] {name}  # {meaning}" for name, length, meaning in ADDED]
+            lines += [f"float64 {name}  # {meaning}" for name, meaning in FACTORS]
         return "\n".join(lines) + "\n"
 
     def empty(self, rows: int) -> Rows:

@@ -15,10 +15,13 @@ from qrobot.servo.operator.messages import (
     Calibrate,
     ChangeGains,
     ChangeLaw,
+    ChangeOverride,
     Clear,
     OperatorRequest,
+    PauseRequest,
     PowerOff,
     PowerOn,
+    ResumeRequest,
     ServoStatus,
     StatusRequest,
     StopRequest,
@@ -90,6 +93,18 @@ class ServoClient:
         """Stop the arm on its path, and wait until it holds. Raises LinkTimeout when it goes on."""
         self._ask(StopRequest())
         return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
+
+    def change_override(self, factor: float) -> ServoStatus:
+        """Let motions go at `factor` times their programmed speed, 0 to 2, as far as the limits allow."""
+        return self._ask(make_request(ChangeOverride, factor=factor))
+
+    def pause(self) -> ServoStatus:
+        """Let motions stand still on their path; the status does not wait until they do."""
+        return self._ask(PauseRequest())
+
+    def resume(self) -> ServoStatus:
+        """Let motions that were paused go on."""
+        return self._ask(ResumeRequest())
 
     def clear(self) -> ServoStatus:
         """Leave FAULT for OFF. Raises QRobotError while its cause persists."""

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from qrobot.errors import ConfigError, RemoteProtocolError
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 VERSION: Final = 1
 MAX_LINE_BYTES: Final = 8192  # a longer line is no request; 32 joints' gains take a third of it
@@ -75,6 +76,25 @@ class ZeroForce(OperatorMessage):
     command: Literal["tare"] = "tare"
 
 
+class ChangeOverride(OperatorMessage):
+    """Let motions go at so many times their programmed speed, 1 for that speed."""
+
+    command: Literal["override"] = "override"
+    factor: float = Field(ge=0, le=LARGEST_OVERRIDE, allow_inf_nan=False)
+
+
+class PauseRequest(OperatorMessage):
+    """Let motions stand still on their path."""
+
+    command: Literal["pause"] = "pause"
+
+
+class ResumeRequest(OperatorMessage):
+    """Let motions that were paused go on."""
+
+    command: Literal["resume"] = "resume"
+
+
 Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
 
 
@@ -93,10 +113,20 @@ class ChangeGains(OperatorMessage):
 
 
 OperatorRequest = Annotated[
-    StatusRequest | StopRequest | PowerOff | PowerOn | Clear | Calibrate | ChangeLaw | ChangeGains | ZeroForce,
+    StatusRequest
+    | StopRequest
+    | PowerOff
+    | PowerOn
+    | Clear
+    | Calibrate
+    | ChangeLaw
+    | ChangeGains
+    | ZeroForce
+    | ChangeOverride
+    | PauseRequest
+    | ResumeRequest,
     Field(discriminator="command"),
 ]
-ANYBODY: Final = (StatusRequest, StopRequest, PowerOff)  # what needs no authority
 
 RequestT = TypeVar("RequestT", bound=OperatorMessage)
 
@@ -133,6 +163,9 @@ class ServoStatus(OperatorMessage):
         inputs: numbers of the discrete inputs that are on; the emergency stop's is no input here.
         outputs: the lines of the deployment by name, true for on.
         board: what became of the way to the board.
+        override, paused: what the operator wants of motions: a factor of their speed, to stand still on their path.
+        speed_limit, tool_speed_limit: within which programs plan; see `wire.robot_state`.
+        payload_mass: kg, of the payload that the servo reckons with.
         page_faults: how often the loop had to wait for memory since it began.
         commander: who commands, "" for nobody.
         force: on the wrist's sensor, fx fy fz tx ty tz, N and N m; None where it is not known.
@@ -162,6 +195,11 @@ class ServoStatus(OperatorMessage):
     hand: str
     inputs: Annotated[tuple[int, ...], Field(strict=False)]
     outputs: dict[str, bool]
+    override: float = 1.0
+    paused: bool = False
+    speed_limit: float = 1.0
+    tool_speed_limit: float = 0.0
+    payload_mass: float = 0.0
     q: Annotated[tuple[float, ...], Field(strict=False)]
     v: Annotated[tuple[float, ...], Field(strict=False)]
     tau: Annotated[tuple[float, ...], Field(strict=False)]

@@ -50,11 +50,14 @@ from qrobot.servo.operator.messages import (
     Calibrate,
     ChangeGains,
     ChangeLaw,
+    ChangeOverride,
     Clear,
     OperatorRequest,
+    PauseRequest,
     PowerOff,
     PowerOn,
     Reply,
+    ResumeRequest,
     ServoStatus,
     StatusRequest,
     StopRequest,
@@ -156,6 +159,14 @@ class Controls:
             case PowerOff():
                 mailbox.request_power_off()
                 return partial(self._replying, self._told_by_loop)
+            case ChangeOverride():
+                mailbox.request_override(request.factor)
+                self._servo.say(f"speed override {request.factor:.0%}")
+                return partial(self._replying, self._told_by_loop)
+            case PauseRequest() | ResumeRequest():
+                mailbox.request_pause(isinstance(request, PauseRequest))
+                self._servo.say("motions paused" if isinstance(request, PauseRequest) else "motions resumed")
+                return partial(self._replying, self._told_by_loop)
         self._authorise(visitor)
         if not self._commanding.acquire(blocking=False):
             raise LinkBusy("another command is still being done; only stop, power off and status need not wait for it")
@@ -229,6 +240,11 @@ class Controls:
             inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
             outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
             force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
+            override=snapshot.override,
+            paused=snapshot.paused,
+            speed_limit=snapshot.speed_limit,
+            tool_speed_limit=snapshot.tool_speed_limit,
+            payload_mass=snapshot.payload_mass,
             q=_floats(snapshot.q),
             v=_floats(snapshot.v),
             tau=_floats(snapshot.tau),

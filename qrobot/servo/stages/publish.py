@@ -15,6 +15,7 @@ from qrobot.servo.memory.published_state import (
     FLAG_CALIBRATED,
     FLAG_ESTOP_OK,
     FLAG_GUARDED,
+    FLAG_PAUSED,
     FLAG_POWERED,
     publish_state,
 )
@@ -64,6 +65,8 @@ def compose_flags(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         flags |= FLAG_ESTOP_OK
     if guardian_alive(params, mail, now_ns):
         flags |= FLAG_GUARDED
+    if state.paused != 0:
+        flags |= FLAG_PAUSED
     at_rest = True
     for j in range(state.v_ref.size):
         at_rest = at_rest and state.v_ref[j] == 0.0

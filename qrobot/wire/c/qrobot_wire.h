@@ -1,4 +1,4 @@
-/* The client's end of QRobot's wire protocol, version 2: everything a controller in C needs to command a robot.
+/* The client's end of QRobot's wire protocol, version 3: everything a controller in C needs to command a robot.
  *
  *     #include "qrobot_wire.h"                            before any system header
  *
@@ -59,20 +59,23 @@
 
 /* generated: constants */
 #define QROBOT_MAGIC "QROB"
-#define QROBOT_VERSION 2
+#define QROBOT_VERSION 3
 #define QROBOT_DEFAULT_PORT 5600
 #define QROBOT_MAX_JOINTS 32
 #define QROBOT_NO_JOINT -1
 #define QROBOT_SHORTEST_PERIOD_US 1000
 #define QROBOT_LONGEST_PERIOD_US 100000
 #define QROBOT_LARGEST_SETPOINT 1e+06
+#define QROBOT_SIGNALS 8
+#define QROBOT_LONGEST_SIGNAL 31
 #define QROBOT_MAX_PACKET 4096
 #define QROBOT_HEADER_BYTES 24
 #define QROBOT_NAME_BYTES 64
 
 enum {
     QROBOT_KIND_HELLO = 1, QROBOT_KIND_WELCOME = 2, QROBOT_KIND_COMMAND = 3, QROBOT_KIND_STATE = 4,
-    QROBOT_KIND_ERROR = 5, QROBOT_KIND_BYE = 6
+    QROBOT_KIND_ERROR = 5, QROBOT_KIND_BYE = 6, QROBOT_KIND_STOP = 7, QROBOT_KIND_SIGNALS = 8,
+    QROBOT_KIND_PAYLOAD = 9
 };
 enum {
     QROBOT_ROLE_COMMANDER = 1, QROBOT_ROLE_OBSERVER = 2
@@ -89,7 +92,7 @@ enum {
 };
 enum {
     QROBOT_FLAG_POWERED = 1, QROBOT_FLAG_CALIBRATED = 2, QROBOT_FLAG_ESTOP_OK = 4, QROBOT_FLAG_GUARDED = 8,
-    QROBOT_FLAG_AT_REST = 16, QROBOT_FLAG_YOU_COMMAND = 256, QROBOT_FLAG_COMMANDED = 512
+    QROBOT_FLAG_AT_REST = 16, QROBOT_FLAG_PAUSED = 64, QROBOT_FLAG_YOU_COMMAND = 256, QROBOT_FLAG_COMMANDED = 512
 };
 enum {
     QROBOT_REQUEST_POWER = 1, QROBOT_REQUEST_CLEAR_FAULT = 2, QROBOT_REQUEST_STOP = 4,
@@ -99,7 +102,7 @@ enum {
     QROBOT_ERROR_MALFORMED = 1, QROBOT_ERROR_VERSION = 2, QROBOT_ERROR_WRONG_ROBOT = 3,
     QROBOT_ERROR_COMMANDER_BUSY = 4, QROBOT_ERROR_BAD_PERIOD = 5, QROBOT_ERROR_AUTHENTICATION = 6,
     QROBOT_ERROR_FULL = 7, QROBOT_ERROR_TIMEOUT = 8, QROBOT_ERROR_SERVO_GONE = 9,
-    QROBOT_ERROR_INVALID_SETPOINT = 10, QROBOT_ERROR_SLOW_READER = 11
+    QROBOT_ERROR_INVALID_SETPOINT = 10, QROBOT_ERROR_SLOW_READER = 11, QROBOT_ERROR_PAYLOAD_REFUSED = 12
 };
 
 /* Where the fields lie; n joints. */
@@ -119,10 +122,11 @@ enum {
 #define QROBOT_WELCOME_BYTES 100
 enum {
     QROBOT_AT_COMMAND_JOINTS = 24, QROBOT_AT_COMMAND_HAND = 25, QROBOT_AT_COMMAND_REQUESTS = 26,
-    QROBOT_AT_COMMAND_STREAM = 28, QROBOT_AT_COMMAND_OUTPUTS = 32, QROBOT_AT_COMMAND_SETPOINT = 40
+    QROBOT_AT_COMMAND_STREAM = 28, QROBOT_AT_COMMAND_OUTPUTS = 32, QROBOT_AT_COMMAND_SIGNALS = 40,
+    QROBOT_AT_COMMAND_SETPOINT = 104
 };
-#define QROBOT_AT_COMMAND_MODE(n) (40 + 8 * (size_t)(n))
-#define QROBOT_COMMAND_BYTES(n) ((40 + 9 * (size_t)(n) + 3) / 4 * 4 + 4)
+#define QROBOT_AT_COMMAND_MODE(n) (104 + 8 * (size_t)(n))
+#define QROBOT_COMMAND_BYTES(n) ((104 + 9 * (size_t)(n) + 3) / 4 * 4 + 4)
 enum {
     QROBOT_AT_STATE_JOINTS = 24, QROBOT_AT_STATE_MODE = 25, QROBOT_AT_STATE_FAULT = 26, QROBOT_AT_STATE_EVENT = 28,
     QROBOT_AT_STATE_EVENT_JOINT = 30, QROBOT_AT_STATE_FLAGS = 32, QROBOT_AT_STATE_LATE_CYCLES = 36,
@@ -133,7 +137,11 @@ enum {
 #define QROBOT_AT_STATE_TAU(n) (56 + 16 * (size_t)(n))
 #define QROBOT_AT_STATE_Q_SETPOINT(n) (56 + 24 * (size_t)(n))
 #define QROBOT_AT_STATE_FORCE(n) (56 + 32 * (size_t)(n))
-#define QROBOT_STATE_BYTES(n) ((104 + 32 * (size_t)(n) + 3) / 4 * 4 + 4)
+#define QROBOT_AT_STATE_SPEED_LIMIT(n) (104 + 32 * (size_t)(n))
+#define QROBOT_AT_STATE_TOOL_SPEED_LIMIT(n) (112 + 32 * (size_t)(n))
+#define QROBOT_AT_STATE_OVERRIDE(n) (120 + 32 * (size_t)(n))
+#define QROBOT_AT_STATE_PAYLOAD_MASS(n) (128 + 32 * (size_t)(n))
+#define QROBOT_STATE_BYTES(n) ((136 + 32 * (size_t)(n) + 3) / 4 * 4 + 4)
 enum {
     QROBOT_AT_ERROR_CODE = 24, QROBOT_AT_ERROR_FATAL = 26, QROBOT_AT_ERROR_TEXT = 28
 };
@@ -142,6 +150,18 @@ enum {
     QROBOT_AT_BYE_TEXT = 24
 };
 #define QROBOT_BYE_BYTES 28
+enum {
+    QROBOT_AT_STOP_POWER_OFF = 24
+};
+#define QROBOT_STOP_BYTES 32
+enum {
+    QROBOT_AT_SIGNALS_NAMES = 24
+};
+#define QROBOT_SIGNALS_BYTES 284
+enum {
+    QROBOT_AT_PAYLOAD_MASS = 24, QROBOT_AT_PAYLOAD_CENTRE = 32, QROBOT_AT_PAYLOAD_INERTIA = 56
+};
+#define QROBOT_PAYLOAD_BYTES 108
 
 /* What a fault or an event is, for people. */
 static inline const char *qrobot_fault_text(int code)
@@ -237,6 +257,13 @@ struct qrobot_command {
     int hand;             /* QROBOT_HAND_... */
     int mode[QROBOT_MAX_JOINTS];        /* QROBOT_JOINT_... */
     double setpoint[QROBOT_MAX_JOINTS]; /* rad or m, N m or N, as the mode says */
+    double signals[QROBOT_SIGNALS];     /* numbers that the program tells, see qrobot_put_signals; NAN for none */
+};
+
+struct qrobot_payload {
+    double mass;          /* kg; 0 for nothing */
+    double centre[3];     /* its centre of mass in the frame of the flange, m */
+    double inertia[6];    /* about that centre, along the axes of the flange, kg m2: xx yy zz xy xz yz */
 };
 
 struct qrobot_state {
@@ -260,6 +287,10 @@ struct qrobot_state {
     double tau[QROBOT_MAX_JOINTS]; /* N m or N: commanded joint torques */
     double q_setpoint[QROBOT_MAX_JOINTS]; /* rad or m: where the servo wants the joints at this instant */
     double force[6]; /* N, N m: on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known */
+    double speed_limit; /* share of the joints' greatest speeds that a program may plan; below 1 at reduced speed */
+    double tool_speed_limit; /* m/s: most of the tool's tip; 0 where the limits of the joints are the only ones */
+    double override; /* operator's speed override, 0 to 2; 1 is the speed as programmed */
+    double payload_mass; /* kg: mass of the payload that the servo reckons with */
     /* end */
 };
 
@@ -481,12 +512,73 @@ static inline int qrobot_put_command(struct qrobot_link *link, const struct qrob
     qrw_put(out + QROBOT_AT_COMMAND_REQUESTS, 2, (uint64_t)command->requests);
     qrw_put(out + QROBOT_AT_COMMAND_STREAM, 4, command->stream);
     qrw_put(out + QROBOT_AT_COMMAND_OUTPUTS, 4, command->outputs);
+    qrw_put_doubles(out + QROBOT_AT_COMMAND_SIGNALS, QROBOT_SIGNALS, command->signals);
     qrw_put_doubles(out + QROBOT_AT_COMMAND_SETPOINT, n, command->setpoint);
     for (int i = 0; i < n; i++)
         qrw_put(out + QROBOT_AT_COMMAND_MODE(n) + i, 1, (uint64_t)command->mode[i]);
     link->sent = command->seq;
     link->has_sent = 1;
     return (int)qrw_seal(out, QROBOT_KIND_COMMAND, QROBOT_COMMAND_BYTES(n), command->seq, command->ack, command->t_ns);
+}
+
+/* A STOP as bytes, which observers may send too: the arm stops on its path and holds, with `power_off` loses its power.
+ * Returns how many, or QROBOT_INVALID. */
+static inline int qrobot_put_stop(struct qrobot_link *link, int power_off, int64_t t_ns,
+                                  unsigned char out[QROBOT_MAX_PACKET])
+{
+    if (link->phase != QROBOT_COMMANDING && link->phase != QROBOT_OBSERVING)
+        return qrw_fail(link, QROBOT_INVALID, "only a client that was welcomed may send STOP");
+    memset(out, 0, QROBOT_STOP_BYTES);
+    qrw_put(out + QROBOT_AT_STOP_POWER_OFF, 1, power_off != 0);
+    return (int)qrw_seal(out, QROBOT_KIND_STOP, QROBOT_STOP_BYTES, 0, 0, t_ns);
+}
+
+/* True for up to QROBOT_SIGNALS names of letters, digits and underscores with one blank between two. */
+static inline int qrw_are_names(const char *names)
+{
+    int count = 0, length = 0;
+
+    for (; *names != '\0'; names++) {
+        int letter = (*names >= 'a' && *names <= 'z') || (*names >= 'A' && *names <= 'Z') || *names == '_';
+
+        if (*names == ' ' && length > 0 && names[1] != '\0') {
+            length = 0;
+            continue;
+        }
+        count += length == 0;
+        if (!letter && !(*names >= '0' && *names <= '9' && length > 0))
+            return 0;
+        if (++length > QROBOT_LONGEST_SIGNAL)
+            return 0;
+    }
+    return count <= QROBOT_SIGNALS;
+}
+
+/* The names of command.signals from now on as bytes, such as "pressure depth". Returns how many, or QROBOT_INVALID. */
+static inline int qrobot_put_signals(struct qrobot_link *link, const char *names, int64_t t_ns,
+                                     unsigned char out[QROBOT_MAX_PACKET])
+{
+    if (link->phase != QROBOT_COMMANDING)
+        return qrw_fail(link, QROBOT_INVALID, "only a commander that was welcomed may send SIGNALS");
+    if (!qrw_are_names(names))
+        return qrw_fail(link, QROBOT_INVALID, "signals \"%s\": at most %d names of letters, digits and _ with one blank "
+                        "between two, at most %d bytes each", names, QROBOT_SIGNALS, QROBOT_LONGEST_SIGNAL);
+    memset(out, 0, QROBOT_SIGNALS_BYTES);
+    memcpy(out + QROBOT_AT_SIGNALS_NAMES, names, strlen(names));
+    return (int)qrw_seal(out, QROBOT_KIND_SIGNALS, QROBOT_SIGNALS_BYTES, 0, 0, t_ns);
+}
+
+/* A PAYLOAD as bytes. Returns how many, or QROBOT_INVALID; whether the arm can carry it, STATE's payload_mass says. */
+static inline int qrobot_put_payload(struct qrobot_link *link, const struct qrobot_payload *payload, int64_t t_ns,
+                                     unsigned char out[QROBOT_MAX_PACKET])
+{
+    if (link->phase != QROBOT_COMMANDING)
+        return qrw_fail(link, QROBOT_INVALID, "only a commander that was welcomed may send PAYLOAD");
+    memset(out, 0, QROBOT_PAYLOAD_BYTES);
+    qrw_put_doubles(out + QROBOT_AT_PAYLOAD_MASS, 1, &payload->mass);
+    qrw_put_doubles(out + QROBOT_AT_PAYLOAD_CENTRE, 3, payload->centre);
+    qrw_put_doubles(out + QROBOT_AT_PAYLOAD_INERTIA, 6, payload->inertia);
+    return (int)qrw_seal(out, QROBOT_KIND_PAYLOAD, QROBOT_PAYLOAD_BYTES, 0, 0, t_ns);
 }
 
 /* The BYE that ends a conversation, as bytes. Returns how many; 0 when it is over already. */
@@ -550,6 +642,10 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     qrw_get_doubles(frame + QROBOT_AT_STATE_TAU(n), n, state->tau);
     qrw_get_doubles(frame + QROBOT_AT_STATE_Q_SETPOINT(n), n, state->q_setpoint);
     qrw_get_doubles(frame + QROBOT_AT_STATE_FORCE(n), 6, state->force);
+    qrw_get_doubles(frame + QROBOT_AT_STATE_SPEED_LIMIT(n), 1, &state->speed_limit);
+    qrw_get_doubles(frame + QROBOT_AT_STATE_TOOL_SPEED_LIMIT(n), 1, &state->tool_speed_limit);
+    qrw_get_doubles(frame + QROBOT_AT_STATE_OVERRIDE(n), 1, &state->override);
+    qrw_get_doubles(frame + QROBOT_AT_STATE_PAYLOAD_MASS(n), 1, &state->payload_mass);
     /* end */
 }
 
@@ -661,6 +757,10 @@ static inline int qrobot_next(struct qrobot_link *link, struct qrobot_state *sta
 static inline void qrobot_answer(struct qrobot_command *command, const struct qrobot_state *state)
 {
     memset(command, 0, sizeof *command);
+    for (int i = 0; i < QROBOT_SIGNALS; i++) {
+        uint64_t quiet_nan = UINT64_C(0x7FF8000000000000); /* NAN wants <math.h> */
+        memcpy(&command->signals[i], &quiet_nan, sizeof quiet_nan);
+    }
     command->seq = command->ack = state->seq;
     command->requests = state->flags & QROBOT_FLAG_POWERED ? QROBOT_REQUEST_POWER : 0;
     command->hand = state->hand;
@@ -924,6 +1024,35 @@ static inline int qrobot_send(struct qrobot_link *link, const struct qrobot_comm
     if ((size = qrobot_put_command(link, &stamped, out)) < 0)
         return size;
     return qrw_write(link, out, size);
+}
+
+/* Send what a qrobot_put_... has made of `size` bytes, or hand its failure on. */
+static inline int qrw_send(struct qrobot_link *link, const unsigned char *out, int size)
+{
+    if (link->fd < 0)
+        return qrw_fail(link, QROBOT_LOST, "the connection to %s is closed", link->peer);
+    return size < 0 ? size : qrw_write(link, out, size);
+}
+
+/* Ask for a stop, observers too; with `power_off` arm power is taken away as well. */
+static inline int qrobot_stop(struct qrobot_link *link, int power_off)
+{
+    unsigned char out[QROBOT_MAX_PACKET];
+    return qrw_send(link, out, qrobot_put_stop(link, power_off, qrobot_now_ns(), out));
+}
+
+/* Name the numbers in command.signals, such as "pressure depth"; they go into the log of the arm. */
+static inline int qrobot_name_signals(struct qrobot_link *link, const char *names)
+{
+    unsigned char out[QROBOT_MAX_PACKET];
+    return qrw_send(link, out, qrobot_put_signals(link, names, qrobot_now_ns(), out));
+}
+
+/* Tell what the arm carries. A refusal comes as link.warning of a later call; state.payload_mass is what is in force. */
+static inline int qrobot_set_payload(struct qrobot_link *link, const struct qrobot_payload *payload)
+{
+    unsigned char out[QROBOT_MAX_PACKET];
+    return qrw_send(link, out, qrobot_put_payload(link, payload, qrobot_now_ns(), out));
 }
 
 /* Send `command`, or nothing when it is NULL, and wait for the newest state: one sample period passes. */

@@ -79,7 +79,7 @@ def test_a_new_line_is_in_every_derivation() -> None:
         Field("doors", "H", "bits", "safety doors that are open"),
     )
     page = field_table(Layout(STATE.kind, STATE.name, STATE.sender, STATE.meaning, fields))
-    assert "| 104 + 32n | `double[n]` | temperature | °C | of the motors |" in page
+    assert "| 136 + 32n | `double[n]` | temperature | °C | of the motors |" in page
     assert "    double temperature[QROBOT_MAX_JOINTS]; /* °C: of the motors */" in list(state_members(fields))
     assert "    state->doors = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_DOORS(n), 2);" in list(state_reads(fields))
 

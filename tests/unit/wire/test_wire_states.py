@@ -14,8 +14,11 @@ from qrobot.wire import (
     ErrorCode,
     Hello,
     Packet,
+    Payload,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
 )
@@ -34,6 +37,9 @@ SPOKEN: dict[PacketClass, Packet] = {
     PacketClass.WARNING: WireError(ErrorCode.SERVO_GONE, "", fatal=False),
     PacketClass.REFUSAL: WireError(ErrorCode.FULL, "", fatal=True),
     PacketClass.BYE: Bye(),
+    PacketClass.STOP: Stop(),
+    PacketClass.SIGNALS: Signals(("depth",)),
+    PacketClass.PAYLOAD: Payload(1.0),
 }
 EVERYTHING_SAID = [(where, side, word) for where in Conversation for side in Side for word in PacketClass]
 
@@ -56,11 +62,15 @@ def test_every_conversation_has_a_row_and_can_end() -> None:
     assert TRANSITIONS[Conversation.ENDED] == {}
 
 
+def test_a_stop_is_anybodys_who_is_in() -> None:
+    where = {where for where, row in TRANSITIONS.items() for side, word in row if word is PacketClass.STOP}
+    assert where == {Conversation.COMMANDING, Conversation.OBSERVING}
+
+
 def test_only_a_commander_commands_and_only_the_server_tells_the_state() -> None:
     speakers = {(where, side, word) for where, row in TRANSITIONS.items() for side, word in row}
-    assert {entry for entry in speakers if entry[2] is PacketClass.COMMAND} == {
-        (Conversation.COMMANDING, Side.CLIENT, PacketClass.COMMAND)
-    }
+    for word in (PacketClass.COMMAND, PacketClass.SIGNALS, PacketClass.PAYLOAD):
+        assert {entry for entry in speakers if entry[2] is word} == {(Conversation.COMMANDING, Side.CLIENT, word)}
     assert {side for _, side, word in speakers if word is PacketClass.STATE} == {Side.SERVER}
 
 
