@@ -44,9 +44,9 @@ class LockstepRun:
         Raises:
             ConfigError: law, model, rate or the program's own settings cannot be. LogError: no log can be written.
         """
-        with compiled_beside(self.arm.robot):
+        with compiled_beside(self.arm.robot) as compile_loop:
             rig = self._rig(keep=log is not None)
-            rig.compile()
+            compile_loop(rig)
         factory = partial(link_factory, rig, round(self.arm.bridge.period_ms * US_PER_MS))
         with heed_interrupts(), self._logged(rig, deployment, log):
             return run(factory)

@@ -28,8 +28,8 @@ LOCK_FILE: Final = "qrobot-compile.lock"
 def compile_once(dispatcher: Any) -> None:
     """Let `dispatcher` compile under its lock, where it has a cache."""
     compile_now: Callable[[Any], Any] = dispatcher.compile
-    folder, files = dispatcher._cache.cache_path, getattr(dispatcher._cache, "_cache_file", None)
-    lock = nullcontext if files is None else partial(lock_of, Path(folder), files._index_name)
+    place = _lock_place(dispatcher)
+    lock = nullcontext if place is None else partial(lock_of, *place)
 
     def compile(signature: Any) -> Any:
         # In this order: a thread that waits has no other's lock.
@@ -37,6 +37,32 @@ def compile_once(dispatcher: Any) -> None:
             return with_room(compile_now, signature)
 
     dispatcher.compile = compile
+
+
+def is_compiled_elsewhere(dispatcher: Any) -> bool:
+    """True while another process has the lock of `dispatcher`."""
+    place = _lock_place(dispatcher)
+    try:
+        return place is not None and not _lock_is_free(*place)
+    except OSError:
+        return False
+
+
+def _lock_place(dispatcher: Any) -> tuple[Path, str] | None:
+    """Folder and name of the lock; None where nothing is kept."""
+    files = getattr(dispatcher._cache, "_cache_file", None)
+    return None if files is None else (Path(dispatcher._cache.cache_path), files._index_name)
+
+
+def _lock_is_free(folder: Path, name: str) -> bool:
+    """Raises OSError where there can be no lock."""
+    lock_file, place = _open(folder, os.getpid()), zlib.crc32(name.encode())
+    try:
+        fcntl.lockf(lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
+    except (BlockingIOError, PermissionError):
+        return False
+    fcntl.lockf(lock_file, fcntl.LOCK_UN, 1, place)
+    return True
 
 
 @contextmanager

@@ -27,12 +27,13 @@ from typing import Any, Final
 import llvmlite.binding as llvm
 from numba import types
 from numba.core import compiler, typed_passes, typing, untyped_passes
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.errors import ForceLiteralArg, TypingError
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
 from qrobot.realtime.compile_progress import begin_entry, begin_kernel
+from qrobot.realtime.remembered import remember_answers
 from qrobot.realtime.separate_part import parts_in, stand_apart
 from qrobot.realtime.source_digest import source_stamp
 
@@ -83,6 +84,15 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
     _shared_module: Any
     _linking_libraries: list[Any]
 
+    def __init__(self, codegen: Any, name: str) -> None:
+        CodeLibrary.__init__(self, codegen, name)
+        self._linking_libraries, self._shared_module = [], None
+
+    def add_llvm_module(self, module: Any) -> None:
+        """Take the one module there is as it is: an empty one to link it into would have to be read first."""
+        module.data_layout = self._codegen._data_layout
+        self._final_module = module
+
     @property
     def codegen(self) -> Any:
         """Receiver of the environment of a function, which has no address here."""
@@ -100,9 +110,6 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalize_dynamic_globals()
         _hand_out(self._final_module)
         self._finalized = True
-
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self._codegen._data_layout
 
     def _get_module_for_linking(self) -> Any:
         """Link with everything it calls a function that is compiled by Numba alone."""
@@ -257,6 +264,11 @@ class _Callee(CPUDispatcher):  # type: ignore[misc]
         return typing.make_concrete_template(name, name, self.nopython_signatures), signature, args, {}
 
 
+def announce(entry: Any) -> None:
+    """Count what has to be compiled for `entry`, whose parts are compiled first."""
+    begin_entry(_told_below(entry.py_func))
+
+
 def separate(entry: Any) -> None:
     """Let kernels call `entry` as a part with machine code of its own."""
     stand_apart(entry, lambda function: {told_name(each.py_func) for each in {entry, *callees_below(function)}})
@@ -330,4 +342,5 @@ def with_room(call: Callable[..., Any], *arguments: Any) -> Any:
     return call(*arguments)
 
 
+remember_answers()
 with_room.__code__ = with_room.__code__.replace(co_stacksize=STACK_SLOTS)

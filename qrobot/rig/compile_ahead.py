@@ -1,9 +1,9 @@
 """Half of what a first program needs, compiled by a second process while the first one compiles the other half.
 
-`python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. It takes the parts of a cycle from the last
-one on, as a loop that is being compiled takes them from the first one on. Before, while the first process compiles what
-it makes its board with, and afterwards, while that compiles the rest of its loop, it takes what a program moves by.
-Whoever needs a kernel that is just being compiled waits for it (`realtime.compile_once`).
+`python -m qrobot.rig.compile_ahead ROBOT` fills the cache on disk and ends. Both processes go through the parts of a
+cycle, the largest first, and leave out those that the other one has at hand. Before, while the first process compiles
+what it makes its board with, and afterwards, while that compiles the rest of its loop, the second one takes what a
+program moves by. Whoever needs a kernel that is just being compiled waits for it (`realtime.compile_once`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -20,7 +20,9 @@ from numba import typeof, types
 from qrobot.config import load_robot
 from qrobot.motion.path.path_piece import evaluate
 from qrobot.rccl.connect import compile_joint_motion, compile_motion
+from qrobot.realtime.compile_once import is_compiled_elsewhere
 from qrobot.realtime.jit import jit_disabled
+from qrobot.realtime.whole_program import announce
 from qrobot.rig.lockstep import LockstepRig, run_blocks
 from qrobot.servo.cycle import update_reference
 from qrobot.servo.protection import check_inputs
@@ -31,10 +33,10 @@ from qrobot.servo.stages.torque_output import drive, write
 from qrobot.sim_board.board import accept_operations, publish_sample
 from qrobot.sim_board.injection import apply_faults
 
-# Of servo and emulated board, in the order of the lock-step loop: what `part_kernel` marks.
+# Of servo and emulated board, the one that takes longest first: what `part_kernel` marks.
 PARTS: Final[tuple[Any, ...]] = (
-    read, check_inputs, handle_requests, update_reference, drive, write,
-    apply_faults, accept_operations, publish_sample,
+    update_reference, check_inputs, read, drive, handle_requests,
+    accept_operations, write, publish_sample, apply_faults,
 )  # fmt: skip
 
 
@@ -50,26 +52,40 @@ def _in_cache(kernel: Any) -> bool:
 
 
 @contextmanager
-def compiled_beside(robot: str) -> Iterator[None]:
-    """Let another process compile within the block; it ends with the block at the latest."""
+def compiled_beside(robot: str) -> Iterator[Callable[[LockstepRig], None]]:
+    """Let another process compile within the block; it ends with the block at the latest.
+
+    Yields a function that compiles the loop of a rig, or loads it.
+    """
     if is_compiled():
-        yield
+        yield LockstepRig.compile
         return
     quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     command = [sys.executable, "-m", "qrobot.rig.compile_ahead", robot]
     with subprocess.Popen(command, **quiet) as process:  # type: ignore[call-overload]
         try:
-            yield
+            yield compile_loop
         finally:
             process.kill()  # the cache is written whole or not at all, and locks go with the process
 
 
+def compile_loop(rig: LockstepRig) -> None:
+    """Compile the loop of `rig`: parts first, besides those that another process compiles, then what is left."""
+    announce(run_blocks)
+    _compile_parts(rig)
+    rig.compile()
+
+
 def compile_parts(robot: str) -> None:
-    """Compile the parts of a cycle for `robot`, the last one first. Raises ConfigError when there is no such robot."""
-    rig = LockstepRig(load_robot(robot), ServoSettings())
+    """Compile the parts of a cycle that nobody else compiles. Raises ConfigError when there is no such robot."""
+    _compile_parts(LockstepRig(load_robot(robot), ServoSettings()))
+
+
+def _compile_parts(rig: LockstepRig) -> None:
     known = argument_types(rig)
-    for part in reversed(PARTS):
-        part.compile(tuple(known[name] for name in inspect.signature(part.py_func).parameters))
+    for part in PARTS:
+        if not is_compiled_elsewhere(part):
+            part.compile(tuple(known[name] for name in inspect.signature(part.py_func).parameters))
 
 
 def argument_types(rig: LockstepRig) -> dict[str, Any]:

@@ -149,8 +149,9 @@ def run_lockstep(run: ExperimentRun, directory: Path, robot: Robot | None = None
     """The experiment on virtual time; its log is written below `directory` afterwards."""
     robot = robot or load_robot("puma560")
     wrong = PlantMismatch.mismatched(robot.n) if run.plant == "mismatched" else PlantMismatch.nominal(robot.n)
-    with compiled_beside(robot.name):
+    with compiled_beside(robot.name) as compile_loop:
         rig = LockstepRig(robot, run.settings, Emulator(robot, mismatch=wrong))
+        compile_loop(rig)
         rig.ticks(1)  # loads the compiled loop, which is not the motion's time
         run_program(rig, program_path())
     rows = rig.rows()

@@ -46,7 +46,7 @@ def both() -> None:
 
 
 def ahead() -> None:
-    """The parts of cycle and board from the last one on, while another process comes to them from the first one on."""
+    """The parts of cycle and board that no other process compiles just now."""
     compile_parts(ROBOT)
 
 

@@ -142,3 +142,22 @@ def test_the_parts_compiled_ahead_are_those_of_the_loop() -> None:
     compile_parts("puma560")
     assert {part: list(part.overloads) for part in PARTS} == used
     assert {"params", "state", "mail"} < set(argument_types(rig))
+
+
+def test_a_part_that_another_process_compiles_is_left_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Locks of one process do not hinder itself, so that the other one has to be one."""
+    asked: list[object] = []
+    for part in PARTS:
+        monkeypatch.setattr(part, "compile", lambda _, part=part: asked.append(part))
+    busy = PARTS[1]
+    place = str(Path(busy._cache.cache_path)), busy._cache._cache_file._index_name
+    hold = "import sys; from pathlib import Path; from qrobot.realtime.compile_once import lock_of\n"
+    hold += f"with lock_of(Path({place[0]!r}), {place[1]!r}): print('held', flush=True); input()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", hold], **pipes) as other:  # type: ignore[call-overload]
+        assert other.stdout.readline() == "held\n"
+        compile_parts("puma560")
+        assert asked == [part for part in PARTS if part is not busy]
+        other.communicate("\n")
+    compile_parts("puma560")
+    assert asked[len(PARTS) - 1 :] == list(PARTS)
