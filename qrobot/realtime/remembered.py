@@ -35,7 +35,7 @@ def _remember_sizes(target: Any) -> None:
 
 
 def _remember_types(typing: Any) -> None:
-    """Of built-in functions and operators by position, for each set of compiler flags: with some nothing may allocate.
+    """Calls of built-in functions and operators, for each set of compiler flags: with some nothing may allocate.
 
     What another package adds to a function makes a new type of it, of which nothing is known yet.
     """
