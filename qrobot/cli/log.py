@@ -10,10 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from qrobot.cli.console import note, out, print_table, write_json
+from qrobot.cli.console import err, note, out, print_table, write_json
 from qrobot.cli.log_compare import compare
 from qrobot.cli.logs import first_parts, read_and_warn
-from qrobot.cli.option_types import Megabytes, OutputFile, OutputFolder, OutputLog, Port, Range, checked_folder
+from qrobot.cli.option_types import (
+    Megabytes,
+    OutputFile,
+    OutputFolder,
+    OutputLog,
+    Port,
+    Range,
+    Seconds,
+    checked_folder,
+)
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -179,6 +188,55 @@ def plot(
         path = (output or file.parent) / f"{file.stem}-{name}.png"
         save_figure(FIGURES[name](log), path)
         out.print(str(path), markup=False)
+
+
+@app.command
+def animate(
+    file: Path,
+    *,
+    output: OutputFile | None = None,
+    begin: Seconds = 0.0,
+    end: Seconds | None = None,
+    speed: Annotated[float, Parameter(validator=Range(0.01, 1000.0))] = 1.0,
+    frames: Annotated[int, Parameter(name="--fps", validator=Range(1, 60))] = 12,
+    width: Annotated[int, Parameter(validator=Range(240, 3840, "pixels"))] = 720,
+) -> None:
+    """Make a film of a log: the arm in three dimensions beside its tracking errors. No screen is needed.
+
+      qrobot log animate out/demo/lockstep-1000-nominal-qrobot.mcap
+      qrobot log animate run.mcap --begin 12 --end 20 --speed 0.25 --output stop.mp4
+
+    The orange line is the way of the tool; where the setpoint is elsewhere, an orange shadow of the arm stands there.
+
+    Parameters
+    ----------
+    file
+        First file of the log.
+    output
+        The film, `.gif`, or `.mp4` where ffmpeg is installed; beside the log if left out.
+    begin
+        Where to begin, in seconds from the log's first cycle.
+    end
+        Where to end; the log's end if left out.
+    speed
+        Seconds of the log in one second of the film.
+    frames
+        Pictures a second.
+    width
+        Of the film, in pixels; it is half as high.
+    """
+    from rich.progress import Progress
+
+    from qrobot.log.animation import Film, write_animation
+
+    target = output or file.with_suffix(".gif")
+    checked_folder(target.parent)
+    log = read_and_warn(file)
+    with Progress(console=err, disable=not err.is_terminal) as bars:
+        bar = bars.add_task("drawing", total=None)
+        film = Film(begin, end, speed, frames, width)
+        write_animation(log, target, film, lambda done, of: bars.update(bar, completed=done, total=of))
+    out.print(str(target), markup=False, soft_wrap=True)
 
 
 app.command(compare)

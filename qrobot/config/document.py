@@ -74,11 +74,20 @@ def read_document(path: Path) -> dict[str, Any]:
         ConfigError: it cannot be read or is not TOML; says where.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = path.read_bytes()
+    except OSError as error:
         raise ConfigError(f"{path}: {error}") from error
+    return parse_document(content, str(path))
+
+
+def parse_document(content: bytes, label: str) -> dict[str, Any]:
+    """Parse the content of a TOML file; `label` stands in front of the mistakes. Raises ConfigError as above."""
+    try:
+        return tomllib.loads(content.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{label}: {error}") from error
     except RecursionError:
-        raise ConfigError(f"{path}: its values are nested too deeply to be read") from None
+        raise ConfigError(f"{label}: its values are nested too deeply to be read") from None
 
 
 def check_document(model: type[M], document: Mapping[str, Any], label: str, context: Any = None) -> M:

@@ -1,0 +1,112 @@
+"""Films of logs: which cycles they show, that the arm stands where kinematics puts it, and what cannot be shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from qrobot.config import load_robot, robot_path
+from qrobot.errors import LogError
+from qrobot.log.animation import Film, _SolidArm, robot_of_log, write_animation
+from qrobot.log.header import header_for
+from qrobot.log.read import Log
+from qrobot.model.arm_shape import arm_shape
+from qrobot.model.kinematics import forward, kinematics_params
+from qrobot.model.transform import transform
+from tests.support.log_samples import make_rows
+
+ROBOT = load_robot("puma560")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Log:
+    """Two seconds at 1 kHz, from READY to END."""
+    rows = make_rows(2001, 6)
+    rows["t_ns"] = np.arange(2001) * 1_000_000
+    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    rows["q_ref"] = rows["q"] = (1.0 - share) * ROBOT.poses["ready"] + share * ROBOT.poses["end"]
+    rows["mode"] = 5
+    return Log(tmp_path / "run.mcap", header_for(ROBOT, 1_000_000, "pd"), rows)
+
+
+@pytest.mark.parametrize(
+    ("film", "times"),
+    [
+        (Film(frames_hz=4), np.arange(0, 2.01, 0.25)),
+        (Film(begin_s=0.5, end_s=1.5, frames_hz=4), np.arange(0.5, 1.51, 0.25)),
+        (Film(speed=0.5, frames_hz=4, end_s=0.5), np.arange(0, 0.51, 0.125)),
+        (Film(speed=4.0, frames_hz=2), np.array([0.0, 2.0])),
+    ],
+)
+def test_a_film_shows_the_log_at_its_speed(log: Log, film: Film, times: np.ndarray) -> None:
+    assert np.allclose(log.time_s[film.rows(log)], times, atol=0.0011)
+
+
+def test_every_picture_is_there_and_the_arm_moves(log: Log, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    path = tmp_path / "run.gif"
+    write_animation(log, path, Film(frames_hz=2, width=320), lambda done, of: told.append((done, of)))
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size) == (5, (320, 160))
+        assert film.info["duration"] == 500
+        pictures = []
+        for number in range(5):
+            film.seek(number)
+            pictures.append(np.asarray(film.convert("L"), dtype=float))
+    assert told == [(k, 5) for k in range(1, 6)]
+    for before, after in pairwise(pictures):
+        assert (np.abs(before - after)[:, :200] > 60).sum() > 100
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_the_arm_stands_where_forward_kinematics_puts_it(name: str) -> None:
+    robot = load_robot(name)
+    arm, T = _SolidArm(robot), np.empty((4, 4))
+    for q in robot.poses.values():
+        forward(np.array(q), kinematics_params(robot), T)
+        flange = (T @ transform(None, [0.0, 0.0, robot.geometry.flange_m]))[:3, 3]
+        assert np.allclose(arm.tip(q), flange, atol=1e-12)
+        faces, colours = arm.faces(q)
+        assert len(faces) == len(colours)
+        assert ((colours >= 0.0) & (colours <= 1.0)).all()
+        # The middle of the two caps of each cylinder is the middle of the cylinder.
+        for part, own in zip(arm_shape(robot), np.split(faces, len(arm_shape(robot))), strict=True):
+            middle = (arm.frames(q)[part.frame] @ part.T)[:3, 3]
+            assert np.allclose(own[16:].reshape(-1, 3)[2::4].mean(axis=0), middle, atol=1e-12)
+
+
+def test_a_log_that_carries_its_robot_is_drawn_with_it(log: Log) -> None:
+    other = robot_path("puma560").read_bytes().replace(b"flange_m = 0.05625", b"flange_m = 0.25")
+    assert robot_of_log(replace(log, attachments={"lab.toml": other})).geometry.flange_m == 0.25
+    assert robot_of_log(replace(log, attachments={"emulator.toml": b"x = 1"})).geometry.flange_m == 0.05625
+    with pytest.raises(LogError, match=r"cannot be drawn.*nowhere"):
+        robot_of_log(replace(log, header=replace(log.header, robot="nowhere")))
+
+
+@pytest.mark.parametrize(
+    ("film", "name", "told"),
+    [
+        (Film(), "run.avi", "ends in .gif or .mp4"),
+        (Film(begin_s=5.0), "run.gif", "nothing from 5 s"),
+        (Film(speed=1e-3), "run.gif", "show it faster"),
+        (Film(frames_hz=1, width=240), "missing/run.gif", "cannot write"),
+    ],
+)
+def test_what_cannot_be_shown_is_told(log: Log, tmp_path: Path, film: Film, name: str, told: str) -> None:
+    with pytest.raises(LogError, match=told):
+        write_animation(log, tmp_path / name, film)
+
+
+def test_an_mp4_without_ffmpeg_and_a_log_without_cycles_are_told(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    with pytest.raises(LogError, match="apt install ffmpeg"):
+        write_animation(log, tmp_path / "run.mp4", Film())
+    with pytest.raises(LogError, match="no cycles"):
+        write_animation(replace(log, rows=log.rows[:0]), tmp_path / "run.gif", Film())
