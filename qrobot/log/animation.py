@@ -35,7 +35,7 @@ from qrobot.model.arm_shape import ArmCylinder, arm_shape, link_frames, tip_fram
 LINK_COLOUR: Final = (0.84, 0.83, 0.78)
 JOINT_COLOUR: Final = (0.16, 0.38, 0.62)
 GHOST_COLOUR: Final = (0.85, 0.45, 0.10)
-TRAIL_COLOUR: Final = "#D55E00"
+WAY_COLOUR: Final = "#D55E00"
 SIDES: Final = 16  # of a cylinder
 LIGHT: Final = np.array([0.35, -0.55, 0.75])
 _WIDTH_IN, _HEIGHT_IN = 9.6, 4.8
@@ -133,7 +133,7 @@ class _Stage:
         self.figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
         space: Any = self.figure.add_axes((-0.06, -0.12, 0.68, 1.24), projection="3d")
         self._body, self._shadow = _solid(space, 1.0), _solid(space, 0.22)
-        self._trail = space.plot([], [], [], color=TRAIL_COLOUR, linewidth=1.2)[0]
+        self._line = space.plot([], [], [], color=WAY_COLOUR, linewidth=1.2)[0]
         self._way: list[Floats] = []
         _set_up_space(
             space, self._arm, np.array([self._arm.tip(q) for q in log.rows["q"][rows[:: max(1, rows.size // 50)]]])
@@ -150,7 +150,7 @@ class _Stage:
         faces, colours = self._arm.faces(now["q_ref"], GHOST_COLOUR)
         _put(self._shadow, faces if apart else faces[:0], colours if apart else colours[:0])
         self._way.append(place)
-        self._trail.set_data_3d(*np.array(self._way).T)
+        self._line.set_data_3d(*np.array(self._way).T)
         time_s = float(self._log.time_s[row])
         self._caption.set_text(f"{self._log.header.robot}   {Mode(int(now['mode'])).name}   {time_s:.2f} s")
         self._cursor.set_xdata([time_s, time_s])
