@@ -48,7 +48,7 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True)
 class Film:
-    """Which part of a log is shown, how fast, and in how many pictures.
+    """The part of a log to show, how fast, and in how many pictures.
 
     Attributes:
         begin_s, end_s: seconds since the log's first row; the end may be None.
@@ -176,7 +176,7 @@ class _SolidArm:
         return frames
 
     def tip(self, q: Sequence[float] | Floats) -> Floats:
-        """Where the tool is in the base frame, m. Shape (3,)."""
+        """The tip of the tool in the base frame, m. Shape (3,)."""
         tip: Floats = (self.frames(q)[-1] @ self._tip)[:3, 3]
         return tip
 
