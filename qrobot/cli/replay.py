@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
-from qrobot.cli.console import out, write_json
+from qrobot.cli.console import note, out, write_json
+from qrobot.cli.option_types import OutputFile
 from qrobot.units import DEG_PER_RAD, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
@@ -25,12 +26,15 @@ def replay(
     arm: str | None = None,
     lockstep: bool = False,
     approach: bool = False,
+    save_as: OutputFile | None = None,
     json: bool = False,
 ) -> None:
     """Send the setpoints of a file to an arm, one each sample period.
 
-    Such files are written by `qrobot run --offline`. Before anything moves the whole file is judged: it has to be for
-    this arm, keep the joints' ranges, speeds and accelerations, begin and end at rest, and begin where the arm stands.
+    Such files are written by `qrobot run --offline`. Tables of other programs pass as well, CSV or Parquet: a column
+    `t_s` of seconds at even steps, and `q1`, `q2` and so on, or the names of the joints, in rad (m). Before anything
+    moves the whole file is judged: it has to be for this arm, keep the joints' ranges, speeds and accelerations, begin
+    and end at rest, and begin where the arm stands.
 
       qrobot run --offline examples/02_four_corners.py
       qrobot replay out/offline/02_four_corners/setpoints.csv
@@ -47,16 +51,22 @@ def replay(
         On an emulated arm inside this process, on virtual time.
     approach
         Move to the first setpoint before, if the arm stands elsewhere.
+    save_as
+        Write the setpoints to this file instead, `.csv` or `.parquet`, and move nothing.
     json
         Print JSON: of each joint the largest error, rad (m).
     """
     from qrobot.motion import motion_limits
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
-    from qrobot.rccl.setpoints import read_setpoints
+    from qrobot.rccl.setpoint_tables import read_setpoint_table, write_setpoint_table
 
-    setpoints = read_setpoints(file)
     chosen = choose_arm(deployment, arm)
+    setpoints = read_setpoint_table(file, robot_of_arm(chosen))
+    if save_as is not None:
+        write_setpoint_table(save_as, setpoints)
+        note(f"wrote {save_as}")
+        return
     setpoints.check(motion_limits(robot_of_arm(chosen)), str(file))
     factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else _bridge_links(chosen)
     with open_channel(factory, chosen.robot, setpoints.period_us / US_PER_MS) as channel:
