@@ -11,14 +11,13 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
-from qrobot.cli.option_types import GainsOption, Indexes, Seconds
+from qrobot.cli.option_types import GainsOption, Indexes, Percent, Seconds
 from qrobot.config import Robot
 from qrobot.config.scene import FORCE_AXES
 from qrobot.errors import ConfigError
 from qrobot.servo.memory.law_history import settings_text
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import BoardStatus, ServoStatus
-from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 HELP: Final = """
 Command a running servo by hand: power, stop, pause, speed, clear, law, gains; look at it, or watch it.
@@ -149,7 +148,7 @@ def stop(*, where: Where | None = None) -> int:
 
 
 @app.command
-def override(percent: float, *, where: Where | None = None) -> int:
+def override(percent: Percent, *, where: Where | None = None) -> int:
     """Let motions go at so many percent of their programmed speed, also those under way. Anybody may.
 
     A stop leaves it as it is; a servo starts with 100.
@@ -159,9 +158,6 @@ def override(percent: float, *, where: Where | None = None) -> int:
     percent
         0 to 200; a motion goes faster than programmed as far as the limits of the joints allow.
     """
-    most = 100 * LARGEST_OVERRIDE
-    if not 0 <= percent <= most:
-        raise ConfigError(f"override {percent:g} %: 0 to {most:g} are possible, 100 is the speed as programmed")
     return _do(where, lambda servo: servo.change_override(percent / 100))
 
 

@@ -20,6 +20,7 @@ from cyclopts import Parameter
 from qrobot.errors import ConfigError
 from qrobot.servo.calibration.state import FEWEST_INDEXES, MOST_INDEXES
 from qrobot.servo.settings import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 PROBE_BYTES: Final = 4096  # a full disk takes an empty file
 FIGURE_SUFFIXES: Final = (".png", ".pdf", ".svg")
@@ -129,6 +130,7 @@ Port = Annotated[int, Parameter(validator=Range(0, 65_535))]
 Indexes = Annotated[int, Parameter(validator=Range(FEWEST_INDEXES, MOST_INDEXES))]
 GainsOption = Annotated[list[float], Parameter(validator=Range(0.0, MOST_GAIN), consume_multiple=True)]
 Factors = Annotated[tuple[float, ...], Parameter(validator=Range(0.01, MOST_FACTOR))]
+Percent = Annotated[float, Parameter(validator=Range(0.0, 100.0 * LARGEST_OVERRIDE, "%"))]
 Seed = Annotated[int, Parameter(validator=Range(0, MOST_SEED))]
 PosesOption = Annotated[int, Parameter(validator=Range(1, MOST_POSES))]
 MoveNumber = Annotated[int, Parameter(validator=Range(1))]
