@@ -229,7 +229,7 @@ def animate(
 
     from qrobot.log.animation import Film, write_animation
 
-    target = output or file.with_suffix(".gif")
+    target = output or file.parent / f"{file.stem}.gif"
     checked_folder(target.parent)
     log = read_and_warn(file)
     with Progress(console=err, disable=not err.is_terminal) as bars:
