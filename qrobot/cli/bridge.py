@@ -32,6 +32,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.realtime.setup import set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.commander_lock import Authority
+    from qrobot.servo.payload import PayloadJudge
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
@@ -41,7 +42,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     warm_up()
     await_turn()
     run_bridge(
-        ServoPort(chosen.name, robot.name, robot.n),
+        ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
         settings,
         lambda host, number: note(f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}"),
         Authority(chosen.name),

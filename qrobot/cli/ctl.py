@@ -162,6 +162,36 @@ def override(percent: Percent, *, where: Where | None = None) -> int:
 
 
 @app.command
+def payload(*, mass: float, center: str = "0,0,0", inertia: str = "0,0,0,0,0,0", where: Where | None = None) -> int:
+    """Tell the servo what the arm carries. It goes over to it within half a second, without a bump.
+
+    It is in force until the servo ends. What the arm cannot hold at every pose is refused.
+
+    Parameters
+    ----------
+    mass
+        kg; 0 for nothing.
+    center
+        Its centre of mass in the frame of the flange, m: x,y,z.
+    inertia
+        About that centre along the axes of the flange, kg m^2: xx,yy,zz,xy,xz,yz.
+    """
+    at, moments = _listed("center", center, 3), _listed("inertia", inertia, 6)
+    return _do(where, lambda servo: servo.change_payload(mass, at, moments))
+
+
+def _listed(name: str, text: str, count: int) -> tuple[float, ...]:
+    """Numbers with commas between them. Raises ConfigError."""
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count or not all(map(math.isfinite, found)):
+        raise ConfigError(f"--{name} {text}: {count} finite numbers with commas between them are wanted")
+    return found
+
+
+@app.command
 def pause(*, where: Where | None = None) -> int:
     """Let motions stand still on their path until `qrobot ctl resume`. Anybody may.
 

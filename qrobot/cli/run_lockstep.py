@@ -76,4 +76,6 @@ class LockstepRun:
         choices = settings.velocity, settings.interpolation
         header = header_for(self._robot, rig.period_ns, settings.law, LOCKSTEP, plant, *choices)
         attachments = attach_files([robot_path(self.arm.robot), deployment_path(deployment)])
-        return write_log(next(log_paths(log, self.arm.name)), rig.rows(), header, attachments)[0]
+        return write_log(
+            next(log_paths(log, self.arm.name)), rig.rows(), header, attachments, laws=[rig.law_in_force()]
+        )[0]

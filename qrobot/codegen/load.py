@@ -75,10 +75,21 @@ def load_step(robot: Robot, arm: SerialArm, q: SX, v: SX, a: SX, friction: SX, t
 def load_columns(arm: SerialArm, q: SX, v: SX, a: SX, gravity: SX) -> SX:
     """Torques of 1 kg and of 1 kg m along each axis at the origin of the last frame (n, 4); its inertia left out."""
     theta = casadi.SX.sym("theta", OF_LOAD)
-    nothing = RigidBody(0, casadi.SX(3, 1), casadi.SX(3, 3))
     load = RigidBody(theta[0], theta[1:], casadi.SX(3, 3))
-    alone = replace(arm, links=(nothing,) * (arm.n - 1) + (load,), armature=np.zeros((arm.n, arm.n)))
-    return casadi.densify(casadi.jacobian(inverse_dynamics(alone, q, v, a, gravity), theta))
+    return casadi.densify(casadi.jacobian(inverse_dynamics(_alone(arm, load), q, v, a, gravity), theta))
+
+
+def payload_torque(arm: SerialArm, q: SX, v: SX, a: SX, gravity: Any, payload: SX) -> SX:
+    """Torques for a payload alone, whose ten numbers are those of `servo.stages.payload` (n)."""
+    xx, yy, zz, xy, xz, yz = casadi.vertsplit(payload[4:])
+    inertia = casadi.vertcat(casadi.horzcat(xx, xy, xz), casadi.horzcat(xy, yy, yz), casadi.horzcat(xz, yz, zz))
+    return inverse_dynamics(_alone(arm, RigidBody(payload[0], payload[1:4], inertia)), q, v, a, gravity)
+
+
+def _alone(arm: SerialArm, load: RigidBody) -> SerialArm:
+    """The arm without any mass but that of `load` on its last link."""
+    nothing = RigidBody(0, casadi.SX(3, 1), casadi.SX(3, 3))
+    return replace(arm, links=(nothing,) * (arm.n - 1) + (load,), armature=np.zeros((arm.n, arm.n)))
 
 
 def doubt(robot: Robot) -> Any:

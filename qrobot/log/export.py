@@ -50,8 +50,9 @@ def _suffixes(log: Log, name: str, length: int) -> tuple[str, ...]:
     if name == "force":
         return tuple(f"{axis}_{'N' if axis.startswith('f') else 'Nm'}" for axis in FORCE_AXES)
     if name == "payload":
-        return ("kg", *(f"{axis}_m" for axis in "xyz"), *(f"{axes}_kgm2" for axes in PAYLOAD_AXES))
-    told = log.signal_names if name == "signals" else ()
+        return ("kg", *(f"{axis}_kgm" for axis in "xyz"), *(f"{axes}_kgm2" for axes in PAYLOAD_AXES))
+    names = {"signals": log.signal_names, "program_signals": log.program_signal_names}
+    told = names.get(name, ())
     return (*told, *(f"{k}_V" if name == "volts" else str(k + 1) for k in range(len(told), length)))
 
 

@@ -34,6 +34,7 @@ def ros2msg(n: int) -> str:
         "string law\n"
         "string settings  # of the law, such as frequency=8 damping=1\n"
         "string signals  # names of its numbers in the rows, in their order\n"
+        "string program_signals  # names of the program's numbers, likewise\n"
     )
 
 
@@ -41,7 +42,7 @@ def to_bytes(entry: LawInForce) -> bytes:
     """The CDR message."""
     gains = np.array([entry.kp, entry.kv, entry.inertia], dtype="<f8").tobytes()
     message = CDR_HEADER + _HEAD.pack(entry.t_ns, entry.tick) + gains
-    for text in (entry.law, entry.settings, entry.signals):
+    for text in (entry.law, entry.settings, entry.signals, entry.program_signals):
         message += bytes(-len(message) % _LENGTH.size) + _LENGTH.pack(len(text.encode()) + 1) + text.encode() + b"\0"
     return message
 
@@ -53,9 +54,10 @@ def from_bytes(message: bytes | memoryview, n: int) -> LawInForce:
     gains = np.frombuffer(message, dtype="<f8", count=3 * n, offset=at + _HEAD.size)
     law, at = _text(message, at + _HEAD.size + gains.nbytes)
     settings, at = _text(message, at)
-    signals = _text(message, at)[0] if at < len(message) else ""  # a log of before has none
+    signals, at = _text(message, at) if at < len(message) else ("", at)  # a log of before has none
+    program = _text(message, at)[0] if at < len(message) else ""
     kp, kv, inertia = (tuple(row) for row in gains.reshape(3, n).tolist())
-    return LawInForce(t_ns, tick, law, settings, kp, kv, inertia, signals)
+    return LawInForce(t_ns, tick, law, settings, kp, kv, inertia, signals, program)
 
 
 def _text(message: bytes | memoryview, at: int) -> tuple[str, int]:

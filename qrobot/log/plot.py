@@ -80,18 +80,20 @@ def forces_figure(log: Log) -> Figure:
 
 
 def signals_figure(log: Log) -> Figure:
-    """Numbers of the law's own over time, each on an axis of its own; the first when they have no names."""
-    names = log.signal_names or ("signal 1",)
+    """Numbers of law and program over time, each on an axis of its own; the law's first when none has a name."""
+    columns = [(name, log.rows["signals"][:, k]) for k, name in enumerate(log.signal_names)]
+    columns += [(name, log.rows["program_signals"][:, k]) for k, name in enumerate(log.program_signal_names)]
+    columns = columns or [("signal 1", log.rows["signals"][:, 0])]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 1.4 + 1.8 * len(names)), layout="constrained")
-        all_axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-        for k, (axes, name) in enumerate(zip(all_axes, names, strict=True)):
-            axes.plot(*thin(log.time_s, log.rows["signals"][:, k]), color=COLOURS[k % len(COLOURS)])
+        figure = Figure(figsize=(9.0, 1.4 + 1.8 * len(columns)), layout="constrained")
+        all_axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
+        for k, (axes, (name, numbers)) in enumerate(zip(all_axes, columns, strict=True)):
+            axes.plot(*thin(log.time_s, numbers), color=COLOURS[k % len(COLOURS)])
             axes.set_ylabel(name)
             _mark(axes, log_events(log))
             axes.margins(x=0.01)
         all_axes[-1].set_xlabel("time (s)")
-        _head(all_axes[0], log, "Signals of the law")
+        _head(all_axes[0], log, "Signals of law and program")
     return figure
 
 
@@ -127,7 +129,7 @@ FIGURES: Final[dict[str, Callable[[Log], Figure]]] = {
 
 def figures_of(log: Log) -> list[str]:
     """Names of the figures for which a log has numbers."""
-    without = set() if log.signal_names else {"signals"}
+    without = set() if log.signal_names or log.program_signal_names else {"signals"}
     without |= set() if np.isfinite(log.rows["force"]).any() else {"forces"}
     return [name for name in FIGURES if name not in without]
 

@@ -91,6 +91,12 @@ class Log:
         names = {law.signals for law in self.laws}
         return tuple(names.pop().split()) if len(names) == 1 else ()
 
+    @property
+    def program_signal_names(self) -> tuple[str, ...]:
+        """Names of the first columns of `rows["program_signals"]`; none when programs of the log do not agree."""
+        names = {law.program_signals for law in self.laws} - {""}
+        return tuple(names.pop().split()) if len(names) == 1 else ()
+
     def maybe_law_at(self, tick: int) -> LawInForce | None:
         """Law and gains in cycle number `tick`; None when the log does not tell."""
         return next((law for law in reversed(self.laws) if law.tick <= tick), None)

@@ -110,7 +110,7 @@ def wall_clock(log: Log) -> str:
 
 
 def sensed(log: Log) -> list[str]:
-    """The least and the greatest of each component of a wrist's sensor, then of each signal of a law; empty without."""
+    """The least and the greatest of each component of a wrist's sensor, then of each signal; empty without."""
     told = []
     for k, axis in enumerate(FORCE_AXES):
         known = log.rows["force"][:, k][~np.isnan(log.rows["force"][:, k])]
@@ -121,4 +121,8 @@ def sensed(log: Log) -> list[str]:
         values = log.rows["signals"][:, k]
         if values.size:
             told.append(f"{name} {values.min():.4g} to {values.max():.4g}")
+    for k, name in enumerate(log.program_signal_names):
+        known = log.rows["program_signals"][:, k][~np.isnan(log.rows["program_signals"][:, k])]
+        if known.size:
+            told.append(f"{name} {known.min():.4g} to {known.max():.4g}")
     return told

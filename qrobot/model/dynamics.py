@@ -84,12 +84,16 @@ def point_inertia(mass: float, at: Floats) -> Floats:
     return mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z])
 
 
-def with_payload(params: DynamicsParams, mass: float, com: Floats) -> DynamicsParams:
-    """The same arm holding a point mass (kg) at `com` in the last link's frame (m, shape (3,))."""
+def with_payload(params: DynamicsParams, mass: float, com: Floats, own: Floats | None = None) -> DynamicsParams:
+    """The same arm holding a mass (kg) at `com` in the last link's frame (m, shape (3,)).
+
+    `own` is its inertia about `com`, kg m^2, as xx yy zz xy xz yz, shape (6,); a point mass has none.
+    """
     masses, moment, inertia = params.mass.copy(), params.moment.copy(), params.inertia.copy()
     masses[-1] += mass
     moment[-1] += mass * np.asarray(com)
     inertia[-1] += point_inertia(mass, com)
+    inertia[-1] += 0.0 if own is None else np.asarray(own)
     return params._replace(mass=masses, moment=moment, inertia=inertia)
 
 

@@ -14,6 +14,8 @@ from qrobot.rccl.task import TaskPhase, TrajectoryTask
 from qrobot.rccl.task_runners import runner_for
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
+from qrobot.wire import Payload, Signals
+from qrobot.wire.codec import check_signal_names
 
 
 class ArmSession:
@@ -37,6 +39,7 @@ class ArmSession:
         self._runner = runner_for(link, task)
         self._released = False
         self._error_told = False
+        self._signals: tuple[str, ...] = ()
 
     def start(self) -> None:
         """Run until the servo follows our setpoints."""
@@ -58,8 +61,40 @@ class ArmSession:
             self._runner.error = error
             raise
         self._task.begin(welcome.period_us * 1e-6, trace)
+        if self._signals:
+            self._link.tell(Signals(self._signals))
         self._runner = runner_for(self._link, self._task)
         self._begin()
+
+    def set_payload(self, load: Payload) -> None:
+        """Have the servo reckon with `load`, and wait until it does.
+
+        Raises:
+            MotionError: the arm cannot carry it; nothing has changed then.
+        """
+        with self.task():
+            self._link.tell(load)
+        self.wait(lambda: bool(self._link.payload_refusal) or self._carries(load.mass))
+        if self._link.payload_refusal:
+            raise MotionError(f"{self._name} cannot carry that: {self._link.payload_refusal}")
+        with self.task():
+            self._task.carry(load)
+
+    def _carries(self, mass: float) -> bool:
+        return self._task.how is not None and self._task.how.payload_mass == mass
+
+    def log_signal(self, name: str, value: float) -> None:
+        """Tell a number of the program's by name. Raises MotionError: no such name, or too many."""
+        with self.task():
+            if name not in self._signals:
+                names = (*self._signals, name)
+                if wrong := check_signal_names(names):
+                    raise MotionError(f"log_signal: {wrong}")
+                self._signals = names
+                self._link.tell(Signals(names))
+            numbers = list(self._task.chg.signals)
+            numbers[self._signals.index(name)] = value
+            self._task.chg.signals = tuple(numbers)
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

@@ -17,11 +17,12 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import LinkError, MotionError
-from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
+from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics, with_payload
 from qrobot.motion.force.external_torque import DriveFriction
 from qrobot.motion.path.setpoint_history import DEPTH, motion_of
+from qrobot.rci.client import Beside
 from qrobot.units import NS_PER_US
-from qrobot.wire import ClientRole, Command, Hello, JointMode, Mode, RobotFlag, RobotState, State, Welcome
+from qrobot.wire import ClientRole, Command, Hello, JointMode, Mode, Payload, RobotFlag, RobotState, State, Welcome
 from qrobot.wire.packets import UNKNOWN_FORCE
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
@@ -36,7 +37,12 @@ class _Torques:
         self._dynamics, self._work = dynamics_params(robot), dynamics_work(robot.n)
         self._friction = DriveFriction(robot)
         self._period_s = period_s
+        self._bare, self._flange = self._dynamics, np.array([0.0, 0.0, robot.geometry.flange_m])
         self._references: deque[tuple[int, Floats]] = deque(maxlen=DEPTH)
+
+    def carry(self, load: Payload) -> None:
+        """Reckon with a payload from now on."""
+        self._dynamics = with_payload(self._bare, load.mass, self._flange + load.centre, np.array(load.inertia))
 
     def at(self, tick: int, q: Floats) -> tuple[Floats, Floats]:
         """Velocities and torques at sample `tick`. Shapes (n,)."""
@@ -71,6 +77,7 @@ class OfflineLink:
     ) -> None:
         self._robot = robot or load_robot(hello.robot)
         self._period_us = hello.period_us or period_us
+        self._load = Payload(0.0)
         self._began_ns = 0  # when the first sample would have been
         q = self._robot.poses[START_POSE] if start is None else start
         still = (0.0,) * self._robot.n
@@ -92,6 +99,7 @@ class OfflineLink:
         self._began_ns = self.now_ns() - self._state.seq * period_us * NS_PER_US
         self._period_us = period_us
         self._torques = _Torques(self._robot, period_us * 1e-6)
+        self._torques.carry(self._load)
         return self.open()
 
     def exchange(self, command: Command | None) -> State:
@@ -110,6 +118,18 @@ class OfflineLink:
         )  # fmt: skip
         self._state = replace(before, seq=seq, robot=robot)
         return self._state
+
+    def tell(self, packet: Beside) -> None:
+        """Carry a payload, which nobody refuses here; signals and stops have no one to hear them."""
+        if isinstance(packet, Payload):
+            self._load = packet
+            self._torques.carry(packet)
+            self._state = replace(self._state, robot=replace(self._state.robot, payload_mass=packet.mass))
+
+    @property
+    def payload_refusal(self) -> str:
+        """See `Link.payload_refusal`: an arm on paper carries what it is told."""
+        return ""
 
     def now_ns(self) -> int:
         """Virtual time of the newest sample."""

@@ -150,6 +150,8 @@ waitas = _of_the_arm(Channel.waitas)
 OPEN = _of_the_arm(Channel.OPEN)
 CLOSE = _of_the_arm(Channel.CLOSE)
 signal = _of_the_arm(Channel.signal)
+log_signal = _of_the_arm(Channel.log_signal)
+setload = _of_the_arm(Channel.setload)
 
 
 def teach(trsf: Transform, position: Position, database: DataBase | None = None) -> int:

@@ -41,7 +41,7 @@ from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
-from qrobot.wire import Command, Mode, RobotState, State
+from qrobot.wire import Command, Mode, Payload, RobotState, State
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
 START_S: Final = 0.5  # for the servo to follow a stream that began
@@ -102,6 +102,7 @@ class TrajectoryTask:
         self._kinematics = kinematics_of(arm)
         self._blend = blend
         self.motions = OpenMotions(arm)
+        self._load = Payload(0.0)
         self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
         self.begin(period_s, trace, clear_fault)
 
@@ -110,6 +111,7 @@ class TrajectoryTask:
         self.phase = TaskPhase.POWERING
         self.period_s = period_s
         self.force = ForceControl(self._robot, period_s, self._kinematics)
+        self.carry(self._load)
         self.timing = CallbackTiming(period_s * 1e3)
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
@@ -119,6 +121,11 @@ class TrajectoryTask:
         self._trace = trace
 
     # -------------------------------------------------------------------------------------------- from the program
+
+    def carry(self, load: Payload) -> None:
+        """Reckon with a payload in the forces that the arm exerts."""
+        self._load = load
+        self.force.carry(load.mass, np.array(load.centre), np.array(load.inertia))
 
     @property
     def generator(self) -> Generator:

@@ -15,6 +15,7 @@ from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, local_servo_memory
 from qrobot.servo.memory.telemetry import SMALLEST_RING
+from qrobot.servo.payload import PayloadJudge
 from qrobot.units import NS_PER_S
 from qrobot.wire import Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
@@ -33,9 +34,14 @@ def warm_up() -> None:
 
 
 class MailboxPort:
-    """`RobotPort` over servo memory in this process: lock-step and tests, where the servo is always there."""
+    """`RobotPort` over servo memory in this process: lock-step and tests, where the servo is always there.
 
-    def __init__(self, words: Words) -> None:
+    Args:
+        words: the memory. judge: of payloads; None takes each.
+    """
+
+    def __init__(self, words: Words, judge: PayloadJudge | None = None) -> None:
+        self._judge = judge
         self._mailbox = ServoMailbox(words)
 
     @property
@@ -86,7 +92,7 @@ class MailboxPort:
 
     def judge_payload(self, payload: Payload) -> str:
         """Reason for which the arm cannot carry `payload`; "" when it can."""
-        return _judged(payload)
+        return "" if self._judge is None else self._judge.objection(payload)
 
     def write_payload(self, payload: Payload) -> None:
         """Reckon with `payload` from now on."""
@@ -99,9 +105,11 @@ class ServoPort:
     Args:
         arm: instance name.
         robot_name, n: what the deployment says of it; a servo of another robot counts as gone.
+        judge: of payloads; None takes each.
     """
 
-    def __init__(self, arm: str, robot_name: str, n: int) -> None:
+    def __init__(self, arm: str, robot_name: str, n: int, judge: PayloadJudge | None = None) -> None:
+        self._judge = judge
         self.arm = arm
         self.robot_name = robot_name
         self.n = n
@@ -163,7 +171,7 @@ class ServoPort:
 
     def judge_payload(self, payload: Payload) -> str:
         """Reason for which the arm cannot carry `payload`; "" when it can."""
-        return _judged(payload)
+        return "" if self._judge is None else self._judge.objection(payload)
 
     def write_payload(self, payload: Payload) -> None:
         """Reckon with `payload` from now on. Raises LinkError when the servo is gone."""
@@ -194,11 +202,6 @@ class ServoPort:
             self._was_here = True
             self._mailbox = mailbox
         return self._mailbox
-
-
-def _judged(payload: Payload) -> str:
-    """Reason for which no arm can carry `payload`."""
-    return "" if payload.mass == 0 else "this servo reckons with no payload"
 
 
 def _name_signals(mailbox: ServoMailbox, names: tuple[str, ...]) -> None:

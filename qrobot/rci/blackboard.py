@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from qrobot.config.outputs import N_OUTPUTS
 from qrobot.errors import MotionError
 from qrobot.wire import Command, JointMode, State
-from qrobot.wire.packets import Values
+from qrobot.wire.packets import NO_SIGNALS, Values
 
 
 @dataclass
@@ -19,7 +19,7 @@ class Chg:
 
     `clear_fault`, `stop` and `key_held` go out once and are lowered again. Once `hold_to_run` was said, the
     arm moves only while `key_held` is: a program that jogs sets it at each sample from its key. Output 1 is bit 0 of
-    `outputs`.
+    `outputs`. `signals` are numbers for the arm's log, NaN for none.
     """
 
     n: int
@@ -33,6 +33,7 @@ class Chg:
     outputs: int = 0
     hold_to_run: bool = False
     key_held: bool = False
+    signals: Values = NO_SIGNALS
 
     def __post_init__(self) -> None:
         self.hold()
@@ -67,7 +68,7 @@ class Chg:
         """The command that answers `state`."""
         command = Command(
             state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
-            self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held,
+            self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held, self.signals,
         )  # fmt: skip
         self.clear_fault = self.stop = self.key_held = False
         return command

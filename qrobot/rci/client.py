@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections import deque
+from typing import Final, TypeAlias
 
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, LocalProtocolError, RemoteProtocolError
 from qrobot.wire import (
@@ -11,8 +12,11 @@ from qrobot.wire import (
     Connection,
     ErrorCode,
     Hello,
+    Payload,
     Side,
+    Signals,
     State,
+    Stop,
     Welcome,
     WireError,
     WireEvent,
@@ -24,6 +28,9 @@ _REFUSALS: Final[dict[int, type[LinkError]]] = {
     ErrorCode.TIMEOUT: LinkTimeout,
 }
 
+Beside: TypeAlias = Stop | Signals | Payload
+"""Packets that a client sends beside the sample periods."""
+
 
 class Client:
     """One conversation.
@@ -31,11 +38,13 @@ class Client:
     Attributes:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
+        payload_refusal: reason for which the payload told last was refused, "" when it was not.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
         self.peer = peer
-        self.warning = ""
+        self.warning = self.payload_refusal = ""
+        self._told = deque[Beside]()
         self._hello = hello
         self._connection = Connection(Side.CLIENT)
         self._welcome: Welcome | None = None
@@ -45,9 +54,18 @@ class Client:
         """The first bytes to send."""
         return self._connection.send(self._hello)
 
-    def say(self, command: Command) -> bytes:
-        """A command as bytes. Raises LocalProtocolError when it is malformed."""
-        return self._connection.send(command)
+    def tell(self, packet: Beside) -> None:
+        """Have a packet sent with the next `say`. May be called from any thread."""
+        if isinstance(packet, Payload):
+            self.payload_refusal = ""
+        self._told.append(packet)
+
+    def say(self, command: Command | None) -> bytes:
+        """Packets that were told, then a command, as bytes. Raises LocalProtocolError when one is malformed."""
+        data = b""
+        while self._told:
+            data += self._connection.send(self._told.popleft())
+        return data if command is None else data + self._connection.send(command)
 
     def farewell(self, reason: str) -> bytes:
         """The last bytes to send; none when the conversation is over, or never began."""
@@ -98,6 +116,8 @@ class Client:
                 raise _REFUSALS.get(event.code, LinkError)(f"{self.peer} refused: {event.text}")
             case WireError():
                 self.warning = event.text
+                if event.code == ErrorCode.PAYLOAD_REFUSED:
+                    self.payload_refusal = event.text
             case Bye():
                 raise LinkLost(f"{self.peer} said goodbye: {event.text or 'no reason given'}")
             case _:  # the state table lets nothing else through from a server

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol, TypeAlias
 
+from qrobot.rci.client import Beside
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
 
 PROGRAM_NAME_LENGTH = 32
@@ -36,6 +37,13 @@ class Link(Protocol):
 
     def exchange(self, command: Command | None) -> State:
         """Send a command, or nothing, and wait for the newest STATE after it. Raises what `open` raises."""
+
+    def tell(self, packet: Beside) -> None:
+        """Send a packet with the next `exchange`. May be called from any thread."""
+
+    @property
+    def payload_refusal(self) -> str:
+        """Reason for which the payload told last was refused, "" when it was not, or no answer has come yet."""
 
     def now_ns(self) -> int:
         """This end's clock."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Final, TypeVar
 
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout
-from qrobot.rci.client import Client
+from qrobot.rci.client import Beside, Client
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.realtime.bridge_token import token_for
 from qrobot.realtime.deadline import Deadline
@@ -92,13 +92,22 @@ class TcpLink:
 
     def exchange(self, command: Command | None) -> State:
         """Send, and wait for the newest STATE; see `Link.exchange`."""
-        if command is not None:
-            self._send(self._client.say(command))
+        if data := self._client.say(command):
+            self._send(data)
         return self._await(self._client.pop_state)
 
     def send(self, command: Command) -> None:
         """Send without waiting. Raises LinkLost, or what the server refused by."""
         self._send(self._client.say(command))
+
+    def tell(self, packet: Beside) -> None:
+        """Send a packet with the next `exchange`; see `Link.tell`."""
+        self._client.tell(packet)
+
+    @property
+    def payload_refusal(self) -> str:
+        """See `Link.payload_refusal`."""
+        return self._client.payload_refusal
 
     def fileno(self) -> int:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final, TypeAlias, TypeVar
 
 from qrobot.errors import QRobotError
-from qrobot.rci.client import Client
+from qrobot.rci.client import Beside, Client
 from qrobot.rci.link import NEW_PERIOD
 from qrobot.wire import Command, Hello, State, Welcome
 
@@ -43,10 +43,18 @@ class VirtualLink:
 
     def exchange(self, command: Command | None) -> State:
         """Send, and let time run until the next STATE; see `Link.exchange`."""
-        data = b"" if command is None else self._client.say(command)
-        state = self._await(data, self._client.pop_state)
+        state = self._await(self._client.say(command), self._client.pop_state)
         self._now_ns = state.robot.t_ns
         return state
+
+    def tell(self, packet: Beside) -> None:
+        """Send a packet with the next `exchange`; see `Link.tell`."""
+        self._client.tell(packet)
+
+    @property
+    def payload_refusal(self) -> str:
+        """See `Link.payload_refusal`."""
+        return self._client.payload_refusal
 
     def now_ns(self) -> int:
         """Virtual time of the newest packet."""

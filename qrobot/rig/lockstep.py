@@ -25,10 +25,12 @@ from qrobot.realtime.flat_record import block_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws import law_label
 from qrobot.servo.laws.trial_process import tried_law
+from qrobot.servo.memory.law_history import LawInForce, settings_text
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import local_servo_memory
 from qrobot.servo.memory.telemetry import Rows, TelemetryReader
 from qrobot.servo.parameters import ServoParameters, servo_parameters
+from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.process.loop import one_cycle
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import ServoState, make_state
@@ -89,6 +91,7 @@ class LockstepRig:
         now_ns: virtual time.
         loop_arguments: what the compiled loop works on.
         lease: who commands; as in real time, one program at a time.
+        signal_names: of the newest program that told numbers for the log.
         realtime_factor: virtual time over wall-clock time of the newest program, from its first packet on: generator,
             packets, bridge, servo, board and plant together.
 
@@ -123,6 +126,7 @@ class LockstepRig:
         self.now_ns = START_NS
         self.lease = Lease()
         self.realtime_factor = 0.0
+        self.signal_names: tuple[str, ...] = ()
         info = self.mailbox.info
         self._reader = TelemetryReader(words, info.telemetry_base, info.telemetry_capacity, robot.n)
         self._kept: list[Rows] | None = [] if keep_telemetry else None
@@ -158,6 +162,13 @@ class LockstepRig:
         """Advance by `seconds` of virtual time, rounded to whole cycles."""
         self.ticks(round(seconds * NS_PER_S / self.period_ns))
 
+    def law_in_force(self) -> LawInForce:
+        """Law, gains and names of signals, for a log."""
+        kp, kv, inertia = (tuple(row) for row in np.array(self.state.swap.gains).tolist())
+        label, told = law_label(self.settings.law), settings_text(self.law.chosen)
+        names = " ".join(self.law.signals), " ".join(self.signal_names)
+        return LawInForce(0, 0, label, told, kp, kv, inertia, *names)
+
     def rows(self) -> Rows:
         """Telemetry of every cycle so far that has not been taken, oldest first."""
         if not self._kept:
@@ -177,7 +188,7 @@ class LockstepBridge:
 
     def __init__(self, rig: LockstepRig, period_us: int) -> None:
         self._rig = rig
-        self._port = MailboxPort(rig.mailbox.words)
+        self._port = MailboxPort(rig.mailbox.words, PayloadJudge(rig.robot))
         self._began_ns = rig.now_ns
         self._began_s = time.perf_counter()
         self._settings = BridgeSettings(period_us=period_us)
@@ -195,6 +206,7 @@ class LockstepBridge:
             self._session = self._new_session()
         if data:
             answer = carry_out(self._session.receive(data, self._rig.now_ns), self._port).data
+            self._rig.signal_names = self._rig.mailbox.signal_names() or self._rig.signal_names
         return answer or self._next_state()
 
     def _next_state(self) -> bytes:

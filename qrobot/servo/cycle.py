@@ -28,6 +28,7 @@ from qrobot.servo.stages.dropout_hold import hold_through_dropout
 from qrobot.servo.stages.inputs import estimate, read
 from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_requests
 from qrobot.servo.stages.override import take_override
+from qrobot.servo.stages.payload import carry_payload
 from qrobot.servo.stages.publish import publish
 from qrobot.servo.stages.setpoint_stream import advance_phase, frame_is_over, take_frame
 from qrobot.servo.stages.torque_output import drive, write
@@ -58,6 +59,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     check_inputs(params, state, mail, now_ns)
     handle_requests(params, state, mail, now_ns)
     take_override(state, mail)
+    carry_payload(params, state, mail)
     update_reference(params, state, mail, now_ns)
     hold_through_dropout(state)
     check_reference(params, state, mail, now_ns)

@@ -77,6 +77,7 @@ class ServoParameters(NamedTuple):
     tau_setpoint: Any  # the most a torque setpoint may ask for; below zero where none may come
     position_drives: int  # 1: drives close the loop, and get the reference instead of torque
     tool_speed: float  # the most of the tool's tip, m/s; 0 for no limit but those of the joints
+    flange_m: float  # of the flange from the last frame, along its z
     tip: Any  # (3,) where it is in the frame of the last link
     following_error: Any
     range_margin: Any
@@ -145,6 +146,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             tau_setpoint=np.full(robot.n, NO_TORQUE) if settings.position_drives else np.array(guard.tau_max),
             position_drives=int(settings.position_drives),
             tool_speed=settings.reduced_speed_m_s,
+            flange_m=robot.geometry.flange_m,
             tip=np.array([0.0, 0.0, robot.geometry.flange_m]) + np.array(settings.tool_m),
             following_error=np.array(guard.following_error),
             range_margin=np.array(guard.range_margin),

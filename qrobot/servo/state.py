@@ -11,7 +11,7 @@ from qrobot.faultcodes import NO_JOINT
 from qrobot.hwif.image import make_image
 from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
-from qrobot.model.dynamics import dynamics_work
+from qrobot.model.dynamics import DynamicsParams, dynamics_work
 from qrobot.realtime.flat_record import record_of
 from qrobot.realtime.structure import local_record
 from qrobot.servo.calibration.state import CalibrationState, PotState, make_calibration_state, make_pot_state
@@ -82,7 +82,11 @@ class ServoState:
     ops: Any  # (MAX_OPS, 3)
     signals: Any  # (8,) numbers that the law tells
     program_signals: Any  # (8,) numbers that the program tells, NaN for none
-    payload: Any  # (10,) in force: mass, centre, inertia; see `wire.packets.Payload`
+    payload: Any  # (10,) in force: mass, first moments, inertia in the last frame, see `servo.stages.payload`
+    payload_before: Any  # the one that it goes over from
+    payload_goal: Any  # the one that it goes over to
+    payload_next: Any  # the one being looked at
+    model: DynamicsParams  # of the arm with its payload
     row: Any  # the telemetry row, see `servo.memory.telemetry`
     mode: int = 0
     fault: int = 0  # code that latched the FAULT mode
@@ -160,6 +164,8 @@ class ServoState:
     speed_limit: float = 1.0  # share of the joints' greatest speeds that programs may plan
     tool_speed_limit: float = 0.0  # m/s; 0 for none
     payload_mass: float = 0.0  # kg
+    payload_left_s: float = 0.0  # until the payload asked for is in force
+    payloads_seen: int = 0
 
 
 def make_state(params: ServoParameters, law: Law) -> ServoState:
@@ -188,5 +194,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         ops=np.zeros((MAX_OPS, OP_FIELDS), dtype=np.int64),
         watch=make_watch_state(n), signals=np.zeros(N_SIGNALS),
         program_signals=np.full(N_SIGNALS, np.nan), payload=np.zeros(N_PAYLOAD),
+        payload_before=np.zeros(N_PAYLOAD), payload_goal=np.zeros(N_PAYLOAD), payload_next=np.zeros(N_PAYLOAD),
+        model=params.dynamics,
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

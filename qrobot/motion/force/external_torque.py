@@ -23,6 +23,7 @@ from qrobot.model.dynamics import (
     friction_torque,
     gravity_torque,
     inverse_dynamics,
+    with_payload,
 )
 from qrobot.model.stiction_compensation import PUSH_SHARE, added_at_rest, push_for
 from qrobot.model.transmission import motor_to_torque, torque_to_motor, transmission_params
@@ -141,13 +142,18 @@ class ExternalTorque:
     """
 
     def __init__(self, robot: Robot, period_s: float) -> None:
-        self._dynamics = dynamics_params(robot)
+        self._dynamics = self._bare = dynamics_params(robot)
+        self._flange = np.array([0.0, 0.0, robot.geometry.flange_m])
         self._work = dynamics_work(robot.n)
         self.friction = DriveFriction(robot)
         self._period_s = period_s
         self._samples: deque[tuple[int, ArmSample]] = deque(maxlen=DEPTH + _AVERAGED - 1)
         self._torques: dict[int, Floats] = {}  # of the samples averaged last
         self._known: Exerted | None = None  # of the newest sample, once somebody has asked
+
+    def carry(self, mass: float, centre: Floats, inertia: Floats) -> None:
+        """Reckon with a payload, its centre in the frame of the flange; see `model.dynamics.with_payload`."""
+        self._dynamics = with_payload(self._bare, mass, self._flange + centre, inertia)
 
     def gravity(self, q: Floats) -> Floats:
         """Torques that carry the arm at `q`. Shapes (n,)."""

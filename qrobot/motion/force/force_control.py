@@ -94,6 +94,10 @@ class ForceControl:
         """Torques on the world, as estimated at the newest sample; None before the first."""
         return self._external.estimate()
 
+    def carry(self, mass: float, centre: Floats, inertia: Floats) -> None:
+        """Reckon with a payload; see `ExternalTorque.carry`."""
+        self._external.carry(mass, centre, inertia)
+
     def check(self, goal: Goal, near: Floats, tick: int) -> None:
         """Judge a motion that complies: joints must match and suffice where it ends, as far as that is known now.
 

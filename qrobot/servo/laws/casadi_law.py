@@ -34,6 +34,7 @@ from qrobot.servo.laws.law import (
     argument_names,
     checked_signals,
 )
+from qrobot.servo.memory.telemetry import N_PAYLOAD
 
 EXTRAS: Final = ("robot", "arm")
 _INPUTS: Final = ARGUMENTS[:-1]
@@ -54,7 +55,7 @@ class CasadiLaw:
         """The law for one robot. Raises ConfigError when the expression cannot be built or translated."""
         name = self._build.__name__
         sizes = dict.fromkeys(("q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction"), robot.n)
-        sizes |= {"sensors": N_ADCS, "settings": N_SETTINGS, "memory": MEMORY_WORDS, "dt": 1}
+        sizes |= {"sensors": N_ADCS, "payload": N_PAYLOAD, "settings": N_SETTINGS, "memory": MEMORY_WORDS, "dt": 1}
         try:
             function, in_place = law_function(name, self._build, self._names, _INPUTS, sizes, robot, N_GAINS)
             compiled = compile_function(function, in_place)
@@ -93,9 +94,9 @@ def casadi_law(
 def _body(compiled: CompiledFunction, doc: str | None) -> LawBody:
     kernel = compiled.kernel
 
-    def body(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, gains, settings, memory, dt, tau):  # type: ignore[no-untyped-def]
+    def body(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, payload, gains, settings, memory, dt, tau):  # type: ignore[no-untyped-def]
         flat = gains.reshape(gains.size)
-        kernel(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, flat, settings, memory, dt, tau)
+        kernel(q_ref, v_ref, a_ref, q, v, gravity, friction, sensors, payload, flat, settings, memory, dt, tau)
 
     body.__doc__ = doc
     return (

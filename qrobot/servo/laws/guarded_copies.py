@@ -15,6 +15,7 @@ import numpy as np
 from qrobot.hwif.registers import N_ADCS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.laws.law import MEMORY_WORDS, N_GAINS, N_SETTINGS
+from qrobot.servo.memory.telemetry import N_PAYLOAD
 
 GUARDED: Final = 0x7FF8_4C41_5700_0001  # a quiet NaN
 GAP_WORDS: Final = 4  # between two copies
@@ -41,6 +42,8 @@ class LawCopies(NamedTuple):
     after_friction: Any
     sensors: Any
     after_sensors: Any
+    payload: Any
+    after_payload: Any
     gains: Any
     after_gains: Any
     settings: Any
@@ -57,7 +60,8 @@ def make_law_copies(n: int) -> LawCopies:
     """Copies for `n` joints, with all guarded words whole."""
     vectors = {name: np.zeros(n) for name in ("q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "tau")}
     others = {
-        "sensors": np.zeros(N_ADCS), "gains": np.zeros((N_GAINS, n)), "settings": np.zeros(N_SETTINGS),
+        "sensors": np.zeros(N_ADCS), "payload": np.zeros(N_PAYLOAD), "gains": np.zeros((N_GAINS, n)),
+        "settings": np.zeros(N_SETTINGS),
         "memory": np.zeros(MEMORY_WORDS), "dt": np.zeros(1),
     }  # fmt: skip
     guarded = {name: np.full(GAP_WORDS, GUARDED, dtype=np.int64) for name in LawCopies._fields if name[:6] == "after_"}
@@ -92,6 +96,6 @@ def broken_words(copies: Any) -> int:
         + broken(copies.after_q_ref) + broken(copies.after_v_ref) + broken(copies.after_a_ref)
         + broken(copies.after_q) + broken(copies.after_v)
         + broken(copies.after_gravity) + broken(copies.after_friction) + broken(copies.after_sensors)
-        + broken(copies.after_gains) + broken(copies.after_settings)
+        + broken(copies.after_payload) + broken(copies.after_gains) + broken(copies.after_settings)
         + broken(copies.after_memory) + broken(copies.after_dt)
     )  # fmt: skip

@@ -12,6 +12,7 @@ A law is called once a cycle. Its arguments are float64 arrays in SI units; it n
 | `gravity`  | (n,)   | N m (N)       | torque that carries the arm at `q`, already zero where compensation is off   |
 | `friction` | (n,)   | N m (N)       | torque the drives lose at `v_ref`, viscous and smoothed Coulomb, joint side  |
 | `sensors`  | (8,)   | V             | the board's analogue channels                                                |
+| `payload`  | (10,)  | kg, m         | in force: mass, first moments, inertia (xx yy zz xy xz yz) in the last frame |
 | `gains`    | (3, n) | -             | rows `KP`, `KV`, `M0` of numbers from the robot file                         |
 | `settings` | (32,)  | the law's own | in the order in which the law declares them, see `Setting`                   |
 | `memory`   | (64,)  | the law's own | kept from cycle to cycle, zeroed at power-up; from `SIGNALS_AT` on logged    |
@@ -53,7 +54,8 @@ N_SETTINGS: Final = 32
 MEMORY_WORDS: Final = 64
 SIGNALS_AT: Final = MEMORY_WORDS - N_SIGNALS  # from here on the memory is in the log
 ARGUMENTS: Final = (
-    "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "gains", "settings", "memory", "dt", "tau",
+    "q_ref", "v_ref", "a_ref", "q", "v", "gravity", "friction", "sensors", "payload", "gains", "settings",
+    "memory", "dt", "tau",
 )  # fmt: skip
 
 MOST_SAID: Final = 400  # characters of what Numba says of a mistake

@@ -11,13 +11,14 @@ from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.laws.law import ARGUMENTS, KP, KV, M0, MEMORY_WORDS, N_GAINS, Law
+from qrobot.servo.memory.telemetry import N_PAYLOAD
 
 OFFSET: Final = 1e-3  # rad or m, and rad/s or m/s, between reference and arm
 STATES: Final = 24  # [A] random ones within the limits
 SENSOR_VOLTS: Final = 5.0  # full scale of the board's converter
 SEED: Final = 1
 EXTREMES: Final = (np.nan, np.inf, -np.inf, 1e300, -1e300)
-_GIVEN: Final = frozenset({"gains", "settings", "memory", "dt", "tau"})  # no measurement makes these extreme
+_GIVEN: Final = frozenset({"payload", "gains", "settings", "memory", "dt", "tau"})  # no measurement makes these extreme
 
 Arguments = tuple[Floats, ...]
 
@@ -28,8 +29,8 @@ def at_pose(law: Law, robot: Robot, q: Floats) -> Arguments:
     gains = np.zeros((N_GAINS, n))
     gains[KP], gains[KV], gains[M0] = control.kp, control.kv, control.inertia
     vectors = [q + OFFSET, np.full(n, OFFSET), np.zeros(n), np.array(q), np.zeros(n), np.zeros(n), np.zeros(n)]
-    rest = (np.zeros(N_ADCS), gains, law.values.copy(), np.zeros(MEMORY_WORDS), np.array([1e-3]), np.full(n, np.nan))
-    return (*vectors, *rest)
+    told = (np.zeros(N_ADCS), np.zeros(N_PAYLOAD), gains, law.values.copy())
+    return (*vectors, *told, np.zeros(MEMORY_WORDS), np.array([1e-3]), np.full(n, np.nan))
 
 
 def in_motion(law: Law, robot: Robot) -> Iterator[Arguments]:

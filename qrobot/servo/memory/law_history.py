@@ -33,6 +33,7 @@ class LawInForce:
         law: its name. settings: those of the law itself, such as "frequency=8 damping=1"; see `settings_text`.
         kp, kv, inertia: gains, SI units. Shape (n,).
         signals: names of its numbers in the rows, in their order, such as "pressed advance".
+        program_signals: names of the program's numbers, likewise.
     """
 
     t_ns: int
@@ -43,6 +44,7 @@ class LawInForce:
     kv: tuple[float, ...]
     inertia: tuple[float, ...]
     signals: str = ""
+    program_signals: str = ""
 
     @property
     def told(self) -> str:
@@ -66,7 +68,7 @@ def write_entry(words: Words, base: int, entry: LawInForce) -> None:
     record = np.zeros(1, dtype=entry_dtype(len(entry.kp)))
     record["t_ns"], record["tick"] = entry.t_ns, entry.tick
     record["law"], record["settings"] = entry.law.encode(), entry.settings.encode()
-    record["signals"] = entry.signals.encode()
+    record["signals"], record["program_signals"] = entry.signals.encode(), entry.program_signals.encode()
     record["kp"], record["kv"], record["inertia"] = entry.kp, entry.kv, entry.inertia
     row = record.view(np.int64)
     append_row(words, base, ENTRIES, row.size, row)
@@ -86,18 +88,19 @@ class JournalReader:
         self._next += copied + lost
         for record in self._rows[:copied].copy().view(self._dtype)[:, 0]:
             t_ns, tick, *texts, kp, kv, inertia = record.tolist()
-            law, settings, signals = (printable(text.decode(errors="replace")) for text in texts)
-            yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia), signals)
+            law, settings, signals, program = (printable(text.decode(errors="replace")) for text in texts)
+            yield LawInForce(t_ns, tick, law, settings, tuple(kp), tuple(kv), tuple(inertia), signals, program)
 
 
 def entry_dtype(n: int) -> np.dtype[Any]:
     """NumPy record of one entry of a servo of `n` joints."""
     gains = [(name, "<f8", (n,)) for name in ("kp", "kv", "inertia")]
-    texts = [("law", f"S{LAW_BYTES}"), ("settings", f"S{SETTINGS_BYTES}"), ("signals", f"S{SIGNALS_BYTES}")]
+    sizes = {"law": LAW_BYTES, "settings": SETTINGS_BYTES, "signals": SIGNALS_BYTES, "program_signals": SIGNALS_BYTES}
+    texts = [(name, f"S{size}") for name, size in sizes.items()]
     return np.dtype([("t_ns", "<i8"), ("tick", "<i8"), *texts, *gains])
 
 
 @lean_kernel
 def entry_words(n: int) -> int:
-    """Words of one entry of a servo of `n` joints: time and tick, three texts, three gains a joint."""
-    return 2 + (LAW_BYTES + SETTINGS_BYTES + SIGNALS_BYTES) // 8 + 3 * n
+    """Words of one entry of a servo of `n` joints: time and tick, four texts, three gains a joint."""
+    return 2 + (LAW_BYTES + SETTINGS_BYTES + 2 * SIGNALS_BYTES) // 8 + 3 * n

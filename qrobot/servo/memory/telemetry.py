@@ -71,7 +71,11 @@ LINES: Final = (
 # since version 3 of the row
 ADDED: Final = (
     ("program_signals", N_SIGNALS, "numbers that the program tells, NaN for none; see /servo/program"),
-    ("payload", N_PAYLOAD, "reckoned with: mass, kg, centre, m, inertia, kg m2 (xx yy zz xy xz yz)"),
+    (
+        "payload",
+        N_PAYLOAD,
+        "reckoned with, in the last frame: mass, first moments, inertia (xx yy zz xy xz yz); kg, m",
+    ),
 )
 FACTORS: Final = (("override", "the operator's speed override"),)
 ROW_VERSION: Final = 3

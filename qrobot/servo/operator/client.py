@@ -16,6 +16,7 @@ from qrobot.servo.operator.messages import (
     ChangeGains,
     ChangeLaw,
     ChangeOverride,
+    ChangePayload,
     Clear,
     OperatorRequest,
     PauseRequest,
@@ -97,6 +98,15 @@ class ServoClient:
     def change_override(self, factor: float) -> ServoStatus:
         """Let motions go at `factor` times their programmed speed, 0 to 2, as far as the limits allow."""
         return self._ask(make_request(ChangeOverride, factor=factor))
+
+    def change_payload(
+        self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), inertia: Sequence[float] = (0.0,) * 6
+    ) -> ServoStatus:
+        """Reckon with a payload of `mass` kg; it is in force on return. See `wire.packets.Payload`.
+
+        Raises QRobotError where the arm cannot carry it.
+        """
+        return self._ask(make_request(ChangePayload, mass=mass, centre=tuple(centre), inertia=tuple(inertia)))
 
     def pause(self) -> ServoStatus:
         """Let motions stand still on their path; the status does not wait until they do."""

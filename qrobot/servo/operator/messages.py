@@ -95,6 +95,18 @@ class ResumeRequest(OperatorMessage):
     command: Literal["resume"] = "resume"
 
 
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class ChangePayload(OperatorMessage):
+    """Reckon with another payload; see `wire.packets.Payload`."""
+
+    command: Literal["payload"] = "payload"
+    mass: float = Field(ge=0, allow_inf_nan=False)
+    centre: Annotated[tuple[Number, Number, Number], Field(strict=False)] = (0.0, 0.0, 0.0)
+    inertia: Annotated[tuple[Number, Number, Number, Number, Number, Number], Field(strict=False)] = (0.0,) * 6
+
+
 Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
 
 
@@ -123,6 +135,7 @@ OperatorRequest = Annotated[
     | ChangeGains
     | ZeroForce
     | ChangeOverride
+    | ChangePayload
     | PauseRequest
     | ResumeRequest,
     Field(discriminator="command"),

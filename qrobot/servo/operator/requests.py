@@ -51,6 +51,7 @@ from qrobot.servo.operator.messages import (
     ChangeGains,
     ChangeLaw,
     ChangeOverride,
+    ChangePayload,
     Clear,
     OperatorRequest,
     PauseRequest,
@@ -66,7 +67,9 @@ from qrobot.servo.operator.messages import (
     encode,
 )
 from qrobot.servo.operator.sockets import OperatorConnection
+from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.settings import ServoSettings
+from qrobot.wire import Payload
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
 LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
@@ -133,6 +136,8 @@ class Controls:
         self._commander: OperatorConnection | None = None
         self._commanding = threading.Lock()  # never waited for
         self._kept_laws = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
+        self._judge = PayloadJudge(servo.robot)
+        self._names_told = 0
         self._note_law()
         self.status()  # compiles, or loads, what a request must not wait for
 
@@ -278,6 +283,8 @@ class Controls:
                 self._calibrate(request)
             case ZeroForce():
                 self._zero_force()
+            case ChangePayload():
+                self._change_payload(request)
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
                 raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():
@@ -343,6 +350,14 @@ class Controls:
         listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
         self._servo.say(f"force sensor zeroed: {listed}")
 
+    def _change_payload(self, request: ChangePayload) -> None:
+        payload = Payload(request.mass, request.centre, request.inertia)
+        if objection := self._judge.objection(payload):
+            raise QRobotError(objection)
+        self._servo.mailbox.request_payload(payload)
+        self._servo.say(f"payload {payload.mass:g} kg at {_listed(payload.centre)} m from the flange")
+        _poll(lambda: self._servo.mailbox.snapshot().payload_mass == payload.mass or self._guardian_acts)
+
     def _gains(self, request: ChangeGains) -> Matrix:
         control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)
         rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
@@ -373,7 +388,14 @@ class Controls:
         servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
 
     def note_fallback(self) -> None:
-        """Tell people and readers once the servo has gone back to the law before, because the one in force failed."""
+        """Tell people and readers once the servo has gone back to the law before, because the one in force failed.
+
+        Readers also hear of new names of a program's numbers.
+        """
+        told = int(self._servo.mailbox.memory.command.names_told)
+        if told != self._names_told and not self._commanding.locked():
+            self._names_told = told
+            self._note_law()
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address or self._commanding.locked():
             return
@@ -388,7 +410,15 @@ class Controls:
         kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
         t_ns, tick, label = int(swap.done_t_ns), int(swap.done_tick), law_label(servo.law_name)
         entry = LawInForce(
-            t_ns, tick, label, settings_text(servo.law.chosen), kp, kv, inertia, " ".join(servo.law.signals)
+            t_ns,
+            tick,
+            label,
+            settings_text(servo.law.chosen),
+            kp,
+            kv,
+            inertia,
+            " ".join(servo.law.signals),
+            " ".join(servo.mailbox.signal_names()),
         )
         write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 

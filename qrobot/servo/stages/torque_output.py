@@ -127,6 +127,7 @@ def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: 
     copy_vector(copies.gravity, state.gravity)
     copy_vector(copies.friction, state.friction)
     copy_vector(copies.sensors, state.sensors)
+    copy_vector(copies.payload, state.payload)
     for k in range(gains.shape[0]):
         for j in range(gains.shape[1]):
             copies.gains[k, j] = gains[k, j]
@@ -136,8 +137,8 @@ def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: 
     copies.tau[:] = np.nan
     law_at(address)(  # [:]: the pointer takes plain arrays, not fields of a record
         copies.q_ref[:], copies.v_ref[:], copies.a_ref[:], copies.q[:], copies.v[:], copies.gravity[:],
-        copies.friction[:], copies.sensors[:], copies.gains[:], copies.settings[:], copies.memory[:],
-        copies.dt[:], copies.tau[:],
+        copies.friction[:], copies.sensors[:], copies.payload[:], copies.gains[:], copies.settings[:],
+        copies.memory[:], copies.dt[:], copies.tau[:],
     )  # fmt: skip
     copy_vector(memory, copies.memory)
     copy_vector(tau, copies.tau)
@@ -178,7 +179,7 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
         for j in range(state.q.size):
             state.gravity[j], state.friction[j] = 0.0, 0.0
         return
-    gravity_torque(state.q, params.dynamics, state.work, state.gravity)
+    gravity_torque(state.q, state.model, state.work, state.gravity)
     for j in range(state.q.size):
         state.watch.load[j] = state.gravity[j]
         state.gravity[j] *= params.gravity_share[j]

@@ -32,6 +32,7 @@ def call(one: Law, **given: Any) -> np.ndarray:
     one(
         *(given.get(name, np.zeros(n)) for name in vectors),
         given.get("sensors", np.zeros(8)),
+        given.get("payload", np.zeros(10)),
         given.get("gains", np.zeros((N_GAINS, n))),
         one.values,
         given.get("memory", np.zeros(MEMORY_WORDS)),
