@@ -70,7 +70,7 @@ LINES: Final = (
 )
 # since version 3 of the row
 ADDED: Final = (
-    ("program_signals", N_SIGNALS, "numbers that the program tells, NaN for none; see /servo/program"),
+    ("program_signals", N_SIGNALS, "numbers that the program tells, NaN for none; see /servo/law"),
     (
         "payload",
         N_PAYLOAD,

@@ -66,10 +66,10 @@ from qrobot.servo.operator.messages import (
     decode_request,
     encode,
 )
+from qrobot.servo.operator.motion_requests import set_payload, set_speed
 from qrobot.servo.operator.sockets import OperatorConnection
 from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.settings import ServoSettings
-from qrobot.wire import Payload
 
 MOST_GAIN: Final = 4.0  # times the robot file's, without force
 LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
@@ -164,13 +164,8 @@ class Controls:
             case PowerOff():
                 mailbox.request_power_off()
                 return partial(self._replying, self._told_by_loop)
-            case ChangeOverride():
-                mailbox.request_override(request.factor)
-                self._servo.say(f"speed override {request.factor:.0%}")
-                return partial(self._replying, self._told_by_loop)
-            case PauseRequest() | ResumeRequest():
-                mailbox.request_pause(isinstance(request, PauseRequest))
-                self._servo.say("motions paused" if isinstance(request, PauseRequest) else "motions resumed")
+            case ChangeOverride() | PauseRequest() | ResumeRequest():
+                set_speed(mailbox, request, self._servo.say)
                 return partial(self._replying, self._told_by_loop)
         self._authorise(visitor)
         if not self._commanding.acquire(blocking=False):
@@ -284,7 +279,8 @@ class Controls:
             case ZeroForce():
                 self._zero_force()
             case ChangePayload():
-                self._change_payload(request)
+                in_force = set_payload(self._servo.mailbox, request, self._judge, self._servo.say)
+                _poll(lambda: in_force() or self._guardian_acts)
             case ChangeLaw() | ChangeGains() if self._servo.settings.position_drives:
                 raise QRobotError(f"drives close the position loop of {self._servo.arm}: it has no law and no gains")
             case ChangeLaw():
@@ -349,14 +345,6 @@ class Controls:
         self._wait_for_loop()
         listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
         self._servo.say(f"force sensor zeroed: {listed}")
-
-    def _change_payload(self, request: ChangePayload) -> None:
-        payload = Payload(request.mass, request.centre, request.inertia)
-        if objection := self._judge.objection(payload):
-            raise QRobotError(objection)
-        self._servo.mailbox.request_payload(payload)
-        self._servo.say(f"payload {payload.mass:g} kg at {_listed(payload.centre)} m from the flange")
-        _poll(lambda: self._servo.mailbox.snapshot().payload_mass == payload.mass or self._guardian_acts)
 
     def _gains(self, request: ChangeGains) -> Matrix:
         control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)

@@ -43,6 +43,8 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--listen": ("x", "127.0.0.1", "127.0.0.1:70000", ":", "127.0.0.1:-1", ""),
     "--scheduler": ("x", "tcp://", "tcp://nohost.invalid:1"),
     "--velocity": ("novelocity", ""),
+    "--center": ("x", "", "1,2", "1,2,nan", "1,2,3,4", "inf,0,0"),
+    "--inertia": ("x", "", "1,2,3", "0,0,0,0,0,nan", "1,1,1,0,0,0,0"),
     "--date": ("nonsense", "2026-13-01", ""),
     "--plant": ("noplant", ""),
     "--execute": ("nobody", "", "/"),
@@ -54,7 +56,14 @@ FREE: Final = {("log", "record", "--plant"), ("cc", "ARGUMENTS"), ("run", "ARGUM
 NUMBERS: Final = ("nan", "-1", "-inf", "1e400", "9" * 400, "x", "")
 ENDLESS: Final = ("1e400", "9" * 400)
 """Allowed where a number has no upper bound."""
-REQUIRED: Final = {"--state": "on", "--name": "pd", "--program": "p.py", "--output": "out.mcap", "--target": "out.csv"}
+REQUIRED: Final = {
+    "--mass": "1",
+    "--state": "on",
+    "--name": "pd",
+    "--program": "p.py",
+    "--output": "out.mcap",
+    "--target": "out.csv",
+}
 
 
 @dataclass(frozen=True)

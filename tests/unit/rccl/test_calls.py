@@ -30,7 +30,19 @@ PYTHON_OF_C = {
     "VALUES": {float},
 }
 # C has variables (nextmove), macros (waitfor, waitas) and letters (setmode) in their place, or nothing at all.
-ONLY_PYTHON = {"pose", "setjvel", "signal", "nextmove", "waitas", "waitfor", "setmode", "CLOSE", "OPEN"}
+ONLY_PYTHON = {
+    "pose",
+    "setjvel",
+    "setload",
+    "signal",
+    "log_signal",
+    "nextmove",
+    "waitas",
+    "waitfor",
+    "setmode",
+    "CLOSE",
+    "OPEN",
+}
 
 
 def signature(call: Callable[..., object]) -> list[inspect.Parameter]:

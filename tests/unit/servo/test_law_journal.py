@@ -85,8 +85,9 @@ def test_a_message_comes_back_bit_for_bit(law: str, n: int, settings: str) -> No
 
 def test_a_message_ends_with_strings_as_cdr_wants_them() -> None:
     message = law_message.to_bytes(entry(7, "pd", settings="a=1"))
-    assert len(message) == 4 + 8 * (2 + 3 * 6) + (4 + 3) + 1 + (4 + 4) + (4 + 1)
-    assert message[-21:] == b"\x03\0\0\0pd\0" + b"\0" + b"\x04\0\0\0a=1\0" + b"\x01\0\0\0\0"
+    assert len(message) == 4 + 8 * (2 + 3 * 6) + (4 + 3) + 1 + (4 + 4) + (4 + 1) + 3 + (4 + 1)
+    assert message[-29:-8] == b"\x03\0\0\0pd\0" + b"\0" + b"\x04\0\0\0a=1\0" + b"\x01\0\0\0\0"
+    assert message[-8:] == b"\0\0\0" + b"\x01\0\0\0\0"
 
 
 def test_settings_are_told_in_one_line_that_fits() -> None:

@@ -1,0 +1,37 @@
+"""Operator requests about the speed of motions and the load of the arm: what they do to the servo memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from qrobot.errors import QRobotError
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.operator.messages import ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
+from qrobot.servo.payload import PayloadJudge
+from qrobot.wire import Payload
+
+
+def set_speed(
+    mailbox: ServoMailbox, request: ChangeOverride | PauseRequest | ResumeRequest, say: Callable[[str], None]
+) -> None:
+    """Hand override or pause to the servo, at once."""
+    if isinstance(request, ChangeOverride):
+        mailbox.request_override(request.factor)
+        say(f"speed override {request.factor:.0%}")
+    else:
+        paused = isinstance(request, PauseRequest)
+        mailbox.request_pause(paused)
+        say("motions paused" if paused else "motions resumed")
+
+
+def set_payload(
+    mailbox: ServoMailbox, request: ChangePayload, judge: PayloadJudge, say: Callable[[str], None]
+) -> Callable[[], bool]:
+    """Hand a payload to the servo; tells whether it is in force. Raises QRobotError where the arm cannot carry it."""
+    payload = Payload(request.mass, request.centre, request.inertia)
+    if objection := judge.objection(payload):
+        raise QRobotError(objection)
+    mailbox.request_payload(payload)
+    x, y, z = payload.centre
+    say(f"payload {payload.mass:g} kg at {x:g}, {y:g}, {z:g} m from the flange")
+    return lambda: mailbox.snapshot().payload_mass == payload.mass
