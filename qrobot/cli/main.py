@@ -63,6 +63,9 @@ COMMANDS: Final = (
         "robot", "qrobot.cli.robot:app", EVERYDAY, "Look at robot files; exchange them as URDF, MJCF and tables."
     ),
     Subcommand("study", "qrobot.cli.study:app", EVERYDAY, "Try identification or gains on many arms drawn at random."),
+    Subcommand(
+        "compile", "qrobot.cli.compile:compile", EVERYDAY, "Compile beforehand what a first start would wait for."
+    ),
     Subcommand("doctor", "qrobot.cli.doctor:doctor", EVERYDAY, "Tell what this machine lacks, and how to fix it."),
     Subcommand("board", "qrobot.cli.board:app", PROCESSES, "Emulate a TRC004 board with an arm behind it."),
     Subcommand("inject", "qrobot.cli.inject:inject", PROCESSES, "Break something in an emulated board that runs."),

@@ -49,9 +49,9 @@ def is_compiled_elsewhere(dispatcher: Any) -> bool:
 
 
 def _lock_place(dispatcher: Any) -> tuple[Path, str] | None:
-    """Folder and name of the lock; None where nothing is kept."""
-    files = getattr(dispatcher._cache, "_cache_file", None)
-    return None if files is None else (Path(dispatcher._cache.cache_path), files._index_name)
+    """Folder and name of the lock; None where nothing can be kept."""
+    cache = dispatcher._cache
+    return (Path(cache.cache_path), cache._cache_file._index_name) if getattr(cache, "may_write", False) else None
 
 
 def _lock_is_free(folder: Path, name: str) -> bool:

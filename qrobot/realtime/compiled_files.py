@@ -10,6 +10,8 @@ from __future__ import annotations
 import hashlib
 import pickle
 import warnings
+from collections import defaultdict
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +20,10 @@ import llvmlite.binding as llvm
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
+from qrobot.realtime.cache_folders import KernelCache
+
 DIGEST_BYTES: Final = hashlib.sha256().digest_size
+USED_FOLDERS: Final[defaultdict[str, set[str]]] = defaultdict(set)  # and in each the kernels read or kept so far
 
 
 class CompiledFiles(IndexDataCacheFile):  # type: ignore[misc]
@@ -26,19 +31,31 @@ class CompiledFiles(IndexDataCacheFile):  # type: ignore[misc]
 
     Args:
         folder: of the cache. name: of the kernel, as Numba spells it. stamp: of the sources, see `source_digest`.
+        filled: folders of others, where code is looked for as well.
     """
 
-    def __init__(self, folder: str, name: str, stamp: str) -> None:
+    def __init__(self, folder: str, name: str, stamp: str, filled: Iterable[str] = ()) -> None:
         super().__init__(folder, f"{name}.{processor_digest()}", stamp)
+        self.folder = folder
+        self.filled = [CompiledFiles(each, name, stamp) for each in filled]
 
     def save(self, key: Any, data: Any) -> None:
         """Keep code under its key: signature, processor and contents of the kernel."""
         super().save(key, (key, data))
+        USED_FOLDERS[self.folder].add(self._index_name)
 
     def load(self, key: Any) -> Any:
         """The code under a key; None when there is none, or the file that is to hold it has another's."""
         found, data = super().load(key) or (None, None)
-        return data if found == key else None
+        if found == key:
+            USED_FOLDERS[self.folder].add(self._index_name)
+            return data
+        return next(filter(None, (files.load(key) for files in self.filled)), None)
+
+    @property
+    def is_empty(self) -> bool:
+        """True when no folder has code of this kernel as it is now."""
+        return not self._load_index() and all(files.is_empty for files in self.filled)
 
     def _load_index(self) -> dict[Any, str]:
         try:
@@ -85,17 +102,18 @@ def processor_digest() -> str:
     return hashlib.sha256(f"{name} {features}".encode()).hexdigest()[:8]
 
 
-def keep_in_files(dispatcher: Any, stamp: str) -> None:
-    """Let compiled code of `dispatcher` be kept in `CompiledFiles`."""
-    kept = dispatcher._cache
-    save_now = kept.save_overload
+def keep_in_files(dispatcher: Any, cache: KernelCache, stamp: str) -> None:
+    """Let compiled code of `dispatcher` be kept in `CompiledFiles`, where there is a folder for it."""
+    save_now = cache.save_overload
 
     def save_overload(signature: Any, result: Any) -> None:
         try:
-            save_now(signature, result)
+            if cache.may_write:
+                save_now(signature, result)
         except OSError as error:
-            text = f"compiled code cannot be kept in {kept.cache_path}: {error}; the next start compiles it again"
+            text = f"compiled code cannot be kept in {cache.cache_path}: {error}; the next start compiles it again"
             warnings.warn(text, RuntimeWarning, stacklevel=2)
 
-    kept._cache_file = CompiledFiles(kept.cache_path, kept._impl.filename_base, stamp)
-    kept.save_overload = save_overload
+    cache._cache_file = CompiledFiles(cache.cache_path, cache._impl.filename_base, stamp, cache.only_read())
+    cache.save_overload = save_overload
+    dispatcher._cache = cache

@@ -8,11 +8,13 @@ With NUMBA_DISABLE_JIT=1 a kernel is the plain Python function: the oracle of th
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 
+from qrobot.realtime.cache_folders import KernelCache
 from qrobot.realtime.compile_once import compile_once
 from qrobot.realtime.compiled_files import keep_in_files
 from qrobot.realtime.source_digest import source_stamp
@@ -24,12 +26,8 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 def _compile(function: F, halves: Callable[[Any], None] = split, **extra: Any) -> F:
     options: dict[str, Any] = _OPTIONS | extra | {"pipeline_class": EntryCompiler}
-    compiled: F
-    try:
-        compiled = numba.njit(cache=True, **options)(function)
-        _keep(compiled, Path(function.__code__.co_filename))
-    except (RuntimeError, OSError):  # no source file (a notebook, a prompt), or no folder that can be written
-        compiled = numba.njit(**options)(function)
+    compiled: F = numba.njit(**options)(function)
+    _keep(compiled, Path(function.__code__.co_filename))
     if not jit_disabled():
         compile_once(compiled)
         halves(compiled)
@@ -37,9 +35,13 @@ def _compile(function: F, halves: Callable[[Any], None] = split, **extra: Any) -
 
 
 def _keep(compiled: Any, path: Path) -> None:
-    """Let the cached code go stale with everything it was made of. Raises OSError when there is no source."""
+    """Let code be kept, and the cached code go stale with everything it was made of.
+
+    A notebook or a prompt has no source file: what is typed there is compiled anew.
+    """
     if not jit_disabled():
-        keep_in_files(compiled, source_stamp(path))
+        with suppress(RuntimeError, OSError):
+            keep_in_files(compiled, KernelCache(compiled.py_func), source_stamp(path))
 
 
 def kernel(function: F) -> F:

@@ -48,7 +48,7 @@ def is_compiled() -> bool:
 def _in_cache(kernel: Any) -> bool:
     """True as well where nothing can be kept."""
     files = getattr(kernel._cache, "_cache_file", None)
-    return files is None or bool(files._load_index())
+    return files is None or not files.is_empty
 
 
 @contextmanager

@@ -93,7 +93,7 @@ class EmulatedBoardServer:
     def __init__(self, arm: str, emulator: Emulator, slips: bool = False) -> None:
         self.emulator = emulator
         self._slips = int(slips)
-        _warm_up(emulator)
+        warm_up(emulator)
         self.segment = create_board_memory(arm)
         self._stop = np.zeros(1, np.int64)
         self._thread = threading.Thread(target=self._run, name=f"{arm}-board", daemon=True)
@@ -121,7 +121,7 @@ class EmulatedBoardServer:
         self.segment.close(unlink=True)
 
 
-def _warm_up(emulator: Emulator) -> None:
+def warm_up(emulator: Emulator) -> None:
     """Compile the loop, or load it from the cache, before the clock matters."""
     run_board(emulator.bundle, local_board_memory(), np.ones(1, np.int64), 0)
 
@@ -147,7 +147,7 @@ def serve(
     Raises:
         LinkBusy: a board already serves that arm.
     """
-    _warm_up(emulator)  # before its turn, not with it
+    warm_up(emulator)  # before its turn, not with it
     await_turn()
     with set_on_signals() as done, EmulatedBoardServer(arm, emulator, slips) as server, beside(server.segment.memory):
         ready()

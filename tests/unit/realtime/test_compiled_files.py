@@ -98,13 +98,50 @@ def test_processors_of_two_kinds_share_a_folder_but_no_file(program: Program) ->
     assert program.run() == COMPILED
 
 
+READ_ONLY = """
+import os, sys, tempfile
+make = tempfile.TemporaryFile
+
+def refuse(dir):
+    if dir.startswith(tuple(os.environ["READ_ONLY"].split(":"))):
+        raise PermissionError(13, "Permission denied", dir)
+    return make(dir=dir)
+
+tempfile.TemporaryFile = refuse  # what tells whether a folder can be written: root can write where nobody else may
+import program
+if program.outer(2) == 5 and sys.argv[1:]:
+    print(sum(program.outer.stats.cache_hits.values()))
+"""
+
+
+def run_where(program: Program, read_only: Path, *words: str, user: Path) -> list[str]:
+    """What it prints when a folder cannot be written, for floats and, where there are words, for integers."""
+    environment = program.environment | {"READ_ONLY": str(read_only), "XDG_CACHE_HOME": str(user), "HOME": str(user)}
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-c",
+        READ_ONLY if words else READ_ONLY.partition("if program")[0],
+        *words,
+    ]
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.split("\n")[:-1]
+
+
 def test_without_a_folder_that_can_be_written_kernels_still_share_what_is_below_them(tmp_path: Path) -> None:
     """Of the program nothing can be kept, as in an installation that belongs to somebody else and without a home."""
     program = Program(tmp_path)
-    nowhere = "import numba.core.caching as c; c.CacheImpl._locator_classes.clear(); "
-    command = [sys.executable, "-c", f"{nowhere} import program"]
-    done = subprocess.run(command, env=program.environment, check=True, capture_output=True, text=True)
-    assert (done.stdout.strip(), program.files("")) == (COMPILED, [])
+    assert (run_where(program, Path("/"), user=tmp_path / "user"), program.files("")) == ([COMPILED], [])
+
+
+def test_a_folder_that_somebody_else_filled_is_read_and_what_it_lacks_is_kept_in_the_users_own(tmp_path: Path) -> None:
+    program, user = Program(tmp_path), tmp_path / "user"
+    program.run()
+    filled = program.files("")
+    for read_only in (tmp_path, tmp_path / "cache"):  # nothing can be written, then the user's folder can
+        assert run_where(program, read_only, "integers", user=user) == [LOADED, "1"]
+    assert run_where(program, tmp_path / "cache", "integers", user=user) == [LOADED, "2"]
+    assert program.files("") == filled
 
 
 def test_a_full_disk_is_told_and_the_kernel_runs(monkeypatch: pytest.MonkeyPatch) -> None:
