@@ -19,10 +19,10 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board import server
 from qrobot.sim_board.deployed import emulator_of_arm
 
-Stage = tuple[str, Callable[[], Any]]  # what is compiled, and what does it
+CompileStep = tuple[str, Callable[[], Any]]  # what is compiled, and what does it
 
 
-def stages(arm: DeployedArm, robot: Robot, settings: ServoSettings) -> Iterator[Stage]:
+def stages(arm: DeployedArm, robot: Robot, settings: ServoSettings) -> Iterator[CompileStep]:
     """What is to be compiled for one arm, one after another; the emulated board where the arm has one.
 
     Raises:
