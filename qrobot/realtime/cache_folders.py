@@ -57,7 +57,7 @@ class _BesideSourceOnlyRead(_OnlyRead, caching.InTreeCacheLocator):  # type: ign
 
 
 class _Place(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    """Where code of a kernel is kept."""
+    """Places in which code of a kernel is kept."""
 
     _locator_classes: Final = [_Chosen, _BesideSource, _OfUser, _ChosenOnlyRead, _BesideSourceOnlyRead]
 

@@ -23,7 +23,7 @@ CompileStep = tuple[str, Callable[[], Any]]  # what is compiled, and what does i
 
 
 def stages(arm: DeployedArm, robot: Robot, settings: ServoSettings) -> Iterator[CompileStep]:
-    """What is to be compiled for one arm, one after another; the emulated board where the arm has one.
+    """Steps of compiling for one arm, one after another; the emulated board where the arm has one.
 
     Raises:
         ConfigError: what `emulator_of_arm` raises; the calls raise the same of the law.
