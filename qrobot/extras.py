@@ -23,6 +23,9 @@ EXTRAS: Final = {
     "canopen": Extra("can", "CAN"),
     "lark": Extra("val", "programs in VAL II"),
     "prompt_toolkit": Extra("val", "the monitor of VAL II"),
+    "nicegui": Extra("pendant", "the pendant in a browser"),
+    "fastapi": Extra("pendant", "the pendant in a browser"),
+    "uvicorn": Extra("pendant", "the pendant in a browser"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

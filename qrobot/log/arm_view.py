@@ -8,7 +8,6 @@ to the next frame: no meshes are needed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -35,7 +34,7 @@ from qrobot.config import Robot
 from qrobot.log.pace import Pace
 from qrobot.log.topics import FRAMES_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TOOL_TOPIC
 from qrobot.model import transform as frames_of
-from qrobot.model.transform import transform
+from qrobot.model.arm_shape import NO_TOOL, ArmCylinder, arm_shape, link_frames, tip_frame
 from qrobot.servo.memory.telemetry import Rows
 from qrobot.units import NS_PER_S
 
@@ -43,32 +42,9 @@ RATE_HZ: Final = 50
 quaternion: Final = getattr(frames_of.quaternion, "py_func", frames_of.quaternion)  # to compile it takes longer
 BASE: Final = "base"
 TOOL: Final = "tool"
-JOINT_SHARE: Final = 0.13  # of the longest link: radius of a joint [A]
-LINK_SHARE: Final = 0.08
 LINK_COLOUR: Final = (0.85, 0.85, 0.80)
 JOINT_COLOUR: Final = (0.20, 0.35, 0.60)
 Point = tuple[float, float, float]
-NO_TOOL: Final[Point] = (0.0, 0.0, 0.0)
-
-
-def link_frames(robot: Robot, q: Sequence[float]) -> list[Floats]:
-    """Frame j in frame j-1 for each joint, from n joint positions in rad or m. Shape (4, 4) each."""
-    return [_link_frame(robot, j, float(value)) for j, value in enumerate(q)]
-
-
-def _link_frame(robot: Robot, j: int, value: float) -> Floats:
-    """Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint adds to theta when it turns and to d when it slides."""
-    geometry, slides = robot.geometry, bool(robot.prismatic[j])
-    theta = geometry.theta_rad[j] + (0.0 if slides else value)
-    d = geometry.d_m[j] + (value if slides else 0.0)
-    ca, sa = np.cos(geometry.alpha_rad[j]), np.sin(geometry.alpha_rad[j])
-    ct, st = np.cos(theta), np.sin(theta)
-    return np.array([
-        [ct, -st, 0.0, geometry.a_m[j]],
-        [ca * st, ca * ct, -sa, -sa * d],
-        [sa * st, sa * ct, ca, ca * d],
-        [0.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
 
 
 class ArmView:
@@ -83,7 +59,7 @@ class ArmView:
 
     def __init__(self, context: Context, robot: Robot, wall_offset_ns: int, tool_m: Point = NO_TOOL) -> None:
         self._robot, self._offset_ns = robot, wall_offset_ns
-        self._tip = transform(np.eye(3), [tool_m[0], tool_m[1], tool_m[2] + robot.geometry.flange_m])
+        self._tool_m, self._tip = tool_m, tip_frame(robot, tool_m)
         self._links = [f"link_{j + 1}" for j in range(robot.n)]
         self._joints = JointStatesChannel(JOINTS_TOPIC, context=context)
         self._frames = FrameTransformsChannel(FRAMES_TOPIC, context=context)
@@ -127,47 +103,21 @@ class ArmView:
 
     def _picture(self, stamp: Timestamp) -> SceneUpdate:
         """The arm: in each frame the link to the next one, and the joint about whose axis z it turns."""
-        ends = [frame[:3, 3] for frame in (*link_frames(self._robot, [0.0] * self._robot.n), self._tip)]
-        longest = max(float(np.linalg.norm(end)) for end in ends)
+        shape = arm_shape(self._robot, self._tool_m)
         entities = []
-        for j, (frame, end) in enumerate(zip([BASE, *self._links], ends, strict=True)):
-            cylinders = _link(end, LINK_SHARE * longest)
-            if j:
-                cylinders.append(_joint(JOINT_SHARE * longest * (1.0 - 0.5 * j / self._robot.n)))
-            elif self._robot.geometry.base_height_m > 0.0:
-                floor = np.array([0.0, 0.0, -self._robot.geometry.base_height_m])
-                cylinders += _link(floor, 1.2 * JOINT_SHARE * longest)
+        for number, frame in enumerate([BASE, *self._links]):
+            cylinders = [_cylinder(part) for part in shape if part.frame == number]
             entities.append(
                 SceneEntity(timestamp=stamp, frame_id=frame, id=frame, frame_locked=True, cylinders=cylinders)
             )
         return SceneUpdate(entities=entities)
 
 
-def _link(end: Floats, radius: float) -> list[CylinderPrimitive]:
-    """A cylinder from the origin to `end`; none when they are one."""
-    length = float(np.linalg.norm(end))
-    if length <= radius:
-        return []
-    return [_cylinder(transform(_with_z_along(end / length), end / 2), radius, length, LINK_COLOUR)]
-
-
-def _with_z_along(z: Floats) -> Floats:
-    """A rotation whose third column is the unit vector `z`."""
-    aside = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(aside, z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-def _joint(radius: float) -> CylinderPrimitive:
-    return _cylinder(np.eye(4), radius, 2.4 * radius, JOINT_COLOUR)
-
-
-def _cylinder(place: Floats, radius: float, length: float, colour: Point) -> CylinderPrimitive:
-    size = Vector3(x=2.0 * radius, y=2.0 * radius, z=length)
-    r, g, b = colour
-    colour_of = Color(r=r, g=g, b=b, a=1.0)
-    return CylinderPrimitive(pose=_pose(place), size=size, bottom_scale=1.0, top_scale=1.0, color=colour_of)
+def _cylinder(part: ArmCylinder) -> CylinderPrimitive:
+    size = Vector3(x=2.0 * part.radius, y=2.0 * part.radius, z=part.length)
+    r, g, b = JOINT_COLOUR if part.is_joint else LINK_COLOUR
+    colour = Color(r=r, g=g, b=b, a=1.0)
+    return CylinderPrimitive(pose=_pose(part.T), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
 
 
 def _stamp(t_ns: int) -> Timestamp:

@@ -11,11 +11,12 @@ import foxglove
 
 from qrobot.config import Robot
 from qrobot.errors import LinkError
-from qrobot.log.arm_view import NO_TOOL, Point
+from qrobot.log.arm_view import Point
 from qrobot.log.header import LogHeader
 from qrobot.log.mcap_file import LogStream
 from qrobot.log.pace import Pace
 from qrobot.log.status import LogStatus
+from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
 

@@ -18,11 +18,12 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from qrobot.config import Robot
 from qrobot.log import law_message
-from qrobot.log.arm_view import NO_TOOL, ArmView, Point
+from qrobot.log.arm_view import ArmView, Point
 from qrobot.log.buffered_file import BufferedFile
 from qrobot.log.header import METADATA_NAME, Attachment, LogHeader
 from qrobot.log.status import SCHEMA_NAME, LogStatus
 from qrobot.log.topics import LAW_TOPIC, STATUS_TOPIC, TICK_TOPIC
+from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import CDR_HEADER, Rows
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from qrobot.config import Robot
 from qrobot.errors import LogError
-from qrobot.log.arm_view import NO_TOOL, Point
+from qrobot.log.arm_view import Point
 from qrobot.log.header import Attachment, LogHeader
 from qrobot.log.mcap_file import LogPart, LogStream
 from qrobot.log.status import LogStatus
 from qrobot.log.topics import part_path
+from qrobot.model.arm_shape import NO_TOOL
 from qrobot.servo.memory.law_history import LawInForce
 from qrobot.servo.memory.telemetry import Rows
 

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from qrobot.config import Robot, load_robot
-from qrobot.log.arm_view import RATE_HZ, link_frames, quaternion
+from qrobot.log.arm_view import RATE_HZ, quaternion
 from qrobot.log.header import header_for
 from qrobot.log.read import read_log
 from qrobot.log.record import write_log
 from qrobot.log.topics import FRAMES_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TICK_TOPIC, TOOL_TOPIC, part_path
 from qrobot.log.writer import LogWriter
 from qrobot.model.arm import Arm
+from qrobot.model.arm_shape import link_frames
 from qrobot.model.transform import quaternion_into
 from tests.support.log_samples import START_NS, make_header, make_rows
 

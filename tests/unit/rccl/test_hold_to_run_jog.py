@@ -14,7 +14,8 @@ from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.rccl.held_key import REPEAT_MS
-from qrobot.rccl.hold_to_run import BRAKE_MS, HeldJog
+from qrobot.rccl.held_motion import BRAKE_MS
+from qrobot.rccl.hold_to_run import HeldJog
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.hold_to_run import PATIENCE_NS
 from qrobot.servo.memory.telemetry import Rows

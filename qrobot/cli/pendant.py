@@ -1,0 +1,82 @@
+"""`qrobot pendant`: look at arms, and drive them, from a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+from cyclopts import Parameter
+
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, tool_of_arm
+from qrobot.cli.console import note, out
+from qrobot.cli.option_types import OutputFile, Range
+from qrobot.config.deployment import DeployedArm, load_deployment
+
+if TYPE_CHECKING:
+    from qrobot.pendant.floor import DriveFloor
+
+DEFAULT_PORT: Final = 8560
+PortOption = Annotated[int, Parameter(validator=Range(0, 65535))]
+
+
+def pendant(
+    *,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
+    port: PortOption = DEFAULT_PORT,
+    taught: OutputFile = Path("taught.db"),
+    show: bool = False,
+) -> None:
+    """Serve a page that shows the arms of a deployment live, and drives them: jog, power, faults, places, curves.
+
+    It prints the address to open. Start the arms with `qrobot up`, before or after: the pendant finds them when they
+    come, and again when they come back. STOP, the key Esc and the space bar stop every arm; this is no safety
+    function: keep the emergency stop at hand.
+
+    One page drives at a time, everybody who was given the address may look. The server listens on this machine alone,
+    and nothing is encrypted; from elsewhere come through a tunnel (ssh -L 8560:127.0.0.1:8560).
+
+    Parameters
+    ----------
+    deployment
+        Deployment file, or the name of a packaged one.
+    arm
+        Which arm of the file; all of them if left out.
+    port
+        Where to listen; 0 takes a free one.
+    taught
+        File of places by name, as `qrobot teach` has it.
+    show
+        Open the page in the browser of this machine.
+    """
+    import webbrowser
+
+    from qrobot.pendant.floor import DriveFloor
+    from qrobot.pendant.server import address_of, make_app, make_token, open_port, serve
+
+    floor, token = DriveFloor(), make_token()
+    for each in _arms(deployment, arm):
+        _add_station(floor, each, taught)
+    listener = open_port(port)
+    address = address_of(listener, token)
+
+    def began() -> None:
+        out.print(address, soft_wrap=True)
+        note(f"open it in a browser; Ctrl-C ends. Arms: {', '.join(each.arm.name for each in floor.arms)}")
+        if show:
+            webbrowser.open(address)
+
+    serve(make_app(floor, token), listener, began)
+
+
+def _arms(deployment: str, arm: str | None) -> tuple[DeployedArm, ...]:
+    return load_deployment(deployment).arm if arm is None else (choose_arm(deployment, arm),)
+
+
+def _add_station(floor: DriveFloor, arm: DeployedArm, taught: Path) -> None:
+    """Give an arm its place at the pendant."""
+    from qrobot.pendant.arm_station import ArmStation
+
+    number, robot = len(floor.arms), robot_of_arm(arm)
+    tell = lambda state: floor.sampled(number, state)  # noqa: E731
+    floor.arms.append(ArmStation(arm, robot, tool_of_arm(arm), taught, tell, floor.changed))

@@ -1,0 +1,127 @@
+"""One arm at the pendant: what is heard of it, what can be asked of it, and the session that moves it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.config.deployment import DeployedArm
+from qrobot.errors import QRobotError
+from qrobot.model.arm import Arm
+from qrobot.model.transform_file import TransformFile
+from qrobot.pendant.arm_watch import ArmWatch
+from qrobot.pendant.frames import arm_facts
+from qrobot.pendant.jog_worker import JogWorker
+from qrobot.pendant.servo_requests import ServoRequests
+from qrobot.wire import State
+
+LEAVE_S = 3.0  # an arm that moved is at rest by then
+
+
+class ArmStation:
+    """Belongs to one arm of the deployment.
+
+    Args:
+        arm: of the deployment.
+        robot: of the arm.
+        tool_m: tip of the tool from the flange.
+        taught: file of the places by name.
+        on_state: takes each STATE.
+        on_change: called, from any thread, when `status` is another.
+
+    Attributes:
+        worker: the process that moves the arm.
+        requests: those that need no session.
+    """
+
+    def __init__(
+        self,
+        arm: DeployedArm,
+        robot: Robot,
+        tool_m: tuple[float, float, float],
+        taught: Path,
+        on_state: Callable[[State], None],
+        on_change: Callable[[], None],
+    ) -> None:
+        self.arm, self.robot = arm, robot
+        self.facts = arm_facts(arm.name, robot, tool_m)
+        self.requests = ServoRequests(arm.name, self.tell)
+        self.watch = ArmWatch(arm, self._hear, on_change)
+        self._taught, self._on_state, self._on_change = taught, on_state, on_change
+        self._newest: State | None = None
+        self.worker = JogWorker(arm, taught, self.tell)
+        self._notice, self._notices = "", 0
+        self._commanded = False
+
+    @property
+    def status(self) -> dict[str, Any]:
+        """State of the arm beside its samples, for a page."""
+        return {
+            "problem": self.watch.problem,
+            "notice": self._notice,
+            "notices": self._notices,
+            "session": self.worker.session,
+            "commanded": self._commanded,
+            "places": self._places(),
+        }
+
+    def tell(self, text: str) -> None:
+        """A line for people; an empty one only says that something has changed."""
+        if text:
+            self._notice, self._notices = text, self._notices + 1
+        self._on_change()
+
+    def stop(self) -> None:
+        """Stop the arm, and let go of what is held."""
+        self.requests.stop()
+        self.worker.say(do="stop")
+
+    def take_arm(self) -> None:
+        """Begin to command the arm."""
+        self.worker.start()
+        self.worker.say(do="on")
+
+    def give_arm(self) -> None:
+        """Bring the arm to rest and command it no longer; returns at once."""
+        self.worker.say(do="off")
+
+    def close(self) -> None:
+        """The same, and end the process that does it."""
+        self.worker.close()
+        self.worker.wait(LEAVE_S)
+
+    def record(self, name: str) -> None:
+        """Put where the arm is under a name into the file of places; told when it cannot be."""
+        if self._newest is None or self.watch.problem:
+            self.tell("nothing is known of where the arm is")
+            return
+        try:
+            pose = Arm(self.robot).forward(np.array(self._newest.robot.q))
+            TransformFile(self._taught).write(name, pose)
+            self.tell(f"recorded {name} in {self._taught}")
+        except QRobotError as error:
+            self.tell(f"not recorded: {error}")
+
+    def _places(self) -> list[str]:
+        try:
+            taught = list(TransformFile(self._taught).values())
+        except QRobotError:
+            taught = []
+        return [*self.robot.poses, *taught]
+
+    def _hear(self, state: State) -> None:
+        self._newest = state
+        if state.commanded != self._commanded:
+            self._commanded = state.commanded
+            self._on_change()
+        self._on_state(state)
+
+
+def monotonic() -> float:
+    """The clock of presses and leases, s."""
+    return time.monotonic()

@@ -1,0 +1,83 @@
+"""The arm as its bridge tells it: an observer that connects anew for as long as it is wanted."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final
+
+from qrobot.config.deployment import DeployedArm
+from qrobot.errors import LinkLost, QRobotError
+from qrobot.rci.client import Client
+from qrobot.realtime.bridge_token import token_for
+from qrobot.wire import ClientRole, Hello, State
+
+PERIOD_US: Final = 28_000
+SILENCE_S: Final = 1.0  # ten of the longest sample periods
+RETRY_S: Final = 0.5
+CHUNK: Final = 1 << 16
+
+
+class ArmWatch:
+    """Follows one arm.
+
+    Args:
+        arm: of the deployment.
+        tell: takes each STATE, newest only.
+        changed: called when `problem` is another.
+
+    Attributes:
+        problem: why nothing is heard of the arm, "" while all is well.
+    """
+
+    def __init__(self, arm: DeployedArm, tell: Callable[[State], None], changed: Callable[[], None]) -> None:
+        self.problem = "looking for the arm"
+        self._arm, self._tell, self._changed = arm, tell, changed
+        self._address = (arm.bridge.host, arm.bridge.port)
+
+    async def run(self) -> None:
+        """Watch until cancelled."""
+        while True:
+            try:
+                await self._watch()
+            except (QRobotError, OSError) as error:
+                self._say(self._why(error))
+            await asyncio.sleep(RETRY_S)
+
+    async def _watch(self) -> None:
+        reader, writer = await asyncio.open_connection(*self._address)
+        try:
+            client = self._greet(writer)
+            while True:
+                await self._hear(client, reader)
+        finally:
+            writer.close()
+            with suppress(OSError):
+                await writer.wait_closed()
+
+    def _greet(self, writer: asyncio.StreamWriter) -> Client:
+        hello = Hello(ClientRole.OBSERVER, "", "qrobot pendant", PERIOD_US, token_for(*self._address))
+        client = Client(hello, f"the bridge of {self._arm.name}")
+        writer.write(client.greet())
+        return client
+
+    async def _hear(self, client: Client, reader: asyncio.StreamReader) -> None:
+        try:
+            client.take(await asyncio.wait_for(reader.read(CHUNK), SILENCE_S))
+        except TimeoutError:
+            raise client.silence() from None
+        if (state := client.pop_state()) is not None:
+            self._say("")
+            self._tell(state)
+
+    def _why(self, error: Exception) -> str:
+        if isinstance(error, QRobotError) and not isinstance(error, LinkLost):
+            return str(error)
+        where = ":".join(map(str, self._address))
+        return f"no arm {self._arm.name} at {where}: start it with `qrobot up {self._arm.name}`"
+
+    def _say(self, problem: str) -> None:
+        if problem != self.problem:
+            self.problem = problem
+            self._changed()

@@ -1,0 +1,184 @@
+"""All arms of the pendant and all pages that look at them: who may do what, and what each page is told."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from qrobot.errors import MotionError
+from qrobot.pendant.arm_station import ArmStation, monotonic
+from qrobot.pendant.frames import state_frame, vocabulary
+from qrobot.pendant.lease import DriverLease
+from qrobot.pendant.messages import (
+    AnyMessage,
+    PageAct,
+    PageAlive,
+    PageBeat,
+    PageCommand,
+    PageGive,
+    PageHand,
+    PagePressed,
+    PageRecord,
+    PageRelease,
+    PageStop,
+    PageTake,
+)
+from qrobot.pendant.servo_requests import ANYBODY
+from qrobot.wire import State
+
+MOST_FRAMES: Final = 256  # that wait for a page which does not read: some seconds of two arms, then the oldest go
+
+
+class PageView:
+    """Samples and changes that one page has still to be told.
+
+    Attributes:
+        number: of the page, from 1; people know it by it.
+        frames: samples, oldest first.
+        status_due: it has not been told of the newest changes.
+    """
+
+    def __init__(self, number: int, wake: Callable[[], None]) -> None:
+        self.number, self.wake = number, wake
+        self.frames: deque[bytes] = deque(maxlen=MOST_FRAMES)
+        self.status_due = True
+
+    def show(self, frame: bytes) -> None:
+        """A sample to be told."""
+        self.frames.append(frame)
+        self.wake()
+
+    def renew(self) -> None:
+        """Tell of changes."""
+        self.status_due = True
+        self.wake()
+
+
+class DriveFloor:
+    """Everything that pages share.
+
+    Args:
+        clock: seconds.
+
+    Attributes:
+        arms: by number; filled once by whoever builds the pendant.
+    """
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        self.arms: list[ArmStation] = []
+        self._clock, self._lease = clock, DriverLease()
+        self._pages: dict[int, PageView] = {}
+        self._last_page = 0
+
+    # ------------------------------------------------------------------------------------------------------- pages
+
+    def enter(self, wake: Callable[[], None]) -> PageView:
+        """A page has come; `wake` is called when there is something to tell it."""
+        self._last_page += 1
+        page = PageView(self._last_page, wake)
+        self._pages[page.number] = page
+        return page
+
+    def leave(self, page: PageView) -> None:
+        """A page has gone, whatever the reason: what it held is let go, and it drives no longer."""
+        del self._pages[page.number]
+        self._end_driving(page.number)
+
+    def hello(self, page: PageView) -> str:
+        """First words to a page."""
+        return json.dumps({"page": page.number, "arms": [arm.facts for arm in self.arms], **vocabulary()})
+
+    def status(self, page: PageView) -> str:
+        """Changes, as a page is told of them."""
+        page.status_due = False
+        arms = [arm.status for arm in self.arms]
+        return json.dumps({"driver": self._lease.holder, "pages": len(self._pages), "arms": arms})
+
+    def changed(self) -> None:
+        """Something that pages are told of is another."""
+        for page in list(self._pages.values()):
+            page.renew()
+
+    def sampled(self, arm: int, state: State) -> None:
+        """A sample of an arm."""
+        frame = state_frame(arm, state.robot)
+        for page in self._pages.values():
+            page.show(frame)
+
+    def look_at_lease(self) -> None:
+        """End the driving of a page that sleeps; to be called each second."""
+        if self._lease.expire(self._clock()):
+            self._release_all(leave=True)
+
+    # ---------------------------------------------------------------------------------------------------- messages
+
+    def obey(self, page: PageView, message: AnyMessage) -> None:
+        """Do what a page says, if it may."""
+        self._lease.hear(page.number, self._clock())
+        match message:
+            case PageStop():
+                for arm in self.arms:
+                    arm.stop()
+            case PageTake():
+                self._lease.take(page.number, self._clock())
+                self.changed()
+            case PageGive():
+                self._end_driving(page.number)
+            case PageAlive():
+                pass
+            case PageAct(name=name) if name in ANYBODY:
+                self._of(message).requests.act(name)
+            case _ if self._lease.holder != page.number:
+                if not isinstance(message, PageBeat | PageRelease):
+                    self.complain("only the page that drives can do that: press `Drive from here`")
+            case _:
+                self._drive(message)
+
+    def _drive(self, message: Any) -> None:
+        """A message of the page that drives."""
+        match message:
+            case PagePressed():
+                self._press(message)
+            case PageBeat(number=number):
+                self._of(message).worker.say(do="beat", number=number)
+            case PageRelease():
+                self._release_all(leave=False)
+            case PageAct(name=name):
+                self._of(message).requests.act(name)
+            case PageCommand(on=on):
+                self._of(message).take_arm() if on else self._of(message).give_arm()
+            case PageHand(opened=opened):
+                self._of(message).worker.say(do="hand", opened=opened)
+            case PageRecord(name=name):
+                self._of(message).record(name)
+
+    def _press(self, message: PagePressed) -> None:
+        """One arm moves at a time: what was held at another one is let go."""
+        self._release_all(leave=False)
+        self._of(message).worker.say(**message.model_dump(exclude={"arm"}))
+
+    def _of(self, message: Any) -> ArmStation:
+        if not message.arm < len(self.arms):
+            raise MotionError(f"there are {len(self.arms)} arms, none of number {message.arm + 1}")
+        arm: ArmStation = self.arms[message.arm]
+        return arm
+
+    def _end_driving(self, page: int) -> None:
+        if self._lease.give(page):
+            self._release_all(leave=True)
+
+    def _release_all(self, leave: bool) -> None:
+        """Let go of what is held; with `leave` let go of the arms too."""
+        for arm in self.arms:
+            arm.worker.say(do="release")
+            if leave:
+                arm.give_arm()
+        if leave:
+            self.changed()
+
+    def complain(self, text: str) -> None:
+        """Tell every page that something was not done."""
+        for arm in self.arms:
+            arm.tell(text)

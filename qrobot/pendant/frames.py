@@ -1,0 +1,66 @@
+"""Words to a page: the arms once, each sample in a binary frame, everything else as JSON when it changes.
+
+A frame is little-endian: kind, arm, mode, hand (8 bits each), fault, event (16), joint of the event (16, signed), a
+filler (16), flags (32), time in s (64-bit float), then n 32-bit floats each of q, setpoint, velocity and torque. The
+page does the forward kinematics itself, with the rows of `arm_facts`.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.config import Robot
+from qrobot.faultcodes import EXPLANATION
+from qrobot.modecodes import Mode
+from qrobot.model.arm_shape import arm_shape
+from qrobot.units import NS_PER_S
+from qrobot.wire import RobotState
+
+STATE_FRAME: Final = 1
+HEAD: Final = struct.Struct("<BBBBHHhHId")
+
+
+def state_frame(arm: int, state: RobotState) -> bytes:
+    """A sample of arm number `arm` (from 0) as bytes."""
+    joint = max(-1, min(state.event_joint, 0x7FFF))
+    head = HEAD.pack(
+        STATE_FRAME, arm, state.mode & 0xFF, state.hand & 0xFF, state.fault & 0xFFFF, state.event & 0xFFFF, joint, 0,
+        state.flags & 0xFFFFFFFF, state.t_ns / NS_PER_S,
+    )  # fmt: skip
+    return head + np.array([*state.q, *state.q_setpoint, *state.v, *state.tau], dtype="<f4").tobytes()
+
+
+def arm_facts(name: str, robot: Robot, tool_m: tuple[float, float, float]) -> dict[str, Any]:
+    """Facts of an arm that do not change: joints, limits, rows of its table, the cylinders it is drawn by. SI units."""
+    geometry, limits = robot.geometry, robot.limits
+    return {
+        "name": name,
+        "robot": robot.name,
+        "about": robot.about,
+        "joints": list(robot.joint_names),
+        "prismatic": robot.prismatic.tolist(),
+        "dh": np.column_stack([geometry.alpha_rad, geometry.a_m, geometry.d_m, geometry.theta_rad]).tolist(),
+        "base_height": geometry.base_height_m,
+        "tip": [tool_m[0], tool_m[1], tool_m[2] + geometry.flange_m],
+        "q_min": limits.q_min.tolist(),
+        "q_max": limits.q_max.tolist(),
+        "v_max": limits.v_max.tolist(),
+        "tau_max": robot.guard.tau_max.tolist(),
+        "poses": {pose: q.tolist() for pose, q in robot.poses.items()},
+        "shape": [
+            {"frame": part.frame, "T": part.T.ravel().tolist(), "radius": part.radius, "length": part.length,
+             "joint": part.is_joint}
+            for part in arm_shape(robot, tool_m)
+        ],
+    }  # fmt: skip
+
+
+def vocabulary() -> dict[str, Any]:
+    """Names of modes, and of each code its name, what happened and what to do."""
+    return {
+        "modes": {int(mode): mode.name for mode in Mode},
+        "codes": {int(code): [code.name, what, remedy] for code, (what, remedy) in EXPLANATION.items()},
+    }

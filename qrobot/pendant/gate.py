@@ -1,0 +1,133 @@
+"""Gate of the pendant: pure ASGI in front of everything that answers, page, socket.io and telemetry alike.
+
+Whatever a browser on this machine can be made to do by a page from elsewhere ends here. A foreign name that was pointed
+at this machine (DNS rebinding) has another Host, a foreign page another Origin, and whoever does not know the token has
+no cookie. The token stands once in the address; it is answered with a cookie that scripts cannot read and that other
+sites' pages do not send.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from hmac import compare_digest
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Final, TypeAlias
+from urllib.parse import parse_qs
+
+Scope: TypeAlias = MutableMapping[str, Any]
+Receive: TypeAlias = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send: TypeAlias = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+AsgiApp: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+OWN_NAMES: Final = ("127.0.0.1", "localhost", "[::1]")  # any port: a tunnel may end at another one
+COOKIE: Final = "qrobot_pendant"
+TOKEN_PARAMETER: Final = "token"
+POLICY_VIOLATION: Final = 1008  # RFC 6455, section 7.4.1
+# Everything comes from this server: pages cannot ask for anything elsewhere, and nobody can frame them.
+CONTENT_POLICY: Final = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'; base-uri 'self'; "
+    "form-action 'self'"
+)
+ENTRY_PAGE: Final = b"""<!doctype html><meta charset="utf-8"><title>QRobot pendant</title>
+<meta http-equiv="refresh" content="0; url=/"><p>The pendant opens: <a href="/">go on</a>.</p>"""
+_HEADERS: Final = (
+    (b"content-security-policy", CONTENT_POLICY.encode()),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+)
+
+
+class Gate:
+    """Lets in who names this machine, comes from a page of this server and shows the token.
+
+    Args:
+        app: what is behind.
+        token: the secret of this run.
+        names: of this machine, as a browser may call it.
+    """
+
+    def __init__(self, app: AsgiApp, token: str, names: Iterable[str] = OWN_NAMES) -> None:
+        self.app = app
+        self._token = token.encode()
+        self._names = tuple(name.lower() for name in names)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or hand over; see the ASGI specification."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        elif (why := self._objection(scope)) is not None:
+            await _refuse(scope, receive, send, why)
+        elif scope["type"] == "http" and self._shows_token(scope):
+            await self._give_cookie(send)
+        elif not self._has_cookie(scope):
+            await _refuse(scope, receive, send, "no valid token: open the address that `qrobot pendant` has printed")
+        else:
+            await self.app(scope, receive, _with_headers(send))
+
+    def _objection(self, scope: Scope) -> str | None:
+        """Complaint about Host or Origin, None when they are right."""
+        hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            return "this server is not called by that name"
+        if scope["type"] == "websocket" and not origins:
+            return "no Origin: only pages of this server are served here"
+        own = {f"{scheme}://{hosts[0]}".lower() for scheme in ("http", "https")}
+        if len(origins) > 1 or any(origin.lower() not in own for origin in origins):
+            return "the request comes from a page of another server"
+        return None
+
+    def _is_own(self, host: str) -> bool:
+        name, colon, port = host.lower().rpartition(":") if not host.endswith("]") else (host.lower(), "", "")
+        if not colon:
+            name, port = host.lower(), ""
+        return name in self._names and (not port or port.isdecimal())
+
+    def _shows_token(self, scope: Scope) -> bool:
+        shown = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(TOKEN_PARAMETER, [""])
+        return scope["path"] == "/" and self._matches(shown[0])
+
+    def _has_cookie(self, scope: Scope) -> bool:
+        for header in _headers(scope, b"cookie"):
+            try:
+                jar = SimpleCookie(header)
+            except CookieError:
+                continue
+            if COOKIE in jar and self._matches(jar[COOKIE].value):
+                return True
+        return False
+
+    def _matches(self, shown: str) -> bool:
+        return compare_digest(shown.encode(), self._token)
+
+    async def _give_cookie(self, send: Send) -> None:
+        """A page that goes on by itself: a redirection that began elsewhere would not send a strict cookie."""
+        cookie = f"{COOKIE}={self._token.decode()}; HttpOnly; SameSite=Strict; Path=/"
+        headers = [(b"set-cookie", cookie.encode()), (b"content-type", b"text/html"), (b"cache-control", b"no-store")]
+        await send({"type": "http.response.start", "status": 200, "headers": [*headers, *_HEADERS]})
+        await send({"type": "http.response.body", "body": ENTRY_PAGE})
+
+
+def _headers(scope: Scope, name: bytes) -> list[str]:
+    """Values of a header, one for each time it was sent."""
+    return [value.decode("latin-1") for key, value in scope["headers"] if key.lower() == name]
+
+
+def _with_headers(send: Send) -> Send:
+    """Add what a browser has to know to each answer."""
+
+    async def send_with_headers(message: MutableMapping[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            message["headers"] = [*message.get("headers", ()), *_HEADERS]
+        await send(message)
+
+    return send_with_headers
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, why: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()  # the handshake; to close before it is accepted is answered with 403
+        await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": why})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"cache-control", b"no-store")]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": f"refused: {why}\n".encode()})

@@ -1,0 +1,124 @@
+"""The process that moves one arm for the pendant, with an interpreter of its own: pages must not make setpoints late.
+
+It reads lines of JSON from its input and writes some to its output; at the end of its input, whatever the reason, it
+brings the arm to rest and ends.
+
+    {"do": "on"}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3}, {"do": "release"},
+    {"do": "stop"}, {"do": "hand", "opened": true}
+    {"session": "no" | "opening" | "ready", "text": "for people"}
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from qrobot.errors import QRobotError
+from qrobot.pendant.held_press import Press
+from qrobot.pendant.jog_session import JogSession
+from qrobot.rccl.connect import compile_motion
+from qrobot.rci import LinkFactory, TcpLink
+
+STOPPED: Final = "STOP was pressed: the arm holds where it stopped; take it again to go on"
+
+
+class JogProcess:
+    """Sessions of one arm, one after the other.
+
+    Args:
+        robot: name or file of the robot.
+        link: way to its bridge.
+        taught: file of places by name.
+        answers: where lines go.
+    """
+
+    def __init__(self, robot: str, link: LinkFactory, taught: Path, answers: TextIO) -> None:
+        self._robot, self._link, self._taught, self._answers = robot, link, taught, answers
+        self._session: JogSession | None = None
+        self._wanted = threading.Event()
+        self._over = self._stopped = False
+
+    def read(self, lines: Iterable[str]) -> None:
+        """Obey lines until there are no more; for a thread of its own."""
+        for line in lines:
+            self._obey(json.loads(line))
+        self._over = True
+        self._leave()
+        self._wanted.set()
+
+    def run(self) -> None:
+        """Serve until the end of the input."""
+        self._say("no")
+        while not self._over:
+            self._wanted.wait()
+            self._wanted.clear()
+            if not self._over:
+                self._serve()
+
+    def _serve(self) -> None:
+        session = JogSession(
+            self._robot, self._link, self._taught, self._follows, lambda text: self._say("ready", text)
+        )
+        self._session = session
+        self._say("opening")
+        why, self._stopped = "", False
+        try:
+            session.run()
+        except QRobotError as error:
+            why = STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}"
+        self._session = None
+        self._say("no", why)
+
+    def _follows(self) -> None:
+        self._say("ready")
+
+    def _obey(self, message: dict[str, Any]) -> None:
+        session, now_s = self._session, time.monotonic()
+        match message.pop("do"):
+            case "on":
+                self._wanted.set()
+            case "off":
+                self._leave()
+            case "press" if session is not None:
+                session.press.begin(Press(**message), now_s)
+            case "beat" if session is not None:
+                session.press.beat(message["number"], now_s)
+            case "stop" if session is not None:
+                self._stopped = True
+                session.press.end()
+            case "release" if session is not None:
+                session.press.end()
+            case "hand" if session is not None:
+                session.hand(message["opened"])
+
+    def _leave(self) -> None:
+        self._wanted.clear()
+        if self._session is not None:
+            self._session.leave()
+
+    def _say(self, session: str, text: str = "") -> None:
+        try:
+            print(json.dumps({"session": session, "text": text}), file=self._answers, flush=True)
+        except OSError:  # the pendant is gone: the end of the input is near
+            self._over = True
+
+
+def main(robot: str, host: str, port: str, taught: str) -> None:
+    """Serve the pendant that has started this process."""
+    sys.argv[0] = "qrobot pendant"  # how it greets the bridge
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pendant, whose end ends this
+    link: LinkFactory = lambda hello: TcpLink(hello, (host, int(port)))  # noqa: E731
+    process = JogProcess(robot, link, Path(taught), sys.stdout)
+    threading.Thread(target=process.read, args=(sys.stdin,), name="messages", daemon=True).start()
+    compile_motion(robot)
+    process.run()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

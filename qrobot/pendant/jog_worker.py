@@ -1,0 +1,79 @@
+"""The pendant's end of a process that moves an arm (`jog_process`): started when needed, and anew when it has died."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from qrobot.config.deployment import DeployedArm
+
+
+class JogWorker:
+    """Belongs to one arm.
+
+    Args:
+        arm: of the deployment.
+        taught: file of places by name.
+        tell: takes a line for people, "" when only `session` has changed; from another thread.
+
+    Attributes:
+        session: "no", "opening" or "ready".
+    """
+
+    def __init__(self, arm: DeployedArm, taught: Path, tell: Callable[[str], None]) -> None:
+        self.session = "no"
+        self._arm, self._taught, self._tell = arm, taught, tell
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start the process, unless it runs."""
+        if self._process is not None and self._process.poll() is None:
+            return
+        bridge = self._arm.bridge
+        command = [sys.executable, "-m", "qrobot.pendant.jog_process"]
+        command += [self._arm.robot, bridge.host, str(bridge.port), str(self._taught)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert process.stdin is not None
+        os.set_blocking(process.stdin.fileno(), False)  # one that hangs must not keep the pendant waiting
+        self._process = process
+        threading.Thread(target=self._listen, args=(process,), name="pendant-jog", daemon=True).start()
+
+    def say(self, **message: Any) -> None:
+        """Send a message, see `jog_process`; lost when the process does not read, or has gone."""
+        if self._process is None or self._process.stdin is None:
+            return
+        with suppress(BlockingIOError, BrokenPipeError, ValueError):
+            os.write(self._process.stdin.fileno(), json.dumps(message).encode() + b"\n")
+
+    def close(self) -> None:
+        """End the input: the arm is brought to rest, and the process ends. Returns at once."""
+        if self._process is not None and self._process.stdin is not None:
+            with suppress(OSError):
+                self._process.stdin.close()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for the end of the process, for at most so long; one that has not ended is killed."""
+        if self._process is None:
+            return
+        try:
+            self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        with process.stdout as answers:
+            for line in answers:
+                said = json.loads(line)
+                self.session = said["session"]
+                self._tell(said["text"])
+        self.session = "no"
+        self._tell("" if process.wait() == 0 else "the process that moves the arm has ended: take the arm again")

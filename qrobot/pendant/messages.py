@@ -1,0 +1,134 @@
+"""Messages of a page, one JSON object a message. What is not exactly one of these is refused and changes nothing."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from qrobot.errors import RemoteProtocolError
+from qrobot.pendant.held_press import PressTarget
+
+MOST_SHARE: Final = 4.0  # of the speeds at which jogging begins, as `qrobot jog` has it
+MOST_STEP: Final = 100.0  # [A] mm or degrees; rad or m of a joint are far below
+MOST_BYTES: Final = 4096  # of a message
+ArmNumber = Annotated[int, Field(ge=0, le=31)]
+PressNumber = Annotated[int, Field(ge=1, le=2**53)]
+PlaceName = Annotated[str, Field(min_length=1, max_length=40)]
+
+
+class PageMessage(BaseModel):
+    """A closed, frozen JSON object."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class PageAlive(PageMessage):
+    """The page is awake; said each second."""
+
+    do: Literal["alive"]
+
+
+class PageStop(PageMessage):
+    """Stop every arm. Any page may."""
+
+    do: Literal["stop"]
+
+
+class PageTake(PageMessage):
+    """Drive from this page."""
+
+    do: Literal["take"]
+
+
+class PageGive(PageMessage):
+    """Drive no longer."""
+
+    do: Literal["give"]
+
+
+class PageAct(PageMessage):
+    """A request that needs no session, see `servo_requests.ACTIONS`."""
+
+    do: Literal["act"]
+    arm: ArmNumber
+    name: Literal["power on", "power off", "clear", "calibrate", "tare"]
+
+
+class PageCommand(PageMessage):
+    """Take an arm under command, or end it."""
+
+    do: Literal["command"]
+    arm: ArmNumber
+    on: bool
+
+
+class PagePressed(PageMessage):
+    """A button that moves the arm was pressed, see `held_press.Press`."""
+
+    do: Literal["press"]
+    arm: ArmNumber
+    number: PressNumber
+    target: PressTarget
+    name: PlaceName
+    way: Literal[-1, 1] = 1
+    in_base: bool = True
+    share: float = Field(default=1.0, gt=0, le=MOST_SHARE, allow_inf_nan=False, strict=False)
+    step: float = Field(default=0.0, ge=0, le=MOST_STEP, allow_inf_nan=False, strict=False)
+
+
+class PageBeat(PageMessage):
+    """The button of a press is still held."""
+
+    do: Literal["beat"]
+    arm: ArmNumber
+    number: PressNumber
+
+
+class PageRelease(PageMessage):
+    """The button that was held is let go."""
+
+    do: Literal["release"]
+
+
+class PageHand(PageMessage):
+    """Open or close the hand."""
+
+    do: Literal["hand"]
+    arm: ArmNumber
+    opened: bool
+
+
+class PageRecord(PageMessage):
+    """Put where the arm is under a name."""
+
+    do: Literal["record"]
+    arm: ArmNumber
+    name: PlaceName
+
+
+AnyMessage = Annotated[
+    PageAlive
+    | PageStop
+    | PageTake
+    | PageGive
+    | PageAct
+    | PageCommand
+    | PagePressed
+    | PageBeat
+    | PageRelease
+    | PageHand
+    | PageRecord,
+    Field(discriminator="do"),
+]
+_MESSAGE: Final[TypeAdapter[AnyMessage]] = TypeAdapter(AnyMessage)
+
+
+def decode_message(text: str) -> AnyMessage:
+    """A message of a page. Raises RemoteProtocolError: it is none."""
+    if len(text) > MOST_BYTES:
+        raise RemoteProtocolError(f"a message of a page has at most {MOST_BYTES} characters")
+    try:
+        return _MESSAGE.validate_json(text)
+    except ValidationError as error:
+        raise RemoteProtocolError(f"no message of a page: {error.errors()[0]['msg']}") from None

@@ -1,0 +1,113 @@
+"""The pendant's server: pages, live socket and arms in one process, behind the gate."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from functools import partial
+from typing import Final
+
+import uvicorn
+from fastapi import FastAPI
+from starlette.websockets import WebSocket
+
+from qrobot.errors import LinkBusy
+from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.floor import DriveFloor
+from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
+from qrobot.pendant.live_socket import serve_page
+from qrobot.pendant.pages import add_pages
+
+LOOPBACK: Final = "127.0.0.1"  # nothing is encrypted: from elsewhere through a tunnel
+TOKEN_BYTES: Final = 24
+LEASE_LOOK_S: Final = 1.0
+LIVE_PATH: Final = "/live"
+
+
+def make_app(floor: DriveFloor, token: str) -> Gate:
+    """Everything that answers, behind the gate. Once a process: NiceGUI has one application."""
+    app = FastAPI(openapi_url=None, lifespan=partial(_watch_arms, floor))
+
+    async def live(websocket: WebSocket) -> None:
+        await serve_page(floor, websocket)
+
+    app.add_api_websocket_route(LIVE_PATH, live)
+    add_pages(app)
+    return Gate(app, token)
+
+
+def make_token() -> str:
+    """A secret of this run."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def open_port(port: int) -> socket.socket:
+    """A listening socket of this machine, 0 for any port. Raises LinkBusy: somebody has that port."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((LOOPBACK, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise LinkBusy(f"cannot listen at port {port}: {error.strerror}; choose another one with --port") from None
+    return listener
+
+
+def address_of(listener: socket.socket, token: str) -> str:
+    """Address that a browser is to open."""
+    return f"http://{LOOPBACK}:{listener.getsockname()[1]}/?{TOKEN_PARAMETER}={token}"
+
+
+def serve(app: Gate, listener: socket.socket, began: Callable[[], None]) -> None:
+    """Serve until Ctrl-C; `began` is called when pages are answered."""
+    config = uvicorn.Config(  # a page that is closed while it loads is an error to Starlette's middleware: not told
+        app, log_level="critical", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16, ws_ping_interval=5.0,
+        ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on",
+    )  # fmt: skip
+    server = _Server(config, began)
+    with suppress(KeyboardInterrupt):
+        asyncio.run(server.serve([listener]))
+
+
+class _Server(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config, began: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._began = began
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer, and say so."""
+        await super().startup(sockets)
+        self._began()
+
+
+@asynccontextmanager
+async def _watch_arms(floor: DriveFloor, _app: FastAPI) -> AsyncIterator[None]:
+    """Watch every arm while the server runs; at its end arms that are under command are brought to rest."""
+    for arm in floor.arms:
+        arm.worker.start()  # it takes seconds
+    tasks = [asyncio.create_task(arm.watch.run()) for arm in floor.arms]
+    tasks.append(asyncio.create_task(_look_at_lease(floor)))
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.to_thread(_close_all, floor.arms)
+
+
+async def _look_at_lease(floor: DriveFloor) -> None:
+    while True:
+        await asyncio.sleep(LEASE_LOOK_S)
+        floor.look_at_lease()
+
+
+def _close_all(arms: Sequence[ArmStation]) -> None:
+    for arm in arms:
+        arm.worker.close()
+    for arm in arms:
+        arm.close()

@@ -1,0 +1,107 @@
+// What is always in reach: STOP, who drives, how the arm is, and what is wrong with it.
+import { el, setAttribute, setText } from "./dom.js";
+import { link } from "./link.js";
+
+const POWERED = 1, CALIBRATED = 2, ESTOP_OK = 4;
+const TYPING = "input:not([type=checkbox]):not([type=range]), textarea, [contenteditable]";
+
+function watchKeys() {
+  window.addEventListener(
+    "keydown",
+    (event) => {
+      if (event.key !== "Escape" && event.key !== " ") return;
+      if (event.key === " " && event.target.matches?.(TYPING)) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      if (!event.repeat) link.stop();
+    },
+    { capture: true },
+  );
+}
+
+export function makeBar(root) {
+  watchKeys();
+  const arms = el("select", { "aria-label": "arm", onchange: () => { link.release(); link.chosen = arms.selectedIndex; link.tell("chosen"); } });
+  const mode = el("span", { class: "chip", id: "mode" });
+  const power = el("span", { class: "chip", id: "power" });
+  const data = el("span", { class: "chip", id: "data" });
+  const driver = el("span", { class: "chip", id: "driver" });
+  const drive = el("button", { id: "drive", onclick: () => link.say({ do: link.driving ? "give" : "take" }) });
+  const stop = el("button", { class: "stop", id: "stop", "aria-keyshortcuts": "Escape Space" }, "STOP", el("small", {}, "Esc · Space"));
+  stop.addEventListener("pointerdown", () => link.stop());
+  stop.addEventListener("click", (event) => event.detail === 0 && link.stop()); // by the keyboard
+  const fault = el("div", { class: "fault", role: "alert", id: "fault", hidden: true });
+  const notice = el("div", { class: "notice", role: "status", id: "notice", hidden: true });
+  root.append(
+    el("header", { class: "bar" }, el("strong", { class: "brand" }, "QRobot"), arms, mode, power, data, el("span", { class: "gap" }), driver, drive, stop),
+    fault, notice,
+  );
+
+  let seen = -1;
+  const show = () => {
+    const arm = link.arm, status = link.armStatus;
+    const others = !link.open ? "—" : link.driving ? "✔ you drive" : link.status?.driver ? `page ${link.status.driver} drives` : "nobody drives";
+    setText(driver, link.open ? `${others} · you are page ${link.page}` : "no pendant");
+    setText(drive, link.driving ? "Give up driving" : "Drive from here");
+    drive.disabled = !link.open || (!link.driving && Boolean(link.status?.driver));
+    setAttribute(drive, "data-on", link.driving);
+    showArm(arm, status);
+    if (status && status.notices !== seen) {
+      notice.hidden = !status.notice || seen === -1;
+      setText(notice, `ℹ ${status.notice}`);
+      seen = status.notices;
+    }
+  };
+
+  const showArm = (arm, status) => {
+    const fresh = arm && link.fresh(arm);
+    const state = arm?.state;
+    setAttribute(document.body, "data-stale", !fresh);
+    setText(data, fresh ? "● live" : "○ no data");
+    setAttribute(data, "data-level", fresh ? "good" : "bad");
+    setText(mode, fresh ? link.modeOf(state) : "unknown");
+    setAttribute(mode, "data-level", fresh ? levelOf(link.modeOf(state)) : "off");
+    setText(power, !fresh ? "power ?" : state.flags & POWERED ? "⚡ power on" : "power off");
+    setAttribute(power, "data-level", fresh && state.flags & POWERED ? "live" : "off");
+    showFault(fresh ? state : null, arm, status);
+  };
+
+  const showFault = (state, arm, status) => {
+    const lines = [];
+    if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself."]);
+    else if (status?.problem) lines.push(["✖ No arm", status.problem]);
+    else if (state) {
+      const code = state.fault || state.event;
+      if (code) {
+        const [name, what, remedy] = link.words.codes[code] ?? [`code ${code}`, "unknown to this version", "see the documentation"];
+        const joint = state.joint >= 0 ? `joint ${state.joint + 1} (${arm.facts.joints[state.joint]}): ` : "";
+        lines.push([`${state.fault ? "✖ FAULT" : "⚠ Last event"} ${name}`, `${joint}${what}. What to do: ${remedy.replaceAll("`", "")}.`]);
+      }
+      if (!(state.flags & ESTOP_OK)) lines.push(["✖ Emergency stop", "It is pressed."]);
+      if (!(state.flags & CALIBRATED)) lines.push(["⚠ Not calibrated", "Positions are not true: calibrate the arm before it moves."]);
+    }
+    setAttribute(fault, "data-level", state && !state.fault ? "warn" : "bad");
+    fault.hidden = lines.length === 0;
+    const text = JSON.stringify(lines);
+    if (fault.dataset.text !== text) {
+      fault.dataset.text = text;
+      fault.replaceChildren(...lines.map(([head, rest]) => el("p", {}, el("b", {}, head), " ", rest)));
+    }
+  };
+
+  link.addEventListener("hello", () => {
+    seen = -1;
+    arms.replaceChildren(...link.arms.map((arm) => el("option", {}, arm.facts.name)));
+    arms.selectedIndex = link.chosen;
+    arms.hidden = link.arms.length < 2;
+    show();
+  });
+  for (const name of ["status", "chosen"]) link.addEventListener(name, show);
+  setInterval(show, 100);
+}
+
+function levelOf(mode) {
+  if (mode === "FAULT") return "bad";
+  if (mode === "TRACKING" || mode === "STOPPING" || mode === "CALIBRATING") return "live";
+  return mode === "HOLDING" ? "good" : "off";
+}

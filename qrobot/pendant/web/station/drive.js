@@ -1,0 +1,162 @@
+// The tab Drive: the arms, their joints and tool with a button each way, power, hand.
+import { el, setAttribute, setText } from "./dom.js";
+import { holdButton } from "./hold.js";
+import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
+import { link } from "./link.js";
+import { View } from "./view3d.js";
+
+const AXES = [["dx", "X", "mm"], ["dy", "Y", "mm"], ["dz", "Z", "mm"], ["rx", "about x", "°"], ["ry", "about y", "°"], ["rz", "about z", "°"]];
+const SHOWN = [0, 1, 2, 5, 4, 3]; // of x y z roll pitch yaw (about z, y, x), in the order of AXES
+const SHARES = [["0.1", "slowest"], ["0.25", "slow"], ["0.5", "half"], ["1", "normal"], ["2", "fast"], ["4", "fastest"]];
+const STEPS = [["0", "while held"], ["0.1", "0.1 mm or °"], ["1", "1 mm or °"], ["10", "10 mm or °"]];
+const AXIS_KEYS = { x: 0, y: 1, z: 2, u: 3, v: 4, w: 5 };
+const TYPING = "input, textarea, select, [contenteditable]";
+const MAY_POWER = ["OFF"], MAY_CLEAR = ["FAULT"];
+
+function select(label, options, chosen) {
+  const made = el("select", { "aria-label": label }, ...options.map(([value, text]) => el("option", { value }, text)));
+  made.value = chosen;
+  return made;
+}
+
+export function makeDrive(root) {
+  const scene = el("section", { class: "scene", id: "scene" });
+  const side = el("section", { class: "side" });
+  root.append(scene, side);
+  const view = new View(scene);
+  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool"));
+  link.view = view;
+
+  const speed = select("speed of the jog", SHARES, "0.5");
+  const step = select("length of a jog", STEPS, "0");
+  const frame = select("axes of the jog", [["base", "axes of the base"], ["tool", "axes of the last link"]], "base");
+  const how = () => ({ share: Number(speed.value) });
+  const joints = el("div", { class: "rows" });
+  const tool = el("div", { class: "rows axes" });
+  side.append(
+    powerCard(),
+    el("div", { class: "card" }, el("h2", {}, "Joints"), joints),
+    el("div", { class: "card" }, el("h2", {}, "Tool"), tool),
+    el("div", { class: "card options" }, el("label", {}, "Speed ", speed), el("label", {}, "Step ", step), el("label", {}, "Along ", frame)),
+    el("p", { class: "hint" }, "Keys as in qrobot jog: 1 2 … choose a joint, x y z u v w an axis; hold . or , to move. Esc or Space stops."),
+  );
+
+  let rows = [], cells = [], picked = 0;
+  const askJoint = (j, way) => {
+    const length = Number(step.value);
+    const inUnits = link.arm.facts.prismatic[j] ? length / 1000 : (length * Math.PI) / 180;
+    return { target: "joint", name: String(j + 1), way, step: inUnits, ...how() };
+  };
+  const askAxis = (a, way) => ({ target: "axis", name: AXES[a][0], way, in_base: frame.value === "base", step: Number(step.value), ...how() });
+  const askPicked = (way) => (picked < rows.length ? askJoint(picked, way) : askAxis(picked - rows.length, way));
+  const pick = (k) => {
+    picked = k;
+    [...rows, ...cells].forEach((row, at) => setAttribute(row.row, "data-picked", at === k));
+  };
+
+  const build = () => {
+    view.setArms(link.arms.map((arm) => arm.facts));
+    const facts = link.arm.facts;
+    rows = facts.joints.map((name, j) => jointRow(facts, name, j, askJoint));
+    cells = AXES.map(([, title, axisUnit], a) => axisRow(title, axisUnit, a, askAxis));
+    joints.replaceChildren(...rows.map((row) => row.row));
+    tool.replaceChildren(...cells.map((row) => row.row));
+    pick(0);
+  };
+
+  let due = false;
+  link.addEventListener("hello", build);
+  link.addEventListener("chosen", build);
+  link.addEventListener("sample", () => {
+    link.arms.forEach((arm, k) => {
+      if (arm.state && arm.drawn !== arm.state) view.show(k, (arm.drawn = arm.state));
+    });
+    if (due || root.hidden) return;
+    due = true;
+    requestAnimationFrame(() => {
+      due = false;
+      const state = link.arm?.state;
+      if (!state || !rows.length) return;
+      rows.forEach((row) => row.show(state));
+      const pose = place(lastFrame(link.arm.facts, state.q));
+      cells.forEach((cell, a) => cell.show(pose[SHOWN[a]]));
+    });
+  });
+
+  window.addEventListener("keydown", (event) => {
+    if (root.hidden || event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.(TYPING)) return;
+    if (event.key === "." || event.key === ",") {
+      const { target, name, ...extra } = askPicked(event.key === "." ? 1 : -1);
+      link.hold(target, name, extra);
+    } else if (event.key in AXIS_KEYS) pick(rows.length + AXIS_KEYS[event.key]);
+    else if (event.key === "b") frame.value = "base";
+    else if (event.key === "t") frame.value = "tool";
+    else if (Number(event.key) >= 1 && Number(event.key) <= rows.length) pick(Number(event.key) - 1);
+  });
+  window.addEventListener("keyup", (event) => (event.key === "." || event.key === ",") && link.release());
+  link.tipOnScreen = (k = 0) => view.project(k, tip(link.arms[k].facts, link.arms[k].state.q).toArray());
+}
+
+function jointRow(facts, name, j, ask) {
+  const fill = el("span", { class: "needle" });
+  const ghost = el("span", { class: "needle ghost" });
+  const number = el("output", { class: "number" });
+  const low = shown(facts, j, facts.q_min[j]), high = shown(facts, j, facts.q_max[j]);
+  const bar = el("div", { class: "track", role: "meter", "aria-label": `joint ${j + 1} ${name}`, "aria-valuemin": low.toFixed(0), "aria-valuemax": high.toFixed(0) }, ghost, fill);
+  const ends = el("span", { class: "ends" }, el("i", {}, low.toFixed(0)), el("i", {}, high.toFixed(0)));
+  const warn = el("span", { class: "warn" });
+  const row = el(
+    "div", { class: "row" },
+    holdButton("−", `joint ${j + 1} ${name} backwards`, () => ask(j, -1)),
+    el("div", { class: "middle" }, el("div", { class: "names" }, el("span", {}, `${j + 1} ${name.replaceAll("_", " ")}`), warn, number), bar, ends),
+    holdButton("+", `joint ${j + 1} ${name} forwards`, () => ask(j, 1)),
+  );
+  const share = (value) => Math.min(Math.max((value - facts.q_min[j]) / (facts.q_max[j] - facts.q_min[j]), 0), 1);
+  const show = (state) => {
+    const at = share(state.q[j]);
+    fill.style.left = `${100 * at}%`;
+    ghost.style.left = `${100 * share(state.setpoint[j])}%`;
+    setText(number, `${digits(shown(facts, j, state.q[j]), facts.prismatic[j] ? 1 : 2)} ${unit(facts, j)}`);
+    setAttribute(bar, "aria-valuenow", shown(facts, j, state.q[j]).toFixed(0));
+    setText(warn, at < 0.03 || at > 0.97 ? "⚠ near its end" : "");
+  };
+  return { row, show };
+}
+
+function axisRow(title, axisUnit, a, ask) {
+  const number = el("output", { class: "number" });
+  const row = el(
+    "div", { class: "row" },
+    holdButton("−", `${title} backwards`, () => ask(a, -1)),
+    el("div", { class: "middle names" }, el("span", {}, title), number),
+    holdButton("+", `${title} forwards`, () => ask(a, 1)),
+  );
+  return { row, show: (value) => setText(number, `${digits(value, 1)} ${axisUnit}`) };
+}
+
+function powerCard() {
+  const on = el("button", { id: "power-on", onclick: () => link.act("power on") }, "⚡ Power on");
+  const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
+  const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
+  const take = el("button", { id: "take", onclick: () => link.say({ do: "command", arm: link.chosen, on: link.armStatus.session === "no" }) });
+  const open = el("button", { onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open hand");
+  const close = el("button", { onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close hand");
+  const hand = el("span", { class: "chip" });
+  const show = () => {
+    const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
+    const mode = state ? link.modeOf(state) : "";
+    const session = link.armStatus?.session ?? "no";
+    on.disabled = !link.driving || session !== "no" || !MAY_POWER.includes(mode);
+    off.disabled = !link.open || !state || !(state.flags & 1);
+    clear.disabled = !link.driving || !MAY_CLEAR.includes(mode);
+    take.disabled = !link.driving || !state || (session === "no" && mode !== "HOLDING" && mode !== "OFF");
+    setText(take, { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
+    setAttribute(take, "data-on", session === "ready");
+    open.disabled = close.disabled = session !== "ready" || !link.driving;
+    setText(hand, state ? `hand ${["relaxed", "open", "closed"][state.hand] ?? "?"}` : "hand ?");
+  };
+  for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
+  setInterval(show, 100);
+  show();
+  return el("div", { class: "card buttons" }, on, off, clear, take, open, close, hand);
+}

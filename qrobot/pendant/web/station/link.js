@@ -1,0 +1,144 @@
+// The connection of this page to the pendant: samples of the arms, what has changed, and what is asked for.
+
+const HEAD_BYTES = 24;
+const BEAT_MS = 50; // a button that is held is told of so often; see held_press.py
+const ALIVE_MS = 1000;
+const RETRY_MS = 500;
+const STALE_MS = 500; // without a sample for so long the picture is old
+const KEEP = 2200; // samples, a minute at 28 ms
+
+class Link extends EventTarget {
+  constructor() {
+    super();
+    this.arms = []; // {facts, state, at, history}
+    this.words = { modes: {}, codes: {} };
+    this.status = null;
+    this.page = 0;
+    this.chosen = 0; // number of the arm that the page is about
+    this.open = false;
+    this.press = null; // {arm, number} while a button is held
+    this.presses = 0;
+    this.connect();
+    setInterval(() => this.say({ do: "alive" }), ALIVE_MS);
+    setInterval(() => this.beat(), BEAT_MS);
+  }
+
+  connect() {
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = (event) => (typeof event.data === "string" ? this.hear(JSON.parse(event.data)) : this.sample(event.data));
+    socket.onclose = () => {
+      this.open = false;
+      this.press = null;
+      this.status = null;
+      this.tell("status");
+      setTimeout(() => this.connect(), RETRY_MS);
+    };
+    this.socket = socket;
+  }
+
+  tell(name) {
+    this.dispatchEvent(new Event(name));
+  }
+
+  say(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  hear(message) {
+    if (message.page) {
+      this.page = message.page;
+      this.presses = 0;
+      this.words = { modes: message.modes, codes: message.codes };
+      this.arms = message.arms.map((facts) => ({ facts, state: null, at: -Infinity, history: [] }));
+      this.chosen = Math.min(this.chosen, this.arms.length - 1);
+      this.open = true;
+      this.tell("hello");
+    } else {
+      this.status = message;
+      this.tell("status");
+    }
+  }
+
+  sample(data) {
+    const view = new DataView(data);
+    const arm = this.arms[view.getUint8(1)];
+    if (!arm) return;
+    const n = arm.facts.joints.length;
+    const row = (k) => new Float32Array(data, HEAD_BYTES + 4 * n * k, n);
+    const state = {
+      mode: view.getUint8(2), hand: view.getUint8(3), fault: view.getUint16(4, true), event: view.getUint16(6, true),
+      joint: view.getInt16(8, true), flags: view.getUint32(12, true), t: view.getFloat64(16, true),
+      q: row(0), setpoint: row(1), v: row(2), tau: row(3),
+    };
+    if (arm.state && state.t < arm.state.t) arm.history.length = 0; // another servo
+    arm.state = state;
+    arm.at = performance.now();
+    arm.history.push(state);
+    if (arm.history.length > KEEP + 200) arm.history.splice(0, 200);
+    this.tell("sample");
+  }
+
+  get arm() {
+    return this.arms[this.chosen];
+  }
+
+  get armStatus() {
+    return this.status ? this.status.arms[this.chosen] : null;
+  }
+
+  get driving() {
+    return this.open && this.status !== null && this.status.driver === this.page;
+  }
+
+  get ready() {
+    return this.driving && this.armStatus.session === "ready";
+  }
+
+  fresh(arm) {
+    return this.open && performance.now() - arm.at < STALE_MS;
+  }
+
+  modeOf(state) {
+    return this.words.modes[state.mode] ?? `MODE ${state.mode}`;
+  }
+
+  // ------------------------------------------------------------------------------------------------ what moves the arm
+
+  stop() {
+    this.release();
+    this.say({ do: "stop" });
+    this.tell("stop");
+  }
+
+  hold(target, name, extra) {
+    if (!this.ready) return false;
+    this.release();
+    this.presses += 1;
+    this.press = { arm: this.chosen, number: this.presses };
+    this.say({ do: "press", ...this.press, target, name, ...extra });
+    this.tell("press");
+    return true;
+  }
+
+  beat() {
+    if (this.press) this.say({ do: "beat", ...this.press });
+  }
+
+  release() {
+    if (!this.press) return;
+    this.press = null;
+    this.say({ do: "release" });
+    this.tell("press");
+  }
+
+  act(name) {
+    this.say({ do: "act", arm: this.chosen, name });
+  }
+}
+
+export const link = new Link();
+
+// However the page loses what is held, the arm is let go.
+for (const name of ["blur", "pagehide", "pointerup", "pointercancel"]) window.addEventListener(name, () => link.release());
+document.addEventListener("visibilitychange", () => document.hidden && link.release());

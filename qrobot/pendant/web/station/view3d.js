@@ -1,0 +1,159 @@
+// The arms in three dimensions: as measured, their setpoints as ghosts, and the way their tools have come.
+import { THREE, OrbitControls } from "nicegui-scene";
+import { el } from "./dom.js";
+import { linkFrame, tip } from "./kinematics.js";
+
+const TRAIL = 1100; // samples, half a minute
+const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b;
+const SEPARATION = 1.6; // m between arms that stand side by side
+
+class ArmFigure {
+  constructor(facts, x) {
+    this.facts = facts;
+    this.root = new THREE.Group();
+    this.root.position.set(x, 0, facts.base_height);
+    this.solid = this.build((part) => new THREE.MeshStandardMaterial({ color: part.joint ? JOINT : LINK, roughness: 0.6 }));
+    this.ghost = this.build(() => new THREE.MeshBasicMaterial({ color: GHOST, wireframe: true, transparent: true, opacity: 0.18 }));
+    this.solid[facts.joints.length].add(marker(facts));
+    this.points = new Float32Array(3 * TRAIL);
+    this.count = 0;
+    this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACE }));
+    this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(this.points, 3));
+    this.trail.frustumCulled = false;
+    this.root.add(this.trail);
+  }
+
+  build(material) {
+    const frames = [new THREE.Group()];
+    this.root.add(frames[0]);
+    for (let j = 0; j < this.facts.joints.length; j++) {
+      const frame = new THREE.Group();
+      frame.matrixAutoUpdate = false;
+      frames[j].add(frame);
+      frames.push(frame);
+    }
+    for (const part of this.facts.shape) frames[part.frame].add(cylinder(part, material(part)));
+    return frames;
+  }
+
+  pose(frames, q) {
+    for (let j = 0; j < q.length; j++) linkFrame(this.facts, j, q[j], frames[j + 1].matrix);
+  }
+
+  show(state, follow = true) {
+    this.pose(this.solid, state.q);
+    this.pose(this.ghost, state.setpoint);
+    if (follow) this.extend(tip(this.facts, state.q));
+  }
+
+  extend(point) {
+    if (this.count === TRAIL) {
+      this.points.copyWithin(0, 3);
+      this.count -= 1;
+    }
+    point.toArray(this.points, 3 * this.count);
+    this.count += 1;
+    this.trail.geometry.attributes.position.needsUpdate = true;
+    this.trail.geometry.setDrawRange(0, this.count);
+  }
+
+  clearTrail() {
+    this.count = 0;
+    this.trail.geometry.setDrawRange(0, 0);
+  }
+}
+
+function cylinder(part, material) {
+  const mesh = new THREE.Mesh(new THREE.CylinderGeometry(part.radius, part.radius, part.length, 28), material);
+  mesh.rotation.x = Math.PI / 2; // three.js has the axis along y, we along z
+  const holder = new THREE.Group();
+  holder.matrixAutoUpdate = false;
+  holder.matrix.set(...part.T);
+  holder.add(mesh);
+  return holder;
+}
+
+// The tip of the tool: a ball, and the axes of its frame.
+function marker(facts) {
+  const group = new THREE.Group();
+  group.position.set(...facts.tip);
+  group.add(new THREE.Mesh(new THREE.SphereGeometry(0.022, 16, 12), new THREE.MeshBasicMaterial({ color: TOOL })));
+  group.add(new THREE.AxesHelper(0.14));
+  return group;
+}
+
+function scenery(scene) {
+  scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
+  const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+  sun.position.set(2, -3, 4);
+  scene.add(sun);
+  const grid = new THREE.GridHelper(6, 24, 0x8fa3b8, 0xc3cdd8);
+  grid.rotation.x = Math.PI / 2;
+  scene.add(grid);
+  const axes = new THREE.AxesHelper(0.4);
+  axes.position.z = 0.002;
+  scene.add(axes);
+}
+
+export class View {
+  constructor(element) {
+    this.element = element;
+    this.canvas = el("canvas", { "aria-label": "the arms in three dimensions; drag to turn, pinch or wheel to come nearer", tabindex: "-1" });
+    element.append(this.canvas);
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(0xeef2f6);
+    this.camera = new THREE.PerspectiveCamera(38, 1, 0.05, 40);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, this.canvas);
+    this.controls.addEventListener("change", () => (this.due = true));
+    this.figures = [];
+    this.due = true;
+    scenery(this.scene);
+    new ResizeObserver(() => this.resize()).observe(element);
+    const draw = () => {
+      requestAnimationFrame(draw);
+      if (this.due && element.offsetParent !== null) this.draw();
+    };
+    draw();
+  }
+
+  setArms(all) {
+    for (const figure of this.figures) this.scene.remove(figure.root);
+    this.figures = all.map((facts, k) => new ArmFigure(facts, SEPARATION * (k - (all.length - 1) / 2)));
+    for (const figure of this.figures) this.scene.add(figure.root);
+    const height = Math.max(...all.map((facts) => facts.base_height));
+    this.camera.position.set(1.7, -2.2 - 0.9 * (all.length - 1), height + 0.75);
+    this.controls.target.set(0.2, 0, height - 0.05);
+    this.controls.update();
+    this.due = true;
+  }
+
+  show(k, state, follow = true) {
+    this.figures[k]?.show(state, follow);
+    this.due = true;
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.due = true;
+  }
+
+  draw() {
+    this.due = false;
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  // Where a point of an arm's base frame is on the canvas, as shares of its width and height from the top left.
+  project(k, point) {
+    this.scene.updateMatrixWorld(true);
+    this.camera.updateMatrixWorld(true);
+    const at = new THREE.Vector3(...point).applyMatrix4(this.figures[k].root.matrixWorld).project(this.camera);
+    return [(at.x + 1) / 2, (1 - at.y) / 2];
+  }
+}

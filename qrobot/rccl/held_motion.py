@@ -1,0 +1,155 @@
+"""Motions of an arm that last as long as something is held: one joint, along or about one axis, or to a place.
+
+Whatever is held, a key of a terminal or a button of a page, is asked for at each sample. A release is heeded twice:
+this program brakes the arm on its path, and the servo stops it by itself when it does not hear of the key, or of a
+brake that has not ended after `BRAKE_MS` (`servo.checks.hold_to_run`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final, Generic, TypeVar
+
+from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
+from qrobot.motion import Termination
+from qrobot.rccl.arguments import small_move
+from qrobot.rccl.channel import Channel
+from qrobot.rccl.jog import SETTLING_MS, measure, moved_by, position_of
+from qrobot.rccl.position import Position
+from qrobot.rccl.trace import reason_of
+from qrobot.rccl.transforms import newtrans
+from qrobot.units import DEG_PER_RAD, MM_PER_M
+
+JOINT_RAD_S, AXIS_MM_S, AXIS_DEG_S = 0.1, 50.0, 10.0  # at a share of 1 [A]
+PIECE_S: Final = 0.4  # [A] of a straight path: so far ahead it is planned
+AHEAD: Final = 2  # pieces that wait
+MARGIN: Final = 0.01  # rad or m that a joint stays away from its ends
+BRAKE_MS: Final = 500.0  # [A] from the release to rest
+
+HeldT = TypeVar("HeldT")
+
+
+class HeldMotion(Generic[HeldT]):
+    """Moves an arm while the same thing is held.
+
+    Args:
+        arm: under control, at rest, with a sample period of 60 ms at most. Its stream moves by a key from now on.
+        look: what is held, None for nothing; called at each sample, it must not wait.
+
+    Attributes:
+        held: what was held at the newest sample.
+    """
+
+    def __init__(self, arm: Channel, look: Callable[[], HeldT | None]) -> None:
+        self.held: HeldT | None = None
+        self._arm, self._look = arm, look
+        self._brake_until_ms = 0.0
+        arm.chg.hold_to_run = True
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Tell the servo at each sample of the block whether the arm may move."""
+        self._arm.each_sample(self._tell_servo)
+        try:
+            yield
+        finally:
+            self._arm.each_sample(None)
+            self._arm.chg.key_held = False
+
+    def turn_joint(self, joint: int, way: float, share: float, step: float = 0.0) -> None:
+        """Turn or slide `joint` (from 0), by `step` rad or m, or for 0 towards the end of its range.
+
+        Raises:
+            MotionError: the arm cannot go on. LinkError, ServoFault: it is lost.
+        """
+        with self._brought_to_rest():
+            goal, arm = self._arm.joints, self._arm
+            goal[joint] = self._end_of(joint, goal[joint], way, step)
+            arm.setmode("joint")
+            arm.setjvel(JOINT_RAD_S * share)
+            self._follow(arm.jposition(f"joint {joint + 1}", goal.tolist()))
+
+    def go_along(self, axis: str, way: float, share: float, in_base: bool, step: float = 0.0) -> None:
+        """Go straight along an axis (dx dy dz) or turn about it (rx ry rz), by `step` mm or degrees, 0 for on and on.
+
+        Raises what `turn_joint` raises.
+        """
+        speed = (AXIS_DEG_S if axis.startswith("r") else AXIS_MM_S) * share
+        piece = small_move(axis, (way * (step or speed * PIECE_S),))
+        with self._brought_to_rest():
+            value = measure(self._arm, "HERE").value
+            self._go_straight(share)
+            pieces: list[Position] = []
+            while self._goes_on(pieces) and not (step and pieces):
+                value = moved_by(value, piece, in_base)
+                goal = newtrans("JOG")
+                goal.set(value)
+                pieces.append(position_of(goal))
+                self._arm.move(pieces[-1])
+                self._arm.waitas(lambda: self._arm.nbrequest < AHEAD or not self._goes_on(pieces))
+            self._until_done(pieces)
+
+    def go_to(self, position: Position, share: float) -> None:
+        """Go to a place by a joint motion. Raises what `turn_joint` raises."""
+        with self._brought_to_rest():
+            self._arm.setmode("joint")
+            self._arm.setjvel(JOINT_RAD_S * share)
+            self._follow(position)
+
+    def _tell_servo(self) -> None:
+        self.held = self._look()
+        self._arm.chg.key_held = self.held is not None or self._arm.time < self._brake_until_ms
+
+    @contextmanager
+    def _brought_to_rest(self) -> Iterator[None]:
+        """Begin with what is held now; afterwards brake, and wait until the arm is at rest, unless it is lost."""
+        self._begun, failure = self.held, None
+        try:
+            yield
+        except (LinkError, ServoFault):
+            raise
+        except QRobotError as error:
+            failure = error
+        self._brake_until_ms = self._arm.time + BRAKE_MS
+        if not self._arm.completed.count:
+            self._arm.stop()
+        self._rest()
+        if failure is not None:
+            raise failure
+
+    def _rest(self) -> None:
+        self._arm.waitfor(self._arm.completed)
+        settled_ms = self._arm.time + SETTLING_MS
+        self._arm.waitas(lambda: self._arm.time >= settled_ms)
+        self._brake_until_ms = 0.0
+
+    def _end_of(self, joint: int, place: float, way: float, step: float) -> float:
+        """Goal of a joint, degrees or mm, from `place`: never beyond its range less the margin."""
+        limits = self._arm.robot.limits
+        per_unit = MM_PER_M if self._arm.robot.prismatic[joint] else DEG_PER_RAD
+        low, high = (limits.q_min[joint] + MARGIN) * per_unit, (limits.q_max[joint] - MARGIN) * per_unit
+        end = high if way > 0.0 else low
+        if not step:
+            return float(end)
+        goal = place + way * step * per_unit
+        return float(min(goal, max(place, high)) if way > 0.0 else max(goal, min(place, low)))
+
+    def _go_straight(self, share: float) -> None:
+        self._arm.setmode("cartesian")
+        self._arm.setvel(AXIS_MM_S * share, AXIS_DEG_S * share)
+
+    def _follow(self, position: Position) -> None:
+        self._arm.move(position)
+        self._until_done([position])
+
+    def _until_done(self, pieces: list[Position]) -> None:
+        """Wait until all is let go, or the arm is at rest where it was to go: a stop before would change the place."""
+        self._arm.waitas(lambda: not self._goes_on(pieces) or self._arm.completed.count)
+
+    def _goes_on(self, pieces: list[Position]) -> bool:
+        """The same is held, and no piece has ended before its goal. Raises MotionError with why one has."""
+        for piece in pieces:
+            if piece.code not in (Termination.NONE, Termination.COMPLETED):
+                raise MotionError(f"the arm cannot go on: {reason_of(piece.code)}")
+        return self.held is not None and self.held == self._begun

@@ -1,0 +1,197 @@
+"""The pendant in a real browser, against the processes of a running arm."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from qrobot.modecodes import Mode
+from qrobot.pendant.gate import COOKIE
+from tests.support.browser import open_browser
+from tests.support.patience import PATIENCE_S, give_time, wait_until
+from tests.support.processes import RunningArm, qrobot
+
+pytestmark = pytest.mark.realtime
+
+FAR_RAD = 0.02
+STILL_S = 0.4
+STALL_MS = 700
+PLUS_OF_JOINT_1 = 1  # of the buttons to hold
+TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
+AROUND_PX = 14
+
+
+class Pendant:
+    """`qrobot pendant` of one arm, and what its address tells."""
+
+    def __init__(self, arm: RunningArm, folder: Path) -> None:
+        self.process = qrobot(
+            "pendant", "--deployment", arm.deployment, "--arm", arm.name, "--port", "0", "--taught", folder / "t.db",
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.address = self.process.stdout.readline().strip()
+        self.host, _, query = self.address.removeprefix("http://").partition("/?")
+        self.cookie = f"{COOKIE}={query.removeprefix('token=')}"
+
+    def status_of(self, path: str, **headers: str) -> int:
+        """Status with which a request is answered."""
+        connection = http.client.HTTPConnection(self.host, timeout=PATIENCE_S)
+        connection.request("GET", path, headers={"Host": self.host, **headers})
+        status = connection.getresponse().status
+        connection.close()
+        return status
+
+    def status_of_socket(self, path: str, origin: str, cookie: str) -> int:
+        """The same of a WebSocket; 101 when it opens."""
+        try:
+            with connect(f"ws://{self.host}{path}", origin=origin, additional_headers={"Cookie": cookie}):  # type: ignore[arg-type]
+                return 101
+        except InvalidStatus as refusal:
+            return refusal.response.status_code
+
+
+class Page:
+    """A browser with the pendant's page in it."""
+
+    def __init__(self, driver: Any, address: str) -> None:
+        self.driver = driver
+        driver.get(address)
+        wait_until(lambda: self.run("return window.pendant?.arm?.history.length > 3"), "the page shows the arm")
+
+    def run(self, script: str) -> Any:
+        return self.driver.execute_script(script)
+
+    def click(self, identity: str) -> None:
+        wait_until(lambda: self.driver.find_element("id", identity).is_enabled(), identity)
+        self.driver.find_element("id", identity).click()
+
+    def drive(self) -> None:
+        """Take the lease and the arm."""
+        self.click("drive")
+        wait_until(lambda: self.run("return pendant.driving"), "this page drives")
+        self.click("take")
+        wait_until(lambda: self.run("return pendant.ready"), "the arm follows")
+
+    def press(self) -> None:
+        button = self.driver.find_elements("css selector", ".hold")[PLUS_OF_JOINT_1]
+        ActionChains(self.driver).click_and_hold(button).perform()
+
+    def let_go(self) -> None:
+        ActionChains(self.driver).release().perform()
+
+
+@pytest.fixture
+def pendant(arm: RunningArm, tmp_path: Path) -> Iterator[Pendant]:
+    arm.wait_for_rest()
+    pendant = Pendant(arm, tmp_path)
+    yield pendant
+    pendant.process.send_signal(signal.SIGINT)
+    pendant.process.communicate(timeout=PATIENCE_S)
+
+
+def moves(arm: RunningArm) -> None:
+    began = arm.snapshot().q[0]
+    wait_until(lambda: arm.snapshot().q[0] > began + FAR_RAD, "the arm moves")
+
+
+def is_at_rest(arm: RunningArm) -> bool:
+    before = arm.snapshot().q_setpoint[0]
+    give_time(STILL_S)
+    return bool(arm.snapshot().q_setpoint[0] == before)
+
+
+def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_no_longer(
+    arm: RunningArm, pendant: Pendant
+) -> None:
+    with open_browser() as driver, open_browser() as other:
+        page = Page(driver, pendant.address)
+        assert page.driver.current_url.startswith(f"http://{pendant.host}/#")  # the token has left the address
+        the_arm_is_seen_where_its_kinematics_says(page)
+        every_tab_opens(page)
+        page.drive()
+        page.press()
+        moves(arm)
+        page.let_go()
+        wait_until(lambda: is_at_rest(arm), "at rest once it is let go")
+
+        watcher = Page(other, pendant.address)
+        assert not watcher.run("return pendant.driving")
+        assert not other.find_element("id", "drive").is_enabled()
+        watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
+        assert is_at_rest(arm)
+
+        page.press()
+        moves(arm)
+        page.run(f"const t = performance.now(); while (performance.now() - t < {STALL_MS});")
+        assert page.run("return pendant.press !== null")  # the button is still down
+        wait_until(lambda: is_at_rest(arm), "at rest since the page stalled")
+        give_time(STILL_S)
+        assert is_at_rest(arm)
+        page.let_go()
+
+        page.press()
+        moves(arm)
+        watcher.driver.find_element("tag name", "body").send_keys(Keys.ESCAPE)  # anybody may stop
+        arm.wait_for(Mode.HOLDING)
+        wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "the page is told")
+        page.let_go()
+
+        page.click("take")
+        wait_until(lambda: page.run("return pendant.ready"), "the arm follows again")
+        page.press()
+        moves(arm)
+        os.kill(driver.capabilities["goog:processID"], signal.SIGKILL)
+        wait_until(lambda: is_at_rest(arm), "at rest since the browser has gone")
+
+
+def every_tab_opens(page: Page) -> None:
+    for tab in ("scope", "teach", "drive"):
+        page.click(f"tab-{tab}")
+        wait_until(lambda tab=tab: page.driver.find_element("css selector", f".pane-{tab}").is_displayed(), tab)
+    complaints = [entry["message"] for entry in page.driver.get_log("browser") if entry["level"] == "SEVERE"]
+    assert complaints == []
+    asked = page.run("return performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)")
+    assert set(asked) == {page.run("return location.host")}
+
+
+def the_arm_is_seen_where_its_kinematics_says(page: Page) -> None:
+    """The marker of the tool is in the picture where forward kinematics and camera put it."""
+    give_time(STILL_S)
+    page.run("pendant.view.draw()")
+    x, y = page.run("return pendant.tipOnScreen()")
+    canvas = page.driver.find_element("css selector", ".scene canvas")
+    picture = np.asarray(Image.open(io.BytesIO(canvas.screenshot_as_png)).convert("RGB")).astype(int)
+    off = np.abs(picture - TOOL_COLOUR).max(axis=2)
+    rows, columns = np.nonzero(off < 12)
+    assert rows.size > 10
+    height, width = off.shape
+    assert np.hypot(columns.mean() - x * width, rows.mean() - y * height) < AROUND_PX
+
+
+def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:
+    own, evil = f"http://{pendant.host}", "http://evil.example"
+    polling = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+    for path in ("/", polling):
+        assert pendant.status_of(path, Cookie=pendant.cookie, Origin=own) != 403
+        assert pendant.status_of(path, Cookie=pendant.cookie, Origin=evil) == 403
+        assert pendant.status_of(path, Cookie=pendant.cookie, Host="evil.example") == 403
+        assert pendant.status_of(path) == 403
+    for path in ("/live", "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"):
+        assert pendant.status_of_socket(path, own, pendant.cookie) == 101
+        assert pendant.status_of_socket(path, evil, pendant.cookie) == 403
+        assert pendant.status_of_socket(path, own, f"{COOKIE}=guess") == 403

@@ -1,0 +1,95 @@
+"""Who comes through the gate in front of the pendant."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from qrobot.pendant.gate import COOKIE, Gate
+
+TOKEN, HOST = "right", "127.0.0.1:8560"
+OWN = f"http://{HOST}"
+IN = f"other=1; {COOKIE}={TOKEN}"
+FOREIGN = "http://evil.example"
+
+
+async def _inside(scope: Any, receive: Any, send: Any) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.accept"})
+        return
+    await send({"type": "http.response.start", "status": 204, "headers": []})
+    await send({"type": "http.response.body", "body": b""})
+
+
+def knock(kind: str, path: str, query: str = "", **headers: str | list[str]) -> list[dict[str, Any]]:
+    """What the gate answers to a request."""
+    sent: list[dict[str, Any]] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Any) -> None:
+        sent.append(dict(message))
+
+    pairs = [(name.encode(), each.encode()) for name, value in headers.items()
+             for each in ([value] if isinstance(value, str) else value)]  # fmt: skip
+    scope = {"type": kind, "path": path, "query_string": query.encode(), "headers": pairs}
+    asyncio.run(Gate(_inside, TOKEN)(scope, receive, send))
+    return sent
+
+
+def came_in(answer: list[dict[str, Any]]) -> bool:
+    first = answer[0]
+    return first["type"] == "websocket.accept" or first.get("status") == 204
+
+
+PAGES = [("http", "/"), ("http", "/_nicegui_ws/socket.io/")]
+PLACES = [*PAGES, ("websocket", "/_nicegui_ws/socket.io/"), ("websocket", "/live")]
+
+
+@pytest.mark.parametrize(("kind", "path"), PLACES)
+def test_a_page_of_this_server_comes_in_and_no_other(kind: str, path: str) -> None:
+    assert came_in(knock(kind, path, host=HOST, origin=OWN, cookie=IN))
+    assert came_in(knock(kind, path, host="localhost:9000", origin="http://localhost:9000", cookie=IN))  # a tunnel
+    refused: list[dict[str, Any]] = [
+        {"host": HOST, "origin": OWN},
+        {"host": HOST, "origin": OWN, "cookie": f"{COOKIE}=wrong"},
+        {"host": HOST, "origin": FOREIGN, "cookie": IN},
+        {"host": HOST, "origin": "null", "cookie": IN},
+        {"host": HOST, "origin": [OWN, FOREIGN], "cookie": IN},
+        {"host": HOST, "origin": "http://127.0.0.1:80", "cookie": IN},  # another server of this machine
+        {"host": "evil.example:8560", "origin": "http://evil.example:8560", "cookie": IN},  # DNS rebinding
+        {"host": "127.0.0.1.evil.example", "cookie": IN, "origin": OWN},
+        {"host": [HOST, "evil.example"], "origin": OWN, "cookie": IN},
+        {"origin": OWN, "cookie": IN},
+    ]
+    for headers in refused:
+        answer = knock(kind, path, **headers)
+        assert answer[0].get("status", 403) == 403, headers
+        assert answer[0]["type"] in ("http.response.start", "websocket.close"), headers
+
+
+def test_a_socket_without_an_origin_is_no_page() -> None:
+    assert not came_in(knock("websocket", "/live", host=HOST, cookie=IN))
+    assert came_in(knock("http", "/", host=HOST, cookie=IN))
+
+
+def test_the_token_of_the_address_becomes_a_cookie_that_only_this_site_sends_and_no_script_reads() -> None:
+    start, body = knock("http", "/", query=f"token={TOKEN}", host=HOST)
+    headers = dict(start["headers"])
+    assert start["status"] == 200
+    assert headers[b"set-cookie"] == f"{COOKIE}={TOKEN}; HttpOnly; SameSite=Strict; Path=/".encode()
+    assert TOKEN.encode() not in body["body"]
+    for query in ("token=wrong", "token=", ""):
+        assert knock("http", "/", query=query, host=HOST)[0]["status"] == 403
+    assert knock("http", "/", query=f"token={TOKEN}", host="evil.example")[0]["status"] == 403
+
+
+def test_pages_may_ask_for_nothing_elsewhere_and_stand_in_no_frame() -> None:
+    start = knock("http", "/", host=HOST, cookie=IN)[0]
+    policy = dict(start["headers"])[b"content-security-policy"].decode()
+    assert "default-src 'self'" in policy
+    assert "frame-ancestors 'none'" in policy

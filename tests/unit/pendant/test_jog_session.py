@@ -1,0 +1,134 @@
+"""An arm that the pendant moves, on virtual time: an ideal arm, and presses at given instants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.model.arm import Arm
+from qrobot.model.transform_file import TransformFile
+from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
+from qrobot.pendant.jog_session import PERIOD_MS, JogSession
+from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
+from qrobot.rccl.offline import OfflineLink
+from qrobot.wire import Command, Hello, State
+from tests.support.puma import ROBOT
+
+Deed = tuple[float, Callable[[JogSession], object]]
+
+
+class Desk:
+    """A page whose deeds are done when their time has come; the link keeps every sample."""
+
+    def __init__(self, taught: Path, *deeds: Deed) -> None:
+        self.states: list[State] = []
+        self.held: list[bool] = []
+        self.said: list[str] = []
+        self._deeds = sorted(deeds, key=lambda deed: deed[0])
+        self._link: OfflineLink | None = None
+        self.session = JogSession("puma560", self._open, taught, lambda: None, self.said.append, self.now_s)
+        self.session.run()
+
+    def _open(self, hello: Hello) -> OfflineLink:
+        self._link = _Watched(hello, self)
+        return self._link
+
+    def now_s(self) -> float:
+        return 0.0 if self._link is None else self._link.now_ns() * 1e-9
+
+    def pass_time(self, command: Command | None, state: State) -> None:
+        self.states.append(state)
+        self.held.append(command is not None and command.key_held)
+        while self._deeds and self._deeds[0][0] <= self.now_s():
+            self._deeds.pop(0)[1](self.session)
+
+    @property
+    def q(self) -> np.ndarray:
+        return np.array([state.robot.q for state in self.states])
+
+    def at(self, seconds: float) -> np.ndarray:
+        return np.asarray(self.q[round(seconds / (PERIOD_MS * 1e-3))])
+
+
+class _Watched(OfflineLink):
+    def __init__(self, hello: Hello, desk: Desk) -> None:
+        super().__init__(hello)
+        self._desk = desk
+
+    def exchange(self, command: Command | None) -> State:
+        state = super().exchange(command)
+        self._desk.pass_time(command, state)
+        return state
+
+
+def hold(press: Press, begin_s: float, end_s: float, silent: tuple[float, float] = (0.0, 0.0)) -> list[Deed]:
+    """A button that is held, by a page that says nothing in between."""
+    beats = np.arange(begin_s + BEAT_S, end_s, BEAT_S).tolist()
+    told = [t for t in beats if not silent[0] <= t < silent[1]]
+    deeds: list[Deed] = [(begin_s, lambda session: session.press.begin(press, begin_s))]
+    return [*deeds, *((t, lambda session, t=t: session.press.beat(press.number, t)) for t in told),
+            (end_s, lambda session: session.press.end())]  # fmt: skip
+
+
+def leave(seconds: float) -> Deed:
+    return (seconds, lambda session: session.leave())
+
+
+TURN = Press(1, "joint", "1", 1.0, share=2.0)
+
+
+def test_a_joint_turns_while_its_button_is_held_and_nothing_else_does(tmp_path: Path) -> None:
+    desk = Desk(tmp_path / "t.db", *hold(TURN, 1.0, 2.5), leave(4.0))
+    moved = desk.at(3.9) - desk.at(0.9)
+    assert 2.0 * JOINT_RAD_S * 1.2 < moved[0] < 2.0 * JOINT_RAD_S * (1.5 + BRAKE_MS * 1e-3)
+    assert np.abs(moved[1:]).max() < 1e-9
+    assert desk.at(3.9) == pytest.approx(desk.at(2.5 + BRAKE_MS * 1e-3), abs=1e-9)
+    assert desk.said == []
+
+
+def test_a_page_that_stalls_and_comes_back_with_its_button_down_moves_nothing_until_it_is_pressed_anew(
+    tmp_path: Path,
+) -> None:
+    again = Press(2, "joint", "1", 1.0, share=2.0)
+    stalled = hold(TURN, 1.0, 5.0, silent=(2.0, 3.5))
+    desk = Desk(tmp_path / "t.db", *stalled, *hold(again, 6.0, 7.0), leave(8.5))
+    rest_s = 2.0 + PATIENCE_S + BRAKE_MS * 1e-3
+    assert desk.at(rest_s)[0] > desk.at(1.0)[0] + 0.1
+    assert desk.at(5.9) == pytest.approx(desk.at(rest_s), abs=1e-9)
+    assert not any(desk.held[round(rest_s / 0.028) + 1 : round(5.9 / 0.028)])  # the servo was told so too
+    assert desk.at(8.4)[0] > desk.at(5.9)[0] + 0.1
+
+
+def test_steps_end_by_themselves_straight_and_inside_the_range(tmp_path: Path) -> None:
+    low = ROBOT.limits.q_max[4]
+    desk = Desk(
+        tmp_path / "t.db",
+        *hold(Press(1, "joint", "2", -1.0, step=0.02), 1.0, 4.0),
+        *hold(Press(2, "axis", "dz", 1.0, in_base=True, step=10.0), 5.0, 9.0),
+        *hold(Press(3, "joint", "5", 1.0, share=4.0, step=50.0), 10.0, 16.0),
+        leave(17.0),
+    )
+    arm = Arm(ROBOT)
+    assert desk.at(4.5)[1] - desk.at(0.9)[1] == pytest.approx(-0.02, abs=1e-6)
+    risen = arm.forward(desk.at(9.5))[:3, 3] - arm.forward(desk.at(4.5))[:3, 3]
+    assert risen == pytest.approx([0.0, 0.0, 0.010], abs=1e-5)
+    assert desk.at(16.9)[4] == pytest.approx(low - MARGIN, abs=1e-6)
+
+
+def test_a_place_is_gone_to_and_what_cannot_be_done_is_told_and_ends_nothing(tmp_path: Path) -> None:
+    taught = tmp_path / "t.db"
+    pose = Arm(ROBOT).forward(ROBOT.poses["park"])
+    pose[2, 3] += 0.02
+    TransformFile(taught).write("ABOVE", pose)
+    desk = Desk(
+        taught,
+        *hold(Press(1, "place", "nowhere"), 1.0, 1.5),
+        *hold(Press(2, "joint", "9"), 2.0, 2.5),
+        *hold(Press(3, "place", "ABOVE"), 3.0, 8.0),
+        leave(9.0),
+    )
+    assert Arm(ROBOT).forward(desk.at(8.9)) == pytest.approx(pose, abs=1e-5)
+    assert ["nowhere" in desk.said[0], "joints 1 to 6" in desk.said[1], len(desk.said)] == [True, True, 2]
