@@ -89,7 +89,10 @@ class JointSpeed:
 
 @dataclass(frozen=True)
 class SpeedShare:
-    """The joint that is busiest for its own limit moves at `share` of that limit, 0 to 1."""
+    """The joint that is busiest for its own limit moves at `share` of that limit, 0 to 1.
+
+    At reduced speed it is a share of the full speed still, as far as the limits in force allow.
+    """
 
     share: float
 
@@ -99,7 +102,8 @@ class SpeedShare:
 
     def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
         """Samples from via point to via point, rounded up: never faster than asked."""
-        return enough_samples(float((np.abs(displacement.joints) / limits.v_max).max()) / self.share, period_s)
+        least_s = float((np.abs(displacement.joints) / limits.v_max).max())
+        return enough_samples(max(least_s, least_s * limits.reduction / self.share), period_s)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class TrajectoryTask:
         self.each_sample: Callable[[], object] | None = None
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._robot = robot
-        self._limits = motion_limits(robot)
+        self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
         self._kinematics = kinematics_of(arm)
         self._blend = blend
@@ -283,5 +283,7 @@ class TrajectoryTask:
             self.completed.signal()
 
     def _stand_at(self, q: Floats) -> None:
-        """A generator that is at rest at `q`."""
+        """A generator that is at rest at `q`, and plans within the speeds that the servo allows now."""
+        if self.how is not None:
+            self._limits = self._full_limits.slowed(self.how.speed_limit)
         self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, kinematics=self._kinematics)

@@ -24,6 +24,7 @@ from qrobot.servo.kernels.wrench import WrenchParams, wrench_params
 from qrobot.servo.laws.law import KP, KV, M0, N_GAINS
 from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.speed_share import speed_share
 from qrobot.units import NS_PER_S
 
 UNCHANGED_IMAGES: Final = 4  # so many cycles without a new image are never held against the board
@@ -77,6 +78,7 @@ class ServoParameters(NamedTuple):
     tau_setpoint: Any  # the most a torque setpoint may ask for; below zero where none may come
     position_drives: int  # 1: drives close the loop, and get the reference instead of torque
     tool_speed: float  # the most of the tool's tip, m/s; 0 for no limit but those of the joints
+    speed_share: float  # of the greatest speeds of the joints, which programs may plan
     flange_m: float  # of the flange from the last frame, along its z
     tip: Any  # (3,) where it is in the frame of the last link
     following_error: Any
@@ -121,6 +123,7 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
     needs_guardian = settings.guarded if guarded is None else guarded
     guardian_ns = int(GUARDIAN_PERIODS * settings.guardian_timeout_ms * 1e6)
     unchanged = max(UNCHANGED_IMAGES, math.ceil(settings.board_timeout_ms * 1e6 / settings.period_ns))
+    tip = np.array([0.0, 0.0, robot.geometry.flange_m]) + np.array(settings.tool_m)
     return record_of(
         ServoParameters(
             period_ns=settings.period_ns,
@@ -146,8 +149,9 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             tau_setpoint=np.full(robot.n, NO_TORQUE) if settings.position_drives else np.array(guard.tau_max),
             position_drives=int(settings.position_drives),
             tool_speed=settings.reduced_speed_m_s,
+            speed_share=speed_share(robot, tip, settings.reduced_speed_m_s),
             flange_m=robot.geometry.flange_m,
-            tip=np.array([0.0, 0.0, robot.geometry.flange_m]) + np.array(settings.tool_m),
+            tip=tip,
             following_error=np.array(guard.following_error),
             range_margin=np.array(guard.range_margin),
             velocity_factor=guard.velocity_factor,

@@ -195,6 +195,6 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         watch=make_watch_state(n), signals=np.zeros(N_SIGNALS),
         program_signals=np.full(N_SIGNALS, np.nan), payload=np.zeros(N_PAYLOAD),
         payload_before=np.zeros(N_PAYLOAD), payload_goal=np.zeros(N_PAYLOAD), payload_next=np.zeros(N_PAYLOAD),
-        model=params.dynamics,
+        model=params.dynamics, speed_limit=params.speed_share, tool_speed_limit=params.tool_speed,
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -28,6 +28,7 @@ class MotionLimits:
         a_stop: deceleration of a stop.
         prismatic: True where the joint slides.
         names: of the joints, for people.
+        reduction: share of the speeds in the robot's file that `v_max` is.
     """
 
     q_min: Floats
@@ -37,6 +38,7 @@ class MotionLimits:
     a_stop: Floats
     prismatic: Bools
     names: tuple[str, ...]
+    reduction: float = 1.0
 
     @property
     def n(self) -> int:
@@ -52,6 +54,10 @@ class MotionLimits:
     def table(self) -> Floats:
         """q_min, q_max, v_max, a_max and a_stop for kernels. Shape (5, n)."""
         return np.array((self.q_min, self.q_max, self.v_max, self.a_max, self.a_stop))
+
+    def slowed(self, share: float) -> MotionLimits:
+        """The same limits with `share` of the speeds, 0 to 1; a share that is none changes nothing."""
+        return replace(self, v_max=share * self.v_max, reduction=share * self.reduction) if 0.0 < share < 1.0 else self
 
     def check_position(self, q: Floats, what: str) -> None:
         """Raises JointLimit when `q` leaves the range, MotionError when it is no position of this arm at all."""

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from qrobot import rccl
 from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
 from qrobot.errors import ConfigError
@@ -14,9 +15,13 @@ from qrobot.faultcodes import FaultCode
 from qrobot.modecodes import Mode
 from qrobot.model.arm import Arm
 from qrobot.model.chain import chain_params
+from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.checks.reduced_speed import MEASURED_FACTOR
 from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.settings import ServoSettings
+from qrobot.servo.speed_share import speed_share
+from qrobot.sim_board.emulator import Emulator
+from tests.support.puma import ROBOT
 from tests.support.servo_bench import ServoBench, cruise, moving, play
 
 LIMIT = 0.25
@@ -41,6 +46,30 @@ def test_the_speed_of_the_tip_is_that_of_its_path(name: str, data: st.DataObject
 )
 def test_only_a_number_up_to_the_limit_passes(speed: float, passes: int) -> None:
     assert (check_tip_speed(speed, LIMIT) == 0) == bool(passes)
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_joints_that_keep_their_share_of_speed_keep_the_limit_of_the_tool(name: str) -> None:
+    robot, rng, tip = load_robot(name), np.random.default_rng(8), np.array([0.0, 0.0, 0.2])
+    limits, chain, share = robot.limits, chain_params(robot), speed_share(load_robot(name), tip, LIMIT)
+    q, v = rng.uniform(limits.q_min, limits.q_max, (2000, robot.n)), rng.choice([-1.0, 1.0], (2000, robot.n))
+    speeds = [tip_speed(at, share * limits.v_max * way, chain, tuple(tip)) for at, way in zip(q, v, strict=True)]
+    assert 0.5 * LIMIT < max(speeds) <= 1.02 * LIMIT
+    assert speed_share(robot, tip, 0.0) == speed_share(robot, tip, 1e3) == 1.0
+
+
+def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped() -> None:
+    settings = ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT)
+    rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid", start=ROBOT.poses["end"] + 0.1))
+    with rccl.use(lambda hello: link_factory(rig, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+        assert (arm.how.tool_speed_limit, 0 < arm.how.speed_limit < 0.5) == (LIMIT, True)
+        arm.move(arm.jposition("beside", np.degrees(ROBOT.poses["end"])))
+        arm.waitfor(arm.completed)
+    rows, tip = rig.rows(), tuple(np.array(rig.params.tip))
+    chain = chain_params(ROBOT)
+    fastest = max(tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in rows[::50])
+    assert 0.2 * LIMIT < fastest <= LIMIT
+    assert rig.mailbox.snapshot().event == 0
 
 
 def speed_at(bench: ServoBench) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
