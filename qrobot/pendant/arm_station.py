@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import QRobotError
-from qrobot.model.arm import Arm
+from qrobot.model.arm_shape import link_frames
 from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.frames import arm_facts
@@ -101,7 +102,7 @@ class ArmStation:
             self.tell("nothing is known of where the arm is")
             return
         try:
-            pose = Arm(self.robot).forward(np.array(self._newest.robot.q))
+            pose = reduce(np.matmul, link_frames(self.robot, self._newest.robot.q))  # no kernel: pages wait meanwhile
             TransformFile(self._taught).write(name, pose)
             self.tell(f"recorded {name} in {self._taught}")
         except QRobotError as error:

@@ -19,6 +19,7 @@ from qrobot.pendant.messages import (
     PageCommand,
     PageGive,
     PageHand,
+    PageOverride,
     PagePressed,
     PageRecord,
     PageRelease,
@@ -149,6 +150,8 @@ class DriveFloor:
                 self._of(message).requests.act(name)
             case PageCommand(on=on):
                 self._of(message).take_arm() if on else self._of(message).give_arm()
+            case PageOverride(factor=factor):
+                self._of(message).requests.override(factor)
             case PageHand(opened=opened):
                 self._of(message).worker.say(do="hand", opened=opened)
             case PageRecord(name=name):

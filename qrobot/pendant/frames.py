@@ -1,8 +1,8 @@
 """Words to a page: the arms once, each sample in a binary frame, everything else as JSON when it changes.
 
-A frame is little-endian: kind, arm, mode, hand (8 bits each), fault, event (16), joint of the event (16, signed), a
-filler (16), flags (32), time in s (64-bit float), then n 32-bit floats each of q, setpoint, velocity and torque. The
-page does the forward kinematics itself, with the rows of `arm_facts`.
+A frame is little-endian: kind, arm, mode, hand (8 bits each), fault, event (16), joint of the event (16, signed),
+speed override in thousandths (16), flags (32), time in s (64-bit float), then n 32-bit floats each of q, setpoint,
+velocity and torque. The page does the forward kinematics itself, with the rows of `arm_facts`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from qrobot.wire import RobotState
 
 STATE_FRAME: Final = 1
 HEAD: Final = struct.Struct("<BBBBHHhHId")
+THOUSAND: Final = 1000
 
 
 def state_frame(arm: int, state: RobotState) -> bytes:
     """A sample of arm number `arm` (from 0) as bytes."""
     joint = max(-1, min(state.event_joint, 0x7FFF))
     head = HEAD.pack(
-        STATE_FRAME, arm, state.mode & 0xFF, state.hand & 0xFF, state.fault & 0xFFFF, state.event & 0xFFFF, joint, 0,
+        STATE_FRAME, arm, state.mode & 0xFF, state.hand & 0xFF, state.fault & 0xFFFF, state.event & 0xFFFF, joint,
+        min(round(state.override * THOUSAND), 0xFFFF),
         state.flags & 0xFFFFFFFF, state.t_ns / NS_PER_S,
     )  # fmt: skip
     return head + np.array([*state.q, *state.q_setpoint, *state.v, *state.tau], dtype="<f4").tobytes()

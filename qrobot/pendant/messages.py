@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.held_press import PressTarget
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 MOST_SHARE: Final = 4.0  # of the speeds at which jogging begins, as `qrobot jog` has it
 MOST_STEP: Final = 100.0  # [A] mm or degrees; rad or m of a joint are far below
@@ -52,7 +53,15 @@ class PageAct(PageMessage):
 
     do: Literal["act"]
     arm: ArmNumber
-    name: Literal["power on", "power off", "clear", "calibrate", "tare"]
+    name: Literal["power on", "power off", "clear", "calibrate", "tare", "pause", "resume"]
+
+
+class PageOverride(PageMessage):
+    """Speed override of motions under way, 1 for the speed as programmed."""
+
+    do: Literal["override"]
+    arm: ArmNumber
+    factor: float = Field(ge=0, le=LARGEST_OVERRIDE, allow_inf_nan=False, strict=False)
 
 
 class PageCommand(PageMessage):
@@ -113,6 +122,7 @@ AnyMessage = Annotated[
     | PageTake
     | PageGive
     | PageAct
+    | PageOverride
     | PageCommand
     | PagePressed
     | PageBeat

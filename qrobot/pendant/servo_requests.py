@@ -16,9 +16,11 @@ ACTIONS: Final[dict[str, ServoAct]] = {
     "power off": lambda servo: servo.power_off(),
     "clear": lambda servo: servo.clear(),
     "calibrate": lambda servo: servo.calibrate(),
+    "pause": lambda servo: servo.pause(),
+    "resume": lambda servo: servo.resume(),
     "tare": lambda servo: servo.zero_force(),
 }
-ANYBODY: Final = ("power off",)  # as at the servo
+ANYBODY: Final = ("power off", "pause")  # what makes an arm go on or go faster is for the page that drives
 
 
 class ServoRequests:
@@ -44,6 +46,10 @@ class ServoRequests:
     def act(self, name: str) -> None:
         """Begin one of `ACTIONS`. Raises KeyError: there is none of that name."""
         self._begin(ACTIONS[name], name, lambda: None)
+
+    def override(self, factor: float) -> None:
+        """Change the speed override; returns at once."""
+        self._begin(lambda servo: servo.change_override(factor), "override", lambda: None)
 
     def _begin(self, act: ServoAct, name: str, done: Callable[[], None]) -> None:
         def run() -> None:

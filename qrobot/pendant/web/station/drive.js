@@ -11,6 +11,7 @@ const SHARES = [["0.1", "slowest"], ["0.25", "slow"], ["0.5", "half"], ["1", "no
 const STEPS = [["0", "while held"], ["0.1", "0.1 mm or °"], ["1", "1 mm or °"], ["10", "10 mm or °"]];
 const AXIS_KEYS = { x: 0, y: 1, z: 2, u: 3, v: 4, w: 5 };
 const TYPING = "input, textarea, select, [contenteditable]";
+const PAUSED = 64; // of the flags
 const MAY_POWER = ["OFF"], MAY_CLEAR = ["FAULT"];
 
 function select(label, options, chosen) {
@@ -35,6 +36,7 @@ export function makeDrive(root) {
   const tool = el("div", { class: "rows axes" });
   side.append(
     powerCard(),
+    speedCard(),
     el("div", { class: "card" }, el("h2", {}, "Joints"), joints),
     el("div", { class: "card" }, el("h2", {}, "Tool"), tool),
     el("div", { class: "card options" }, el("label", {}, "Speed ", speed), el("label", {}, "Step ", step), el("label", {}, "Along ", frame)),
@@ -132,6 +134,31 @@ function axisRow(title, axisUnit, a, ask) {
     holdButton("+", `${title} forwards`, () => ask(a, 1)),
   );
   return { row, show: (value) => setText(number, `${digits(value, 1)} ${axisUnit}`) };
+}
+
+// Motions of any program: their speed override, and standing still on the path.
+function speedCard() {
+  const slider = el("input", { type: "range", id: "override", min: "0", max: "200", step: "5", value: "100", "aria-label": "speed override, percent" });
+  const told = el("output", { class: "number", id: "override-told" });
+  const pause = el("button", { id: "pause", onclick: () => link.act(paused() ? "resume" : "pause") });
+  const paused = () => Boolean((link.arm?.state?.flags ?? 0) & PAUSED);
+  let asked = -Infinity;
+  slider.addEventListener("input", () => (asked = performance.now()));
+  slider.addEventListener("change", () => {
+    asked = performance.now();
+    link.say({ do: "override", arm: link.chosen, factor: Number(slider.value) / 100 });
+  });
+  const show = () => {
+    const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
+    slider.disabled = !link.driving || !state;
+    pause.disabled = !state || (paused() && !link.driving);
+    setText(pause, paused() ? "▶ Go on" : "‖ Pause motions");
+    setAttribute(pause, "data-on", paused());
+    setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
+    if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
+  };
+  setInterval(show, 100);
+  return el("div", { class: "card buttons" }, el("label", { class: "override" }, "Speed of programs", slider), told, pause);
 }
 
 function powerCard() {

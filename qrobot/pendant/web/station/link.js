@@ -68,7 +68,7 @@ class Link extends EventTarget {
     const row = (k) => new Float32Array(data, HEAD_BYTES + 4 * n * k, n);
     const state = {
       mode: view.getUint8(2), hand: view.getUint8(3), fault: view.getUint16(4, true), event: view.getUint16(6, true),
-      joint: view.getInt16(8, true), flags: view.getUint32(12, true), t: view.getFloat64(16, true),
+      joint: view.getInt16(8, true), override: view.getUint16(10, true) / 1000, flags: view.getUint32(12, true), t: view.getFloat64(16, true),
       q: row(0), setpoint: row(1), v: row(2), tau: row(3),
     };
     if (arm.state && state.t < arm.state.t) arm.history.length = 0; // another servo

@@ -1,0 +1,123 @@
+"""Pages at the pendant: who may do what, and what is told. No browser, no process, no socket."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from qrobot.config.deployment import load_deployment
+from qrobot.errors import MotionError
+from qrobot.model.arm import Arm
+from qrobot.model.transform_file import TransformFile
+from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.floor import DriveFloor
+from qrobot.pendant.frames import HEAD, STATE_FRAME
+from qrobot.pendant.lease import SILENCE_S
+from qrobot.pendant.messages import decode_message
+from qrobot.wire import RobotState, State
+from tests.support.puma import ROBOT
+
+PRESS = {"do": "press", "arm": 0, "number": 1, "target": "joint", "name": "2", "way": -1, "share": 0.5}
+Q = tuple(ROBOT.poses["end"].tolist())
+
+
+class Floor(DriveFloor):
+    """One arm, whose process and servo are only written down."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(lambda: self.now_s)
+        self.now_s = 0.0
+        self.asked: list[Any] = []
+        arm = load_deployment("emulator").arm[0]
+        tell = lambda state: self.sampled(0, state)  # noqa: E731
+        self.station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
+        self.station.worker.say = lambda **message: self.asked.append(message)  # type: ignore[method-assign]
+        self.station.worker.start = lambda: None  # type: ignore[method-assign]
+        self.station.requests.stop = lambda: self.asked.append("stop")  # type: ignore[method-assign]
+        self.station.requests.act = self.asked.append  # type: ignore[method-assign]
+        self.station.watch.problem = ""
+        self.arms.append(self.station)
+        self.pages = [self.enter(lambda: None), self.enter(lambda: None)]
+
+    def says(self, page: int, **message: Any) -> list[Any]:
+        """What is asked for when a page (from 0) says this."""
+        del self.asked[:]
+        self.obey(self.pages[page], decode_message(json.dumps(message)))
+        return list(self.asked)
+
+
+@pytest.fixture
+def floor(tmp_path: Path) -> Floor:
+    return Floor(tmp_path)
+
+
+def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor: Floor) -> None:
+    assert floor.says(0, **PRESS) == []
+    assert "Drive from here" in floor.station.status["notice"]
+    floor.says(0, do="take")
+    floor.says(1, do="take")
+    assert json.loads(floor.status(floor.pages[1]))["driver"] == 1
+    pressed = floor.says(0, **PRESS)
+    assert pressed[0] == {"do": "release"}
+    assert pressed[1] == {key: value for key, value in PRESS.items() if key != "arm"} | {"in_base": True, "step": 0.0}
+    assert floor.says(0, do="beat", arm=0, number=1) == [{"do": "beat", "number": 1}]
+    acts = [{"do": "act", "arm": 0, "name": name} for name in ("power on", "clear", "resume")]
+    others = [{"do": "beat", "arm": 0, "number": 1}, {"do": "release"}, {"do": "command", "arm": 0, "on": True}]
+    for message in (PRESS, *acts, *others):
+        assert floor.says(1, **message) == []
+    assert floor.says(1, do="stop") == ["stop", {"do": "stop"}]
+    for name in ("power off", "pause"):
+        assert floor.says(1, do="act", arm=0, name=name) == [name]
+    with pytest.raises(MotionError, match="none of number 2"):
+        floor.says(0, **PRESS | {"arm": 1})
+
+
+def test_a_page_that_goes_or_sleeps_lets_go_of_the_arm_and_another_one_may_drive(floor: Floor) -> None:
+    given = [{"do": "release"}, {"do": "off"}]
+    floor.says(0, do="take")
+    del floor.asked[:]
+    floor.leave(floor.pages[0])
+    assert floor.asked == given
+    floor.says(1, do="take")
+    floor.now_s = SILENCE_S
+    floor.says(1, do="alive")
+    floor.now_s += SILENCE_S
+    floor.look_at_lease()
+    assert floor.asked == []
+    floor.now_s += 0.1
+    floor.look_at_lease()
+    assert floor.asked == given
+    assert json.loads(floor.status(floor.pages[1]))["driver"] is None
+
+
+def test_a_sample_reaches_every_page_as_it_is_and_where_the_arm_is_can_be_recorded(
+    floor: Floor, tmp_path: Path
+) -> None:
+    v, tau, setpoint = (0.1,) * 6, (2.0,) * 6, tuple(np.array(Q) + 0.001)
+    robot = RobotState(t_ns=2_500_000_000, mode=5, fault=66, event=28, event_joint=-1, hand=1, flags=0x207, q=Q, v=v,
+                       tau=tau, q_setpoint=setpoint, override=0.35)  # fmt: skip
+    floor.station.watch._tell(State(1, robot, commanded=True))
+    frame = floor.pages[0].frames[-1]
+    assert floor.pages[1].frames[-1] == frame
+    assert HEAD.unpack_from(frame) == (STATE_FRAME, 0, 5, 1, 66, 28, -1, 350, 0x207, 2.5)
+    told = struct.unpack_from("<24f", frame, HEAD.size)
+    assert told == pytest.approx([*Q, *setpoint, *v, *tau], abs=1e-6)
+    floor.says(0, do="take")
+    floor.says(0, do="record", arm=0, name="HERE")
+    assert TransformFile(tmp_path / "t.db").values()["HERE"] == pytest.approx(Arm(ROBOT).forward(np.array(Q)), abs=1e-6)
+    assert floor.station.status["places"][-1] == "HERE"
+    floor.says(0, do="record", arm=0, name="two words")
+    assert floor.station.status["notice"].startswith("not recorded")
+
+
+def test_what_a_page_is_told_first_has_every_arm_with_its_limits_and_every_code_with_its_remedy(floor: Floor) -> None:
+    hello = json.loads(floor.hello(floor.pages[0]))
+    (arm,) = hello["arms"]
+    assert (arm["joints"], arm["q_max"]) == (list(ROBOT.joint_names), ROBOT.limits.q_max.tolist())
+    assert hello["codes"]["66"][0] == "FOLLOWING"
+    assert hello["modes"]["7"] == "FAULT"
