@@ -3,6 +3,7 @@
 Tests that are not marked `realtime` are refused every clock; those that are have reruns, named at the end of a run.
 """
 
+import gc
 import os
 import signal
 from collections.abc import Generator
@@ -48,6 +49,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if RERUNS and item.get_closest_marker("realtime") is not None:
             item.add_marker(pytest.mark.flaky(reruns=RERUNS, reruns_delay=1))
+
+
+def pytest_collection_finish() -> None:
+    """Tests and libraries stay to the end: without this, garbage is looked for among them again and again."""
+    gc.freeze()
 
 
 def _without_clocks(item: pytest.Item) -> Generator[None, object, object]:

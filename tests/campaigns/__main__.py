@@ -3,6 +3,7 @@
     quiet       an hour without a fault: nothing may stop the arm
     encoders    cables that come off: 480 trials
     stops       300 stops at random instants, in each form of interpolation
+    calibration 200 calibrations from random poses
 
 Ends with 0 when nothing went wrong.
 """
@@ -13,7 +14,7 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import encoders, quiet, stops
+from tests.campaigns import calibration, encoders, quiet, stops
 
 HOUR_S = 3600.0
 STOPS = 300
@@ -22,12 +23,14 @@ STOPS = 300
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    parser.add_argument("name", choices=["quiet", "encoders", "stops"])
+    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration"])
     name = parser.parse_args().name
     if name == "quiet":
         wrong = quiet.campaign(HOUR_S)
     elif name == "encoders":
         wrong = encoders.campaign()
+    elif name == "calibration":
+        wrong = calibration.campaign()
     else:
         wrong = sum(stops.campaign(STOPS, form) for form in FORMS)
     return 1 if wrong else 0

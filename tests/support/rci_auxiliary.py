@@ -25,11 +25,12 @@ def startup(_: TaskDescriptor) -> None:
 
 
 def answer(_: TaskDescriptor) -> None:
-    """Send each message back in capitals, change shared data, interrupt the program."""
+    """Send each message back in capitals with the tick it is, change shared data, interrupt the program."""
     data, sender = rci.rci_receive()
     if sender is not None:
         TABLE[1] += 1.0
-        rci.rci_send(sender.bit, data.upper() + str(rci.rci_descriptor("counter").runs > 0).encode())
+        counted = rci.rci_descriptor("counter").runs > 0
+        rci.rci_send(sender.bit, data.upper() + f" {counted} {rci.rci_ticks()}".encode())
         rci.rci_signal()
 
 
