@@ -9,10 +9,19 @@ from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
-from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, LinkTimeout, RemoteProtocolError
+from qrobot.errors import (
+    ConfigError,
+    LinkBusy,
+    LinkError,
+    LinkLost,
+    LinkTimeout,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
 from qrobot.rci import Chg, Link, TcpLink, VirtualLink, bridge_address, hello_for
 from qrobot.rci import tcp as tcp_module
-from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Side, State, Welcome, WireError
+from qrobot.wire import Bye, ClientRole, Connection, ErrorCode, Hello, Payload, Side, State, Stop, Welcome, WireError
+from tests.support.bridge import Bridge
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.packets import resting
 from tests.support.patience import PATIENCE_S, give_time, wait_until
@@ -36,6 +45,20 @@ def socket_link(robot: FakeRobot, name: str) -> Iterator[Link]:
 def make_link(request):
     with ExitStack() as stack:
         yield lambda robot, name="puma560": stack.enter_context(request.param(robot, name))
+
+
+def test_what_is_told_goes_out_before_the_next_exchange_an_observers_stop_too() -> None:
+    with Bridge() as bridge:
+        link = TcpLink(Hello(ClientRole.OBSERVER, "", "eyes", 5_000), bridge.server.address)
+        link.open()
+        link.tell(Stop())
+        link.tell(Stop(power_off=True))
+        wait_until(lambda: link.exchange(None) and bridge.port.power_offs == 1)
+        link.tell(Payload(1.0))
+        with pytest.raises(LocalProtocolError, match="may not send PAYLOAD"):
+            link.exchange(None)
+        link.close()
+    assert (bridge.port.stops, bridge.port.power_offs) == (1, 1)
 
 
 @pytest.fixture
