@@ -15,7 +15,7 @@ from qrobot.ident.base import BaseParameters, base_parameters
 from qrobot.ident.fit import OUTLIER, Fit
 from qrobot.ident.observe import Observations
 from qrobot.ident.regressor import Regressor
-from qrobot.ident.scale import fit_scaled, heaviest_motor
+from qrobot.ident.scale import fit_scaled, heaviest_motor, less_inertia
 from qrobot.ident.structure import terms_of, terms_seen
 from qrobot.ident.terms import KINDS, FrictionTermKind, Terms
 from qrobot.ident.unknowns import OF_LOAD, Description, Unknowns
@@ -187,6 +187,7 @@ def identify(
     unknowns = Unknowns(robot, regressor, base, load, seconds=seconds)
     if not known_torque:
         unknowns = replace(unknowns, free=_free(unknowns, observations, load_kg))
+    observations = less_inertia(unknowns, observations, load_kg)
     plain = fit_scaled(unknowns, observations, load_kg)
     unknowns = replace(unknowns, terms=_terms(unknowns, plain, observations, kinds))
     held = observations.passed % HELD_BACK == HELD_BACK - 1

@@ -1,10 +1,11 @@
 """Observations out of a log: the mean torque of every motor while it turned steadily.
 
 At constant speed hardly anything accelerates: what a motor gives is gravity and friction, and a little inertial torque
-that the robot file knows well enough; an observation is told how much of it is in doubt. A motor is left out where it
-turns so slowly that its friction is another. The equations are linear in what is sought, so a mean over a whole pass
-obeys them as every sample does, without its quantisation; one over a smooth window (`window`), which takes nothing from
-what still decays at the ends. Passes are found in the log itself; whoever moved the arm need not say.
+that the robot file knows roughly. What of it may be wrong is the same inertia in every pass, no chance of each: an
+observation has the torque of each parameter's likely error, and the fit seeks them beside the rest. A motor is left out
+where it turns so slowly that its friction is another. The equations are linear in what is sought, so a mean over a
+whole pass obeys them as every sample does, without its quantisation; one over a smooth window (`window`), which takes
+nothing from what still decays at the ends. Passes are found in the log itself; whoever moved the arm need not say.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ import numpy as np
 from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config import Robot
 from qrobot.hwif.registers import DAC_ZERO
-from qrobot.ident.base import BaseParameters
+from qrobot.ident.base import BaseParameters, base_of_robot
 from qrobot.ident.recording import limited
-from qrobot.ident.regressor import OF_GRAVITY, Regressor
+from qrobot.ident.regressor import OF_GRAVITY, Regressor, inertial_regressor, known_parameters
 from qrobot.ident.window import Weights, subsample, window_weights
 from qrobot.modecodes import Mode
 from qrobot.model.dynamics import dynamics_params, dynamics_work, inverse_dynamics
@@ -28,13 +29,18 @@ from qrobot.servo.memory.telemetry import Rows
 CRUISE: Final = 0.05  # rad/s2, m/s2: smaller desired accelerations are none
 TRANSITIONS: Final = 2.5  # times the friction's transition speed: slower motors tell nothing of their friction
 SLOWEST: Final = 0.06  # of a joint's greatest speed: below, friction falls with speed (Stribeck) and is not fitted
-DOUBT: Final = 0.2  # share of the inertial torque that may be wrong: links are drawn, not weighed
-LESS_DOUBT: Final = 0.1  # the same once gravity has told masses and centres
+DOUBT: Final = 0.01  # share of the inertial torque that no inertia explains: a mean over a pass at nine places
+INERTIA_DOUBT: Final = (
+    0.5  # share of mass, first moment and inertia that may be wrong: links are drawn, not weighed [A]
+)
+SCALE_DOUBT: Final = 0.3  # of a torque scale: two motors, whose published torque constants differ by 15 to 24 %
+LOAD_KG: Final = 2.5  # what the hand may hold, a PUMA's greatest load
 RESOLUTION: Final = 0.05  # DAC counts: the mean torque of a pass is not known better
 SETTLING_S: Final = 0.2  # of a pass left out: its start still shows the acceleration before
 SHORTEST_S: Final = 0.2  # of what is left
 EVERY: Final = 10  # rows: positions change too little between neighbours for gravity to
 HARMONICS: Final = 12  # of a turn in joint units; those beyond are averaged away by most passes
+_NO_WEIGHT: Final = 1e-9  # m/s2, m2/s2: rounding
 SUBSAMPLES: Final = 9  # at the inertial torque along a pass
 
 
@@ -63,6 +69,8 @@ class Observations:
         harmonics: means of cos(k r), then of sin(k r), of the motor's angle r, k = 1 to HARMONICS. Shape (m, 2 k).
         torque: mean torque, less that of inertia, N m (N). Shape (m,).
         doubt: standard deviation of what inertia was thought to take, N m (N). Shape (m,).
+        inertia: torque that inertia takes more than was thought for a likely error of each of its parameters, and of
+            each motor's torque scale, N m (N). Shape (m, i).
     """
 
     motor: Ints
@@ -77,6 +85,7 @@ class Observations:
     harmonics: Floats
     torque: Floats
     doubt: Floats
+    inertia: Floats
 
     def __len__(self) -> int:
         return len(self.motor)
@@ -136,8 +145,13 @@ class Observer:
     ) -> None:
         self._robot, self._regressor, self._base = robot, regressor, base
         self._to_motor = np.linalg.inv(robot.transmission.coupling.T)
+        self._whole = inertial_regressor(robot)
+        self._inertia = base_of_robot(robot, self._whole)
+        self._wrong = _likely_errors(robot, self._whole, self._inertia)
+        middle = 0.5 * (robot.limits.q_min + robot.limits.q_max)
+        anywhere = middle + np.linspace(-0.4, 0.3, 5)[:, None] * (robot.limits.q_max - robot.limits.q_min)
+        self._bears = np.abs(self._to_motor @ regressor(anywhere)).max(axis=(0, 2)) > _NO_WEIGHT
         self._scale = np.ones(robot.n) if scale is None else scale
-        self._doubt = DOUBT if believed is None else LESS_DOUBT
         self._params = dynamics_params(believed or robot)._replace(gravity=np.zeros(3))
         self._slowest = slowest_rates(robot) if slowest is None else slowest
 
@@ -145,7 +159,7 @@ class Observer:
         """The observations of a log, rows of shape (r,), of an arm that is `loaded` or not."""
         passes = enumerate(steady_passes(rows, period_s))
         parts = [self._reduce(rows, p, number, period_s, loaded) for number, p in passes]
-        return _stacked([none_of(self._robot.n, len(self._base.leading)), *parts])
+        return _stacked([none_of(self._robot.n, len(self._base.leading), 2 * len(self._wrong) + self._robot.n), *parts])
 
     def _reduce(self, log: Rows, steady: Pass, number: int, period_s: float, loaded: bool) -> Observations:
         rows, transmission = log[steady.start : steady.stop], self._robot.transmission
@@ -157,7 +171,7 @@ class Observer:
         given = window.value @ (rows["dac"][:-1] - DAC_ZERO) / transmission.dac_per_Nm
         v = window.slope @ q
         inertial = self._scale * (self._to_motor @ self._inertial(q, v, window))
-        doubt = np.hypot(self._doubt * inertial, RESOLUTION / transmission.dac_per_Nm)
+        doubt = np.hypot(DOUBT * inertial, RESOLUTION / transmission.dac_per_Nm)
         return Observations(
             motor=turning,
             passed=np.full(turning.size, number),
@@ -171,7 +185,20 @@ class Observer:
             harmonics=np.tensordot(looks.share, harmonics(self._robot, q[looks.at]), 1)[turning],
             torque=(given - inertial)[turning],
             doubt=doubt[turning],
+            inertia=self._of_inertia(q, v, window, inertial)[turning],
         )
+
+    def _of_inertia(self, q: Floats, v: Floats, window: Weights, inertial: Floats) -> Floats:
+        """Mean torque of likely errors: of inertia, as the motors that bear weight feel it and as the others do, whose
+        torque scale weight does not tell; and of each scale, of the `inertial` torque (n,). Shape (n, i).
+        """
+        looks = subsample(window, SUBSAMPLES)
+        at, still = q[looks.at], np.zeros((SUBSAMPLES, v.size))
+        moved = self._whole(at, still + v, still + window.curvature @ q) - self._whole(at)
+        columns = self._inertia.columns(np.tensordot(looks.share, moved, 1))
+        torque = self._scale[:, None] * (self._to_motor @ columns) * self._wrong
+        bears = self._bears[:, None]
+        return np.column_stack([bears * torque, ~bears * torque, np.diag(SCALE_DOUBT * inertial)])
 
     def _parts(self, q: Floats, window: Weights) -> Floats:
         """Means of the base parameters' columns over positions of shape (r, n). Shape (SUBSAMPLES, n, b)."""
@@ -189,12 +216,21 @@ class Observer:
         return np.asarray(looks.share @ tau)
 
 
-def none_of(n: int, n_base: int) -> Observations:
-    """No observations, of an arm with so many joints and base parameters."""
+def _likely_errors(robot: Robot, whole: Regressor, base: BaseParameters) -> Floats:
+    """Standard deviations of the base parameters of inertia: links are drawn, and something may be in the hand."""
+    flange_m = robot.geometry.flange_m
+    likely = INERTIA_DOUBT * np.abs(known_parameters(robot, whole)).reshape(robot.n, -1)
+    likely[-1] += LOAD_KG * np.array([1.0, 0.0, 0.0, flange_m, flange_m**2, flange_m**2, 0.0, 0.0, 0.0, 0.0])
+    return np.asarray(np.sqrt(((base.K * likely.ravel()) ** 2).sum(axis=1)))
+
+
+def none_of(n: int, n_base: int, n_inertia: int = 0) -> Observations:
+    """No observations, of an arm with so many joints and base parameters of gravity and of inertia."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
     columns = np.zeros((0, n)), np.zeros((0, n_base)), np.zeros((0, SUBSAMPLES, n_base)), np.zeros((0, OF_GRAVITY))
     waves = np.zeros((0, 2 * HARMONICS))
-    return Observations(none, none, nothing, *columns, np.zeros(0, np.bool_), nothing, waves, nothing, nothing)
+    unloaded, inertia = np.zeros(0, np.bool_), np.zeros((0, n_inertia))
+    return Observations(none, none, nothing, *columns, unloaded, nothing, waves, nothing, nothing, inertia)
 
 
 def harmonics(robot: Robot, q: Floats) -> Floats:

@@ -9,6 +9,7 @@ believed of every scale beforehand, and what the servo commands it is right all 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -41,14 +42,36 @@ def fit_scaled(unknowns: Unknowns, observations: Observations, load_kg: float | 
     Raises:
         IdentificationError: the observations do not determine it; says what is missing.
     """
+    fit, n_values = _fit_with_inertia(unknowns, observations, load_kg), len(unknowns.start())
+    return replace(fit, values=fit.values[:n_values], covariance=fit.covariance[:n_values, :n_values])
+
+
+def less_inertia(unknowns: Unknowns, observations: Observations, load_kg: float | None = None) -> Observations:
+    """The observations without the torque of errors of inertia, as a fit of all of them finds it."""
+    found = _fit_with_inertia(unknowns, observations, load_kg).values[len(unknowns.start()) :]
+    return replace(observations, torque=observations.torque - observations.inertia @ found)
+
+
+def _fit_with_inertia(unknowns: Unknowns, observations: Observations, load_kg: float | None) -> Fit:
+    """Everything unknown, then the errors of inertia, in likely ones. Raises IdentificationError."""
     known, target, doubt = _known_rows(unknowns, load_kg)
+    inertia = observations.inertia
+    n_errors = inertia.shape[1]
+    known, target, doubt = (
+        np.block([[known, np.zeros((len(known), n_errors))], [np.zeros((n_errors, known.shape[1])), np.eye(n_errors)]]),
+        np.concatenate([target, np.zeros(n_errors)]),
+        np.concatenate([doubt, np.ones(n_errors)]),
+    )
     row_class = np.concatenate([observations.motor, np.full(len(target), KNOWN)])
     doubts, values = np.concatenate([observations.doubt, doubt]), unknowns.start()
+    names = [*unknowns.names, *(f"inertia {number}" for number in range(n_errors))]
     for _ in range(_STEPS):
         A = unknowns.jacobian(values, observations)
         b = observations.torque - unknowns.predict(values, observations) + A @ values
-        fit = fit_linear(np.vstack([A, known]), np.concatenate([b, target]), row_class, unknowns.names, doubts)
-        moved, values = fit.values - values, fit.values
+        rows = np.vstack([np.column_stack([A, inertia]), known])
+        fit = fit_linear(rows, np.concatenate([b, target]), row_class, names, doubts)
+        found = fit.values[: len(values)]
+        moved, values = found - values, found
         if np.linalg.norm(moved) <= _SETTLED * np.linalg.norm(values):
             break
     return fit

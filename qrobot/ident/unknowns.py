@@ -28,11 +28,10 @@ from qrobot.ident.friction import (
     friction_columns,
     remainder_columns,
 )
-from qrobot.ident.observe import Observations
+from qrobot.ident.observe import SCALE_DOUBT, Observations
 from qrobot.ident.regressor import Regressor, known_parameters
 from qrobot.ident.terms import Terms
 
-SCALE_DOUBT: Final = 0.3  # of a scale: two motors, whose published torque constants differ by 15 to 24 %
 DRIFT_DOUBT: Final = 0.1  # of friction, over a recording: of a cold arm it changes more, and then the passes tell
 REMAINDER_DOUBT: Final = 0.05  # of Coulomb friction: an excess of a half that fades at 3 % of the greatest speed
 LEAST_FRICTION: Final = 1e-3  # N m (N), where a robot file has none

@@ -81,4 +81,5 @@ def generated(
         harmonics=harmonics(PUMA, q).reshape(m, -1),
         torque=(weight + rubs + noise * random.normal(size=rate.shape)).ravel(),
         doubt=np.full(m, 1e-3),
+        inertia=np.zeros((m, 0)),
     )
