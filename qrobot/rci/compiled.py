@@ -18,14 +18,14 @@ from qrobot.rci.descriptor import TaskDescriptor, TaskWord
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, sleep_until_ns
 from qrobot.realtime.jit import jit_disabled, lean_kernel
-from qrobot.realtime.pointer import KernelPointer, function_at
+from qrobot.realtime.pointer import KernelPointer, raising_function_at
 from qrobot.units import NS_PER_S
 
 CompiledTaskFunction: TypeAlias = Callable[[int, Floats], None]
 SIGNATURE: Final = types.void(types.int64, types.float64[::1])
 LOOK_NS: Final = 20_000_000  # [A] a loop that sleeps looks up so often, to see that it is to end
 
-_call_at = function_at(SIGNATURE)
+_call_at = raising_function_at(SIGNATURE)
 _WOKEN: Final = int(TaskWord.WOKEN)
 _SERVED: Final = int(TaskWord.SERVED)
 _RUNS: Final = int(TaskWord.RUNS)
@@ -58,7 +58,8 @@ def run_control(
 ) -> None:  # fmt: skip
     """Run two functions by the common clock, at `tick` first, until `over[0]` is set.
 
-    Every wake-up until then is answered, late ones one after the other, each with its own tick.
+    Every wake-up until then is answered, late ones one after the other, each with its own tick. Raises what the
+    functions raise.
     """
     first, second = _call_at(control1), _call_at(control2)
     while load_acquire(over, 0) == 0:
@@ -105,7 +106,7 @@ def pointer_to(function: Any, task: str) -> KernelPointer:
         raise ConfigError(f"{task}: a compiled processor runs functions that Numba has compiled, not {function!r}")
     pointer = KernelPointer(function, SIGNATURE)
     try:
-        assert pointer.address
+        assert pointer.raising_address
     except (NumbaError, TypeError) as error:
         wanted = "a compiled control function takes a tick and an array of numbers and returns nothing"
         raise ConfigError(f"{task}: {wanted}: {error}") from error

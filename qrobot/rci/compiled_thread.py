@@ -110,14 +110,17 @@ class CompiledThread:
     def _run(self, tick: int) -> None:
         set_fifo(PRIORITY)
         tighten_timers()
-        self._loop(tick)
+        try:
+            self._loop(tick)
+        except Exception as error:  # of the compiled functions
+            self._end(error)
 
     def _loop(self, tick: int) -> None:
         td, functions, clock = self._task, self._functions, self._clock
         second = no_function if functions.control2 is nothing else functions.control2
         pointers = pointer_to(functions.control1, td.name), pointer_to(second, td.name)
         interval = 1 if self._entry is None else self._entry.interval
-        addresses = pointers[0].address, pointers[1].address
+        addresses = pointers[0].raising_address, pointers[1].raising_address
         run_control(
             td.words, self._over, self._memory_of(td), *addresses, clock.rate_hz, clock.epoch_ns, interval, tick
         )
@@ -141,8 +144,15 @@ class CompiledThread:
     def _give_up(self) -> None:
         self._hung = True
         self._over[0] = 1
+        name = self._task.name
+        self._end(RogueTask(f"task {name} does not return: its compiled function keeps processor {self._name}"))
+
+    def _end(self, error: Exception) -> None:
+        """End the task before its time: remember why, tell the program."""
         td = self._task
-        td.error = RogueTask(f"task {td.name} does not return: its compiled function keeps processor {self._name}")
+        td.error = td.error or error
+        if not self._hung:
+            td.words[TaskWord.BEGAN_NS] = 0
         td.words[TaskWord.STATE] = TaskState.ENDED
         self._happened()
 

@@ -57,9 +57,17 @@ class HostThread:
         if self._hung:
             refuse_start(order, self._why)
             return  # its tasks have ended
-        answer = Answer(lambda: self._loop.monitor.obey(order, *arguments))
-        self._loop.ring(answer.give)
+        answer = Answer()
+        if order == "power_off":
+            self._power_off(answer, *arguments)
+        else:
+            self._loop.ring(lambda: answer.give(lambda: self._loop.monitor.obey(order, *arguments)))
         answer.take(self._is_hopeless)
+
+    def _power_off(self, answer: Answer, bits: int) -> None:
+        """Greet robots aside, and go on with them between two runs."""
+        monitor = self._loop.monitor
+        monitor.aside(lambda: monitor.greet_left(bits), lambda left: answer.give(lambda: monitor.take_left(left.get())))
 
     def _is_hopeless(self) -> bool:
         """True when nobody will carry out an order; functions that an order calls are looked after meanwhile."""
@@ -113,15 +121,14 @@ def refuse_start(order: str, why: str) -> None:
 class Answer:
     """An order that one thread carries out and another one waits for."""
 
-    def __init__(self, order: Order) -> None:
-        self._order = order
+    def __init__(self) -> None:
         self._done = threading.Event()
         self._error: BaseException | None = None
 
-    def give(self) -> None:
+    def give(self, order: Order) -> None:
         """Carry it out."""
         try:
-            self._order()
+            order()
         except Exception as error:  # it belongs to whoever waits
             self._error = error
         self._done.set()

@@ -7,15 +7,18 @@ clock: whoever does tells it how far time has come, and which robots and devices
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 from qrobot.errors import ConfigError, LinkTimeout
+from qrobot.rci.aside import Aside, Outcome, at_once
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import OpenLink
 from qrobot.rci.readiness import await_readable
 from qrobot.rci.schedule import ClockEntry, TaskScheduler
-from qrobot.rci.task_runner import ControlFunctions, TaskRunner
+from qrobot.rci.task_runner import ControlFunctions, Greeting, TaskRunner
+
+LeftRobots: TypeAlias = list[tuple[TaskRunner, Outcome[Greeting | None]]]
 
 
 class Monitor:
@@ -24,10 +27,14 @@ class Monitor:
     Args:
         name: of the processor.
         clock: the common one.
+
+    Attributes:
+        aside: opens and closes the links of its robots; whoever runs the monitor in real time has it done elsewhere.
     """
 
     def __init__(self, name: str, clock: CommonClock) -> None:
         self.name = name
+        self.aside: Aside = at_once
         self._clock = clock
         self._runners: dict[int, TaskRunner] = {}  # by bit
         self._triggers: dict[int, Callable[[TaskDescriptor], object]] = {}
@@ -37,7 +44,7 @@ class Monitor:
 
     def add(self, td: TaskDescriptor, open_link: OpenLink | None) -> None:
         """Run a task of this descriptor."""
-        self._runners[td.bit] = TaskRunner(td, self._clock, open_link)
+        self._runners[td.bit] = TaskRunner(td, self._clock, open_link, self.aside)
         ranked = sorted(self._runners.items(), key=lambda item: -item[1].td.priority)  # creation decides between equals
         self._runners = dict(ranked)
 
@@ -93,10 +100,19 @@ class Monitor:
 
     def power_off(self, bits: int) -> None:
         """Switch the power of robots off that were let go with it. Raises the first reason for one that cannot be."""
+        self.take_left(self.greet_left(bits))
+
+    def greet_left(self, bits: int) -> LeftRobots:
+        """Greet the robots that were let go with power; may be called from any thread."""
+        return [(runner, Outcome(runner.greet_left)) for runner in self._of(bits)]
+
+    def take_left(self, left: LeftRobots) -> None:
+        """Switch off the power of those that were greeted. Raises the first reason for one that cannot be."""
         errors: list[Exception] = []
-        for runner in self._of(bits):
+        for runner, outcome in left:
             try:
-                runner.power_off()
+                if (greeting := outcome.get()) is not None:
+                    runner.power_off(greeting)
             except Exception as error:  # the others shall lose their power all the same
                 errors.append(error)
         if errors:

@@ -7,12 +7,14 @@ decides when its tasks are woken.
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
 from qrobot.errors import RogueTask
+from qrobot.rci.aside import HelperThreads
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.monitor import Monitor
 from qrobot.rci.readiness import Readiness, await_readable
@@ -34,16 +36,20 @@ class ProcessorLoop:
 
     def __init__(self, monitor: Monitor, clock: CommonClock, happened: Callable[[], object]) -> None:
         self.monitor = monitor
+        monitor.aside = HelperThreads(self.ring)
         self._clock = clock
         self._happened = happened
         self._orders: deque[Order] = deque()
         self._doorbell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
-        self._over = False
+        self._open = threading.Lock()  # held while somebody rings, or the doorbell is given back
+        self._over = self._closed = False
 
     def ring(self, order: Order) -> None:
-        """Let the loop carry out an order, between two runs of tasks."""
-        self._orders.append(order)
-        os.eventfd_write(self._doorbell, 1)
+        """Let the loop carry out an order, between two runs of tasks; a loop that was closed does not."""
+        with self._open:
+            if not self._closed:
+                self._orders.append(order)
+                os.eventfd_write(self._doorbell, 1)
 
     def end(self) -> None:
         """Let the loop end."""
@@ -87,4 +93,6 @@ class ProcessorLoop:
 
     def close(self) -> None:
         """Give the doorbell back, when the loop has ended."""
-        os.close(self._doorbell)
+        with self._open:
+            self._closed = True
+            os.close(self._doorbell)

@@ -300,14 +300,30 @@ class RciProgram:
     def _at_exit(self) -> None:
         try:
             self.close()
-        except QRobotError as error:
+        except Exception as error:
+            _exit_status.append(1)
+            kind = "" if isinstance(error, QRobotError) else f"{type(error).__name__}: "
             with suppress(OSError):
-                print(f"rci: {error}", file=sys.stderr)
+                print(f"rci: {kind}{error}", file=sys.stderr)
+
+
+_exit_status: Final[list[int]] = []  # of a program that hears of its tasks' bad end when it is over itself
+
+
+@atexit.register  # early, therefore called late
+def _leave_with_status() -> None:
+    """End the process with a status that tells of failed tasks, which Python's own way out has no means for."""
+    if _exit_status:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(_exit_status[0])
 
 
 def _has_come_up(td: TaskDescriptor) -> bool:
     """True when it is ready, or has told why it is not: a processor of its own tells that a little later."""
-    return td.state is not TaskState.ATTACHING and (td.state is not TaskState.ENDED or td.error is not None)
+    coming = td.state in (TaskState.ATTACHING, TaskState.RELEASING)  # one that failed is being let go
+    return not coming and (td.state is not TaskState.ENDED or td.error is not None)
 
 
 __all__ = ["ALL", "HOST", "Processors", "RciProgram"]

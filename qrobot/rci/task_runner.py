@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from qrobot.errors import ConfigError, LinkError, RogueTask
+from qrobot.rci.aside import Aside, Outcome, at_once
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import OpenLink
@@ -76,6 +77,13 @@ class RobotExchange:
             self._command = command
 
 
+class Greeting(NamedTuple):
+    """A robot that was greeted, and what its bridge said."""
+
+    link: Link
+    welcome: Outcome[Welcome]
+
+
 class TaskRunner:
     """Runs one task.
 
@@ -83,6 +91,7 @@ class TaskRunner:
         td: its descriptor.
         clock: the common one.
         open_link: makes the way to its robot; None for a task without one.
+        aside: opens and closes it, which may take seconds.
 
     Attributes:
         functions: what it runs.
@@ -93,8 +102,10 @@ class TaskRunner:
         heard_ns: when its robot was heard last.
     """
 
-    def __init__(self, td: TaskDescriptor, clock: CommonClock, open_link: OpenLink | None = None) -> None:
-        self.td, self._clock, self._open_link = td, clock, open_link
+    def __init__(
+        self, td: TaskDescriptor, clock: CommonClock, open_link: OpenLink | None = None, aside: Aside = at_once
+    ) -> None:
+        self.td, self._clock, self._open_link, self._aside = td, clock, open_link, aside
         self.functions = ControlFunctions()
         self.entry: ClockEntry | None = None
         self.wakeup: Callable[[], object] | None = None
@@ -116,7 +127,7 @@ class TaskRunner:
         return self.port is not None
 
     def attach(self) -> None:
-        """Call its start-up function, once in its life, and take its robot, if it has one."""
+        """Call its start-up function, once in its life, and greet its robot, if it has one."""
         self.td.begin()
         self._enter(TaskState.ATTACHING)
         with self.guarded():
@@ -126,7 +137,19 @@ class TaskRunner:
             if self._open_link is None or self.td.robot is None:
                 self._enter(TaskState.READY)
             else:
-                self._take_robot(self.td.robot, self._open_link(self._period_us()))
+                self._greet(self.td.robot, self._open_link(self._period_us()))
+
+    def _greet(self, data: RobotData, link: Link) -> None:
+        starts = self.td.starts
+
+        def greeted(welcome: Outcome[Welcome]) -> None:
+            if self.td.state is not TaskState.ATTACHING or self.td.starts != starts:  # nobody waits for it any more
+                self._aside(lambda: link.close(f"task {self.td.name} was released"), lambda _: None)
+                return
+            with self.guarded():
+                self._take_robot(data, link, welcome.get())
+
+        self._aside(lambda: _opened(link), greeted)
 
     def _period_us(self) -> int:
         if self.entry is None:
@@ -136,9 +159,8 @@ class TaskRunner:
             raise ConfigError(f"task {self.td.name}: a robot is sampled every 1 to 100 ms, not {period_us / 1e3:g} ms")
         return period_us
 
-    def _take_robot(self, data: RobotData, link: Link) -> None:
+    def _take_robot(self, data: RobotData, link: Link, welcome: Welcome) -> None:
         self.port = RobotExchange(link)
-        welcome = link.open()
         if (welcome.robot, welcome.n) != (data.robot.name, data.n):
             here = f"{welcome.robot!r} with {welcome.n} joints"
             raise LinkError(f"task {self.td.name} wants {data.robot.name!r} with {data.n}, the bridge drives {here}")
@@ -173,19 +195,27 @@ class TaskRunner:
         if self._cycle is not None:
             self._cycle.stop(power_off)
             self._enter(TaskState.RELEASING)
-        elif self.td.state is not TaskState.ENDED:
+        elif self.td.state not in (TaskState.RELEASING, TaskState.ENDED):  # otherwise its link is being closed
             self._enter(TaskState.RELEASED)
 
-    def power_off(self) -> None:
-        """Take a robot that was let go again, to switch its power off. Raises what keeps it from that."""
-        if self.attached or self._open_link is None or self.td.robot is None or not self.td.left_with_power:
-            return
+    def greet_left(self) -> Greeting | None:
+        """Greet a robot that was let go with power; None for any other. It takes time, and changes nothing here."""
+        if self.attached or self._open_link is None or not self.td.left_with_power:
+            return None
         link = self._open_link(0)
+        return Greeting(link, Outcome(lambda: _opened(link)))
+
+    def power_off(self, greeting: Greeting) -> None:
+        """Take a robot that was let go again, to switch its power off. Raises what keeps it from that."""
+        welcome = greeting.welcome.get()
+        if self.attached or self.td.robot is None:  # it was started again meanwhile
+            greeting.link.close("its power stays on")
+            return
         try:
-            self._take_robot(self.td.robot, link)
+            self._take_robot(self.td.robot, greeting.link, welcome)
         except BaseException as error:
             self.port = self._cycle = None
-            link.close(str(error))
+            greeting.link.close(str(error))
             raise
         self.release(power_off=True)
 
@@ -309,10 +339,27 @@ class TaskRunner:
             self._let_go(str(error))
 
     def _let_go(self, reason: str) -> None:
-        if self.port is not None:
-            self.port.link.close(reason)
-        self.port = self._cycle = self.next_ns = None
-        self._enter(TaskState.RELEASED if self.td.error is None else TaskState.ENDED)
+        """Rest, when the link of its robot is closed."""
+        port, self.port = self.port, None
+        self._cycle = self.next_ns = None
+        self._enter(TaskState.RELEASING)
+        if port is None:
+            self._rest()
+        else:
+            self._aside(lambda: port.link.close(reason), lambda _: self._rest())
+
+    def _rest(self) -> None:
+        if self.td.state is TaskState.RELEASING:  # it may have been given up meanwhile
+            self._enter(TaskState.RELEASED if self.td.error is None else TaskState.ENDED)
 
     def _enter(self, state: TaskState) -> None:
         self.td.words[TaskWord.STATE] = state
+
+
+def _opened(link: Link) -> Welcome:
+    """Greet a robot; a link on which that fails is closed. Raises what `Link.open` raises."""
+    try:
+        return link.open()
+    except BaseException as error:
+        link.close(str(error))
+        raise

@@ -55,8 +55,18 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
             return id(body)
         if self._signature.args not in body.overloads:
             body.compile(self._signature)
+        return self._address_of("llvm_cfunc_wrapper_name")
+
+    @cached_property
+    def raising_address(self) -> int:
+        """As `address`, of code that hands what the body raises to its caller, who is made by `raising_function_at`."""
+        address = self.address
+        return address if jit_disabled() else self._address_of("llvm_func_name")
+
+    def _address_of(self, entry: str) -> int:
+        body: Any = self.body
         result = body.get_compile_result(self._signature)
-        return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+        return int(result.library.get_pointer_to_function(getattr(result.fndesc, entry)))
 
     def __wrapper_address__(self) -> int:
         """The address, for Numba."""
@@ -65,7 +75,16 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
 def function_at(signature: Any) -> Any:
     """Make the intrinsic that turns the address of a `KernelPointer` of that signature back into a function in
-    kernels."""
+    kernels. What that raises is printed, and its caller goes on."""
+    return _function_at(signature, "c_addr")
+
+
+def raising_function_at(signature: Any) -> Any:
+    """As `function_at`, for a `raising_address`: what the function raises, the kernel that calls it raises."""
+    return _function_at(signature, "jit_addr")
+
+
+def _function_at(signature: Any, field: str) -> Any:
     if jit_disabled():
         return _BODIES.__getitem__
     function_type = types.FunctionType(signature)
@@ -73,8 +92,8 @@ def function_at(signature: Any) -> Any:
     def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         function = cgutils.create_struct_proxy(function_type)(context, builder)
         nowhere = cgutils.get_null_value(cgutils.voidptr_t)
-        function.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
-        function.py_addr = function.jit_addr = nowhere
+        function.c_addr = function.py_addr = function.jit_addr = nowhere
+        setattr(function, field, builder.inttoptr(arguments[0], cgutils.voidptr_t))
         return function._getvalue()
 
     @intrinsic  # type: ignore[untyped-decorator]

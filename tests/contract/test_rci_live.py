@@ -325,3 +325,52 @@ def test_a_compiled_function_that_does_not_return_is_told_and_others_go_on(monke
     rci.rci_wait(lambda: good.runs > runs + 5)
     assert td.state is TaskState.ENDED
     wait_until(lambda: "rci-compiled" not in {thread.name for thread in threading.enumerate()}, "its return")
+
+
+def test_what_a_compiled_function_raises_ends_its_task_alone_and_is_told_each_time() -> None:
+    good, td = task("good", lambda _: None, 5), rci.rci_create("filter", "compiled")
+    rci.rci_shared_memory("filter", 8)
+    rci.rci_control(td, functions.fail)
+    rci.rci_onclock(td, 1)
+    rci.rci_start(good.bit)
+    for _ in range(2):
+        rci.rci_start(td.bit)
+        with pytest.raises(ValueError, match="the compiled function cannot go on"):
+            rci.rci_wait(lambda: False)
+        assert td.state is TaskState.ENDED
+    runs = good.runs
+    rci.rci_wait(lambda: good.runs > runs + 5)
+
+
+class SlowLink(TcpLink):
+    """A link of which the far end answers when another task of the processor has run on."""
+
+    watched: TaskDescriptor
+
+    def open(self):
+        self._let_it_run()
+        return super().open()
+
+    def close(self, reason: str = "") -> None:
+        self._let_it_run()
+        super().close(reason)
+
+    def _let_it_run(self) -> None:
+        runs = self.watched.runs
+        wait_until(lambda: self.watched.runs > runs + 5, "runs of another task while a link is opened or closed")
+
+
+def test_a_bridge_that_is_slow_to_greet_and_to_part_keeps_no_other_task_from_running() -> None:
+    with (
+        SocketRobot(FakeRobot(START)) as server,
+        rci.use(lambda hello: SlowLink(hello, ("test", 0), lambda _: server.socket), virtual_time=False),
+    ):
+        rci.rci_close()
+        good, arm = task("good", lambda _: None, 1), task("puma560", lambda _: None)
+        SlowLink.watched = good
+        rci.rci_start(good.bit)
+        rci.rci_start(arm.bit)
+        rci.rci_wait(lambda: arm.runs >= 3)
+        rci.rci_release(arm.bit)
+        assert (arm.state, good.state) == (TaskState.RELEASED, TaskState.ACTIVE)
+        rci.rci_close()

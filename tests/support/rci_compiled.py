@@ -32,3 +32,10 @@ def hang(_tick: int, _memory: Floats) -> None:
 @lean_kernel
 def of_three(_tick: int, _memory: Floats, _more: float) -> None:
     """Take too much."""
+
+
+@lean_kernel
+def fail(tick: int, _memory: Floats) -> None:
+    """Raise from tick 3 on."""
+    if tick >= 3:
+        raise ValueError("the compiled function cannot go on")

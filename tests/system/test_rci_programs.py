@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import runpy
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -103,3 +105,25 @@ def test_the_table_of_two_tasks_in_real_time_has_both_in_turn_s10(capsys: pytest
     names = [line.split()[1] for line in lines[1:-2]]
     assert abs(names.count("first") - names.count("second")) <= 1
     assert len(names) >= 7
+
+
+FAILING = """
+from qrobot import rci
+from tests.support.rci_compiled import fail
+
+td = rci.rci_create("filter", "compiled")
+rci.rci_shared_memory("filter", 8)
+rci.rci_control(td, fail)
+rci.rci_onclock(td, 1)
+rci.rci_start(td.bit)
+while td.active:
+    pass
+"""
+
+
+@pytest.mark.realtime
+def test_the_exit_status_tells_of_a_task_that_failed_when_the_program_does_not_ask() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", FAILING], check=False, cwd=Path(__file__).parents[2], capture_output=True, text=True
+    )
+    assert (ended.returncode, ended.stderr) == (1, "rci: ValueError: the compiled function cannot go on\n")
