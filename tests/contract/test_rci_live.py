@@ -374,3 +374,25 @@ def test_a_bridge_that_is_slow_to_greet_and_to_part_keeps_no_other_task_from_run
         rci.rci_release(arm.bit)
         assert (arm.state, good.state) == (TaskState.RELEASED, TaskState.ACTIVE)
         rci.rci_close()
+
+
+def test_an_arm_whose_task_sees_that_a_compiled_one_has_failed_comes_to_a_controlled_stop() -> None:
+    def follow(td: TaskDescriptor) -> None:
+        td.chg.go_to(START)
+        if td.runs > 3 and not rci.rci_descriptor("filter").active:
+            raise RuntimeError("the filter has failed")
+
+    robot = FakeRobot(START, period_us=4_000, patience=1 << 40)  # it stops only when it is told
+    with served(robot):
+        arm, td = task("puma560", follow), rci.rci_create("filter", "compiled")
+        rci.rci_shared_memory("filter", 8, td, arm.bit)
+        rci.rci_control(td, functions.fail)
+        rci.rci_onclock(td, 1)
+        rci.rci_start(arm.bit | td.bit)
+        with pytest.raises(ValueError, match="cannot go on"):
+            rci.rci_wait(lambda: False)
+        with pytest.raises(RuntimeError, match="the filter has failed"):
+            rci.rci_wait(lambda: False)
+        wait_until(lambda: robot.mode is Mode.HOLDING, "a controlled stop")
+        assert any(command.stop for command in robot.commands)
+        rci.rci_close()
