@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class Outcome(Generic[T]):
-    """What a piece of work gave, or raised."""
+    """Value of a piece of work, or the error that it raised."""
 
     def __init__(self, work: Callable[[], T]) -> None:
         self._error: Exception | None = None
