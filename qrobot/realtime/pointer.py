@@ -59,7 +59,7 @@ class KernelPointer(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     @cached_property
     def raising_address(self) -> int:
-        """As `address`, of code that hands what the body raises to its caller, who is made by `raising_function_at`."""
+        """Address of code that hands what the body raises to its caller, who is made by `raising_function_at`."""
         address = self.address
         return address if jit_disabled() else self._address_of("llvm_func_name")
 
@@ -80,7 +80,7 @@ def function_at(signature: Any) -> Any:
 
 
 def raising_function_at(signature: Any) -> Any:
-    """As `function_at`, for a `raising_address`: what the function raises, the kernel that calls it raises."""
+    """Make the intrinsic for a `raising_address`: what the function raises, the kernel that calls it raises."""
     return _function_at(signature, "jit_addr")
 
 
