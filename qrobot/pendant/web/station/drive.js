@@ -152,7 +152,7 @@ function speedCard() {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
     pause.disabled = !state || (paused() && !link.driving);
-    setText(pause, paused() ? "▶ Go on" : "‖ Pause motions");
+    setText(pause, paused() ? "▶ Go on" : "‖ Ask for a pause");
     setAttribute(pause, "data-on", paused());
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
