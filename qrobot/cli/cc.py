@@ -1,9 +1,10 @@
-"""`qrobot cc`: compile a C program for RCCL."""
+"""`qrobot cc`: compile a C program for RCCL or RCI."""
 
 from __future__ import annotations
 
 import shlex
 import subprocess
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -18,11 +19,12 @@ def cc(
     cflags: bool = False,
     libs: bool = False,
     pkg_config: bool = False,
+    robot: tuple[Path, ...] = (),
 ) -> int:
-    """Compile a program in C that moves an arm through RCCL, legacy programs of the eighties included.
+    """Compile a program in C that moves an arm through RCCL or RCI, legacy programs of the eighties included.
 
-    It is the C compiler (that of CC, else cc) with what such programs need: the header rccl.h, C as it was then without
-    complaints about it, and the library. A program finds its arm by itself, as one in Python does; `qrobot run` takes
+    It is the C compiler (that of CC, else cc) with what such programs need: the headers rccl.h and rci.h, C as it was
+    then without complaints about it, and the library, of which the linker takes what a program calls. A program finds its arm by itself, as one in Python does; `qrobot run` takes
     it as well.
 
       qrobot cc prog.c -o prog
@@ -42,17 +44,19 @@ def cc(
         Only print the options for linking.
     pkg_config
         Only print a file for pkg-config, to be put into a folder of PKG_CONFIG_PATH as qrobot-rccl.pc.
+    robot
+        Robot file that tasks of RCI are to know besides the packaged ones; may be given several times.
     """
     from qrobot.cli import toolchain
 
     if pkg_config:
         return _print(toolchain.package_file().rstrip())
     if cflags or libs:
-        wanted = [*(toolchain.compile_flags() if cflags else []), *(toolchain.link_flags() if libs else [])]
+        wanted = [*(toolchain.compile_flags() if cflags else []), *(toolchain.link_flags(robots=robot) if libs else [])]
         return _print(shlex.join(wanted))
     if not arguments:
         raise ConfigError("nothing to compile: qrobot cc prog.c -o prog")
-    command = toolchain.command_line(arguments)
+    command = toolchain.command_line(arguments, robot)
     if show:
         return _print(shlex.join(command))
     return subprocess.run(command, check=False).returncode

@@ -18,10 +18,12 @@ from pathlib import Path
 from typing import Final
 
 from qrobot.errors import ConfigError
+from qrobot.rci.c.robot_table import TABLE_MAKER, robot_files, robot_table
 
 HERE: Final = Path(__file__).parents[1]
 INCLUDE: Final = HERE / "rccl" / "c" / "include"
 SOURCES: Final = HERE / "rccl" / "c" / "shim"
+RCI: Final = HERE / "rci" / "c"
 WIRE: Final = HERE / "wire" / "c"
 """Of the header of the wire protocol's client."""
 LEGACY: Final = ("-std=gnu99", "-fgnu89-inline", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
@@ -66,7 +68,7 @@ def compiler() -> list[str]:
 def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
     """Compiler options for legacy sources, silent unless `arguments` ask for warnings."""
     asked = any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments)
-    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), f"-I{INCLUDE}", f"-I{WIRE}"]
+    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), f"-I{INCLUDE}", f"-I{RCI / 'include'}", f"-I{WIRE}"]
 
 
 def _unsaid() -> list[str]:
@@ -82,14 +84,22 @@ def _as_warnings() -> list[str]:
     return ["-Wno-unknown-warning-option", *(f"-Wno-error={name}" for name in TOLERATED)]
 
 
-def link_flags(arguments: Sequence[str] = ()) -> list[str]:
-    """Linker options for legacy programs; the library is compiled if need be. Raises ConfigError when that fails."""
-    return [f"-L{library(compiler(), arguments).parent}", f"-l{LIBRARY}", "-pthread", "-lm"]
+def link_flags(arguments: Sequence[str] = (), robots: Sequence[Path] = ()) -> list[str]:
+    """Linker options for programs in C; the library is compiled if need be. Raises ConfigError when that fails."""
+    return [f"-L{library(compiler(), arguments, robots).parent}", f"-l{LIBRARY}", "-pthread", "-lm"]
 
 
-def command_line(arguments: Sequence[str]) -> list[str]:
-    """The whole command for these arguments of a compiler. Raises ConfigError: no compiler, or no library."""
-    linked = [] if _NO_LINKING & set(arguments) else link_flags(arguments)
+def command_line(arguments: Sequence[str], robots: Sequence[Path] = ()) -> list[str]:
+    """The whole command for these arguments of a compiler.
+
+    Args:
+        arguments: of the compiler.
+        robots: files of robots that tasks of RCI are to know besides the packaged ones.
+
+    Raises:
+        ConfigError: no compiler, no library, or a mistake in a robot file.
+    """
+    linked = [] if _NO_LINKING & set(arguments) else link_flags(arguments, robots)
     return [*compiler(), *compile_flags(arguments), *arguments, *linked]
 
 
@@ -109,38 +119,44 @@ def package_file() -> str:
     )
 
 
-def library(cc: Sequence[str], arguments: Sequence[str] = ()) -> Path:
+def library(cc: Sequence[str], arguments: Sequence[str] = (), robots: Sequence[Path] = ()) -> Path:
     """The library for a compiler, instrumented as in `arguments`. Raises ConfigError: it cannot be compiled."""
     flags = [*STRICT, *(word for word in arguments if word.startswith(_INSTRUMENTATION))]
-    flags += [f"-I{INCLUDE}", f'-DQROBOT_PYTHON="{sys.executable}"']
-    made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags])
+    flags += [f"-I{INCLUDE}", f"-I{RCI / 'include'}", f"-I{WIRE}", f'-DQROBOT_PYTHON="{sys.executable}"']
+    files = [*robot_files(), *robots]
+    made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags], files)
     path = made / f"lib{LIBRARY}.a"
     if not path.exists():
-        _build(cc, flags, path)
+        _build(cc, flags, path, files)
     return path
 
 
-def _build(cc: Sequence[str], flags: Sequence[str], path: Path) -> None:
+def _build(cc: Sequence[str], flags: Sequence[str], path: Path, robots: Sequence[Path]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        objects = [f"{folder}/{source.stem}.o" for source in _sources()]
-        for source, target in zip(_sources(), objects, strict=True):
+        table = Path(folder) / "rci_robot_table.c"
+        table.write_text(robot_table(robots))
+        sources = [*_sources(), table]
+        objects = [f"{folder}/{source.parent.name}-{source.stem}.o" for source in sources]
+        for source, target in zip(sources, objects, strict=True):
             _answer_of([*cc, *flags, "-c", str(source), "-o", target])
         _answer_of(["ar", "rcs", f"{folder}/library.a", *objects])
         os.replace(f"{folder}/library.a", path)  # whole or not at all, whoever else compiles it now
 
 
 def _sources() -> list[Path]:
-    return sorted(SOURCES.glob("*.c"))
+    return sorted((*SOURCES.glob("*.c"), *RCI.glob("src/*.c")))
 
 
 def _cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "qrobot" / "cc"
 
 
-def _digest(words: Sequence[str]) -> str:
-    texts = [path.read_bytes() for path in (*_sources(), SOURCES / "shim.h", *sorted(INCLUDE.glob("*.h")))]
-    return hashlib.sha256("\0".join(words).encode() + b"\0".join(texts)).hexdigest()[:16]
+def _digest(words: Sequence[str], robots: Sequence[Path]) -> str:
+    headers = [SOURCES / "shim.h", *INCLUDE.glob("*.h"), *RCI.glob("*/*.h"), *WIRE.glob("*.h")]
+    told = [*words, *map(str, robots)]
+    texts = [path.read_bytes() for path in (*_sources(), *sorted(headers), TABLE_MAKER, *robots)]
+    return hashlib.sha256("\0".join(told).encode() + b"\0".join(texts)).hexdigest()[:16]
 
 
 def _answer_of(command: Sequence[str]) -> str:

@@ -1,0 +1,102 @@
+/* One arm mirrors another: a master and a slave, two tasks of RCI on one clock.
+ *
+ * The master's task moves its arm and posts where the arm was measured, in shared memory. The slave's task sends its own
+ * arm to the mirror image of that, left for right, no faster than its joints may go. In Python: examples/16_mirror.py.
+ *
+ *     qrobot cc examples/c/rci_mirror.c -o rci_mirror
+ *     qrobot run --offline ./rci_mirror               two ideal arms
+ *     qrobot up two_arms & ./rci_mirror               two emulated ones, in real time; ./rci_mirror 4 at 4 ms
+ *
+ * SPDX-License-Identifier: Apache-2.0
+ */
+#include "rci.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define SWING_MS 8400
+#define JOINTS 6
+
+struct posted {
+    long word;      /* test and set: whoever gets 0 has the rest until it clears it */
+    int there;
+    double q[JOINTS];
+};
+
+static const double swing[JOINTS] = {0.4363, 0.2618, -0.3491, 0.1745, 0.3491, -0.2618};
+static const double mirror[JOINTS] = {-1.0, 1.0, 1.0, -1.0, 1.0, -1.0}; /* joints 1, 4 and 6 turn the other way */
+static RCI_TASK *left, *right;
+static long period = 28; /* ticks of 1 ms */
+static double behind;    /* the slave's largest distance from the mirror image */
+
+/* Swing, gently at both ends, and post the measured joints. */
+static void master(RCI_TASK *td)
+{
+    static double rest[JOINTS];
+    struct posted *posted = rci_getMemory("master");
+    double way = (double)(rci_runs(td) * period) / SWING_MS;
+    double share = 0.5 * (1.0 - cos(2.0 * 3.14159265358979 * (way < 1.0 ? way : 1.0)));
+    double q[RCI_JOINTS];
+    int j;
+
+    for (j = 0; j < JOINTS; j++) {
+        rest[j] = rci_runs(td) == 0 ? td->how.q_setpoint[j] : rest[j];
+        q[j] = rest[j] + share * swing[j];
+    }
+    rci_goto(td, q);
+    if (!rci_testAndSet(&posted->word)) {
+        for (j = 0; j < JOINTS; j++)
+            posted->q[j] = td->how.q[j];
+        posted->there = 1;
+        rci_clear(&posted->word);
+    }
+}
+
+/* Follow the mirror image of what the master has posted. */
+static void slave(RCI_TASK *td)
+{
+    struct posted *posted = rci_getMemory("master");
+    int j;
+
+    if (rci_testAndSet(&posted->word))
+        return; /* the master writes just now: the arm stays for this sample */
+    for (j = 0; posted->there && j < JOINTS; j++) {
+        double goal = mirror[j] * posted->q[j], most = 0.9 * td->robot->v_max[j] * (double)period * 1e-3;
+        double step = goal - td->chg.setpoints[j];
+
+        td->chg.setpoints[j] += step > most ? most : step < -most ? -most : step;
+        behind = fabs(goal - td->how.q[j]) > behind ? fabs(goal - td->how.q[j]) : behind;
+    }
+    rci_clear(&posted->word);
+}
+
+static int over(void)
+{
+    return rci_runs(left) * period > SWING_MS + 600;
+}
+
+/* Where a bridge is: the environment's word for it, or that of the deployment file "two_arms". */
+static const char *bridge(const char *variable, const char *usual)
+{
+    return getenv(variable) ? getenv(variable) : usual;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc > 1)
+        period = atol(argv[1]);
+    if (rci_clock(1000) || rci_robot("left", "puma560", bridge("LEFT_BRIDGE", "127.0.0.1:5600")) ||
+        rci_robot("right", "puma560", bridge("RIGHT_BRIDGE", "127.0.0.1:5601")))
+        return 1;
+    if ((left = rci_create("left", "")) == 0 || (right = rci_create("right", "")) == 0 || rci_priority(left, 1))
+        return 1;
+    if (rci_sharedMemory("master", sizeof(struct posted), left, right->bit) == 0)
+        return 1;
+    if (rci_control(left, master, 0, 0) || rci_control(right, slave, 0, 0) || rci_onclock(left, period, 0) ||
+        rci_onclock(right, period, 0))
+        return 1;
+    if (rci_start(left->bit | right->bit) || rci_wait(over) || rci_close())
+        return 1;
+    printf("the slave was at most %.2f degrees behind\n", behind * 57.29578);
+    return 0;
+}

@@ -1,0 +1,77 @@
+/* The way from a task to its robot. */
+#include "inside.h"
+
+#define SEND_MS 20 /* a bridge that takes no more for so long is gone */
+
+static uint32_t period_us(const RCI_TASK *td)
+{
+    return (uint32_t)(td->inside->clock.interval * 1000000 / rci_program.rate_hz);
+}
+
+/* Greet the robot of a task, in the planning program, which may wait. Returns 0 or -1. */
+int rci_link_open(RCI_TASK *td)
+{
+    struct rci_inside *in = td->inside;
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, "RCI in C", period_us(td), 0};
+    struct qrobot_link *link = calloc(1, sizeof *link);
+
+    if (link == NULL)
+        return rci_fail("rci_start: no memory");
+    if (qrobot_connect(link, in->address[0] ? in->address : NULL, &hello) != QROBOT_OK ||
+        link->joints != td->robot->n) {
+        if (link->fd >= 0)
+            rci_fail("rci_start: task %s: %s has %d joints, its file says %d", td->name, link->peer, link->joints,
+                     td->robot->n);
+        else
+            rci_fail("rci_start: task %s: %s", td->name, link->error);
+        qrobot_disconnect(link, "not the robot that was asked for");
+        free(link);
+        return -1;
+    }
+    link->timeout_ms = rci_program.virtual_time ? link->timeout_ms : SEND_MS;
+    rci_lock();
+    rci_cycle_begin(&in->cycle, link->period_us * 1e-6);
+    in->link = link;
+    in->heard_ns = rci_now_ns();
+    in->next_ns = in->heard_ns + link->period_us * INT64_C(1000);
+    rci_unlock();
+    return 0;
+}
+
+/* Say goodbye without waiting for anything: the arm has been stopped, or the bridge stops it. */
+void rci_link_close(RCI_TASK *td, const char *reason)
+{
+    struct qrobot_link *link = td->inside->link;
+    unsigned char out[QROBOT_MAX_PACKET];
+    int size;
+
+    if (link == NULL)
+        return;
+    if (link->fd >= 0 && (size = qrobot_put_bye(link, reason, qrobot_now_ns(), out)) > 0 &&
+        send(link->fd, out, (size_t)size, MSG_NOSIGNAL) == size)
+        shutdown(link->fd, SHUT_WR);
+    qrw_close(link);
+    free(link);
+    td->inside->link = NULL;
+}
+
+/* Read what has come; of several states the newest counts. Returns 1 for a new one, 0, or -1 with link->error. */
+int rci_link_hear(RCI_TASK *td)
+{
+    struct qrobot_link *link = td->inside->link;
+    struct cycle *c = &td->inside->cycle;
+    uint32_t before = c->state.seq;
+    int heard, found = 0, status = qrw_read(link);
+
+    while ((heard = qrobot_next(link, &c->state)) > 0)
+        found = found || heard == QROBOT_KIND_STATE;
+    if (heard < 0 || status < 0)
+        return -1;
+    if (found && c->has_state) {
+        long left_out = (long)(uint32_t)(c->state.seq - before - 1);
+
+        td->inside->missed += left_out;
+        td->inside->woken += left_out;
+    }
+    return found;
+}

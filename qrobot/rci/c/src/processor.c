@@ -1,0 +1,370 @@
+/* Processors: threads that run tasks, one thread for each name. */
+#include "inside.h"
+
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+
+#define PRIORITY 20            /* of qrobot/rci/host_thread.py: behind bridge and servo, ahead of ordinary programs */
+#define SILENT_NS (2 * NS)     /* a robot that says nothing for so long is gone */
+#define LOOK_NS (NS / 10)
+
+static struct seat *lost_seats; /* of threads that never came back */
+
+/* The number behind a prefix: -1 without one, -2 when that is not what the name is. */
+static int number_of(const char *name, const char *prefix)
+{
+    size_t length = strlen(prefix);
+    char *end;
+    long number;
+
+    if (strncmp(name, prefix, length) != 0)
+        return -2;
+    if (name[length] == '\0')
+        return -1;
+    number = strtol(name + length, &end, 10);
+    return name[length] >= '0' && name[length] <= '9' && *end == '\0' && number < CPU_SETSIZE ? (int)number : -2;
+}
+
+static int is_allowed_cpu(int cpu)
+{
+    cpu_set_t allowed;
+
+    return cpu >= 0 && sched_getaffinity(0, sizeof allowed, &allowed) == 0 && CPU_ISSET(cpu, &allowed);
+}
+
+static struct processor *new_processor(const char *name, int cpu)
+{
+    struct processor *made = calloc(1, sizeof *made);
+
+    if (made == NULL || pipe2(made->wake, O_CLOEXEC | O_NONBLOCK) != 0) {
+        rci_fail("rci_create: processor %s: %s", name, strerror(errno));
+        free(made);
+        return NULL;
+    }
+    snprintf(made->name, sizeof made->name, "%s", name);
+    made->cpu = cpu;
+    made->next = rci_program.processors;
+    rci_program.processors = made;
+    return made;
+}
+
+/* The processor of a name; its thread starts with the first rci_start. NULL: there is none. */
+struct processor *rci_processor(const char *name)
+{
+    const char *wanted = name != NULL && name[0] != '\0' ? name : "host";
+    int cpu = number_of(wanted, "cpu");
+
+    for (struct processor *each = rci_program.processors; each != NULL; each = each->next)
+        if (strcmp(each->name, wanted) == 0)
+            return each;
+    if (strlen(wanted) <= NAME_BYTES &&
+        (strcmp(wanted, "host") == 0 || number_of(wanted, "aux") > -2 ||
+         (cpu >= 0 && (rci_program.virtual_time || is_allowed_cpu(cpu)))))
+        return new_processor(wanted, cpu >= 0 ? cpu : -1);
+    rci_fail("rci_create: no processor \"%s\"; there are host, aux, aux1 ..., and cpu0 ... as many as this program may "
+             "use", wanted);
+    return NULL;
+}
+
+void rci_processor_wake(struct processor *processor)
+{
+    if (!rci_program.virtual_time && write(processor->wake[1], "", 1) < 0 && errno != EAGAIN)
+        rci_fail("processor %s: %s", processor->name, strerror(errno));
+}
+
+/* Ask for SCHED_FIFO; without the right to it the thread runs as others do. */
+void rci_take_fifo(struct seat *seat, int above)
+{
+    struct sched_param wanted;
+
+    memset(&wanted, 0, sizeof wanted);
+    wanted.sched_priority = PRIORITY + above;
+    seat->real_time = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted) == 0;
+    prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL);
+}
+
+/* ------------------------------------------------------------------------------------------------------- one round */
+
+static void start_up(struct seat *seat)
+{
+    RCI_TASK *td;
+    int index = 0;
+
+    while ((td = rci_task_of(seat->processor, &index)) != NULL)
+        if (td->inside->state == RCI_ATTACHING && !td->inside->started_up) {
+            if (rci_call(seat, td, td->inside->startup) < 0)
+                return;
+            td->inside->started_up = 1;
+        }
+}
+
+/* Its arm has been stopped, or the link is of no use any more. */
+static void let_go(RCI_TASK *td)
+{
+    rci_link_close(td, td->inside->state == RCI_ENDED ? td->inside->error : "released");
+    if (td->inside->state == RCI_RELEASING)
+        td->inside->state = RCI_RELEASED;
+}
+
+static int hear_in_virtual_time(RCI_TASK *td)
+{
+    struct rci_inside *in = td->inside;
+    struct cycle *c = &in->cycle;
+
+    if (rci_program.now_ns < in->next_ns)
+        return 0;
+    in->next_ns += in->link->period_us * INT64_C(1000);
+    return qrobot_exchange(in->link, c->has_state ? &c->command : NULL, &c->state) == QROBOT_OK ? 1 : -1;
+}
+
+static void hear_robots(struct seat *seat)
+{
+    RCI_TASK *td;
+    int index = 0;
+
+    while ((td = rci_task_of(seat->processor, &index)) != NULL && !seat->given_up) {
+        struct rci_inside *in = td->inside;
+        int heard = in->link == NULL              ? 0
+                    : rci_program.virtual_time ? hear_in_virtual_time(td)
+                                               : rci_link_hear(td);
+
+        if (heard < 0 || (in->link != NULL && rci_now_ns() - in->heard_ns > SILENT_NS)) {
+            rci_end_task(td, "%s", heard < 0 ? in->link->error : "its bridge has fallen silent");
+            in->cycle.phase = LEFT;
+        } else if (heard > 0 && rci_sample(seat, td) < 0)
+            return;
+        if (in->link != NULL && in->cycle.phase == LEFT)
+            let_go(td);
+    }
+}
+
+/* Everything that is due now. */
+void rci_round(struct seat *seat)
+{
+    start_up(seat);
+    if (!seat->given_up)
+        hear_robots(seat);
+    if (!seat->given_up) {
+        rci_wake_tasks(seat->processor, rci_program.virtual_time ? rci_program.tick : rci_tick_at(qrobot_now_ns()));
+        rci_ask_functions(seat);
+    }
+    while (!seat->given_up && rci_run_tasks(seat) > 0)
+        if (!rci_program.virtual_time)
+            break;
+}
+
+/* --------------------------------------------------------------------------------------------------------- waiting */
+
+static int is_behind(const RCI_TASK *td)
+{
+    return td->inside->state == RCI_ACTIVE && td->robot == NULL && td->inside->woken != td->inside->served;
+}
+
+/* When to look again, whatever happens. */
+static int64_t next_instant(const struct processor *processor, int64_t now_ns)
+{
+    int64_t next = now_ns + LOOK_NS, tick = rci_tick_at(now_ns);
+    RCI_TASK *td;
+    int index = 0;
+
+    while ((td = rci_task_of(processor, &index)) != NULL) {
+        const struct rci_inside *in = td->inside;
+        int64_t at = NEVER;
+
+        if (in->state != RCI_ACTIVE)
+            continue;
+        if (td->robot == NULL)
+            at = in->clock.next;
+        if (in->trigger_clock.next < at)
+            at = in->trigger_clock.next;
+        if (in->wakeup != NULL && in->device < 0 && tick + 1 < at)
+            at = tick + 1;
+        if (is_behind(td))
+            next = now_ns;
+        else if (at != NEVER && rci_time_of(at) < next)
+            next = rci_time_of(at);
+    }
+    return next;
+}
+
+/* What to wait for: orders, robots, devices. Returns how many. */
+static int gather(const struct processor *processor, struct pollfd *fds, RCI_TASK **tasks)
+{
+    RCI_TASK *td;
+    int index = 0, count = 1;
+
+    fds[0].fd = processor->wake[0];
+    while ((td = rci_task_of(processor, &index)) != NULL) {
+        int fd = td->inside->link != NULL ? td->inside->link->fd : td->inside->device;
+
+        if (fd >= 0 && (td->inside->link != NULL || td->inside->state == RCI_ACTIVE)) {
+            tasks[count] = td;
+            fds[count++].fd = fd;
+        }
+    }
+    for (int i = 0; i < count; i++) {
+        fds[i].events = POLLIN;
+        fds[i].revents = 0;
+    }
+    return count;
+}
+
+static void note_devices(const struct pollfd *fds, RCI_TASK **tasks, int count)
+{
+    for (int i = 1; i < count; i++) {
+        struct rci_inside *in = tasks[i]->inside;
+
+        if (in->link != NULL || in->device != fds[i].fd || in->state != RCI_ACTIVE)
+            continue;
+        if (fds[i].revents & POLLIN)
+            in->device_ready = 1;
+        else if (fds[i].revents != 0)
+            rci_end_task(tasks[i], "its device %d was closed", in->device);
+    }
+}
+
+static void wait_for_more(struct seat *seat)
+{
+    struct pollfd fds[RCI_TASKS + 1];
+    RCI_TASK *tasks[RCI_TASKS + 1];
+    int count = gather(seat->processor, fds, tasks);
+    int64_t now_ns = qrobot_now_ns(), left_ns = next_instant(seat->processor, now_ns) - now_ns;
+    struct timespec left = {0, left_ns > 0 ? (long)left_ns : 0};
+    char unread[64];
+
+    rci_unlock();
+    if (ppoll(fds, (nfds_t)count, &left, NULL) > 0 && fds[0].revents)
+        while (read(fds[0].fd, unread, sizeof unread) == (ssize_t)sizeof unread)
+            continue;
+    rci_lock();
+    if (!seat->given_up)
+        note_devices(fds, tasks, count);
+}
+
+static void *run(void *argument)
+{
+    struct seat *seat = argument;
+    cpu_set_t one;
+
+    rci_lock();
+    if (seat->processor->cpu >= 0) {
+        CPU_ZERO(&one);
+        CPU_SET(seat->processor->cpu, &one);
+        pthread_setaffinity_np(pthread_self(), sizeof one, &one);
+    }
+    rci_take_fifo(seat, 0);
+    while (!seat->given_up && !seat->processor->over) {
+        rci_round(seat);
+        if (!seat->given_up)
+            wait_for_more(seat);
+    }
+    seat->ended = 1;
+    rci_unlock();
+    return NULL;
+}
+
+/* Give a processor a thread, which has no signals: those are the planning program's. The lock is held. */
+static int take_seat(struct processor *processor)
+{
+    struct seat *seat = calloc(1, sizeof *seat);
+    sigset_t all, before;
+    int error;
+
+    if (seat == NULL)
+        return rci_fail("processor %s: no memory", processor->name);
+    seat->processor = processor;
+    processor->seat = seat;
+    if (rci_program.virtual_time)
+        return 0;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    error = pthread_create(&seat->thread, NULL, run, seat);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    if (error == 0)
+        return 0;
+    processor->seat = NULL;
+    free(seat);
+    return rci_fail("processor %s: no thread: %s", processor->name, strerror(error));
+}
+
+int rci_processor_start(struct processor *processor)
+{
+    return processor->seat == NULL ? take_seat(processor) : 0;
+}
+
+/* A function does not come back: its task ends, another thread goes on with the processor and stops its arm. The old
+ * one loses its priority, so that it delays nobody, and ends when its function does. The lock is held. */
+void rci_give_up(struct seat *seat)
+{
+    struct sched_param none;
+
+    memset(&none, 0, sizeof none);
+    seat->given_up = 1;
+    rci_end_task(seat->running, "one of its functions takes longer than %g s and was given up",
+                 (double)seat->running->inside->allowed_ns * 1e-9);
+    pthread_setschedparam(seat->thread, SCHED_OTHER, &none);
+    pthread_detach(seat->thread);
+    seat->next_lost = lost_seats;
+    lost_seats = seat;
+    take_seat(seat->processor);
+}
+
+static void end_processor(struct processor *processor)
+{
+    const struct timespec moment = {0, 1000000};
+    struct seat *seat;
+
+    rci_lock();
+    processor->over = 1;
+    rci_processor_wake(processor);
+    while ((seat = processor->seat) != NULL && !seat->ended && !rci_program.virtual_time) {
+        rci_unlock();
+        nanosleep(&moment, NULL);
+        rci_lock();
+    }
+    rci_unlock();
+    if (seat != NULL && !rci_program.virtual_time)
+        pthread_join(seat->thread, NULL);
+    free(seat);
+    close(processor->wake[0]);
+    close(processor->wake[1]);
+    free(processor);
+}
+
+/* Forget threads that came back after all. Returns how many have not. */
+static int count_lost(void)
+{
+    struct seat **at = &lost_seats;
+    int lost = 0;
+
+    while (*at != NULL) {
+        struct seat *seat = *at;
+
+        if (seat->ended) {
+            *at = seat->next_lost;
+            free(seat);
+        } else {
+            at = &seat->next_lost;
+            lost++;
+        }
+    }
+    return lost;
+}
+
+/* End the threads of all processors. Returns how many never came back. */
+int rci_processors_end(void)
+{
+    struct processor *each = rci_program.processors, *next;
+    int lost;
+
+    for (; each != NULL; each = next) {
+        next = each->next;
+        end_processor(each);
+    }
+    rci_program.processors = NULL;
+    rci_lock();
+    lost = count_lost();
+    rci_unlock();
+    return lost;
+}

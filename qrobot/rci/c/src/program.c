@@ -1,0 +1,272 @@
+/* The program: its tasks, from the first call to rci_close. */
+#include "inside.h"
+
+#include <ctype.h>
+#include <sched.h>
+
+struct program rci_program;
+__thread RCI_TASK *rci_current; /* whose function runs in this thread; 0 in the planning program */
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static __thread char last_error[TEXT_BYTES];
+
+/* Say on stderr what went wrong, and keep it for rci_error. Returns -1. */
+int rci_fail(const char *format, ...)
+{
+    va_list values;
+
+    va_start(values, format);
+    vsnprintf(last_error, sizeof last_error, format, values);
+    va_end(values);
+    fprintf(stderr, "rci: %s\n", last_error);
+    return -1;
+}
+
+const char *rci_error(void)
+{
+    return last_error;
+}
+
+void rci_lock(void)
+{
+    pthread_mutex_lock(&rci_program.lock);
+}
+
+void rci_unlock(void)
+{
+    pthread_mutex_unlock(&rci_program.lock);
+}
+
+static void close_at_exit(void)
+{
+    if (rci_program.begun && pthread_equal(pthread_self(), rci_program.parent_thread) && rci_current == NULL)
+        rci_close();
+}
+
+/* What is done once in a process. */
+static void prepare(void)
+{
+    pthread_mutexattr_t attributes;
+
+    pthread_mutexattr_init(&attributes);
+    pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
+    pthread_mutex_init(&rci_program.lock, &attributes);
+    pthread_mutexattr_destroy(&attributes);
+    atexit(close_at_exit);
+}
+
+/* The first call begins a program: its clock and its parent task. */
+void rci_begin(void)
+{
+    const char *kind = getenv("QROBOT_RCI_TIME");
+    struct program *p = &rci_program;
+
+    pthread_once(&once, prepare);
+    if (p->begun)
+        return;
+    p->begun = 1;
+    p->virtual_time = kind != NULL && strcmp(kind, "virtual") == 0;
+    p->rate_hz = FALLBACK_HZ;
+    p->tick = -1;
+    p->epoch_ns = p->virtual_time ? 0 : qrobot_now_ns();
+    p->parent_thread = pthread_self();
+    p->parent.name = "parent";
+    p->parent.bit = RCI_PARENT;
+    p->parent.processor = "host";
+    p->parent.inside = &p->parent_inside;
+    p->parent_inside.mailbox = rci_mailbox();
+}
+
+/* 1 for a task of this program; otherwise 0, and says so. */
+int rci_is_task(const RCI_TASK *td, const char *call)
+{
+    for (int i = 0; rci_program.begun && i < rci_program.n_tasks; i++)
+        if (rci_program.tasks[i] == td)
+            return 1;
+    rci_fail("%s: that is no task of this program; rci_create() makes them, rci_close() forgets them", call);
+    return 0;
+}
+
+int rci_are_tasks(unsigned long mask, const char *call)
+{
+    unsigned long known = 0;
+
+    for (int i = 0; rci_program.begun && i < rci_program.n_tasks; i++)
+        known |= rci_program.tasks[i]->bit;
+    if (mask != 0 && (mask & ~known) == 0)
+        return 1;
+    rci_fail("%s: mask %#lx has bits of no task; there are %#lx", call, mask, known);
+    return 0;
+}
+
+int rci_clock(long rate_hz)
+{
+    rci_begin();
+    if (rci_current != NULL || rci_program.sealed)
+        return rci_fail("rci_clock: choose the rate before the first rci_start()");
+    if (rate_hz < 1 || rate_hz > FASTEST_HZ)
+        return rci_fail("rci_clock: %ld Hz; whole numbers from 1 to %d are allowed", rate_hz, FASTEST_HZ);
+    rci_program.rate_hz = rate_hz;
+    return 0;
+}
+
+/* Why a task of that name cannot be made, 0 when it can. */
+static const char *refusal(const char *name)
+{
+    if (rci_current != NULL)
+        return "only the planning program creates tasks";
+    if (rci_program.sealed)
+        return "all tasks are created before the first rci_start()";
+    if (name == NULL || name[0] == '\0' || strlen(name) > NAME_BYTES)
+        return "a name of 1 to 64 bytes is needed";
+    if (rci_program.n_tasks == RCI_TASKS)
+        return "a program has at most 30 tasks";
+    for (int i = 0; i < rci_program.n_tasks; i++)
+        if (strcmp(rci_program.tasks[i]->name, name) == 0)
+            return "there is a task of that name already";
+    return NULL;
+}
+
+static RCI_TASK *new_task(const char *name, struct processor *processor)
+{
+    RCI_TASK *td = calloc(1, sizeof *td);
+    struct rci_inside *in = calloc(1, sizeof *in);
+
+    if (td == NULL || in == NULL || (in->mailbox = rci_mailbox()) == NULL) {
+        free(td);
+        free(in);
+        rci_fail("rci_create: no memory");
+        return NULL;
+    }
+    snprintf(in->name, sizeof in->name, "%s", name);
+    td->inside = in;
+    td->name = in->name;
+    td->processor = processor->name;
+    td->robot = rci_find_robot(name, in->address);
+    in->processor = processor;
+    in->device = -1;
+    in->allowed_ns = ALLOWED_NS;
+    in->clock.next = in->trigger_clock.next = NEVER;
+    td->how.n = td->robot ? td->robot->n : 0;
+    return td;
+}
+
+RCI_TASK *rci_create(const char *name, const char *proc)
+{
+    const char *why;
+    struct processor *processor;
+    RCI_TASK *td;
+
+    rci_begin();
+    if ((why = refusal(name)) != NULL) {
+        rci_fail("rci_create(\"%s\"): %s", name ? name : "", why);
+        return NULL;
+    }
+    if ((processor = rci_processor(proc)) == NULL || (td = new_task(name, processor)) == NULL)
+        return NULL;
+    rci_lock();
+    td->bit = RCI_PARENT << (rci_program.n_tasks + 1);
+    rci_program.tasks[rci_program.n_tasks++] = td;
+    rci_unlock();
+    return td;
+}
+
+int rci_control(RCI_TASK *td, RCI_FUNCTION control1, RCI_FUNCTION control2, RCI_FUNCTION startup)
+{
+    if (!rci_is_task(td, "rci_control"))
+        return -1;
+    if (control1 == NULL)
+        return rci_fail("rci_control: task %s needs a first control function", td->name);
+    rci_lock();
+    td->inside->control1 = control1;
+    td->inside->control2 = control2;
+    td->inside->startup = startup;
+    rci_unlock();
+    return 0;
+}
+
+int rci_priority(RCI_TASK *td, int priority)
+{
+    if (!rci_is_task(td, "rci_priority"))
+        return -1;
+    rci_lock();
+    td->inside->priority = priority;
+    rci_unlock();
+    return 0;
+}
+
+static void forget(RCI_TASK *td)
+{
+    rci_mailbox_free(td->inside->mailbox);
+    free(td->inside->link);
+    free(td->inside);
+    free(td);
+}
+
+/* A thread that never came back may still use what it knows: then tasks and memory are kept for it. */
+static void forget_all(int lost)
+{
+    struct program *p = &rci_program;
+
+    for (int i = 0; i < p->n_tasks && !lost; i++)
+        forget(p->tasks[i]);
+    if (!lost) {
+        rci_areas_free();
+        rci_mailbox_free(p->parent_inside.mailbox);
+    }
+    p->n_tasks = p->begun = p->sealed = 0;
+    p->areas = NULL;
+    memset(&p->parent_inside, 0, sizeof p->parent_inside);
+    rci_forget_robots();
+}
+
+static int untold(void)
+{
+    int count = 0;
+
+    for (int i = 0; i < rci_program.n_tasks; i++) {
+        struct rci_inside *in = rci_program.tasks[i]->inside;
+
+        count += in->error[0] != '\0' && !in->told;
+    }
+    return count;
+}
+
+int rci_close(void)
+{
+    static RCI_TASK **kept; /* by threads that never came back: reachable, for those who look for leaks */
+    unsigned long mask = 0;
+    int failed, lost;
+
+    if (!rci_program.begun)
+        return 0;
+    if (rci_current != NULL)
+        return rci_fail("rci_close: only the planning program may do that");
+    for (int i = 0; i < rci_program.n_tasks; i++)
+        mask |= rci_program.tasks[i]->bit;
+    if (mask != 0 && rci_program.sealed)
+        rci_release(mask);
+    rci_lock();
+    failed = untold();
+    rci_unlock();
+    rci_watch_end();
+    lost = rci_processors_end();
+    if (lost && (kept = malloc(sizeof rci_program.tasks)) != NULL)
+        memcpy(kept, rci_program.tasks, sizeof rci_program.tasks);
+    forget_all(lost);
+    return failed ? -1 : 0;
+}
+
+RCI_TASK *rci_descriptor(const char *name)
+{
+    for (int i = 0; rci_program.begun && name != NULL && i < rci_program.n_tasks; i++)
+        if (strcmp(rci_program.tasks[i]->name, name) == 0)
+            return rci_program.tasks[i];
+    rci_fail("rci_descriptor: there is no task \"%s\"", name ? name : "");
+    return NULL;
+}
+
+RCI_TASK *rci_self(void)
+{
+    rci_begin();
+    return rci_current ? rci_current : &rci_program.parent;
+}
