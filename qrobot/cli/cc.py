@@ -24,8 +24,8 @@ def cc(
     """Compile a program in C that moves an arm through RCCL or RCI, legacy programs of the eighties included.
 
     It is the C compiler (that of CC, else cc) with what such programs need: the headers rccl.h and rci.h, C as it was
-    then without complaints about it, and the library, of which the linker takes what a program calls. A program finds its arm by itself, as one in Python does; `qrobot run` takes
-    it as well.
+    then without complaints about it, and the library, of which the linker takes what a program calls. A program finds
+    its arm by itself, as one in Python does; `qrobot run` takes it as well.
 
       qrobot cc prog.c -o prog
       ./prog                                   moves the arm of `qrobot up`

@@ -13,6 +13,7 @@ from typing import Final
 
 from qrobot.errors import ConfigError
 from qrobot.rccl.c.engine import DEFAULT_ROBOT, serve
+from qrobot.rci.c.relay import relay
 
 ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
 _ELF: Final = b"\x7fELF"
@@ -36,8 +37,8 @@ def run_executable(path: Path, arguments: Sequence[str] = (), robot: str = DEFAU
     """
     ours, theirs = zip(*(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)), strict=True)
     channels = [end.fileno() for end in theirs]
-    environment = os.environ | {ENGINE: ",".join(map(str, channels))}
-    with _interrupts_are_the_programs():
+    with _interrupts_are_the_programs(), relay() as variables:
+        environment = os.environ | {ENGINE: ",".join(map(str, channels))} | variables
         try:
             child = subprocess.Popen([path.resolve(), *arguments], pass_fds=channels, env=environment)
         except OSError as error:

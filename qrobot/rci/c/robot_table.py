@@ -33,7 +33,9 @@ def robot_table(files: Sequence[Path]) -> str:
     robots = [load_robot(path) for path in files]
     names = [robot.name for robot in robots]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise ConfigError(f"two robots of the name {', '.join(sorted(twice))}: `name` in the robot file tells them apart")
+        raise ConfigError(
+            f"two robots of the name {', '.join(sorted(twice))}: `name` in the robot file tells them apart"
+        )
     arrays = [line for i, robot in enumerate(robots) for line in _arrays(i, robot)]
     entries = [_entry(i, robot, path) for i, (robot, path) in enumerate(zip(robots, files, strict=True))]
     table = ",\n".join(entries)

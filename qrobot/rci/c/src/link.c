@@ -8,16 +8,26 @@ static uint32_t period_us(const RCI_TASK *td)
     return (uint32_t)(td->inside->clock.interval * 1000000 / rci_program.rate_hz);
 }
 
+/* Where the robot of a task is: NULL for where QROBOT_BRIDGE says. On virtual time the relay of `qrobot run` has all. */
+static const char *address_of(const RCI_TASK *td)
+{
+    if (rci_program.virtual_time)
+        return getenv("QROBOT_RCI_RELAY");
+    return td->inside->address[0] ? td->inside->address : NULL;
+}
+
 /* Greet the robot of a task, in the planning program, which may wait. Returns 0 or -1. */
 int rci_link_open(RCI_TASK *td)
 {
     struct rci_inside *in = td->inside;
-    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, "RCI in C", period_us(td), 0};
-    struct qrobot_link *link = calloc(1, sizeof *link);
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td), 0};
+    struct qrobot_link *link;
 
-    if (link == NULL)
+    if (rci_program.virtual_time && address_of(td) == NULL)
+        return rci_fail("rci_start: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot", td->name);
+    if ((link = calloc(1, sizeof *link)) == NULL)
         return rci_fail("rci_start: no memory");
-    if (qrobot_connect(link, in->address[0] ? in->address : NULL, &hello) != QROBOT_OK ||
+    if (qrobot_connect(link, address_of(td), &hello) != QROBOT_OK ||
         link->joints != td->robot->n) {
         if (link->fd >= 0)
             rci_fail("rci_start: task %s: %s has %d joints, its file says %d", td->name, link->peer, link->joints,

@@ -220,7 +220,7 @@ static void note_devices(const struct pollfd *fds, RCI_TASK **tasks, int count)
         if (fds[i].revents & POLLIN)
             in->device_ready = 1;
         else if (fds[i].revents != 0)
-            rci_end_task(tasks[i], "its device %d was closed", in->device);
+            rci_end_task(tasks[i], "its device was closed");
     }
 }
 

@@ -1,0 +1,197 @@
+"""RCI for programs in C: tasks on virtual time, in real time, and on an arm that runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.cli import toolchain
+from qrobot.errors import ConfigError
+from qrobot.modecodes import Mode
+from qrobot.rccl.c.program import run_executable
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rci.robot_data import RobotData
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
+from tests.support.patience import PATIENCE_S, wait_until
+from tests.support.processes import RunningArm
+from tests.support.puma import PARK, ROBOT
+from tests.system.test_rci_programs import TABLE
+
+SUPPORT = Path(__file__).parents[1] / "support"
+STRICT = ("-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", "-g", "-O1")
+CONVERSIONS = """
+#include "rci.h"
+#include <stdio.h>
+int main(void)
+{
+    RCI_TASK *td = rci_create("puma560", "");
+    double q[6], tau[6], back[6];
+    long counts[6], dac[6];
+    int i;
+    while (scanf("%lf %lf %lf %lf %lf %lf", q, q + 1, q + 2, q + 3, q + 4, q + 5) == 6) {
+        rci_angtoenc(td->robot, q, counts);
+        rci_enctoang(td->robot, counts, back);
+        for (i = 0; i < 6; i++) tau[i] = 20. * q[i];
+        rci_tortodac(td->robot, tau, dac);
+        rci_dactotor(td->robot, dac, tau);
+        for (i = 0; i < 6; i++) printf("%ld %.17g %ld %.17g\\n", counts[i], back[i], dac[i], tau[i]);
+    }
+    for (i = 0; i < 6; i++) printf("%.17g %.17g %.17g %.17g\\n", td->robot->q_min[i], td->robot->q_max[i],
+                                   td->robot->v_max[i], td->robot->tau_max[i]);
+    return rci_close();
+}
+"""
+
+pytestmark = needs_compiler
+Make = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    """Compiles a program of several sources."""
+    folder = tmp_path_factory.mktemp("rci")
+
+    def made(*sources: Path, flags: tuple[str, ...] = STRICT) -> Path:
+        target = folder / f"{sources[0].stem}{len(os.listdir(folder))}"
+        command = toolchain.command_line([*flags, *map(str, sources), "-o", str(target)])
+        subprocess.run(command, check=True)
+        return target
+
+    return made
+
+
+def example(make: Make, name: str) -> Path:
+    return make(EXAMPLES / "c" / f"{name}.c")
+
+
+def test_the_header_is_c89_and_cpp11() -> None:
+    include = toolchain.RCI / "include" / "rci.h"
+    for language in ("c", "c++"):
+        standard = "-std=c89" if language == "c" else "-std=c++11"
+        command = [*toolchain.compiler(), "-x", language, standard, "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+        subprocess.run([*command, "-fsyntax-only", include], check=True)
+
+
+def test_the_table_of_two_tasks_in_c_is_that_of_the_example_in_python_s10(make: Make) -> None:
+    program = example(make, "rci_tasks")
+    for _ in range(2):
+        virtual = os.environ | {"QROBOT_RCI_TIME": "virtual"}
+        assert subprocess.run([program], env=virtual, capture_output=True, text=True, check=True).stdout == TABLE
+
+
+def test_every_call_does_on_virtual_time_what_the_papers_say(make: Make) -> None:
+    program = make(SUPPORT / "rci_calls.c", flags=(*STRICT, *CHECKED))
+    done = subprocess.run(
+        [program], env=os.environ | {"QROBOT_RCI_TIME": "virtual"}, capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.returncode) == ("", 0), done.stderr
+
+
+def test_conversions_and_limits_are_those_of_python_to_the_last_count(make: Make, tmp_path: Path) -> None:
+    source = tmp_path / "conversions.c"
+    source.write_text(CONVERSIONS)
+    poses = np.random.default_rng(3).uniform(ROBOT.limits.q_min, ROBOT.limits.q_max, (20, 6))
+    text = "\n".join(" ".join(repr(x) for x in pose) for pose in poses.tolist())
+    said = subprocess.run([make(source)], input=text, capture_output=True, text=True, check=True).stdout
+    found = np.array([line.split() for line in said.splitlines()], float).reshape(-1, 6, 4)
+    data = RobotData(ROBOT)
+    for pose, (counts, back, dac, tau) in zip(poses, found[:-1].transpose(0, 2, 1), strict=True):
+        assert (counts == data.counts(pose)).all()
+        assert back == pytest.approx(data.joints(data.counts(pose)), abs=1e-12)
+        assert (dac == data.dac(20.0 * pose)).all()
+        assert tau == pytest.approx(data.torques(data.dac(20.0 * pose)), abs=1e-9)
+    limits = (data.limits.q_min, data.limits.q_max, data.limits.v_max, data.tau_max)
+    assert (np.array(limits) == found[-1].T).all()
+
+
+def test_a_robot_file_of_ones_own_is_compiled_in_and_two_of_one_name_are_refused(tmp_path: Path) -> None:
+    from qrobot.config import robot_path
+    from qrobot.rci.c.robot_table import robot_table
+
+    other = tmp_path / "other.toml"
+    packaged = robot_path("puma560")
+    other.write_text(re.sub(r'^name = "puma560"', 'name = "other"', packaged.read_text(), flags=re.MULTILINE))
+    assert f'{{"other", {json.dumps(str(other))}, 6, ' in robot_table([packaged, other])
+    with pytest.raises(ConfigError, match="two robots of the name puma560"):
+        robot_table([packaged, packaged])
+
+
+def test_one_arm_mirrors_another_in_c(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    with rci.use({name: partial(OfflineLink, robot=ROBOT) for name in ("left", "right")}):
+        assert run_executable(example(make, "rci_mirror")) == 0
+    behind = float(re.findall(r"at most (\S+) degrees", capfd.readouterr().out)[0])
+    assert 0.1 < behind < 25.0 * np.pi / 8.4 * 0.084  # no more than three samples at the fastest of the swing
+
+
+def test_a_hybrid_controller_in_c_makes_a_spring_of_one_joint(make: Make) -> None:
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
+    with rci.use(partial(link_factory, rig, 28_000)):
+        assert run_executable(example(make, "rci_spring")) == 0
+    rows = rig.rows()
+    assert not rows["fault"].any()
+    gone = rows["q"] - PARK
+    assert 0.45 < gone[-1, 0] < 0.55
+    assert np.abs(gone[:, 1:]).max() < 0.02
+    assert rows[-1]["mode"] == Mode.HOLDING
+
+
+def test_a_robot_on_virtual_time_without_a_relay_is_refused(make: Make) -> None:
+    virtual = os.environ | {"QROBOT_RCI_TIME": "virtual"}
+    done = subprocess.run([example(make, "rci_spring")], env=virtual, capture_output=True, text=True, check=False)
+    assert (done.returncode, "`qrobot run --offline`" in done.stderr) == (1, True)
+
+
+@pytest.mark.realtime
+@needs_valgrind
+def test_tasks_of_several_processors_in_real_time_leave_nothing_to_find(make: Make) -> None:
+    sources = SUPPORT / "rci_live.c", SUPPORT / "rci_live_more.c"
+    flags = "-g", "-O1"
+    for watched in (
+        [make(*sources, flags=(*flags, "-fsanitize=thread")), "crowd"],
+        [*VALGRIND.split(), "--fair-sched=try", make(*sources, flags=flags), "crowd"],
+    ):
+        done = subprocess.run(watched, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert done.returncode == 0, (FOUND, done.stderr)
+        assert done.stdout.splitlines() == [
+            "task rogue: one of its functions takes longer than 0.05 s and was given up",
+            "task device: its device was closed",
+        ]
+
+
+@pytest.mark.realtime
+def test_the_arm_stops_when_a_program_in_c_is_killed_hangs_or_loses_its_bridge(make: Make, arm: RunningArm) -> None:
+    program = make(SUPPORT / "rci_live.c", SUPPORT / "rci_live_more.c", flags=("-O2",))
+    bridge = os.environ | {"QROBOT_BRIDGE": f"127.0.0.1:{arm.arm.bridge.port}"}
+
+    def start(mode: str) -> subprocess.Popen[str]:
+        child = subprocess.Popen([program, mode], stdout=-1, stderr=-1, text=True, env=bridge)
+        assert child.stdout is not None
+        assert child.stdout.readline() == "swings\n"
+        return child
+
+    with start("swing") as swings:
+        assert arm.mode is Mode.TRACKING
+        second = subprocess.run([program, "swing"], capture_output=True, text=True, env=bridge, check=False)
+        assert (second.returncode, "refused" in second.stderr) == (1, True)
+        swings.kill()
+    arm.wait_for(Mode.HOLDING)
+    with start("rogue") as hangs:
+        arm.wait_for(Mode.HOLDING)
+        assert "takes longer than 0.5 s" in hangs.communicate()[1]
+    assert hangs.returncode == 4
+    with start("swing") as swings:
+        arm.kill("bridge")
+        assert "task puma560: " in swings.communicate()[1]
+    assert swings.returncode == 4
+    wait_until(lambda: arm.mode is not Mode.TRACKING, "the arm has stopped")
