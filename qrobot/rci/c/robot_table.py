@@ -53,7 +53,7 @@ def robot_table(files: Sequence[Path]) -> str:
 
 
 def _numbers_of(robot: Robot) -> tuple[NDArray[np.generic], ...]:
-    """In the order of `_NAMES`."""
+    """Values of the arrays named in `_NAMES`, in that order."""
     limits, t = motion_limits(robot), robot.transmission
     return (
         limits.q_min, limits.q_max, limits.v_max, limits.a_max, robot.guard.tau_max, t.q_offset, t.rad_per_count,
