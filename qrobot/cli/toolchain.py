@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from qrobot.config import robot_path
 from qrobot.errors import ConfigError
 from qrobot.rci.c.robot_table import TABLE_MAKER, robot_files, robot_table
 
@@ -123,7 +124,7 @@ def library(cc: Sequence[str], arguments: Sequence[str] = (), robots: Sequence[P
     """The library for a compiler, instrumented as in `arguments`. Raises ConfigError: it cannot be compiled."""
     flags = [*STRICT, *(word for word in arguments if word.startswith(_INSTRUMENTATION))]
     flags += [f"-I{INCLUDE}", f"-I{RCI / 'include'}", f"-I{WIRE}", f'-DQROBOT_PYTHON="{sys.executable}"']
-    files = [*robot_files(), *robots]
+    files = [*robot_files(), *map(robot_path, robots)]
     made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags], files)
     path = made / f"lib{LIBRARY}.a"
     if not path.exists():

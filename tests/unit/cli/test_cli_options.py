@@ -20,7 +20,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.option_types import Range
 
 APP: Final = make_app()
-READ: Final = {"--program", "--file", "--script", "--a", "--b", "LOGS", "FILES", "--loaded", "--dynamic"} | {
+READ: Final = {"--program", "--file", "--script", "--robot", "--a", "--b", "LOGS", "FILES", "--loaded", "--dynamic"} | {
     "--previous",
     "--model",
     "--results",
