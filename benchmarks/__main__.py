@@ -32,6 +32,7 @@ GROUPS: Final = (
     "identification",
     "startup",
     "c_programs",
+    "rci",
     "wakeup",
 )
 
@@ -47,7 +48,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     ----------
     groups
         Only these: laws, models, kinematics, trajectory, servo, lockstep, transports, logs, identification, startup,
-        c_programs, wakeup.
+        c_programs, rci, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs

@@ -2,6 +2,7 @@
 #include "inside.h"
 
 #define SEND_MS 20 /* a bridge that takes no more for so long is gone */
+#define VIRTUAL_MS 600000 /* of real time, in which an emulated arm may compile itself before a sample */
 
 static uint32_t period_us(const RCI_TASK *td)
 {
@@ -20,7 +21,8 @@ static const char *address_of(const RCI_TASK *td)
 int rci_link_open(RCI_TASK *td)
 {
     struct rci_inside *in = td->inside;
-    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td), 0};
+    struct qrobot_hello hello = {QROBOT_ROLE_COMMANDER, td->robot->name, td->name, period_us(td),
+                                 rci_program.virtual_time ? VIRTUAL_MS : 0};
     struct qrobot_link *link;
 
     if (rci_program.virtual_time && address_of(td) == NULL)

@@ -1,0 +1,110 @@
+"""Wake-ups of RCI tasks, in Python and in C, and what messages and shared memory take between processors."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.c_programs import made
+from benchmarks.ctwin import compiler
+from benchmarks.rows import Row, against, row
+from benchmarks.timing import Effort
+from benchmarks.wakeup import BUSY, IDLE, busy_thread
+from qrobot import rci
+
+RATES_HZ: Final = (36, 100, 250, 1000)
+TASKS: Final = (1, 3, 5)
+QUANTILES: Final = {"p50": 0.5, "p99": 0.99}
+TWIN: Final = "C loop"
+CLOSE_NS: Final = 5000  # to which the instant of a tick is found
+NS_PER_S: Final = 1_000_000_000
+Latencies = NDArray[np.float64]
+
+
+def rows(effort: Effort) -> Iterator[Row]:
+    """The rows; those of C only with a compiler."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = None if compiler() is None else made("rci_wakeup", Path(folder))
+        for rate in RATES_HZ:
+            yield from rate_rows(program, rate, max(20, round(rate * 5.0 * effort.wake_up_s)))
+        if program is not None:
+            for what in ("messages", "memory"):
+                late, _ = measured_in_c(program, what, 1000, 1, max(100, round(5000 * effort.wake_up_s)))
+                yield from lone(f"RCI in C, {what} from one processor to another", late)
+
+
+def rate_rows(program: Path | None, rate: int, runs: int) -> Iterator[Row]:
+    """One to five tasks at a rate: in C, and in Python beside an interpreter at rest or at work."""
+    peer = None if program is None else measured_in_c(program, "twin", rate, 1, runs)[0]
+    for count in TASKS:
+        name = f"RCI at {rate} Hz, tasks: {count}"
+        if program is not None and peer is not None:
+            late, missed = measured_in_c(program, "tasks", rate, count, runs)
+            yield from beside(f"{name}, C", late, peer, missed)
+        for load in (IDLE, BUSY):
+            with busy_thread(load == BUSY):
+                late, missed = measured_in_python(rate, count, runs)
+            yield from beside(f"{name}, Python, {load}", late, peer, missed)
+
+
+def measured_in_c(program: Path, what: str, rate: int, count: int, runs: int) -> tuple[Latencies, int]:
+    """Latencies, us, and missed wake-ups of `c/rci_wakeup.c`."""
+    command = [program, what, str(rate), str(count), str(runs)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    return np.array(said[:-1], float) / 1e3, int(said[-1])
+
+
+def measured_in_python(rate: int, count: int, runs: int) -> tuple[Latencies, int]:
+    """The same of tasks on the processor "host"."""
+    late: list[int] = []
+    rci.rci_clock(rate)
+    tds = [rci.rci_create(f"task{k}") for k in range(count)]
+    epoch_ns = _epoch_ns(rate)
+    for td in tds:
+        rci.rci_control(td, partial(_note, late, epoch_ns, rate))
+        rci.rci_onclock(td, 1)
+    rci.rci_start(sum(td.bit for td in tds))
+    rci.rci_wait(lambda: tds[0].runs >= runs)
+    missed = sum(td.missed for td in tds)
+    rci.rci_close()
+    return np.array(late, float) / 1e3, missed
+
+
+def _note(late: list[int], epoch_ns: int, rate: int, _td: rci.TaskDescriptor) -> None:
+    late.append(time.monotonic_ns() - epoch_ns - rci.rci_ticks() * NS_PER_S // rate)
+
+
+def _epoch_ns(rate: int) -> int:
+    """The instant of tick 0, by looking at clock and ticks until they leave no room; preemption cannot mislead it."""
+    earliest, latest = -NS_PER_S, time.monotonic_ns()
+    while latest - earliest > CLOSE_NS:
+        before = time.monotonic_ns()
+        tick = rci.rci_ticks()
+        earliest = max(earliest, before - (tick + 1) * NS_PER_S // rate)
+        latest = min(latest, time.monotonic_ns() - tick * NS_PER_S // rate)
+    return (earliest + latest) // 2
+
+
+def beside(name: str, late: Latencies, peer: Latencies | None, missed: int) -> Iterator[Row]:
+    """Quantiles beside those of the bare loop, and what was missed."""
+    for label, share in QUANTILES.items():
+        value = float(np.quantile(late, share))
+        if peer is None:
+            yield row(f"{name}, {label}", value, "us")
+        else:
+            yield against(f"{name}, {label}", value, "us", TWIN, float(np.quantile(peer, share)))
+    yield row(f"{name}, missed", missed, "")
+
+
+def lone(name: str, late: Latencies) -> Iterator[Row]:
+    """Quantiles."""
+    for label, share in QUANTILES.items():
+        yield row(f"{name}, {label}", float(np.quantile(late, share)), "us")
