@@ -149,15 +149,14 @@ def stop(*, where: Where | None = None) -> int:
 
 @app.command
 def override(percent: Percent, *, where: Where | None = None) -> int:
-    """Ask programs for motions at so many percent of their programmed speed. Anybody may.
+    """Let motions go at so many percent of their programmed speed, also those under way. Anybody may.
 
-    The programming libraries do not obey yet: only a program that reads the override in STATE does.
     A stop leaves it as it is; a servo starts with 100.
 
     Parameters
     ----------
     percent
-        0 to 200; 100 is the speed as programmed.
+        0 to 100; 100 is the speed as programmed.
     """
     return _do(where, lambda servo: servo.change_override(percent / 100))
 
@@ -194,17 +193,16 @@ def _listed(name: str, text: str, count: int) -> tuple[float, ...]:
 
 @app.command
 def pause(*, where: Where | None = None) -> int:
-    """Ask programs to stand still on their path until `qrobot ctl resume`. Anybody may.
+    """Let motions stand still on their path until `qrobot ctl resume`. Anybody may.
 
-    The programming libraries do not obey yet: their motions go on.
-    Whoever wants the arm to stand uses `qrobot ctl stop`.
+    It is no stop: whoever must be sure that the arm stands uses `qrobot ctl stop`.
     """
     return _do(where, lambda servo: servo.pause())
 
 
 @app.command
 def resume(*, where: Where | None = None) -> int:
-    """Take the request to pause back. Anybody may."""
+    """Let motions that were paused go on. Anybody may."""
     return _do(where, lambda servo: servo.resume())
 
 

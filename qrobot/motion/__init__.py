@@ -27,6 +27,7 @@ from qrobot.motion.request import (
 )
 from qrobot.motion.trajectory.output import Output
 from qrobot.motion.trajectory.planned_path import PlannedPath
+from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.warm_up import warm_up, warm_up_cartesian, warm_up_force
 from qrobot.motion.world.compliance import Compliance, Drift, ForceLimits
 from qrobot.motion.world.drive_transform import OrientationInterpolation
@@ -36,6 +37,7 @@ from qrobot.motion.world.limits import MotionLimits, motion_limits
 from qrobot.motion.world.trsf import T6, TransformKind, Trsf
 
 __all__ = [
+    "FULL_SPEED",
     "HERE",
     "T6",
     "ArmKinematics",

@@ -34,6 +34,7 @@ from qrobot.motion.trajectory.output import Output
 from qrobot.motion.trajectory.planned_path import PlannedPath
 from qrobot.motion.trajectory.sequencer import Sequencer
 from qrobot.motion.trajectory.setpoint_check import judge_next, reason
+from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.world.equation import Goal
 from qrobot.motion.world.kinematics import ArmKinematics
@@ -70,7 +71,8 @@ class Generator:
         self._settings = BlendSettings(period_s, blend, correction)
         self._planner = Planner(limits, self._settings, kinematics)
         self._queue = RequestQueue(queue_size)
-        self._trajectory = TrajectoryState(q, tick, self._settings)
+        self._trajectory = TrajectoryState(q, tick, self._settings, limits)
+        self._override = FULL_SPEED
         self._path = self._trajectory.path
         self._sequencer = Sequencer(self._planner, limits, self._settings, self._trajectory, self._queue)
 
@@ -116,6 +118,23 @@ class Generator:
         """Samples of path time until the goal of the present segment would be reached without transition; 0 at rest."""
         segment = self._path.segment
         return 0.0 if segment is None else max(0.0, segment.end - self._trajectory.clock)
+
+    @property
+    def override(self) -> float:
+        """Speed override that is asked for: 1 for the speed as programmed, 0 to stand still on the path."""
+        return self._override
+
+    @override.setter
+    def override(self, factor: float) -> None:
+        """Ask for another speed. Raises MotionError: it is none from 0 to 1."""
+        if not 0.0 <= factor <= FULL_SPEED:
+            raise MotionError(f"speed override {factor:g}: 0 to 1 are possible")
+        self._override = float(factor)
+
+    @property
+    def rate(self) -> float:
+        """Rate of path time at the newest sample, 1 for the speed as programmed."""
+        return self._trajectory.override.rate
 
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
@@ -163,7 +182,8 @@ class Generator:
     def plan(self) -> PlannedPath:
         """The path from the newest sample on, if nothing else is asked; this generator goes on as if nobody had asked.
 
-        Monitors are not called. Takes about as long as the updates do whose setpoints it finds.
+        It goes at the speed as programmed, whatever the override. Monitors are not called. Takes about as long as the
+        updates do whose setpoints it finds.
 
         Raises:
             MotionError: a goal moves, so that nobody can know the path.
@@ -171,7 +191,9 @@ class Generator:
         return self.copy().run_to_rest()
 
     def copy(self) -> Generator:
-        """Another generator in the same state, which goes its own way; requests and kinematics are shared.
+        """Another generator in the same state, at the speed as programmed, which goes its own way.
+
+        Requests and kinematics are shared.
 
         Raises:
             MotionError: a goal moves: its functions are to be called once for each sample.
@@ -182,7 +204,10 @@ class Generator:
             what = ", ".join(moving) or "the goal that is followed"
             raise MotionError(f"the path to {what} cannot be planned before it runs: the goal moves, or complies")
         shared = [JOINTS, self._limits, self._kinematics, *requests, *(request.target for request in requests)]
-        return deepcopy(self, {id(thing): thing for thing in shared})
+        twin = deepcopy(self, {id(thing): thing for thing in shared})
+        twin.override = FULL_SPEED
+        twin._trajectory.override.jump(FULL_SPEED)
+        return twin
 
     def run_to_rest(self) -> PlannedPath:
         """Follow the path to where nothing is left to be done, without monitors."""
@@ -209,10 +234,14 @@ class Generator:
             MotionError: it is not later than the sample before.
             Exception: whatever a functional transform or a monitor raised.
         """
-        self._trajectory.advance(tick, standing)
+        self._trajectory.advance(tick, standing, self._rate_wanted())
         self._sample_goals()
         self._ask_monitor()
         return self._sequencer.output(self._give_setpoint())
+
+    def _rate_wanted(self) -> float:
+        """The override; full speed with a goal that moves or complies, which knows no other."""
+        return self._override if self._path.coordinates.fixed else FULL_SPEED
 
     def _sample_goals(self) -> None:
         """Evaluate the goals that move: of the present segment, and of the request that comes next."""

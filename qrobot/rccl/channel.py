@@ -260,6 +260,38 @@ class Channel(MotionParameters):
         with self._session.task():
             self._task.stop(ms * S_PER_MS)
 
+    def override(self, percent: float) -> None:
+        """Let motions go at `percent` of their programmed speed, 0 to 100, also the one under way.
+
+        The path stays the same, and so does every place on it; programmed times, those of a dwell too, become longer.
+        The operator's override (`qrobot ctl override`) counts besides. Motions with frames that move, or that comply,
+        know no other speed than their own.
+
+        Raises:
+            MotionError: that is no percentage.
+        """
+        (percent,) = numbers("override", percent)
+        if not 0.0 <= percent <= 100.0:
+            raise MotionError(f"override({percent:g}): 0 to 100 per cent are possible")
+        self._task.override = percent / 100.0
+
+    def pause(self) -> None:
+        """Let motions come to a standstill on their path, and stay there until `resume`; nothing is forgotten.
+
+        It is no stop: `completed` does not become true, and what follows a frame that moves goes on.
+        """
+        self._task.paused = True
+
+    def resume(self) -> None:
+        """Let motions go on that `pause` holds; those that the operator holds wait for `qrobot ctl resume`."""
+        self._task.paused = False
+
+    @property
+    def rate(self) -> float:
+        """Speed of the motion as a share of the programmed one, now: 0 while it is paused, 1 as programmed."""
+        with self._session.task():
+            return self._task.generator.rate
+
     def nextmove(self, code: int = YES) -> None:
         """End the present motion now with `code` in its position; go on to the next one, or stop if none waits.
 

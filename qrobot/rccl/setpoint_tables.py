@@ -20,7 +20,7 @@ from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 TIME: Final = "t_s"
 PARQUET: Final = ".parquet"
-_ROBOT, _PERIOD = b"qrobot.robot", b"qrobot.period_us"
+_ROBOT, _PERIOD = b"qrobot:robot", b"qrobot:period_us"
 _UNEVEN: Final = 0.1  # of a period, by which a time may be off its place [A]
 
 

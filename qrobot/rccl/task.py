@@ -23,6 +23,7 @@ from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.arm import Arm
 from qrobot.motion import (
+    FULL_SPEED,
     ArmSample,
     Blend,
     EventKind,
@@ -79,6 +80,8 @@ class TrajectoryTask:
         force: what the arm exerts, and the joints that give way.
         motions: motions that have not ended.
         timing: the time that functional transforms take.
+        override: the program's speed override, 0 to 1; that of the operator counts besides.
+        paused: the program wants its motions to stand still on their path.
         each_sample: called at each sample once the command is made up, before it goes out.
     """
 
@@ -94,6 +97,7 @@ class TrajectoryTask:
         self.chg = Chg(robot.n)
         self.completed = Level("completed", 1)
         self.tick = 0
+        self.override, self.paused = FULL_SPEED, False
         self.each_sample: Callable[[], object] | None = None
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._robot = robot
@@ -259,6 +263,7 @@ class TrajectoryTask:
             return
         seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.observe(seen, self.generator, self.tick)
+        self.generator.override = self._override_in_force(self.how)
         output = self.generator.update(self.tick, self.force.standing)
         command = self.force.command(output.q, seen, self.generator, self.tick)
         self.chg.drive(command.setpoints, command.torque)
@@ -271,6 +276,11 @@ class TrajectoryTask:
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
+
+    def _override_in_force(self, how: RobotState) -> float:
+        """Product of the program's override and the operator's, as far as the generator goes; 0 for either's pause."""
+        operator = how.override if 0.0 <= how.override <= FULL_SPEED else FULL_SPEED  # NaN, and what is beyond
+        return 0.0 if self.paused or how.paused else self.override * operator
 
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()

@@ -82,7 +82,7 @@ class StateTable(Generic[VectorT]):
     tool_speed_limit: float = told(
         "d", "m/s", "most of the tool's tip; 0 where the limits of the joints are the only ones", default=0.0
     )
-    override: float = told("d", "-", "operator's speed override, 0 to 2; 1 is the speed as programmed", default=1.0)
+    override: float = told("d", "-", "operator's speed override, 0 to 1; 1 is the speed as programmed", default=1.0)
     payload_mass: float = told("d", "kg", "mass of the payload that the servo reckons with", default=0.0)
 
     @property

@@ -17,7 +17,7 @@ LARGEST_SETPOINT: Final = 1e6
 
 
 # Of the operator's speed override; a motion goes faster than programmed as far as the limits of the joints allow.
-LARGEST_OVERRIDE: Final = 2.0  # [A]
+LARGEST_OVERRIDE: Final = 1.0  # faster than programmed a motion would have to be planned anew
 
 N_SIGNALS: Final = 8  # numbers that a program tells beside its setpoints
 LONGEST_SIGNAL: Final = 31  # bytes of the name of one

@@ -46,6 +46,7 @@ class FakeRobot:
         self.q = tuple(float(x) for x in q)
         self.mode = Mode.OFF
         self.fault, self.event, self.hand = 0, 0, 0
+        self.override, self.paused = 1.0, False  # as the operator wants it
         self.refuse_power = False
         self.calibrated = True
         self.commands: list[Command] = []
@@ -156,7 +157,7 @@ class FakeRobot:
     def _state(self) -> RobotState:
         still = (0.0,) * len(self.q)
         powered = self.mode not in (Mode.OFF, Mode.POWERING, Mode.FAULT)
-        flags = RobotFlag.POWERED if powered else 0
+        flags = (RobotFlag.POWERED if powered else 0) | (RobotFlag.PAUSED if self.paused else 0)
         return RobotState(
             t_ns=self._t_ns,
             mode=self.mode,
@@ -168,6 +169,7 @@ class FakeRobot:
             event=self.event,
             flags=flags,
             hand=self.hand,
+            override=self.override,
         )
 
 

@@ -156,7 +156,7 @@ class DriveCoordinates:
 
     def from_joints(self, points: History) -> History:
         """See `Coordinates.from_joints`."""
-        found: list[tuple[int, Floats]] = []
+        found: list[tuple[float, Floats]] = []
         for tick, q in points:
             if (goal := self._tracker.sample_at(tick)) is not None:
                 near = found[-1][1] if found else None

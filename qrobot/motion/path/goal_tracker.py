@@ -55,7 +55,7 @@ class GoalTracker:
             return
         self._samples.append((tick, GoalSample(self.goal.left.at(tick), self.goal.carried(tick))))
 
-    def sample_at(self, tick: int) -> GoalSample | None:
+    def sample_at(self, tick: float) -> GoalSample | None:
         """The goal at sample `tick`; None when nobody looked."""
         if self.goal.fixed:
             return self.newest

@@ -13,7 +13,7 @@ from qrobot.realtime.jit import lean_kernel
 
 DEPTH: Final = 3  # samples of a parabola
 
-History = Sequence[tuple[int, Floats]]
+History = Sequence[tuple[float, Floats]]  # by number of the sample, or by path time
 
 
 class SetpointHistory:
@@ -37,9 +37,9 @@ class SetpointHistory:
         """The newest setpoint. Shape (n,)."""
         return self._points[-1][1]
 
-    def with_now(self, tick: int, q: Floats) -> list[tuple[int, Floats]]:
+    def with_now(self, tick: int, q: Floats) -> list[tuple[float, Floats]]:
         """The samples, as if `q` were that of `tick` already."""
-        earlier = [point for point in self._points if point[0] < tick]
+        earlier: list[tuple[float, Floats]] = [point for point in self._points if point[0] < tick]
         return [*earlier, (tick, q)][-DEPTH:]
 
     def state(self, period_s: float) -> Floats:

@@ -1,8 +1,9 @@
 """A stop on the path: path time slows down and stands still, so the arm never leaves the path it was on.
 
-Over D samples the rate r of path time falls from 1 to 0 as r = 1 - beta'(h), h = t/D, so path time advances by
+Over D samples the rate r of path time falls from r0, 1 at full speed, to 0 as r = r0 (1 - beta'(h)), h = t/D, so path
+time advances by
 
-    s(t) = t - D beta(h)        s(D) = D/2        dr/dt = -beta''(h)/D
+    s(t) = r0 (t - D beta(h))        s(D) = r0 D/2        dr/dt = -r0 beta''(h)/D
 """
 
 from __future__ import annotations
@@ -29,20 +30,28 @@ class PathStop:
         clock: path time at which it begins.
         length: D, samples.
         blend: shape of the rate.
+        rate: at its begin.
     """
 
     clock: float
     length: float
     blend: Blend
+    rate: float = 1.0
 
     def at(self, elapsed: float) -> tuple[float, float, float]:
         """(path time, r, dr/dt per sample), `elapsed` samples after the stop began."""
         b, b1, b2 = beta(int(self.blend), elapsed / self.length)
-        return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
+        if self.rate == 1.0:  # to the last bit what it always was
+            return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
+        return (
+            self.clock + self.rate * (elapsed - self.length * b),
+            self.rate * (1.0 - b1),
+            -self.rate * b2 / self.length,
+        )
 
 
-def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Scheduler) -> PathStop:
-    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
+def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Scheduler, rate: float = 1.0) -> PathStop:
+    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead; path time passes at `rate`.
 
     On a straight line it decelerates with a_stop; where the path itself accelerates it takes longer.
     """
@@ -50,9 +59,11 @@ def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Schedule
     speed = np.abs(path.state(clock)[1])
     if path.segment is not None and not path.phase.ending:
         speed = np.maximum(speed, np.abs(path.segment.velocity))
-    shortest = PEAK[blend] * float((speed / limits.a_stop).max())
+    shortest = PEAK[blend] * float((rate * speed / limits.a_stop).max())
     length = max(1.0, seconds / period_s, shortest / period_s)
-    while not _fits(path_stop := PathStop(clock, length, blend), path, scheduler) and length * period_s < _LONGEST_S:
+    while (
+        not _fits(path_stop := PathStop(clock, length, blend, rate), path, scheduler) and length * period_s < _LONGEST_S
+    ):
         length *= _LONGER
     return path_stop
 

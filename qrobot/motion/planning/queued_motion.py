@@ -55,6 +55,11 @@ class QueuedMotion:
         return self.request.target is HERE
 
     @property
+    def fixed(self) -> bool:
+        """True when its goal stands still, and nothing complies on the way."""
+        return self.tracker is None or self.tracker.goal.fixed
+
+    @property
     def settled(self) -> bool:
         """True when it can begin: the velocity of its goal is known."""
         return self.tracker is None or self.tracker.settled

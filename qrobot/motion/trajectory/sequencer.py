@@ -16,6 +16,7 @@ from qrobot.motion.request import MoveRequest
 from qrobot.motion.trajectory.event_queue import EventQueue
 from qrobot.motion.trajectory.output import Output, Passing, StopState
 from qrobot.motion.trajectory.setpoint_check import reason
+from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition
 from qrobot.motion.world.limits import MotionLimits
@@ -146,10 +147,12 @@ class Sequencer:
     def _start(self) -> bool:
         """Enter the oldest request from rest, or from the goal that is being followed."""
         queued = self._queue.peek()
-        if queued is None or not queued.settled:
+        if queued is None or not queued.settled or self._trajectory.paused:
             return False
         if queued.here:
             return self._begin_here()
+        if not queued.fixed:
+            self._trajectory.override.jump(FULL_SPEED)
         bounds = TransitionBounds(following=self._asked_behind(), at_any_rate=self._path.coordinates.fixed)
         if self._enter_from_state(queued, self._trajectory.goal_joints(), bounds):
             return True
@@ -160,7 +163,7 @@ class Sequencer:
     def _leave_segment(self, segment: Segment) -> bool:
         """Enter the transition to the request that follows, or to rest, once it is time for it."""
         queued = self._queue.peek()
-        if self.stopping or queued is None or not queued.settled:
+        if self.stopping or queued is None or not self._can_begin(queued):
             return self._approach_rest(segment)
         if queued.here and not segment.coordinates.fixed:
             return self._trajectory.clock >= segment.rest_begin and self._begin_here()
@@ -171,6 +174,10 @@ class Sequencer:
         if self._trajectory.clock < segment.end - transition.schedule.transition:
             return False
         return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
+
+    def _can_begin(self, queued: QueuedMotion) -> bool:
+        """True when `queued` may follow in motion: it is known where its goal goes, and at what speed to meet it."""
+        return queued.settled and (queued.fixed or self._trajectory.override.full)
 
     def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:
         """Transition into `queued`, the oldest request; None when it came too late, or cannot be served at all."""
@@ -186,7 +193,10 @@ class Sequencer:
             self._enter_on_time(segment, queued, transition)
             return True
         bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
-        return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED)
+        on_time = None  # at another speed samples meet no beginning; what stands still waits for them
+        if not self._trajectory.override.full and segment.coordinates.fixed and queued.fixed:
+            on_time = segment.end - transition.schedule.transition
+        return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED, on_time)
 
     def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
         """Enter one joint path from another as if on time, whichever samples were left out."""
@@ -215,18 +225,28 @@ class Sequencer:
         return True
 
     def _enter_from_state(
-        self, queued: QueuedMotion, via: Floats, bounds: TransitionBounds, code: int | None = None
+        self,
+        queued: QueuedMotion,
+        via: Floats,
+        bounds: TransitionBounds,
+        code: int | None = None,
+        on_time: float | None = None,
     ) -> bool:
-        """Enter `queued` now; the present request ends with `code`. False when there turned out to be no way."""
-        points = self._trajectory.points()
+        """Enter `queued` now, or as of path time `on_time`; the present request ends with `code`.
+
+        False when there turned out to be no way.
+        """
+        trajectory = self._trajectory
+        begin = trajectory.clock if on_time is None else on_time
+        points = trajectory.points() if on_time is None else trajectory.points_at(on_time)
         try:
-            entry = self._planner.plan_entry(queued, via, points, self._trajectory.clock, bounds)
+            entry = self._planner.plan_entry(queued, via, points, begin, bounds)
         except MotionError as error:
             self._refuse(error)
             return False
         if entry is None:
             return False
-        self._enter(entry, self._trajectory.clock, code)
+        self._enter(entry, begin, code)
         return True
 
     def _enter(self, entry: SegmentEntry, begin: float, code: int | None) -> None:
@@ -261,7 +281,7 @@ class Sequencer:
             return
         segment, code = self._skipped
         queued = self._queue.peek()
-        if segment is not None and queued is not None and not queued.settled:
+        if segment is not None and queued is not None and not self._can_begin(queued):
             return
         self._skipped = None
         if segment is None:

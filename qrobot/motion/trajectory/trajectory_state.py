@@ -1,10 +1,13 @@
 """State of an arm's trajectory: its path, the time on it, and the setpoints it was given last.
 
-Path time is counted in samples. It passes as the clock does, except in a stop on the path, where it slows down and
-stands still (path_stop.py).
+Path time is counted in samples. It passes as the clock does, except at another speed (speed_override.py) and in a stop
+on the path, where it slows down and stands still (path_stop.py).
 """
 
 from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
@@ -14,13 +17,23 @@ from qrobot.motion.path.path import Path
 from qrobot.motion.path.path_piece import BlendSettings
 from qrobot.motion.path.phase import Phase
 from qrobot.motion.path.segment import Segment
-from qrobot.motion.path.setpoint_history import History, SetpointHistory, true_joints
+from qrobot.motion.path.setpoint_history import DEPTH, History, SetpointHistory, true_joints
 from qrobot.motion.planning.joint_stop import joint_stop_s
 from qrobot.motion.planning.path_stop import PathStop, plan_path_stop
 from qrobot.motion.planning.planner import SegmentEntry
 from qrobot.motion.planning.timing import Scheduler
 from qrobot.motion.trajectory.planned_path import PathSample
+from qrobot.motion.trajectory.speed_override import FULL_SPEED, SpeedOverride
 from qrobot.motion.world.limits import MotionLimits
+
+
+class Given(NamedTuple):
+    """The newest setpoint given out: its sample, its path time, and the rate of that with its change per sample."""
+
+    tick: int
+    clock: float
+    rate: float
+    slope: float
 
 
 class TrajectoryState:
@@ -30,19 +43,23 @@ class TrajectoryState:
         q: setpoint to begin at, at rest. Shape (n,).
         tick: number of that sample.
         settings: of the pieces.
+        limits: of the arm.
 
     Attributes:
         path: where the arm is to be, as a function of path time.
         tick: newest sample.
         clock: path time.
+        override: how fast path time passes.
     """
 
-    def __init__(self, q: Floats, tick: int, settings: BlendSettings) -> None:
+    def __init__(self, q: Floats, tick: int, settings: BlendSettings, limits: MotionLimits) -> None:
         self.path = Path(q, settings)
         self.tick = tick
         self.clock = 0.0
+        self.override = SpeedOverride(limits, settings.period_s)
         self._settings = settings
-        self._given_clock = 0.0  # path time of the newest setpoint given out
+        self._given = Given(tick, 0.0, 1.0, 0.0)
+        self._clocks = deque([0.0], maxlen=DEPTH)  # path time of the newest samples, this one included
         self._path_stop: PathStop | None = None
         self._path_stop_tick = 0
         self._setpoints = SetpointHistory(tick, q)
@@ -68,6 +85,11 @@ class TrajectoryState:
             return self.tick - self._path_stop_tick >= self._path_stop.length
         return self.path.phase is Phase.JOINT_STOP and self.clock >= self.path.piece.end
 
+    @property
+    def paused(self) -> bool:
+        """Path time stands still because that was asked for."""
+        return self.override.rate == 0.0
+
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
 
@@ -76,7 +98,7 @@ class TrajectoryState:
         if not self.on_joint_path:
             return self._setpoints.state(self._settings.period_s)
         if self._path_stop is None:
-            return self.path.state(self.clock)
+            return self.path.state(self.clock, self.override.rate, self.override.slope)
         return self.path.state(*self._path_stop.at(self.tick - self._path_stop_tick))
 
     def setpoint(self) -> Floats:
@@ -88,8 +110,20 @@ class TrajectoryState:
         return self.path.goal_joints(self.newest)
 
     def points(self) -> History:
-        """Positions of the arm at the newest samples, this one included."""
-        return self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
+        """Positions of the arm at the newest samples, this one included; at another speed, by path time."""
+        points = self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
+        if self._clocks[-1] - self._clocks[0] == points[-1][0] - points[0][0]:
+            return points
+        clocks = list(self._clocks)[-len(points) :]
+        return [(clock, q) for clock, (_, q) in zip(clocks, points, strict=True)]
+
+    def points_at(self, clock: float) -> History:
+        """Positions of the arm at path time `clock`, on the present piece, and a sample or less of it before."""
+        step = min(1.0, 0.5 * (clock - self.path.piece.start))
+        if not step > 0.0:
+            return self.points()
+        solve, moments = self.path.coordinates.solve_at, (clock - 2.0 * step, clock - step, clock)
+        return [(moment, solve(self.path.state(moment)[0], self.newest)) for moment in moments]
 
     def setpoints_with(self, q: Floats) -> History:
         """The newest setpoints, as if `q` (n,) were that of this sample."""
@@ -103,14 +137,22 @@ class TrajectoryState:
 
     # ------------------------------------------------------------------------------------------ once per sample
 
-    def advance(self, tick: int, standing: Floats | None) -> None:
-        """Time has come to sample `tick`; `standing` as in `Generator.update`. Raises MotionError: not later."""
+    def advance(self, tick: int, standing: Floats | None, wanted: float = FULL_SPEED) -> None:
+        """Time has come to sample `tick`; `standing` as in `Generator.update`, `wanted` rate of path time.
+
+        Raises MotionError: it is not later than the sample before.
+        """
         if tick <= self.tick:
             raise MotionError(f"sample {tick} asked for after sample {self.tick}")
-        if self._path_stop is None:
+        if self._path_stop is not None:
+            self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
+        elif self.path.phase is Phase.JOINT_STOP:
             self.clock += tick - self.tick
         else:
-            self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
+            if self.path.phase is Phase.RESTING:
+                self.override.jump(wanted)
+            self.clock += self.override.advance(tick - self.tick, wanted)
+        self._clocks.append(self.clock)
         self.tick = tick
         self._standing = standing
 
@@ -118,7 +160,7 @@ class TrajectoryState:
         """The setpoint (n,) of this sample is `q`."""
         self._setpoints.append(self.tick, q)
         self._actual.append(self.tick, true_joints(q, self._standing))
-        self._given_clock = self.clock
+        self._given = Given(self.tick, self.clock, self.override.rate, self.override.slope)
 
     # ------------------------------------------------------------------------------------------- other pieces
 
@@ -134,21 +176,24 @@ class TrajectoryState:
 
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
-        self.path.end_segment(segment, max(segment.rest_begin, self._given_clock))
+        self.path.end_segment(segment, max(segment.rest_begin, self._given.clock))
 
     def begin_path_stop(self, segment: Segment, seconds: float, scheduler: Scheduler) -> None:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
         if not self.path.phase.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
-        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler)
+        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, self.override.rate)
         self._path_stop_tick = self.tick
         self.path.begin_path_stop()
 
     def begin_joint_stop(self, seconds: float, limits: MotionLimits) -> None:
         """Begin to bring the joints to rest in at least `seconds` from the newest setpoint, whatever the path was."""
         period_s = self._settings.period_s
-        state = self.path.state(self._given_clock) if self.on_joint_path else self._actual.state(period_s)
+        given = self._given
+        on_path = self.path.state(given.clock, given.rate, given.slope) if self.on_joint_path else None
+        state = self._actual.state(period_s) if on_path is None else on_path
         shortest_s, fading_s = joint_stop_s(state, limits, self._settings.blend)
         length_s = max(seconds, shortest_s)
         self._setpoints = self._actual.copy()
-        self.path.begin_joint_stop(state, self._given_clock, length_s / period_s, fading_s / length_s)
+        self.path.begin_joint_stop(state, given.clock, length_s / period_s, fading_s / length_s)
+        self.clock = given.clock + (self.tick - given.tick)  # a stop of the joints knows no other speed

@@ -96,7 +96,7 @@ class ServoClient:
         return self._insist(("OFF", "POWERING", "UNCALIBRATED", "HOLDING", "FAULT"))
 
     def change_override(self, factor: float) -> ServoStatus:
-        """Let motions go at `factor` times their programmed speed, 0 to 2, as far as the limits allow."""
+        """Let motions go at `factor` times their programmed speed, 0 to 1."""
         return self._ask(make_request(ChangeOverride, factor=factor))
 
     def change_payload(

@@ -289,7 +289,7 @@ struct qrobot_state {
     double force[6]; /* N, N m: on the wrist sensor in its frame: fx fy fz mx my mz; NaN where it is not known */
     double speed_limit; /* share of the joints' greatest speeds that a program may plan; below 1 at reduced speed */
     double tool_speed_limit; /* m/s: most of the tool's tip; 0 where the limits of the joints are the only ones */
-    double override; /* operator's speed override, 0 to 2; 1 is the speed as programmed */
+    double override; /* operator's speed override, 0 to 1; 1 is the speed as programmed */
     double payload_mass; /* kg: mass of the payload that the servo reckons with */
     /* end */
 };

@@ -31,7 +31,10 @@ PYTHON_OF_C = {
 }
 # C has variables (nextmove), macros (waitfor, waitas) and letters (setmode) in their place, or nothing at all.
 ONLY_PYTHON = {
+    "override",
+    "pause",  # of unistd.h
     "pose",
+    "resume",
     "setjvel",
     "setload",
     "signal",

@@ -138,7 +138,7 @@ function axisRow(title, axisUnit, a, ask) {
 
 // Motions of any program: their speed override, and standing still on the path.
 function speedCard() {
-  const slider = el("input", { type: "range", id: "override", min: "0", max: "200", step: "5", value: "100", "aria-label": "speed override, percent" });
+  const slider = el("input", { type: "range", id: "override", min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
   const told = el("output", { class: "number", id: "override-told" });
   const pause = el("button", { id: "pause", onclick: () => link.act(paused() ? "resume" : "pause") });
   const paused = () => Boolean((link.arm?.state?.flags ?? 0) & PAUSED);
@@ -152,7 +152,7 @@ function speedCard() {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
     pause.disabled = !state || (paused() && !link.driving);
-    setText(pause, paused() ? "▶ Go on" : "‖ Ask for a pause");
+    setText(pause, paused() ? "▶ Go on" : "‖ Pause motions");
     setAttribute(pause, "data-on", paused());
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));

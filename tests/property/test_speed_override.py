@@ -1,0 +1,196 @@
+"""Speed override at random instants: the same places in the same order, smoothly and within the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from qrobot.errors import MotionError
+from qrobot.motion import Generator, JointSpeed, MotionMode, MoveRequest, SpeedShare, Termination
+from qrobot.motion.path.phase import Phase
+from qrobot.motion.trajectory.speed_override import SHARE, SpeedOverride
+from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
+from tests.support.puma import PARK, arm, at_park, puma_generator, shift
+
+DONE = (int(Termination.COMPLETED),)
+PLACES = st.lists(
+    st.tuples(st.floats(-1.8, 2.8), st.floats(-0.45, 0.45), st.sampled_from((None, 0.3, 0.6))),
+    min_size=1, max_size=4,
+)  # fmt: skip
+CHANGES = st.lists(
+    st.tuples(st.integers(1, 90), st.one_of(st.just(0.0), st.just(1.0), st.floats(0.0, 1.0))), max_size=6
+)
+ROUNDING = 1e-9
+
+
+def changing(gen: Generator, changes: list[tuple[int, float]], resumed: int = 400) -> Callable[[int], None]:
+    """Sets the override at the samples named, each so many after the one before; at last it is 1 again."""
+    at, tick = {}, 0
+    for after, factor in changes:
+        tick += after
+        at[tick] = factor
+    at[tick + resumed] = 1.0
+
+    def at_tick(now: int) -> None:
+        if now in at:
+            gen.override = at[now]
+
+    return at_tick
+
+
+def joint_program(gen: Generator, places: list[tuple[float, float, float | None]]) -> None:
+    for k, (waist, slide, transition_s) in enumerate(places):
+        gen.push(MoveRequest(f"{k}", np.array([waist, slide]), SpeedShare(1.0), transition_s))
+
+
+@given(PLACES, CHANGES)
+@settings(max_examples=120, deadline=None)
+def test_joint_motions_pass_the_same_places_at_any_override_within_the_limits(places, changes) -> None:
+    nominal, gen = generator(), generator()
+    joint_program(nominal, places)
+    joint_program(gen, places)
+    path = nominal.plan()
+    at_tick, clocks, states = changing(gen, changes), [], []
+
+    def each(tick: int) -> None:
+        at_tick(tick)
+        clocks.append(gen._trajectory.clock)
+        states.append(gen.state())
+
+    outputs = list(run(gen, each))
+    assert ended(outputs) == ended(list(run(nominal)))
+    for clock, state in zip(clocks, states, strict=True):
+        t = clock * PERIOD_S
+        wanted = path.at(min(t, path.duration_s))[0]
+        assert state[0] == pytest.approx(wanted, abs=ROUNDING)
+        assert (np.abs(state[1]) <= LIMITS.v_max * (1.0 + ROUNDING)).all()
+        assert (np.abs(state[2]) <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    for before, after in pairwise(states):  # continuity: what a sample can change at all
+        assert (np.abs(after[1] - before[1]) <= LIMITS.a_max * PERIOD_S * (1.0 + ROUNDING)).all()
+
+
+@given(st.lists(st.tuples(*[st.floats(-0.1, 0.1)] * 3, st.floats(-0.4, 0.4)), min_size=1, max_size=3), CHANGES)
+@settings(max_examples=25, deadline=None)
+def test_straight_lines_stay_straight_at_any_override(places, changes) -> None:
+    nominal, gen = puma_generator(), puma_generator()
+    for each in (nominal, gen):
+        for k, place in enumerate(places):
+            each.push(MoveRequest(f"{k}", at_park(shift(*place)).goal(), SpeedShare(0.6), mode=MotionMode.CARTESIAN))
+    path, at_tick, clocks = nominal.plan(), changing(gen, changes), []
+
+    def each_sample(tick: int) -> None:
+        at_tick(tick)
+        clocks.append(gen._trajectory.clock)
+
+    outputs = list(run(gen, each_sample))
+    assert {code for _, code in ended(outputs)} <= set(DONE)
+    start = arm().forward(PARK)
+    for clock, output in zip(clocks[1:], outputs, strict=False):
+        wanted = arm().forward(path.at(min(clock * PERIOD_S, path.duration_s))[0])
+        assert arm().forward(output.q)[:3] == pytest.approx(wanted[:3], abs=1e-6), start
+
+
+def test_the_speed_as_programmed_is_the_same_to_the_bit() -> None:
+    plain, told = generator(), generator()
+    for gen in (plain, told):
+        joint_program(gen, [(1.0, 0.2, None), (-1.0, -0.3, 0.2)])
+
+    def say(_: int) -> None:
+        told.override = 1.0
+
+    assert [o.q.tobytes() for o in run(plain)] == [o.q.tobytes() for o in run(told, say)]
+
+
+def test_half_the_override_takes_twice_the_time_and_none_takes_none_of_the_path() -> None:
+    gen = generator()
+    joint_program(gen, [(2.0, 0.0, None)])
+    nominal = gen.plan().duration_s
+    gen.override = 0.5
+    assert len(list(run(gen))) * PERIOD_S == pytest.approx(2.0 * nominal, abs=3 * PERIOD_S)
+    joint_program(gen, [(0.0, 0.0, None)])
+    gen.override = 0.0
+    stands = [gen.update(gen._trajectory.tick + 1) for _ in range(50)]
+    assert all(output.q.tolist() == stands[0].q.tolist() and output.moving for output in stands)
+    gen.override = 1.0
+    assert gen.plan().duration_s == pytest.approx(nominal, abs=2 * PERIOD_S)
+
+
+@pytest.mark.parametrize("way", ["stop", "abort", "skip"])
+@pytest.mark.parametrize("factor", [0.0, 0.1, 0.5])
+def test_stops_at_another_speed_are_smooth_and_within_the_limits(way: str, factor: float) -> None:
+    gen = generator()
+    joint_program(gen, [(2.5, 0.4, None), (-1.5, -0.4, None)])
+    states = []
+
+    def at_tick(tick: int) -> None:
+        if tick == 10:
+            gen.override = factor
+        if tick == 24:  # the change is still under way
+            {"stop": gen.stop, "abort": lambda: gen.abort(7), "skip": lambda: gen.skip(3)}[way]()
+        if tick == 200:
+            gen.override = 1.0
+        states.append(gen.state())
+
+    outputs = list(run(gen, at_tick))
+    assert dict(ended(outputs))["0"] == {"stop": int(Termination.STOPPED), "abort": 7, "skip": 3}[way]
+    for state in states:
+        assert (np.abs(state[1]) <= LIMITS.v_max * (1.0 + ROUNDING)).all()
+        assert (np.abs(state[2]) <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    path = np.array([output.q for output in outputs])
+    steps = np.abs(np.diff(path, n=2, axis=0)) / PERIOD_S**2
+    assert (steps <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+
+
+def test_a_skip_while_paused_goes_on_to_the_next_motion_when_it_is_resumed() -> None:
+    gen = generator()
+    joint_program(gen, [(2.5, 0.4, None), (-1.5, -0.4, None)])
+
+    def at_tick(tick: int) -> None:
+        if tick in (10, 300):
+            gen.override = 0.0 if tick == 10 else 1.0
+        if tick == 150:
+            gen.skip(3)
+
+    outputs = list(run(gen, at_tick))
+    assert ended(outputs) == [("0", 3), ("1", int(Termination.COMPLETED))]
+    assert np.ptp([output.q for output in outputs[100:295]], axis=0).max() == 0.0
+    assert outputs[-1].q == pytest.approx([-1.5, -0.4])
+
+
+@given(CHANGES, st.integers(1, 3))
+@settings(max_examples=150, deadline=None)
+def test_the_rate_stays_between_0_and_1_and_is_the_slope_of_path_time(changes, left_out) -> None:
+    override, wanted, at = SpeedOverride(LIMITS, PERIOD_S), 1.0, {}
+    tick = 0
+    for after, factor in changes:
+        tick += after
+        at[tick] = factor
+    most = SHARE * float((LIMITS.a_stop / LIMITS.v_max).min()) * PERIOD_S
+    for now in range(0, 400, left_out):
+        for k in range(now, now + left_out):
+            wanted = at.get(k, wanted)
+        before = override.rate
+        passed = override.advance(left_out, wanted)
+        assert -ROUNDING <= override.rate <= 1.0 + ROUNDING
+        slowest, fastest = min(before, override.rate), max(before, override.rate)
+        assert (slowest - 0.1) * left_out <= passed <= (fastest + 0.1) * left_out
+        assert abs(override.rate - before) <= 2.0 * most * left_out
+    for _ in range(100):
+        override.advance(1, wanted)
+    assert override.rate == wanted
+
+
+@pytest.mark.parametrize("factor", [-0.1, 1.1, float("nan"), float("inf")])
+def test_an_override_that_is_none_is_refused(factor: float) -> None:
+    gen = generator()
+    with pytest.raises(MotionError, match="0 to 1 are possible"):
+        gen.override = factor
+    assert gen.override == 1.0
+    assert gen.phase is Phase.RESTING
+    gen.push(MoveRequest("there", np.array([0.5, 0.1]), JointSpeed(0.5)))
+    assert gen.update(1).moving
