@@ -8,7 +8,7 @@
 #define TASK(td, name, function) ((td) = rci_create(name, ""), rci_control(td, function, 0, 0))
 
 static int failed, started, second, triggered, asked;
-static RCI_TASK *a, *b, *c, *d, *e, *gone;
+static RCI_TASK *a, *b, *c, *d, *e, *arm, *gone;
 static char order[64];
 static long heard;
 
@@ -50,6 +50,9 @@ static void mistakes(void)
     CHECK(rci_sharedData(RCI_ALL, 0, 8) < 0 && rci_sharedData(RCI_ALL, order, sizeof order) == 0);
     CHECK(rci_send(1UL << 29, "x", 1) < 0 && rci_send(a->bit, "x", RCI_LONGEST_MESSAGE + 1) < 0);
     CHECK(rci_signal(9999) < 0 && rci_signal(10) < 0); /* no such signal, no handler */
+    CHECK(rci_onclock(arm, 0, 0) < 0 && rci_onclock(arm, 11, 0) < 0 && rci_onclock(arm, 10, 0) == 0); /* 100 ms at most */
+    CHECK(rci_onfunction(arm, wake_d) < 0 && rci_deviceInterrupt(arm, 0) < 0); /* it is woken by its robot */
+    CHECK(rci_start(arm->bit) < 0 && strstr(rci_error(), "has no functions") != 0);
     CHECK(rci_robot("arm", "no such robot", 0) < 0 && rci_descriptor("nobody") == 0);
 }
 
@@ -77,7 +80,7 @@ int main(void)
     long *memory;
 
     CHECK(TASK(a, "a", run_a) == 0 && TASK(b, "b", run_b) == 0 && TASK(c, "c", run_c) == 0 && TASK(d, "d", run_d) == 0);
-    CHECK(TASK(e, "e", run_e) == 0);
+    CHECK(TASK(e, "e", run_e) == 0 && (arm = rci_create("puma560", 0)) != 0 && arm->robot->n == 6 && a->robot == 0);
     CHECK(a->bit == 2 && b->bit == 4 && rci_descriptor("b") == b && rci_self()->bit == RCI_PARENT);
     mistakes();
     queues();

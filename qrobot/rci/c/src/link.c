@@ -26,11 +26,11 @@ int rci_link_open(RCI_TASK *td)
     struct qrobot_link *link;
 
     if (rci_program.virtual_time && address_of(td) == NULL)
-        return rci_fail("rci_start: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot", td->name);
+        return rci_fail("rci_start: task %s: on virtual time `qrobot run --offline` or --lockstep has the robot",
+                        td->name);
     if ((link = calloc(1, sizeof *link)) == NULL)
         return rci_fail("rci_start: no memory");
-    if (qrobot_connect(link, address_of(td), &hello) != QROBOT_OK ||
-        link->joints != td->robot->n) {
+    if (qrobot_connect(link, address_of(td), &hello) != QROBOT_OK || link->joints != td->robot->n) {
         if (link->fd >= 0)
             rci_fail("rci_start: task %s: %s has %d joints, its file says %d", td->name, link->peer, link->joints,
                      td->robot->n);
