@@ -23,7 +23,7 @@ PLACES = st.lists(
     min_size=1, max_size=4,
 )  # fmt: skip
 CHANGES = st.lists(
-    st.tuples(st.integers(1, 90), st.one_of(st.just(0.0), st.just(1.0), st.floats(0.0, 1.0))), max_size=6
+    st.tuples(st.integers(2, 90), st.one_of(st.just(0.0), st.just(1.0), st.floats(0.0, 1.0))), max_size=6
 )
 ROUNDING = 1e-9
 

@@ -193,9 +193,9 @@ class Sequencer:
             self._enter_on_time(segment, queued, transition)
             return True
         bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
-        on_time = None  # at another speed samples meet no beginning; what stands still waits for them
-        if not self._trajectory.override.full and segment.coordinates.fixed and queued.fixed:
-            on_time = segment.end - transition.schedule.transition
+        on_time = None
+        if segment.coordinates.fixed and queued.fixed and not self._trajectory.on_the_clock:
+            on_time = segment.end - transition.schedule.transition  # which no sample meets at another speed
         return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED, on_time)
 
     def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:

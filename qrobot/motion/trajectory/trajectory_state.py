@@ -59,7 +59,7 @@ class TrajectoryState:
         self.override = SpeedOverride(limits, settings.period_s)
         self._settings = settings
         self._given = Given(tick, 0.0, 1.0, 0.0)
-        self._clocks = deque([0.0], maxlen=DEPTH)  # path time of the newest samples, this one included
+        self._lags = deque([0.0], maxlen=DEPTH)  # of path time behind the newest samples, this one included
         self._path_stop: PathStop | None = None
         self._path_stop_tick = 0
         self._setpoints = SetpointHistory(tick, q)
@@ -84,6 +84,11 @@ class TrajectoryState:
         if self._path_stop is not None:
             return self.tick - self._path_stop_tick >= self._path_stop.length
         return self.path.phase is Phase.JOINT_STOP and self.clock >= self.path.piece.end
+
+    @property
+    def on_the_clock(self) -> bool:
+        """Path time passes as the clock does, did so at the newest samples, and is whole at each of them."""
+        return self.override.full and len(set(self._lags)) <= 1 and all(lag.is_integer() for lag in self._lags)
 
     @property
     def paused(self) -> bool:
@@ -112,10 +117,10 @@ class TrajectoryState:
     def points(self) -> History:
         """Positions of the arm at the newest samples, this one included; at another speed, by path time."""
         points = self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
-        if self._clocks[-1] - self._clocks[0] == points[-1][0] - points[0][0]:
+        if self.override.full or len(self._lags) < len(points):
             return points
-        clocks = list(self._clocks)[-len(points) :]
-        return [(clock, q) for clock, (_, q) in zip(clocks, points, strict=True)]
+        lags = list(self._lags)[-len(points) :]
+        return [(tick - lag, q) for lag, (tick, q) in zip(lags, points, strict=True)]
 
     def points_at(self, clock: float) -> History:
         """Positions of the arm at path time `clock`, on the present piece, and a sample or less of it before."""
@@ -146,14 +151,13 @@ class TrajectoryState:
             raise MotionError(f"sample {tick} asked for after sample {self.tick}")
         if self._path_stop is not None:
             self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
-        elif self.path.phase is Phase.JOINT_STOP:
+        elif self.path.phase in (Phase.JOINT_STOP, Phase.RESTING):
+            self.override.jump(FULL_SPEED if self.path.phase is Phase.JOINT_STOP else wanted)
             self.clock += tick - self.tick
         else:
-            if self.path.phase is Phase.RESTING:
-                self.override.jump(wanted)
             self.clock += self.override.advance(tick - self.tick, wanted)
-        self._clocks.append(self.clock)
         self.tick = tick
+        self._lags.append(tick - self.clock)
         self._standing = standing
 
     def give_out(self, q: Floats) -> None:
@@ -173,6 +177,7 @@ class TrajectoryState:
         """Stand at `x` (m,), in the coordinates of the path."""
         self.path.hold(x, self.clock)
         self._path_stop = None
+        self._lags.clear()  # what was before rest counts no more
 
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
