@@ -19,9 +19,9 @@ from benchmarks.ctwin import SOURCES, compiler
 from benchmarks.rows import Goal, Row, against
 from benchmarks.timing import Effort, interleaved
 from qrobot import rccl
+from qrobot.c_transport import engine
+from qrobot.c_transport.message import BRIEF, Op
 from qrobot.cli import toolchain
-from qrobot.rccl.c import engine
-from qrobot.rccl.c.message import BRIEF, Op
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.offline import OfflineLink
 from qrobot.wire import Command, Hello, State

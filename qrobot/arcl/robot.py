@@ -13,6 +13,7 @@ from qrobot.arcl.joint_units import units_of
 from qrobot.arcl.kinematics import ManipulatorKinematics
 from qrobot.arcl.machine import MachineSample, RobotMachine
 from qrobot.arcl.motion import Motion, MotionFeedback
+from qrobot.arcl.opened import listen_once
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.positions import Pos, joints_of
 from qrobot.arcl.standstill import Standstill
@@ -89,8 +90,10 @@ class ArclRobot:
 
     # ---------------------------------------------------------------------------------------------------- motions
 
-    def move(self, pos: Pos, *attributes: Any) -> Motion:
+    def move(self, pos: Pos, *attributes: Any, announce: Callable[[Motion], None] | None = None) -> Motion:
         """Queue a motion and return at once, or with MOV_SYNC when it is nearly complete.
+
+        `announce` is called with the motion before it can begin.
 
         Raises:
             MotionError: an attribute is unknown or impossible, the queue is full, or a motion before this one failed
@@ -102,6 +105,8 @@ class ArclRobot:
         options = self._options.changed_by("move", attributes)
         with self._lock():
             motion = Motion(pos, options)
+            if announce is not None:
+                announce(motion)
             self._motions.push(motion)
             self._options = options.sticky()
             self._trace_request(motion.name, options)
@@ -157,6 +162,7 @@ class ArclRobot:
         standstill = Standstill(self)
 
         def done() -> bool:
+            listen_once()
             self._raise_error()
             if not self._motions.busy if predicate is None else predicate():
                 return True

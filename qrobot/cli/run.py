@@ -23,6 +23,8 @@ from qrobot.errors import ConfigError, QRobotError
 from qrobot.units import US_PER_MS
 
 if TYPE_CHECKING:
+    from qrobot.c_transport.memory import ProgramMemory
+    from qrobot.c_transport.program_link import CallDispatcher, ProgramLink
     from qrobot.config.deployment import DeployedArm
     from qrobot.rci import LinkFactory
 
@@ -184,16 +186,25 @@ def run_through(factory: LinkFactory, start: Callable[[], int], output: Path | N
 
 def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
     """Run the program; its exit status. One in C does not say itself which robot it wants."""
-    from qrobot.rccl.c.program import is_executable, run_executable
+    from qrobot.c_transport.program import is_executable, run_served
     from qrobot.rccl.program import ending
 
     if is_executable(program):
-        return run_executable(program, arguments, robot)
+        from qrobot.rccl.c.program import rccl_dispatcher
+
+        return run_served(program, arguments, [rccl_dispatcher(robot), _arcl_dispatcher])
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
     with ending(), _arcl_ending():
         runpy.run_path(str(program), run_name="__main__")
     return 0
+
+
+def _arcl_dispatcher(memory: ProgramMemory, places: Sequence[int], link: ProgramLink) -> CallDispatcher:
+    """Dispatcher of a program in C of ARCL: its part of the package is not loaded for others."""
+    from qrobot.arcl.c.dispatcher import ArclDispatcher
+
+    return ArclDispatcher(memory, places, link)
 
 
 @contextmanager

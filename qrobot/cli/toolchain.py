@@ -25,6 +25,8 @@ HERE: Final = Path(__file__).parents[1]
 INCLUDE: Final = HERE / "rccl" / "c" / "include"
 SOURCES: Final = HERE / "rccl" / "c" / "shim"
 RCI: Final = HERE / "rci" / "c"
+ARCL_INCLUDE: Final = HERE / "arcl" / "c" / "include"
+ARCL_SOURCES: Final = HERE / "arcl" / "c" / "shim"
 WIRE: Final = HERE / "wire" / "c"
 """Of the header of the wire protocol's client."""
 LEGACY: Final = ("-std=gnu99", "-fgnu89-inline", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
@@ -69,7 +71,11 @@ def compiler() -> list[str]:
 def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
     """Compiler options for legacy sources, silent unless `arguments` ask for warnings."""
     asked = any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments)
-    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), f"-I{INCLUDE}", f"-I{RCI / 'include'}", f"-I{WIRE}"]
+    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), *_includes()]
+
+
+def _includes() -> list[str]:
+    return [f"-I{folder}" for folder in (INCLUDE, ARCL_INCLUDE, RCI / "include", WIRE)]
 
 
 def _unsaid() -> list[str]:
@@ -111,7 +117,7 @@ def package_file() -> str:
     return "\n".join(
         (
             "Name: qrobot-rccl",
-            "Description: RCCL for programs in C, before the motion engine of qrobot",
+            "Description: RCCL and ARCL for programs in C, before the motion engine of qrobot",
             f"Version: {version('qrobot')}",
             f"Cflags: {shlex.join(compile_flags())}",
             f"Libs: {shlex.join(link_flags())}",
@@ -123,7 +129,7 @@ def package_file() -> str:
 def library(cc: Sequence[str], arguments: Sequence[str] = (), robots: Sequence[Path] = ()) -> Path:
     """The library for a compiler, instrumented as in `arguments`. Raises ConfigError: it cannot be compiled."""
     flags = [*STRICT, *(word for word in arguments if word.startswith(_INSTRUMENTATION))]
-    flags += [f"-I{INCLUDE}", f"-I{RCI / 'include'}", f"-I{WIRE}", f'-DQROBOT_PYTHON="{sys.executable}"']
+    flags += [*_includes(), f"-I{SOURCES}", f'-DQROBOT_PYTHON="{sys.executable}"']
     files = [*robot_files(), *map(robot_path, robots)]
     made = _cache() / _digest([*cc, _answer_of([*cc, "-dumpfullversion", "-dumpversion"]), *flags], files)
     path = made / f"lib{LIBRARY}.a"
@@ -146,7 +152,7 @@ def _build(cc: Sequence[str], flags: Sequence[str], path: Path, robots: Sequence
 
 
 def _sources() -> list[Path]:
-    return sorted((*SOURCES.glob("*.c"), *RCI.glob("src/*.c")))
+    return [*sorted(SOURCES.glob("*.c")), *sorted(ARCL_SOURCES.glob("*.c")), *sorted(RCI.glob("src/*.c"))]
 
 
 def _cache() -> Path:
@@ -154,9 +160,10 @@ def _cache() -> Path:
 
 
 def _digest(words: Sequence[str], robots: Sequence[Path]) -> str:
-    headers = [SOURCES / "shim.h", *INCLUDE.glob("*.h"), *RCI.glob("*/*.h"), *WIRE.glob("*.h")]
+    folders = (SOURCES, ARCL_SOURCES, INCLUDE, ARCL_INCLUDE, RCI / "src", RCI / "include", WIRE)
+    headers = [path for folder in folders for path in sorted(folder.glob("*.h"))]
     told = [*words, *map(str, robots)]
-    texts = [path.read_bytes() for path in (*_sources(), *sorted(headers), TABLE_MAKER, *robots)]
+    texts = [path.read_bytes() for path in (*_sources(), *headers, TABLE_MAKER, *robots)]
     return hashlib.sha256("\0".join(told).encode() + b"\0".join(texts)).hexdigest()[:16]
 
 

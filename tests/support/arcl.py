@@ -22,12 +22,15 @@ from qrobot.arcl import (
     arcl_open,
     makeposition,
 )
+from qrobot.arcl.c.dispatcher import ArclDispatcher
 from qrobot.arcl.opened import open_robots
 from qrobot.arcl.program import end_all
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.switches import Switches, switches
 from qrobot.arcl.trans import new_trans_value
+from qrobot.c_transport.program import run_served
 from qrobot.model.transform import rpy, transform
+from qrobot.rccl.c.program import rccl_dispatcher
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 
 EXAMPLES = Path(__file__).parents[2] / "examples/arcl"
@@ -79,3 +82,12 @@ def run_example(name: str, folder: Path, *arguments: str, ami: str = "offline") 
         sys.argv = argv
         for rp in open_robots():
             arcl_close(rp)
+
+
+def run_c(program: Path, folder: Path, *arguments: str) -> int:
+    """A program in C off line, with its streams in a folder; its exit status."""
+    try:
+        with use_machine(MachineChoice("offline", folder)):
+            return run_served(program, arguments, [rccl_dispatcher(), ArclDispatcher])
+    finally:
+        forget_programs()

@@ -38,7 +38,7 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/rig/lockstep.py": "tells how much faster than real time a rig ran, and decides nothing by it",
     "qrobot/rig/experiment.py": "tells how long an experiment took, and decides nothing by it",
     "qrobot/rig/deployed.py": "remembers when it asked for a guardian, to tell it from its predecessor",
-    "qrobot/rccl/c/callback_slot.py": "bounds a wait for the answer of a program in C",
+    "qrobot/c_transport/callback_slot.py": "bounds a wait for the answer of a program in C",
     "qrobot/cli/identify_fit.py": "dates a model when nobody says from which day it is",
     "qrobot/log/follow.py": "names a log by the time it begins; each step of a follower is told the time",
     "qrobot/servo/memory/mailbox.py": "pauses between two tries of a read, of which it makes a number",

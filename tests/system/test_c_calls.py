@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from qrobot.rccl.c import callback_slot, engine
-from qrobot.rccl.c.message import Op
+from qrobot.c_transport import callback_slot, engine
+from qrobot.c_transport.message import Op
 from qrobot.rccl.c.program import run_executable
 from tests.support.c_programs import compiled_text, needs_compiler, offline
 

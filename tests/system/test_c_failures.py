@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from qrobot import rccl
+from qrobot.c_transport import engine
 from qrobot.cli import toolchain
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import ConfigError, LinkLost
-from qrobot.rccl.c import engine
 from qrobot.rccl.c.program import run_executable
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode

@@ -8,12 +8,14 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from qrobot.c_transport.memory import ProgramMemory
+from qrobot.c_transport.message import CallMessage, Op
+from qrobot.c_transport.program_link import ProgramLink
 from qrobot.errors import ConfigError, MotionError
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
-from qrobot.rccl.c.message import CallMessage, Op
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
-from qrobot.rccl.c.shared import ProgramMemory, SharedPosition
+from qrobot.rccl.c.shared import SharedPosition
 from qrobot.rccl.c.variables import Variables
 from qrobot.rccl.channel import YES, Channel
 from qrobot.rccl.database import DataBase
@@ -21,27 +23,9 @@ from qrobot.rccl.jog import STEPPING_HELP, Stepper
 from qrobot.rccl.position import there
 from qrobot.rccl.teach_transform import teach
 
-FIELDS: Final = 4  # of structures, whose places stand last among the places
+OBJECTS: Final = 9  # variables and structures, whose places stand first
+FIELDS: Final = 4  # of structures, whose places stand behind them
 CallReply: TypeAlias = "CallMessage | None"
-
-
-@dataclass(frozen=True)
-class ProgramLink:
-    """Interface through which the engine reaches the program.
-
-    Attributes:
-        call: have a function of the program called: the `Op`, and which.
-        signal: have the program count an event.
-        ask: put a question to the person at its terminal; EOFError when nobody answers.
-        say: print lines there.
-        listen: raises LinkLost when the program has gone.
-    """
-
-    call: Callable[[Op, int], None]
-    signal: Callable[[int], None]
-    ask: Callable[[str], str]
-    say: Callable[[str], None]
-    listen: Callable[[], None]
 
 
 class Dispatcher:
@@ -58,8 +42,8 @@ class Dispatcher:
     """
 
     def __init__(self, memory: ProgramMemory, places: list[int], link: ProgramLink, robot: str) -> None:
-        *variables, last_link, park, present = places[:-FIELDS]
-        fields = places[-FIELDS:]
+        *variables, last_link, park, present = places[:OBJECTS]
+        fields = places[OBJECTS : OBJECTS + FIELDS]
         self._link, self._robot, self._park = link, robot, park
         self._variables = Variables(memory, variables, last_link + fields[0])
         self.objects = ObjectRegistry(memory, fields, (last_link, self._variables.t6), self._evaluate, link.signal)

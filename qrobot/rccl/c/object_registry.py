@@ -8,12 +8,13 @@ from typing import Final
 import numpy as np
 
 from qrobot.arrays import Floats
+from qrobot.c_transport.memory import ProgramMemory, numbers_of, value_of
+from qrobot.c_transport.message import CallMessage, Op
 from qrobot.errors import MotionError
 from qrobot.model.transform import inverse
 from qrobot.motion import TransformKind, Trsf
 from qrobot.rccl import transforms
-from qrobot.rccl.c.message import CallMessage, Op
-from qrobot.rccl.c.shared import ProgramMemory, SharedEvent, SharedPosition, SharedTransform, numbers_of, value_of
+from qrobot.rccl.c.shared import SharedEvent, SharedPosition, SharedTransform
 from qrobot.rccl.position import EQ, TL, Separator, Target, makeposition
 from qrobot.rccl.transforms import Transform, t6, timed
 

@@ -1,64 +1,26 @@
-"""A C program with its engine in this process, which says which arm it gets."""
+"""A C program of RCCL with its engine in this process, which says which arm it gets."""
 
 from __future__ import annotations
 
 import os
-import signal
-import socket
-import subprocess
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from qrobot.errors import ConfigError
-from qrobot.rccl.c.engine import DEFAULT_ROBOT, serve
-from qrobot.rci.c.relay import relay
+from qrobot.c_transport.program import run_served
+from qrobot.c_transport.program_link import MakeDispatcher
+from qrobot.rccl.c.dispatcher import Dispatcher
 
-ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
-_ELF: Final = b"\x7fELF"
-_BY_SIGNAL: Final = 128  # exit statuses of shells
+ROBOT: Final = "QROBOT_ROBOT"  # environment: rules over whoever starts the program
+DEFAULT_ROBOT: Final = "puma560"
 
 
-def is_executable(path: Path) -> bool:
-    """A compiled program, not a script."""
-    with path.open("rb") as file:
-        return file.read(len(_ELF)) == _ELF
+def rccl_dispatcher(robot: str = DEFAULT_ROBOT) -> MakeDispatcher:
+    """Maker of dispatchers for programs whose arm is a `robot`, a packaged one's name or a file, unless the variable
+    QROBOT_ROBOT names another."""
+    return lambda memory, places, link: Dispatcher(memory, list(places), link, os.environ.get(ROBOT) or robot)
 
 
 def run_executable(path: Path, arguments: Sequence[str] = (), robot: str = DEFAULT_ROBOT) -> int:
-    """Run a program made by `qrobot cc` and serve it; its exit status, 128 and the signal's number if that ended it.
-
-    Its arm is a `robot`, a packaged one's name or a file, unless the variable QROBOT_ROBOT names another.
-
-    Raises:
-        ConfigError: it cannot be started, or was compiled by another version.
-        QRobotError: the arm was lost, and the program could not be told.
-    """
-    ours, theirs = zip(*(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)), strict=True)
-    channels = [end.fileno() for end in theirs]
-    with _interrupts_are_the_programs(), relay() as variables:
-        environment = os.environ | {ENGINE: ",".join(map(str, channels))} | variables
-        try:
-            child = subprocess.Popen([path.resolve(), *arguments], pass_fds=channels, env=environment)
-        except OSError as error:
-            raise ConfigError(f"cannot start {path}: {error.strerror}") from error
-        finally:
-            for end in theirs:
-                end.close()
-        try:
-            foreground, background = ours
-            serve(foreground, background, robot)
-        finally:
-            status = child.wait()
-    return _BY_SIGNAL - status if status < 0 else status
-
-
-@contextmanager
-def _interrupts_are_the_programs() -> Iterator[None]:
-    """Ctrl-C reaches the program too, which ends in its own way: a handler here, as deafness would be inherited."""
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    """Run a program of RCCL alone; see `run_served` and `rccl_dispatcher`."""
+    return run_served(path, arguments, [rccl_dispatcher(robot)])

@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from qrobot.c_transport.memory import ProgramMemory
 from qrobot.model.arm import Arm
 from qrobot.motion import TransformKind
-from qrobot.rccl.c.shared import CHG, HOW, ProgramMemory, SharedTransform
+from qrobot.rccl.c.shared import CHG, HOW, SharedTransform
 from qrobot.rccl.channel import Channel
 
 MILLI: Final = 1e3

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from qrobot.c_transport import callback_slot
+from qrobot.c_transport.callback_slot import SLOT_WORDS, CallbackSlot
+from qrobot.c_transport.message import Op
 from qrobot.cli import toolchain
-from qrobot.rccl.c import callback_slot
-from qrobot.rccl.c.callback_slot import SLOT_WORDS, CallbackSlot
-from qrobot.rccl.c.message import Op
 
 WORDS = "called", "op", "ref", "processor", "done", "asking", "looking"
 PLACE = 4096
@@ -32,7 +32,7 @@ def seen(words: np.ndarray, *names: str) -> list[int]:
 
 
 def test_engine_and_library_have_the_same_words() -> None:
-    shim = (toolchain.SOURCES / "shim.h").read_text()
+    shim = (toolchain.SOURCES / "channel.h").read_text()
     fields = re.search(r"struct shim_cell \{(.*?)\};", shim, re.DOTALL)[1]
     assert tuple(re.findall(r"\b(\w+)[,;]", re.sub(r"/\*.*?\*/", "", fields))) == WORDS
     assert len(WORDS) == SLOT_WORDS

@@ -8,21 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.c_transport import message
+from qrobot.c_transport.memory import numbers_of, value_of
+from qrobot.c_transport.message import CallMessage, Op, decode
 from qrobot.cli import toolchain
 from qrobot.config import load_robot
 from qrobot.motion import Blend, TransformKind, motion_limits
 from qrobot.motion.path.blend import PEAK
 from qrobot.motion.planning.timing import DEFAULT_TRANSITION_S
 from qrobot.motion.world.limits import PLANNED_SHARE
-from qrobot.rccl.c import message
-from qrobot.rccl.c.message import CallMessage, Op, decode
-from qrobot.rccl.c.shared import SharedTransform, numbers_of, value_of
+from qrobot.rccl.c.shared import SharedTransform
 from qrobot.rccl.parameters import DEFAULT_SPEED
 from qrobot.rccl.transforms import gentr_rpy
 from qrobot.wire.vocabulary import MAX_JOINTS
 
 HEADER = (toolchain.INCLUDE / "rccl.h").read_text()
-SHIM = (toolchain.SOURCES / "shim.h").read_text()
+SHIM = (toolchain.SOURCES / "channel.h").read_text()
 PAGE = (Path(__file__).parents[3] / "docs/reference/c-surface.md").read_text()
 PRIVATE = re.compile(r"rccl_|RCCL_")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
+from qrobot.c_transport.message import Op
 from qrobot.cli import toolchain
 from qrobot.errors import LinkError
 from qrobot.motion import Trsf
 from qrobot.rccl import Channel, Position, Transform, program
 from qrobot.rccl.c.dispatcher import CALLS
-from qrobot.rccl.c.message import Op
 
 HEADER = (toolchain.INCLUDE / "rccl.h").read_text()
 PROTOTYPES = dict(re.findall(r"^(?:int|POS_PTR) (?:rccl_)?(\w+)\((\w[^;]*)\);", HEADER, re.MULTILINE))

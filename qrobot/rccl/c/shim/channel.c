@@ -96,6 +96,8 @@ static void obey(struct message *m)
         ((int (*)()) (intptr_t) m->refs[0])();
     else if (m->op == OP_SIGNAL)
         __atomic_fetch_add((event *) t, 1, __ATOMIC_ACQ_REL);
+    else if (m->op == OP_CALL_ARCL && arcl_obey)
+        arcl_obey();
 }
 
 /* A call may come twice: in the cell, and by a message when the engine has waited for a while. Number 0 is no number: it
@@ -130,7 +132,7 @@ static void ask_person(struct message *m)
  * that we are in. */
 static int is_between(const struct message *m)
 {
-    return m->op == OP_SAY || m->op == OP_ASK || (m->op >= OP_CALL_TRANSFORM && m->op <= OP_SIGNAL);
+    return m->op == OP_SAY || m->op == OP_ASK || (m->op >= OP_CALL_TRANSFORM && m->op <= OP_CALL_ARCL);
 }
 
 /* The engine answers a function soon, and to wake us would cost as much as the answer. */
@@ -161,7 +163,12 @@ static void converse(int channel, struct message *m)
         shim_die(GONE);
 }
 
-struct message *shim_call(struct message *m)
+int shim_serving(void)
+{
+    return served >= 0;
+}
+
+struct message *shim_ask(struct message *m)
 {
     shim_start();
     if (served >= 0) {
@@ -173,7 +180,12 @@ struct message *shim_call(struct message *m)
         converse(foreground, m);
         pthread_mutex_unlock(&calling);
     }
-    if (m->op == OP_ERROR)
+    return m;
+}
+
+struct message *shim_call(struct message *m)
+{
+    if (shim_ask(m)->op == OP_ERROR)
         shim_die(m->text);
     return m;
 }

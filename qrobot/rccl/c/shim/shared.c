@@ -12,7 +12,7 @@
 
 #include "shim.h"
 
-#define ARENA_BYTES (16 << 20) /* takes memory only as far as it is used */
+#define ARENA_BYTES (64 << 20) /* takes memory only as far as it is used */
 
 static VECT x_axis = {1, 0, 0}, y_axis = {0, 1, 0}, z_axis = {0, 0, 1};
 VECT_PTR xunit = &x_axis, yunit = &y_axis, zunit = &z_axis;
@@ -39,8 +39,10 @@ struct slot {
         TRSF transform;
         POS position;
         struct slot *next;
+        char room[SHIM_ROOM];
     } of;
     char name[SHIM_NAME];
+    int used;
 };
 
 static char *first_page, *arena;
@@ -107,34 +109,46 @@ static struct slot *take_slot(void)
     return slot;
 }
 
-static struct slot *named_slot(const char *name)
+void *shim_new(const char *name, char **kept)
 {
     struct slot *slot = take_slot();
     if (!slot)
-        shim_die("too many transforms and positions: free those of no more use with freetrans and freepos");
+        shim_die("too many transforms and positions: free those of no more use (freetrans and freepos, or arcl_free)");
     memset(slot, 0, sizeof *slot);
     strncpy(slot->name, name ? name : "", SHIM_NAME - 1);
+    slot->used = 1;
+    *kept = slot->name;
     return slot;
 }
 
 TRSF_PTR shim_new_transform(const char *name)
 {
-    struct slot *slot = named_slot(name);
-    slot->of.transform.name = slot->name;
-    return &slot->of.transform;
+    char *kept;
+    TRSF_PTR t = shim_new(name, &kept);
+    t->name = kept;
+    return t;
 }
 
 POS_PTR shim_new_position(const char *name)
 {
-    struct slot *slot = named_slot(name);
-    slot->of.position.name = slot->name;
-    return &slot->of.position;
+    char *kept;
+    POS_PTR p = shim_new(name, &kept);
+    p->name = kept;
+    return p;
+}
+
+int shim_used(const void *p)
+{
+    ptrdiff_t place = (const char *) p - arena;
+    return arena && place >= 0 && place < (char *) fresh - arena && place % (ptrdiff_t) sizeof(struct slot) == 0
+        && ((const struct slot *) p)->used;
 }
 
 void shim_free(void *p)
 {
     struct slot *slot = p;
     pthread_mutex_lock(&allocating);
+    slot->used = 0;
     slot->of.next = unused;
     unused = slot;
     pthread_mutex_unlock(&allocating);
@@ -153,4 +167,6 @@ void shim_globals(int64_t *refs)
     refs[count++] = offsetof(POS, scal);
     refs[count++] = offsetof(POS, end);
     refs[count++] = shim_ref(&shim_cell);
+    refs[count++] = arcl_obey != NULL; /* the language, RCCL or ARCL */
+    refs[count] = arcl_obey ? arcl_cell_place() : 0;
 }

@@ -1,116 +1,12 @@
-/* shim.h - between the calls of rccl.h and the motion engine, which is another process (qrobot/rccl/c/engine.py).
- *
- * Transforms, positions and the global variables lie in memory that both share. A call is a message to the engine and
- * its answer; functions of the program are called by messages the other way, on a channel and a thread of their own.
- */
+/* shim.h - what the sources behind rccl.h share. */
 #ifndef SHIM_H
 #define SHIM_H
 
-#include <stddef.h>
-#include <stdint.h>
-
+#include "channel.h"
 #include "rccl.h"
 
-#define SHIM_VERSION 4
-#define SHIM_REFS 24
-#define SHIM_NUMBERS 32
-#define SHIM_TEXT 256
-#define SHIM_NAME 64 /* of a transform or a position; what is longer is cut */
-
-/* Weak: a program may have a function of that name itself. */
-#define API __attribute__((weak))
-/* Variables that the engine sees too. */
-#define SHARED __attribute__((section("rccl_shared")))
-
-/* What a message says; mirrored in qrobot/rccl/c/message.py. */
-enum op {
-    OP_HELLO = 1,
-    OP_CONTROL,
-    OP_RELEASE,
-    OP_NEWTRANS,
-    OP_FREETRANS,
-    OP_MAKEPOSITION,
-    OP_JPOSITION,
-    OP_FREEPOS,
-    OP_MAKE,
-    OP_TRMULT,
-    OP_INVERT,
-    OP_MOVE,
-    OP_STOP,
-    OP_SETVEL,
-    OP_SETMODE,
-    OP_SETCONF,
-    OP_SAMPLE_PERIOD,
-    OP_SETIME,
-    OP_EVALFN,
-    OP_DISTANCE,
-    OP_LIMIT,
-    OP_COMPLY,
-    OP_LOCK,
-    OP_UPDATE,
-    OP_HAND,
-    OP_NEXT_SAMPLE,
-    OP_TEACH,
-    OP_STEPMODE,
-    OP_MAKEDB,
-    OP_GETR,
-    OP_SAVER,
-    OP_DUMPDB,
-    OP_ADCOPEN,
-    OP_ENCTOANG,
-    OP_ANGTOENC,
-    /* from the engine */
-    OP_REPLY = 100,
-    OP_ERROR,
-    OP_SAY,
-    OP_ASK,
-    OP_CALL_TRANSFORM,
-    OP_CALL_FUNCTION,
-    OP_SIGNAL,
-};
-
-/* One message, whole on a SOCK_SEQPACKET; each op knows which fields it uses. */
-struct message {
-    int32_t op;
-    int32_t n;
-    int64_t refs[SHIM_REFS]; /* places in the shared memory, or functions of the program */
-    double numbers[SHIM_NUMBERS];
-    char text[SHIM_TEXT];
-};
-
-/* Calls of functions and their answers are short: op, number of the call and one reference. */
-#define SHIM_BRIEF (offsetof(struct message, refs) + sizeof(int64_t))
-
-/* How the engine calls a function while the thread that serves it is awake: who looks here is not woken up by a message.
- * Each word has one writer. Calls are numbered; a call that is not done soon is repeated by a message with its number. */
-struct shim_cell {
-    int64_t called, op, ref, processor; /* by the engine, `called` last: the newest call, and where it was made */
-    int64_t done, asking, looking; /* by the program: the newest call that is done, or asks the engine; it looks here */
-};
-
 /* shared.c */
-extern struct shim_cell shim_cell;
-int shim_share(void); /* Share the memory; its file. */
-int64_t shim_ref(const volatile void *p); /* Place of p in it, -1 when it lies elsewhere. */
-void *shim_at(int64_t ref);
 TRSF_PTR shim_new_transform(const char *name); /* All zero but its name. */
 POS_PTR shim_new_position(const char *name);
-void shim_free(void *p);
-void shim_globals(int64_t *refs);
-
-/* channel.c */
-struct message shim_message(enum op op, const char *text);
-struct message *shim_call(struct message *m); /* Ask the engine; the answer stands in m. Ends the program on an error. */
-void shim_open(int foreground);
-void shim_serve(int channel); /* Obey the engine until it closes the channel. */
-void shim_close(void); /* Nothing more will be asked. */
-void shim_wait_closed(int timeout_ms);
-
-/* start.c */
-void shim_start(void); /* Reach the engine; does nothing the second time. */
-void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */
-void *shim_need(void *given, const char *call, const char *what); /* What was given; ends the program at NULL. */
-void shim_say(const char *who, const char *text); /* On stderr, unless there is no text. */
-void shim_say_mess(void);
 
 #endif

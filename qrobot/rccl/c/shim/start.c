@@ -152,7 +152,7 @@ static void become_engine(const int *theirs)
     dup2(nothing, STDIN_FILENO);
     snprintf(foreground, sizeof foreground, "%d", theirs[0]);
     snprintf(background, sizeof background, "%d", theirs[1]);
-    execlp(python, python, "-m", "qrobot.rccl.c", foreground, background, (char *) NULL);
+    execlp(python, python, "-m", arcl_obey ? "qrobot.arcl.c" : "qrobot.rccl.c", foreground, background, (char *) NULL);
     fprintf(stderr, "cannot start %s: %s; name the Python that has qrobot in " PYTHON "\n", python, strerror(errno));
     _exit(127);
 }

@@ -1,4 +1,4 @@
-"""Messages between a C program and its engine: `struct message` and `enum op` of shim.h."""
+"""Messages between a C program and its engine: `struct message` and `enum op` of channel.h."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-VERSION: Final = 4
+VERSION: Final = 5
 REFS: Final = 24
-NUMBERS: Final = 32
+NUMBERS: Final = 64
 TEXT: Final = 256
 _LAYOUT: Final = struct.Struct(f"=ii{REFS}q{NUMBERS}d{TEXT}s")
 SIZE: Final = _LAYOUT.size
@@ -56,6 +56,8 @@ class Op(IntEnum):
     ADCOPEN = 33
     ENCTOANG = 34
     ANGTOENC = 35
+    ARCL_CALL = 50
+    ARCL_WORD = 51
     REPLY = 100
     ERROR = 101
     SAY = 102
@@ -63,6 +65,7 @@ class Op(IntEnum):
     CALL_TRANSFORM = 104
     CALL_FUNCTION = 105
     SIGNAL = 106
+    CALL_ARCL = 107
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class CallMessage:
         op: an `Op`; plain int, as it was sent.
         n: a count or a small answer.
         refs: places in the shared memory, or functions of the program. At most 24.
-        numbers: at most 32.
+        numbers: at most 64.
         text: at most 255 bytes; what is longer is cut.
     """
 

@@ -1,32 +1,31 @@
-"""The motion engine of one C program: answers its calls until it ends, and lets go of its arm then.
+"""The engine of one C program: answers its calls until it ends, and lets go of its arm then.
 
 Two channels, so that a call of the program that waits does not keep its functions from being called: the foreground
 asks on the first; on the second we have functions called at the samples, within which the program may ask again.
-While the program's thread for them is awake it is called without a message (`qrobot.rccl.c.callback_slot`).
+While the program's thread for them is awake it is called without a message (`qrobot.c_transport.callback_slot`).
 """
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import struct
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
 import numpy as np
 
+from qrobot.c_transport.callback_slot import DONE, SLOT_WORDS, UNSEEN, CallbackSlot
+from qrobot.c_transport.memory import ProgramMemory
+from qrobot.c_transport.message import BRIEF, SIZE, VERSION, CallMessage, Op, decode, encode_call
+from qrobot.c_transport.program_link import CallDispatcher, MakeDispatcher, ProgramLink
 from qrobot.errors import ConfigError, LinkLost, LinkTimeout, QRobotError
-from qrobot.rccl.c.callback_slot import DONE, SLOT_WORDS, UNSEEN, CallbackSlot
-from qrobot.rccl.c.dispatcher import Dispatcher, ProgramLink
-from qrobot.rccl.c.message import BRIEF, SIZE, VERSION, CallMessage, Op, decode, encode_call
-from qrobot.rccl.c.shared import ProgramMemory
 
-ROBOT: Final = "QROBOT_ROBOT"  # environment: rules over whoever starts the program
-DEFAULT_ROBOT: Final = "puma560"
-GLOBALS: Final = 13  # places that the greeting names before that of the cell
+GLOBALS: Final = 13  # places of RCCL that the greeting names before that of the cell
+LANGUAGE: Final = 14  # where it says which library the program calls: an index into what `serve` is given
 CALLBACK_S: Final = 2.0  # a function of the program that takes longer will never come back
 _LOOKS: Final = 40  # some 50 us
 
@@ -102,7 +101,7 @@ class Background:
         channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(CALLBACK_S))  # settimeout would poll first
         self._channel = channel
         self._calling = threading.RLock()  # a function may move the arm, which asks for another function
-        self.dispatcher: Dispatcher | None = None
+        self.dispatcher: CallDispatcher | None = None
         self.slot = CallbackSlot(np.zeros(SLOT_WORDS, np.int64))
 
     def call(self, op: Op, place: int) -> None:
@@ -150,16 +149,20 @@ class Background:
         self._channel.close()
 
 
-def serve(foreground: socket.socket, background: socket.socket, robot: str = DEFAULT_ROBOT) -> None:
-    """Answer a program until it ends, and let go of its arm, which is a `robot` unless QROBOT_ROBOT names another.
+def serve(foreground: socket.socket, background: socket.socket, languages: Sequence[MakeDispatcher]) -> None:
+    """Answer a program until it ends, and let go of its arms.
+
+    Args:
+        foreground, background: the two channels.
+        languages: makers of dispatchers: of RCCL, of ARCL.
 
     Raises:
-        ConfigError: it was compiled by another version.
-        QRobotError: the arm was lost, and the program could not be told.
+        ConfigError: it was compiled by another version, or calls a library that is not among the languages.
+        QRobotError: an arm was lost, and the program could not be told.
     """
     front, back = Foreground(foreground), Background(background)
     try:
-        _converse(front, back, os.environ.get(ROBOT) or robot)
+        _converse(front, back, languages)
     except ProgramGone:  # it had nothing to ask
         pass
     finally:
@@ -167,16 +170,28 @@ def serve(foreground: socket.socket, background: socket.socket, robot: str = DEF
         back.close()
 
 
-def _converse(front: Foreground, back: Background, robot: str) -> None:
+def serve_descriptors(languages: Sequence[MakeDispatcher]) -> int:
+    """Serve the program at the other end of the descriptors on the command line; the exit status."""
+    foreground, background = (socket.socket(fileno=int(word)) for word in sys.argv[1:3])
+    try:
+        serve(foreground, background, languages)
+    except QRobotError as error:
+        print(f"motion engine: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _converse(front: Foreground, back: Background, languages: Sequence[MakeDispatcher]) -> None:
     try:
         hello, memory = front.greet()
+        make = _maker(languages, hello.refs[LANGUAGE])
     except ConfigError as error:
         front.send(CallMessage(Op.ERROR, text=str(error)))
         raise
     sys.argv[0] = hello.text  # how links greet
     link = ProgramLink(back.call, back.signal, front.ask, front.say, front.listen)
     back.slot = CallbackSlot(memory.words(hello.refs[GLOBALS], SLOT_WORDS))
-    back.dispatcher = dispatcher = Dispatcher(memory, list(hello.refs[:GLOBALS]), link, robot)
+    back.dispatcher = dispatcher = make(memory, hello.refs, link)
     front.send(CallMessage(Op.REPLY))
     try:
         while True:
@@ -187,7 +202,13 @@ def _converse(front: Foreground, back: Background, robot: str) -> None:
         dispatcher.let_go()
 
 
-def _answer(dispatcher: Dispatcher, message: CallMessage, background: bool = False) -> CallMessage:
+def _maker(languages: Sequence[MakeDispatcher], language: int) -> MakeDispatcher:
+    if not 0 <= language < len(languages):
+        raise ConfigError("this program calls a library that is not served here: start it by itself or by `qrobot run`")
+    return languages[language]
+
+
+def _answer(dispatcher: CallDispatcher, message: CallMessage, background: bool = False) -> CallMessage:
     try:
         return dispatcher.answer(message, background)
     except QRobotError as error:

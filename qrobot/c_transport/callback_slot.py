@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from qrobot.rccl.c.message import Op
+from qrobot.c_transport.message import Op
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.clock import monotonic_ns, pause
 from qrobot.realtime.jit import jit_disabled, lean_kernel

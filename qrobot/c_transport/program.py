@@ -1,0 +1,65 @@
+"""A C program with its engine in this process, which says which arm it gets."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from qrobot.c_transport.engine import serve
+from qrobot.c_transport.program_link import MakeDispatcher
+from qrobot.errors import ConfigError
+from qrobot.rci.c.relay import relay
+
+ENGINE: Final = "QROBOT_ENGINE"  # environment: the two channels a program finds
+_ELF: Final = b"\x7fELF"
+_BY_SIGNAL: Final = 128  # exit statuses of shells
+
+
+def is_executable(path: Path) -> bool:
+    """A compiled program, not a script."""
+    with path.open("rb") as file:
+        return file.read(len(_ELF)) == _ELF
+
+
+def run_served(path: Path, arguments: Sequence[str], languages: Sequence[MakeDispatcher]) -> int:
+    """Run a program made by `qrobot cc` and serve it; its exit status, 128 and the signal's number if that ended it.
+
+    `languages` are those of `serve`.
+
+    Raises:
+        ConfigError: it cannot be started, or was compiled by another version.
+        QRobotError: the arm was lost, and the program could not be told.
+    """
+    ours, theirs = zip(*(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)), strict=True)
+    channels = [end.fileno() for end in theirs]
+    with _interrupts_are_the_programs(), relay() as variables:
+        environment = os.environ | {ENGINE: ",".join(map(str, channels))} | variables
+        try:
+            child = subprocess.Popen([path.resolve(), *arguments], pass_fds=channels, env=environment)
+        except OSError as error:
+            raise ConfigError(f"cannot start {path}: {error.strerror}") from error
+        finally:
+            for end in theirs:
+                end.close()
+        try:
+            foreground, background = ours
+            serve(foreground, background, languages)
+        finally:
+            status = child.wait()
+    return _BY_SIGNAL - status if status < 0 else status
+
+
+@contextmanager
+def _interrupts_are_the_programs() -> Iterator[None]:
+    """Ctrl-C reaches the program too, which ends in its own way: a handler here, as deafness would be inherited."""
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,177 @@
+"""Programs in C that include `<arcl.h>`: beside their twins in Python, and what they are told of wrong input."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import arcl
+from qrobot.arcl.attributes import Attribute
+from qrobot.arcl.c.calls import CALLS
+from qrobot.arcl.events import ArclEvent, Grip
+from qrobot.arcl.stream import RecordKind, read_stream
+from qrobot.cli import toolchain
+from tests.support.arcl import EXAMPLES, forget_programs, run_c, run_example
+from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
+
+pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
+HEADER = (toolchain.ARCL_INCLUDE / "arcl.h").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/reference/arcl-c.md").read_text()
+STREAMS = {
+    "s11_first_program": ["puma560.arcl"],
+    "s12_weave": ["puma560.arcl"],
+    "s13_two_arms": ["puma560.arcl", "puma560-2.arcl"],
+    "s14_figure_5": ["puma560.arcl"],
+}
+SAME = 1e-12  # rad; numbers of C are double too, and millimetres there and back are an ulp
+
+
+@pytest.fixture(autouse=True)
+def _alone() -> Iterator[None]:
+    forget_programs()
+    yield
+    forget_programs()
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_a_program_in_c_gives_the_stream_and_the_traces_of_its_twin_sample_by_sample(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    switches = ["+m", "+tr", "+nolim"] if name == "s14_figure_5" else ["+m", "+tr"]
+    program = compiled(EXAMPLES / f"{name}.c", tmp_path, "-O1", "-g", *CHECKED[2:])
+    assert run_c(program, tmp_path / "c", *switches) == 0
+    in_c = capfd.readouterr().out
+    run_example(f"{name}.py", tmp_path / "python", *switches)
+    in_python = capfd.readouterr().out
+    traced = r"(?m)^(?:request|exec|\w+ : |ami_offl|T6 at| *[\d.]+ s: arm).*"
+    assert re.findall(traced, in_c) == re.findall(traced, in_python)
+    for file in STREAMS[name]:
+        one, other = (read_stream(tmp_path / folder / file) for folder in ("c", "python"))
+        (times, joints), (twin_times, twin_joints) = (stream.table(RecordKind.JOINTS, 6) for stream in (one, other))
+        assert len(times) > 60
+        assert np.array_equal(times, twin_times)
+        assert np.abs(joints - twin_joints).max() < SAME
+
+
+@needs_valgrind
+def test_every_call_gives_what_it_should_and_valgrind_finds_nothing(tmp_path: Path, capfd) -> None:
+    program = compiled(Path(__file__).parent / "arcl_all_calls.c", tmp_path, "-gdwarf-4", "-lm")
+    assert run_c(under_valgrind(program), tmp_path, "+nolim", str(tmp_path / "table"), "word") == 0, FOUND
+    said = capfd.readouterr().out
+    assert "WRONG" not in said
+    assert said.count("as it should be") == 18
+    assert said.endswith("all calls made\n")
+
+
+WRONG = """\
+#include <arcl.h>
+#include <string.h>
+int main(int argc, char **argv)
+{
+    ROBOT *rp = arcl_open(ARCL_AMI, "offline", 0);
+    Trans mine, *t = new_trans_tr("t", 500, 0, 0);
+    Pos *p = makeposition(T6, EQ, t, TL, t);
+    char text[400];
+    int given = argc > 1 ? argv[1][0] - 'a' : -1;
+    memset(text, 'x', sizeof text);
+    text[399] = 0;
+    memset(&mine, 0, sizeof mine);
+    switch (given) {
+    case 0: move(NULL, p, 0); break;
+    case 1: move(rp, 0); break;
+    case 2: move(rp, p, 4711, 1, 0); break;
+    case 3: move(rp, p, MOV_TIME); break;
+    case 4: move(rp, p, MOV_TIME, "soon", 0); break;
+    case 5: move(rp, p, MOV_CONFIG, 17, 0); break;
+    case 6: move(rp, p, MOV_NOTIFY, NULL, 0); break;
+    case 7: move(rp, p, MOV_OFFSET, &mine, 0); break;
+    case 8: new_trans_rotvec("r", 0, 0, 0, NULL, 30); break;
+    case 9: new_trans_tr(text, 0, 0, 0); break;
+    case 10: makeposition(T6, t, TL, t); break;
+    case 11: arcl_free(t); trans_assign(t, t); break;
+    case 12: quat_mult(NULL, NULL); break;
+    case 13: sem_take((Semaphore *) rp); break;
+    case 14: joint_pos(rp, "j", 1, 2, 3); break;
+    case 15: move(rp, p, MOV_TIME, &given, 0); break;
+    case 16: gripper(rp, GRIP_CLOSE_BY, 0 - 1.0); break;
+    case 17: new_trans("t", FNDEF); break;
+    case 18: sym_load(NULL); break;
+    case 19: new_trans_tr("n", 0.0 / 0.0, 0, 0); break;
+    case 20: return arcl_open(ARCL_ROBOT, "nobody", 0) ? 0 : 7;
+    case 21: diff_in(t, NULL); break;
+    case 22: move(); break;
+    }
+    return 0;
+}
+"""
+TOLD = {
+    "a": "move: a robot is needed, from arcl_open, not None",
+    "b": "move: a position is needed, from makeposition or joint_pos, not 0",
+    "c": "move: 4711 is no attribute",
+    "d": "move: MOV_TIME needs 1 value behind it",
+    "e": "MOV_TIME: a finite number from 0 on is needed, not 'soon'",
+    "f": "configuration",
+    "g": "MOV_NOTIFY: a function is needed, not None",
+    "h": "move: a pointer leads to no object that ARCL has made",
+    "i": "new_trans_rotvec: a null pointer was given",
+    "j": "new_trans_tr: longer texts",
+    "k": "makeposition: write",
+    "l": "trans_assign: a pointer leads to no object that ARCL has made, or to one that was freed",
+    "m": "quat_mult: a null pointer",
+    "n": "sem_take: a semaphore is needed",
+    "o": "6 finite joint positions are needed",
+    "p": "MOV_TIME: a finite number from 0 on is needed, not something of another type",
+    "q": "GRIP_CLOSE_BY needs millimetres from 0 on",
+    "r": "a function belongs to a functional transform",
+    "s": "sym_load: a null pointer",
+    "t": "transform n: a vector of three finite numbers is needed",
+    "u": "nobody",
+    "v": "diff_in: a null pointer",
+    "w": "move: 0 values; from 2",
+}
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "wrong.c").write_text(WRONG)
+    return compiled(folder / "wrong.c", folder, *CHECKED)
+
+
+@pytest.mark.parametrize("mistake", TOLD)
+def test_wrong_input_ends_the_program_with_what_is_wrong(mistake: str, wrong: Path, tmp_path: Path, capfd) -> None:
+    assert run_c(wrong, tmp_path, mistake) == (7 if mistake == "u" else 1)
+    assert TOLD[mistake] in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "standard", ["cc -std=gnu89", "cc -std=c99", "cc -std=gnu17", "c++ -std=c++11", "c++ -std=c++20"]
+)
+def test_the_papers_program_compiles_without_a_warning(standard: str, tmp_path: Path) -> None:
+    language = ["-x", "c++"] if "c++" in standard else []
+    for name in STREAMS:
+        command = [*standard.split(), "-Wall", "-Wextra", "-Werror", f"-I{toolchain.ARCL_INCLUDE}", *language]
+        subprocess.run([*command, "-c", str(EXAMPLES / f"{name}.c"), "-o", str(tmp_path / "x.o")], check=True)
+
+
+def test_numbers_and_calls_of_the_header_are_those_of_the_package() -> None:
+    numbers: dict[str, int] = {}
+    for group in re.findall(r"^enum \{(.*?)\};", HEADER, re.MULTILINE | re.DOTALL):
+        number = -1
+        for name, value in re.findall(r"(\w+)(?: = (\d+))?(?:,|\s*$)", group):
+            number = int(value) if value else number + 1
+            numbers[name] = number
+    for one in (*Attribute, *ArclEvent, *Grip):
+        assert numbers.pop(one.name) == one.value
+    assert set(numbers) == {"TRAJ_JOINT", "TRAJ_CART", "CONST", "VARB", "HOLD", "FNDEF", "IOD_IN", "IOD_OUT"}
+    assert (numbers["TRAJ_JOINT"], numbers["TRAJ_CART"]) == (arcl.TRAJ_JOINT, arcl.TRAJ_CART)
+    functions, macros = r"^\w+ \*?(\w+)\(", r"^#define (\w+)\(\."
+    offered = {name for pattern in (functions, macros) for name in re.findall(pattern, HEADER, re.MULTILINE)}
+    assert sorted(set(CALLS) - offered) == []
+    described = set(re.findall(r"\w+", PAGE))
+    assert sorted(name for name in set(CALLS) - described) == []
