@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from qrobot.cli.console import note
-from qrobot.cli.option_types import OutputFile
+from qrobot.cli.option_types import OutputFile, Range
 from qrobot.errors import LogError
 from qrobot.printable import printable
 
@@ -109,6 +109,44 @@ def torques(file: Path, *, robot: str | None = None, output: OutputFile | None =
 
     with _whole(file) as stream:
         _give(torque_table(stream, load_robot(robot or stream.start.robot)), output)
+
+
+@app.command
+def animate(
+    file: Path,
+    *,
+    output: OutputFile | None = None,
+    robot: str | None = None,
+    speed: Annotated[float, Parameter(validator=Range(0.01, 1000.0))] = 1.0,
+    frames: Annotated[int, Parameter(name="--fps", validator=Range(1, 60))] = 12,
+    width: Annotated[int, Parameter(validator=Range(240, 3840, "pixels"))] = 480,
+) -> None:
+    """Make a film of a stream: the arm in three dimensions and the way of its tool. No screen is needed.
+
+    Parameters
+    ----------
+    file
+        The stream.
+    output
+        The film, `.gif`, or `.mp4` where ffmpeg is installed; beside the stream if left out.
+    robot
+        Robot file, or name of a packaged robot; default the stream's.
+    speed
+        Seconds of the stream in one second of the film.
+    frames
+        Pictures a second.
+    width
+        Of the film, in pixels; it is as high.
+    """
+    from qrobot.cli.stream_film import write_stream_film
+    from qrobot.config import load_robot
+    from qrobot.log.animation import Film
+
+    target = output or file.parent / f"{file.stem}.gif"
+    with _whole(file) as stream:
+        film = Film(speed=speed, frames_hz=frames, width=width)
+        write_stream_film(stream, load_robot(robot or stream.start.robot), target, film)
+        note(f"the film is {target}")
 
 
 @contextmanager

@@ -8,10 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter, read_stream
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.stream_film import StreamStage
+from qrobot.config import load_robot
+from qrobot.log.arm_drawing import SolidArm
 from tests.support.arcl import EXAMPLES, forget_programs
 
 PROGRAM = """
@@ -131,3 +135,35 @@ def test_the_papers_program_runs_off_line_by_the_command(tmp_path: Path, capsys:
     assert say("run", "--offline", "--output", tmp_path, EXAMPLES / "s13_two_arms.py") == 0
     assert [path.name for path in sorted(tmp_path.glob("*.arcl"))] == ["puma560-2.arcl", "puma560.arcl"]
     assert capsys.readouterr().out.count("enters") == 2
+
+
+def test_a_film_of_a_stream_shows_the_arm_where_its_setpoints_are(
+    stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.gif"
+    assert say("arcl", "animate", stream, "--fps", 18, "--width", 240) == 0
+    assert "run.gif" in capsys.readouterr().err
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size) == (4, (240, 240))
+        first = np.asarray(film.convert("L"), dtype=float)
+        film.seek(3)
+        assert np.abs(np.asarray(film.convert("L"), dtype=float) - first).max() > 50.0
+    robot, read = load_robot("puma560"), read_stream(stream)
+    stage = StreamStage(read, robot, *read.table(RecordKind.JOINTS, 6), np.arange(4))
+    stage.show(0)  # READY of the robot file, as ARCL's programs see it
+    assert np.allclose(stage.way[0], SolidArm(robot).tip(robot.poses["ready"]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(("--output", "x.avi"), "a film ends in"), (("--robot", "stanford"), "not of 'stanford'"),
+     (("--speed", "0.01", "--fps", "60"), None)],
+)  # fmt: skip
+def test_what_cannot_be_filmed_is_told(
+    stream: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], told: str | None
+) -> None:
+    if told is None:
+        stream.write_bytes(stream.read_bytes()[:100])  # its first record alone
+        told = "nothing can be shown"
+    assert say("arcl", "animate", stream, *words) == 1
+    assert told in capsys.readouterr().err

@@ -12,7 +12,8 @@ from PIL import Image
 
 from qrobot.config import load_robot, robot_path
 from qrobot.errors import LogError
-from qrobot.log.animation import Film, _SolidArm, robot_of_log, write_animation
+from qrobot.log.animation import Film, robot_of_log, write_animation
+from qrobot.log.arm_drawing import SolidArm
 from qrobot.log.header import header_for
 from qrobot.log.read import Log
 from qrobot.model.arm_shape import arm_shape
@@ -44,7 +45,7 @@ def log(tmp_path: Path) -> Log:
     ],
 )
 def test_a_film_shows_the_log_at_its_speed(log: Log, film: Film, times: np.ndarray) -> None:
-    assert np.allclose(log.time_s[film.rows(log)], times, atol=0.0011)
+    assert np.allclose(log.time_s[film.rows(log.time_s, "run")], times, atol=0.0011)
 
 
 def test_every_picture_is_there_and_the_arm_moves(log: Log, tmp_path: Path) -> None:
@@ -66,7 +67,7 @@ def test_every_picture_is_there_and_the_arm_moves(log: Log, tmp_path: Path) -> N
 @pytest.mark.parametrize("name", ["puma560", "stanford"])
 def test_the_arm_stands_where_forward_kinematics_puts_it(name: str) -> None:
     robot = load_robot(name)
-    arm, T = _SolidArm(robot), np.empty((4, 4))
+    arm, T = SolidArm(robot), np.empty((4, 4))
     for q in robot.poses.values():
         forward(np.array(q), kinematics_params(robot), T)
         flange = (T @ transform(None, [0.0, 0.0, robot.geometry.flange_m]))[:3, 3]
