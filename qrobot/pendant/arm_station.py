@@ -18,7 +18,7 @@ from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
-from qrobot.pendant.servo_requests import ServoRequests
+from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
 from qrobot.wire import State
 
 LEAVE_S = 3.0  # an arm that moved is at rest by then
@@ -78,9 +78,16 @@ class ArmStation:
         self._on_change()
 
     def stop(self) -> None:
-        """Stop the arm, and let go of what is held."""
-        self.requests.stop()
+        """Stop the arm by bridge and servo at once, whichever answers, and let go of what is held."""
+        self.requests.stop(self.watch.ask_stop())
         self.worker.say(do="stop")
+
+    def act(self, name: str) -> None:
+        """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does."""
+        if name == POWER_OFF:
+            self.requests.power_off(self.watch.ask_stop(power_off=True))
+        else:
+            self.requests.act(name)
 
     def take_arm(self) -> None:
         """Begin to command the arm."""

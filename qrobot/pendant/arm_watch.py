@@ -8,10 +8,10 @@ from contextlib import suppress
 from typing import Final
 
 from qrobot.config.deployment import DeployedArm
-from qrobot.errors import LinkLost, QRobotError
+from qrobot.errors import LinkLost, LocalProtocolError, QRobotError
 from qrobot.rci.client import Client
 from qrobot.realtime.bridge_token import token_for
-from qrobot.wire import ClientRole, Hello, State
+from qrobot.wire import ClientRole, Hello, State, Stop
 
 PERIOD_US: Final = 28_000
 SILENCE_S: Final = 1.0  # ten of the longest sample periods
@@ -35,6 +35,7 @@ class ArmWatch:
         self.problem = "looking for the arm"
         self._arm, self._tell, self._changed = arm, tell, changed
         self._address = (arm.bridge.host, arm.bridge.port)
+        self._line: tuple[Client, asyncio.StreamWriter] | None = None
 
     async def run(self) -> None:
         """Watch until cancelled."""
@@ -45,13 +46,30 @@ class ArmWatch:
                 self._say(self._why(error))
             await asyncio.sleep(RETRY_S)
 
+    def ask_stop(self, power_off: bool = False) -> bool:
+        """Have the bridge stop the arm, and take power away with `power_off`; False when it is not connected.
+
+        Returns at once. To be called where `run` runs.
+        """
+        if self._line is None:
+            return False
+        client, writer = self._line
+        try:
+            client.tell(Stop(power_off))
+            writer.write(client.say(None))
+        except LocalProtocolError:  # the bridge has not let us in yet
+            return False
+        return not writer.is_closing()
+
     async def _watch(self) -> None:
         reader, writer = await asyncio.open_connection(*self._address)
         try:
             client = self._greet(writer)
+            self._line = client, writer
             while True:
                 await self._hear(client, reader)
         finally:
+            self._line = None
             writer.close()
             with suppress(OSError):
                 await writer.wait_closed()

@@ -130,7 +130,7 @@ class DriveFloor:
             case PageAlive():
                 pass
             case PageAct(name=name) if name in ANYBODY:
-                self._of(message).requests.act(name)
+                self._of(message).act(name)
             case _ if self._lease.holder != page.number:
                 if not isinstance(message, PageBeat | PageRelease):
                     self.complain("only the page that drives can do that: press `Drive from here`")
@@ -147,7 +147,7 @@ class DriveFloor:
             case PageRelease():
                 self._release_all(leave=False)
             case PageAct(name=name):
-                self._of(message).requests.act(name)
+                self._of(message).act(name)
             case PageCommand(on=on):
                 self._of(message).take_arm() if on else self._of(message).give_arm()
             case PageOverride(factor=factor):

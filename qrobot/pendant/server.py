@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -25,6 +26,7 @@ LOOPBACK: Final = "127.0.0.1"  # nothing is encrypted: from elsewhere through a 
 TOKEN_BYTES: Final = 24
 LEASE_LOOK_S: Final = 1.0
 LIVE_PATH: Final = "/live"
+CLOSED_WHILE_LOADED: Final = "No response returned."  # of Starlette's BaseHTTPMiddleware
 
 
 def make_app(floor: DriveFloor, token: str) -> Gate:
@@ -64,13 +66,23 @@ def address_of(listener: socket.socket, token: str) -> str:
 
 def serve(app: Gate, listener: socket.socket, began: Callable[[], None]) -> None:
     """Serve until Ctrl-C; `began` is called when pages are answered."""
-    config = uvicorn.Config(  # a page that is closed while it loads is an error to Starlette's middleware: not told
-        app, log_level="critical", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16, ws_ping_interval=5.0,
+    config = uvicorn.Config(
+        app, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=1 << 16, ws_ping_interval=5.0,
         ws_ping_timeout=5.0, timeout_graceful_shutdown=1, lifespan="on",
     )  # fmt: skip
+    logging.getLogger("uvicorn.error").addFilter(tell_in_one_line)
     server = _Server(config, began)
     with suppress(KeyboardInterrupt):
         asyncio.run(server.serve([listener]))
+
+
+def tell_in_one_line(record: logging.LogRecord) -> bool:
+    """Shorten what uvicorn tells of an exception to a line; False for that of a page closed while it was loaded."""
+    error = record.exc_info[1] if record.exc_info else None
+    if error is not None:
+        record.msg, record.args = "pendant: %s: %s", (type(error).__name__, error)
+        record.exc_info = record.exc_text = None
+    return str(error) != CLOSED_WHILE_LOADED
 
 
 class _Server(uvicorn.Server):

@@ -149,6 +149,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         watcher.driver.find_element("tag name", "body").send_keys(Keys.ESCAPE)  # anybody may stop
         arm.wait_for(Mode.HOLDING)
         wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "the page is told")
+        wait_until(lambda: "to go on" in page.run("return pendant.armStatus.notice"), "what happened, and what to do")
         page.let_go()
 
         page.click("take")

@@ -38,8 +38,9 @@ class Floor(DriveFloor):
         self.station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
         self.station.worker.say = lambda **message: self.asked.append(message)  # type: ignore[method-assign]
         self.station.worker.start = lambda: None  # type: ignore[method-assign]
-        self.station.requests.stop = lambda: self.asked.append("stop")  # type: ignore[method-assign]
+        self.station.requests.stop = lambda _: self.asked.append("stop")  # type: ignore[method-assign]
         self.station.requests.act = self.asked.append  # type: ignore[method-assign]
+        self.station.requests.power_off = lambda _: self.asked.append("power off")  # type: ignore[method-assign]
         self.station.watch.problem = ""
         self.arms.append(self.station)
         self.pages = [self.enter(lambda: None), self.enter(lambda: None)]

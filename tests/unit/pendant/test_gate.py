@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import sys
 from typing import Any
 
 import pytest
 
 from qrobot.pendant.gate import COOKIE, Gate
+from qrobot.pendant.server import tell_in_one_line
 
 TOKEN, HOST = "right", "127.0.0.1:8560"
 OWN = f"http://{HOST}"
@@ -93,3 +96,19 @@ def test_pages_may_ask_for_nothing_elsewhere_and_stand_in_no_frame() -> None:
     policy = dict(start["headers"])[b"content-security-policy"].decode()
     assert "default-src 'self'" in policy
     assert "frame-ancestors 'none'" in policy
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(RuntimeError("No response returned."), None), (RuntimeError("no room"), "pendant: RuntimeError: no room")],
+)
+def test_an_error_of_the_server_is_told_in_one_line_and_a_page_closed_early_is_none(
+    error: Exception, told: str | None
+) -> None:
+    try:
+        raise error
+    except RuntimeError:
+        record = logging.LogRecord(
+            "uvicorn.error", logging.ERROR, "", 0, "Exception in ASGI application\n", (), sys.exc_info()
+        )
+    assert (logging.Formatter().format(record) if tell_in_one_line(record) else None) == told

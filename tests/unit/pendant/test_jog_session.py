@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +15,18 @@ from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
 from qrobot.pendant.jog_session import PERIOD_MS, JogSession
 from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
 from qrobot.rccl.offline import OfflineLink
-from qrobot.wire import Command, Hello, State
+from qrobot.wire import Command, Hello, RobotFlag, State
 from tests.support.puma import ROBOT
 
 Deed = tuple[float, Callable[[JogSession], object]]
+Operator = Callable[[float], float]  # the override at a time, s; 0 for a pause
 
 
 class Desk:
     """A page whose deeds are done when their time has come; the link keeps every sample."""
 
-    def __init__(self, taught: Path, *deeds: Deed) -> None:
+    def __init__(self, taught: Path, *deeds: Deed, operator: Operator = lambda _: 1.0) -> None:
+        self.operator = operator
         self.states: list[State] = []
         self.held: list[bool] = []
         self.said: list[str] = []
@@ -60,6 +63,9 @@ class _Watched(OfflineLink):
 
     def exchange(self, command: Command | None) -> State:
         state = super().exchange(command)
+        factor = self._desk.operator(self._desk.now_s())
+        flags = state.robot.flags | (RobotFlag.PAUSED if not factor else 0)
+        state = replace(state, robot=replace(state.robot, override=factor or 1.0, flags=flags))
         self._desk.pass_time(command, state)
         return state
 
@@ -132,3 +138,26 @@ def test_a_place_is_gone_to_and_what_cannot_be_done_is_told_and_ends_nothing(tmp
     )
     assert Arm(ROBOT).forward(desk.at(8.9)) == pytest.approx(pose, abs=1e-5)
     assert ["nowhere" in desk.said[0], "joints 1 to 6" in desk.said[1], len(desk.said)] == [True, True, 2]
+
+
+def test_the_operator_s_override_slows_jogging_down_and_while_paused_no_button_moves_the_arm(tmp_path: Path) -> None:
+    def operator(seconds: float) -> float:
+        return 0.5 if seconds < 5.0 else 0.0 if 6.5 <= seconds < 11.0 else 1.0
+
+    presses = [Press(number, "joint", "1", 1.0, share=2.0) for number in range(1, 5)]
+    slow, cut, dead, free = presses
+    desk = Desk(
+        tmp_path / "t.db",
+        *hold(slow, 1.0, 4.0),
+        *hold(cut, 5.5, 8.0),  # paused while it is held, let go in the pause
+        *hold(dead, 9.0, 10.0),
+        *hold(free, 12.5, 13.5),
+        leave(15.0),
+        operator=operator,
+    )
+    half = desk.at(4.9)[0] - desk.at(0.9)[0]
+    assert JOINT_RAD_S * 2.4 < half < JOINT_RAD_S * (3.0 + BRAKE_MS * 1e-3)
+    assert desk.at(7.4)[0] > desk.at(5.4)[0] + 0.1
+    assert desk.at(12.4) == pytest.approx(desk.at(7.4), abs=1e-9)
+    assert desk.at(14.9)[0] > desk.at(12.4)[0] + 0.1
+    assert desk.said == []

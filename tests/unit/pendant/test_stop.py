@@ -1,0 +1,106 @@
+"""STOP of the pendant when its ways to the arm are cut: a bridge that goes and comes, a servo that does not answer."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from qrobot.config.deployment import BridgeChoice, load_deployment
+from qrobot.pendant import arm_watch
+from qrobot.pendant.arm_station import ArmStation
+from qrobot.servo.operator.sockets import control_name
+from qrobot.wire import ClientRole, Connection, Hello, RobotState, Side, State, Stop, Welcome
+from tests.support.patience import PATIENCE_S
+from tests.support.puma import ROBOT
+
+pytestmark = pytest.mark.realtime
+
+Q = tuple(ROBOT.poses["end"].tolist())
+STATE = State(1, RobotState(t_ns=0, mode=5, q=Q, v=(0.0,) * 6, tau=(0.0,) * 6, q_setpoint=Q))
+
+
+class Bridge:
+    """A bridge that lets everybody look, and writes down who asks for a stop."""
+
+    def __init__(self) -> None:
+        self.port = 0
+        self.stops: list[Stop] = []
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def begin(self) -> None:
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", self.port)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def end(self) -> None:
+        self._server.close()
+        for writer in self._writers:
+            writer.transport.abort()
+        await self._server.wait_closed()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writers.append(writer)
+        connection = Connection(Side.SERVER)
+        while data := await reader.read(4096):
+            connection.receive_data(data)
+            while (event := connection.next_event()) is not None:
+                if isinstance(event, Hello):
+                    writer.write(connection.send(Welcome(ClientRole.OBSERVER, ROBOT.name, 6, event.period_us)))
+                    writer.write(connection.send(STATE))
+                elif isinstance(event, Stop):
+                    self.stops.append(event)
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as path:
+        monkeypatch.setenv("QROBOT_RUNTIME_DIR", path)
+        yield Path(path)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.001)
+
+
+def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_sure(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The servo's control socket takes requests and answers none; the bridge goes, and comes back."""
+    monkeypatch.setattr(arm_watch, "RETRY_S", 0.01)
+    monkeypatch.setattr(arm_watch, "SILENCE_S", PATIENCE_S)
+    arm = load_deployment("emulator").arm[0]
+
+    async def story(bridge: Bridge) -> None:
+        await bridge.begin()
+        moved = arm.model_copy(update={"bridge": BridgeChoice(port=bridge.port)})
+        station = ArmStation(moved, ROBOT, (0.0, 0.0, 0.0), tmp_path / "t.db", lambda _: None, lambda: None)
+        watching = asyncio.create_task(station.watch.run())
+        await until(lambda: not station.watch.problem)
+        station.stop()
+        await until(lambda: bridge.stops == [Stop()])
+        station.act("power off")
+        await until(lambda: bridge.stops[1:] == [Stop(power_off=True)])
+        await until(lambda: station.status["notices"] == 2)
+        assert "was sent by the bridge; watch that the arm stands" in station.status["notice"]
+        await bridge.end()
+        await until(lambda: "start it with `qrobot up" in station.watch.problem)
+        station.stop()
+        await until(lambda: station.status["notices"] == 3)
+        assert "HAS NOT REACHED THE ARM: press the emergency stop" in station.status["notice"]
+        await bridge.begin()
+        await until(lambda: not station.watch.problem)
+        station.stop()
+        await until(lambda: len(bridge.stops) == 3)
+        watching.cancel()
+        await bridge.end()
+
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(folder / control_name(arm.name)))
+        hung.listen()
+        asyncio.run(story(Bridge()))
