@@ -15,6 +15,7 @@
 #include <stdlib.h>
 
 #define SWING_MS 8400
+#define SMOOTH_MS 30.0
 #define JOINTS 6
 
 struct posted {
@@ -52,22 +53,28 @@ static void master(RCI_TASK *td)
     }
 }
 
-/* Follow the mirror image of what the master has posted. */
+/* Follow the mirror image of what the master has posted, smoothly: two bridges have clocks of their own, so that one
+ * sample finds nothing new and the next one twice as much. While the master writes the slave goes by what it knew. */
 static void slave(RCI_TASK *td)
 {
+    static double goal[JOINTS];
+    static int known;
     struct posted *posted = rci_getMemory("master");
     int j;
 
-    if (rci_testAndSet(&posted->word))
-        return; /* the master writes just now: the arm stays for this sample */
-    for (j = 0; posted->there && j < JOINTS; j++) {
-        double goal = mirror[j] * posted->q[j], most = 0.9 * td->robot->v_max[j] * (double)period * 1e-3;
-        double step = goal - td->chg.setpoints[j];
+    if (!rci_testAndSet(&posted->word)) {
+        for (j = 0; j < JOINTS; j++)
+            goal[j] = mirror[j] * posted->q[j];
+        known = posted->there;
+        rci_clear(&posted->word);
+    }
+    for (j = 0; known && j < JOINTS; j++) {
+        double most = 0.9 * td->robot->v_max[j] * (double)period * 1e-3;
+        double step = (goal[j] - td->chg.setpoints[j]) * (double)period / (SMOOTH_MS + (double)period);
 
         td->chg.setpoints[j] += step > most ? most : step < -most ? -most : step;
-        behind = fabs(goal - td->how.q[j]) > behind ? fabs(goal - td->how.q[j]) : behind;
+        behind = fabs(goal[j] - td->how.q[j]) > behind ? fabs(goal[j] - td->how.q[j]) : behind;
     }
-    rci_clear(&posted->word);
 }
 
 static int over(void)
