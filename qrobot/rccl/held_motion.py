@@ -25,6 +25,7 @@ JOINT_RAD_S, AXIS_MM_S, AXIS_DEG_S = 0.1, 50.0, 10.0  # at a share of 1 [A]
 PIECE_S: Final = 0.4  # [A] of a straight path: so far ahead it is planned
 AHEAD: Final = 2  # pieces that wait
 MARGIN: Final = 0.01  # rad or m that a joint stays away from its ends
+WITHIN: Final = 0.95  # [A] of the speed allowed, for the rounding of a plan to sample periods
 BRAKE_MS: Final = 500.0  # [A] from the release to rest
 
 HeldT = TypeVar("HeldT")
@@ -67,7 +68,7 @@ class HeldMotion(Generic[HeldT]):
             goal, arm = self._arm.joints, self._arm
             goal[joint] = self._end_of(joint, goal[joint], way, step)
             arm.setmode("joint")
-            arm.setjvel(JOINT_RAD_S * share)
+            arm.setjvel(self._joint_speed(share, [joint]))
             self._follow(arm.jposition(f"joint {joint + 1}", goal.tolist()))
 
     def go_along(self, axis: str, way: float, share: float, in_base: bool, step: float = 0.0) -> None:
@@ -94,7 +95,7 @@ class HeldMotion(Generic[HeldT]):
         """Go to a place by a joint motion. Raises what `turn_joint` raises."""
         with self._brought_to_rest():
             self._arm.setmode("joint")
-            self._arm.setjvel(JOINT_RAD_S * share)
+            self._arm.setjvel(self._joint_speed(share, list(range(self._arm.robot.n))))
             self._follow(position)
 
     def _tell_servo(self) -> None:
@@ -123,6 +124,11 @@ class HeldMotion(Generic[HeldT]):
         settled_ms = self._arm.time + SETTLING_MS
         self._arm.waitas(lambda: self._arm.time >= settled_ms)
         self._brake_until_ms = 0.0
+
+    def _joint_speed(self, share: float, joints: list[int]) -> float:
+        """Speed at a share, rad/s or m/s: within what the servo allows each of these joints, less at reduced speed."""
+        allowed = self._arm.robot.limits.v_max[joints] * self._arm.how.speed_limit
+        return min(JOINT_RAD_S * share, WITHIN * float(allowed.min()))
 
     def _end_of(self, joint: int, place: float, way: float, step: float) -> float:
         """Goal of a joint, degrees or mm, from `place`: never beyond its range less the margin."""

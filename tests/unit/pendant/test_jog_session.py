@@ -15,18 +15,22 @@ from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
 from qrobot.pendant.jog_session import PERIOD_MS, JogSession
 from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
 from qrobot.rccl.offline import OfflineLink
+from qrobot.servo.speed_share import speed_share
 from qrobot.wire import Command, Hello, RobotFlag, State
 from tests.support.puma import ROBOT
 
 Deed = tuple[float, Callable[[JogSession], object]]
 Operator = Callable[[float], float]  # the override at a time, s; 0 for a pause
+Limits = tuple[float, float]  # share of the joints' greatest speeds, and speed of the tool, m/s
 
 
 class Desk:
     """A page whose deeds are done when their time has come; the link keeps every sample."""
 
-    def __init__(self, taught: Path, *deeds: Deed, operator: Operator = lambda _: 1.0) -> None:
-        self.operator = operator
+    def __init__(
+        self, taught: Path, *deeds: Deed, operator: Operator = lambda _: 1.0, limits: Limits = (1.0, 0.0)
+    ) -> None:
+        self.operator, self.limits = operator, limits
         self.states: list[State] = []
         self.held: list[bool] = []
         self.said: list[str] = []
@@ -64,8 +68,12 @@ class _Watched(OfflineLink):
     def exchange(self, command: Command | None) -> State:
         state = super().exchange(command)
         factor = self._desk.operator(self._desk.now_s())
+        limit, tool = self._desk.limits
         flags = state.robot.flags | (RobotFlag.PAUSED if not factor else 0)
-        state = replace(state, robot=replace(state.robot, override=factor or 1.0, flags=flags))
+        state = replace(
+            state,
+            robot=replace(state.robot, override=factor or 1.0, flags=flags, speed_limit=limit, tool_speed_limit=tool),
+        )
         self._desk.pass_time(command, state)
         return state
 
@@ -161,3 +169,26 @@ def test_the_operator_s_override_slows_jogging_down_and_while_paused_no_button_m
     assert desk.at(12.4) == pytest.approx(desk.at(7.4), abs=1e-9)
     assert desk.at(14.9)[0] > desk.at(12.4)[0] + 0.1
     assert desk.said == []
+
+
+def test_at_reduced_speed_a_held_button_moves_joint_and_tool_no_faster_than_that(tmp_path: Path) -> None:
+    tool_m_s = 0.25
+    share = speed_share(ROBOT, np.array([0.0, 0.0, ROBOT.geometry.flange_m]), tool_m_s)
+    place = Press(3, "place", "park", share=4.0)
+    turn, rise = Press(1, "joint", "1", 1.0, share=4.0), Press(2, "axis", "dz", 1.0, share=4.0)
+
+    def speeds(limits: Limits) -> tuple[float, float]:
+        """Greatest share of a joint's greatest speed, and greatest speed of the tool upwards, m/s."""
+        presses = [*hold(turn, 1.0, 3.0), *hold(rise, 5.0, 6.5), *hold(place, 9.0, 10.0)]
+        desk = Desk(tmp_path / "t.db", *presses, leave(12.0), limits=limits)
+        assert desk.said == []
+        for begin_s in (0.9, 4.9, 8.9):
+            assert np.abs(desk.at(begin_s + 2.5) - desk.at(begin_s)).max() > 0.01  # each of them moved
+        v = np.diff(desk.q, axis=0) / (PERIOD_MS * 1e-3)
+        z = np.array([Arm(ROBOT).forward(q)[2, 3] for q in desk.q[:: round(1000.0 / PERIOD_MS)]])
+        return float((np.abs(v) / ROBOT.limits.v_max).max()), float(np.diff(z).max())
+
+    as_asked, reduced = speeds((1.0, 0.0)), speeds((share, tool_m_s))
+    assert as_asked[0] > 2.0 * share
+    assert 0.9 * share < reduced[0] < 1.001 * share
+    assert reduced[1] < tool_m_s
