@@ -158,7 +158,7 @@ function speedCard() {
     if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
   };
   setInterval(show, 100);
-  return el("div", { class: "card buttons" }, el("label", { class: "override" }, "Speed of programs", slider), told, pause);
+  return el("div", { class: "card buttons" }, el("label", { class: "override" }, "Speed override", slider), told, pause);
 }
 
 function powerCard() {
