@@ -15,6 +15,7 @@ POSES: Final = 1024  # [A] over the range of the joints; the worst of them lies 
 SEED: Final = 1
 HOLDING_SHARE: Final = 0.9  # [A] of the greatest torque: the rest is for the worst pose, and for feedback
 FARTHEST_M: Final = 1.0  # [A] of a centre of mass from the flange; farther is a mistake of units
+WIDEST_M: Final = 1.0  # [A] radius of gyration of a load; wider is a mistake of units, such as kg cm2
 
 
 class PayloadJudge:
@@ -43,6 +44,11 @@ class PayloadJudge:
             return f"a centre at {centre.tolist()} m is too far from the flange: {FARTHEST_M:g} m at most"
         if not _is_inertia(payload.inertia):
             return f"{list(payload.inertia)} is no inertia of a body: kg m2, xx yy zz xy xz yz about its centre"
+        if not _largest_moment(payload.inertia) <= payload.mass * WIDEST_M**2:
+            return (
+                f"{list(payload.inertia)} kg m2 is too much for {payload.mass:g} kg: no principal moment may exceed "
+                f"the mass times ({WIDEST_M:g} m)^2; is it in kg m2?"
+            )
         most = robot.limits.payload_kg
         if most > 0.0 and not payload.mass <= most:
             return f"{payload.mass:g} kg is too heavy: {robot.name} carries {most:g} kg (payload_kg of its file)"
@@ -73,7 +79,17 @@ def _holding(robot: Robot, poses: Floats, mass: float, com: Floats) -> Floats:
 
 def _is_inertia(numbers: tuple[float, ...]) -> bool:
     """A tensor of a body: none of its principal moments is negative, or larger than the two others together."""
-    xx, yy, zz, xy, xz, yz = numbers
-    principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    principal = _principal_moments(numbers)
     slack = 1e-9 * max(1.0, float(np.abs(principal).max()))
-    return bool(principal[0] >= -slack and principal[0] + principal[1] >= principal[2] - slack)
+    return bool(principal[0] >= -slack and principal[2] - principal[1] <= principal[0] + slack)
+
+
+def _largest_moment(numbers: tuple[float, ...]) -> float:
+    """Largest principal moment, kg m2."""
+    return float(_principal_moments(numbers)[-1])
+
+
+def _principal_moments(numbers: tuple[float, ...]) -> Floats:
+    """Principal moments of an inertia, kg m2, in rising order. Shape (3,)."""
+    xx, yy, zz, xy, xz, yz = numbers
+    return np.asarray(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), dtype=np.float64)
