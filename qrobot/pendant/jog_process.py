@@ -72,6 +72,7 @@ class JogProcess:
             session.run()
         except QRobotError as error:
             why = STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}"
+            self._wanted.clear()  # a second "on" of the session that has ended does not take the arm again
         self._session = None
         self._say("no", why)
 
