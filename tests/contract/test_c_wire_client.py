@@ -177,7 +177,7 @@ def test_what_is_said_beside_the_periods_is_what_the_codec_makes_of_it(client: P
     packets = Stop(t_ns=1), load, Signals(names, 2), Stop(power_off=True, t_ns=4)
     lines = ask(client, "others", " ".join(names), "2.5")
     assert lines == [f"made {encode(packet).hex()}" for packet in packets]
-    for wrong in ("1st", "two  blanks", " before", "behind ", "grö", "x" * 32, "a b c d e f g h i"):
+    for wrong in ("1st", "two  blanks", " before", "behind ", "grö", "x" * 32, "a b c d e f g h i", "ab a b ab"):
         assert ask(client, "others", wrong, "1")[2].startswith("refused signals")
 
 

@@ -533,7 +533,18 @@ static inline int qrobot_put_stop(struct qrobot_link *link, int power_off, int64
     return (int)qrw_seal(out, QROBOT_KIND_STOP, QROBOT_STOP_BYTES, 0, 0, t_ns);
 }
 
-/* True for up to QROBOT_SIGNALS names of letters, digits and underscores with one blank between two. */
+/* True when the first of `names` stands among those behind it. */
+static inline int qrw_is_named_again(const char *names)
+{
+    size_t length = strcspn(names, " ");
+
+    for (const char *other = names + length; *other == ' '; other += 1 + strcspn(other + 1, " "))
+        if (strcspn(other + 1, " ") == length && memcmp(other + 1, names, length) == 0)
+            return 1;
+    return 0;
+}
+
+/* True for up to QROBOT_SIGNALS names of letters, digits and underscores, no two alike, with one blank between two. */
 static inline int qrw_are_names(const char *names)
 {
     int count = 0, length = 0;
@@ -545,13 +556,14 @@ static inline int qrw_are_names(const char *names)
             length = 0;
             continue;
         }
-        count += length == 0;
+        if (length == 0 && (++count > QROBOT_SIGNALS || qrw_is_named_again(names)))
+            return 0;
         if (!letter && !(*names >= '0' && *names <= '9' && length > 0))
             return 0;
         if (++length > QROBOT_LONGEST_SIGNAL)
             return 0;
     }
-    return count <= QROBOT_SIGNALS;
+    return 1;
 }
 
 /* The names of command.signals from now on as bytes, such as "pressure depth". Returns how many, or QROBOT_INVALID. */
@@ -561,8 +573,8 @@ static inline int qrobot_put_signals(struct qrobot_link *link, const char *names
     if (link->phase != QROBOT_COMMANDING)
         return qrw_fail(link, QROBOT_INVALID, "only a commander that was welcomed may send SIGNALS");
     if (!qrw_are_names(names))
-        return qrw_fail(link, QROBOT_INVALID, "signals \"%s\": at most %d names of letters, digits and _ with one blank "
-                        "between two, at most %d bytes each", names, QROBOT_SIGNALS, QROBOT_LONGEST_SIGNAL);
+        return qrw_fail(link, QROBOT_INVALID, "signals \"%s\": at most %d names of letters, digits and _, no two alike, "
+                        "with one blank between two, at most %d bytes each", names, QROBOT_SIGNALS, QROBOT_LONGEST_SIGNAL);
     memset(out, 0, QROBOT_SIGNALS_BYTES);
     memcpy(out + QROBOT_AT_SIGNALS_NAMES, names, strlen(names));
     return (int)qrw_seal(out, QROBOT_KIND_SIGNALS, QROBOT_SIGNALS_BYTES, 0, 0, t_ns);
