@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from qrobot.config import Robot
@@ -57,9 +58,10 @@ class JogSession:
         self._leaving = True
 
     def hand(self, opened: bool) -> None:
-        """Open or close the hand; does nothing before the arm follows."""
-        if self._arm is not None:
-            (self._arm.OPEN if opened else self._arm.CLOSE)()
+        """Open or close the hand; does nothing before the arm follows, or once it is lost: `run` tells why."""
+        if (arm := self._arm) is not None:
+            with suppress(QRobotError):
+                (arm.OPEN if opened else arm.CLOSE)()
 
     def run(self) -> None:
         """Take the arm and serve; raises what ends it before its time, see `open_channel`."""

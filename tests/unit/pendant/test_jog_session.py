@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.errors import LinkLost
 from qrobot.model.arm import Arm
 from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
 from qrobot.pendant.jog_session import PERIOD_MS, JogSession
+from qrobot.rccl.channel import Channel
 from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
 from qrobot.rccl.offline import OfflineLink
 from qrobot.servo.speed_share import speed_share
@@ -192,3 +194,15 @@ def test_at_reduced_speed_a_held_button_moves_joint_and_tool_no_faster_than_that
     assert as_asked[0] > 2.0 * share
     assert 0.9 * share < reduced[0] < 1.001 * share
     assert reduced[1] < tool_m_s
+
+
+def test_a_hand_of_an_arm_that_is_lost_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def lost(_arm: Channel) -> None:
+        asked.append(True)
+        raise LinkLost("the bridge has gone")
+
+    asked: list[bool] = []
+    monkeypatch.setattr(Channel, "OPEN", lost)
+    desk = Desk(tmp_path / "taught.db", (1.0, lambda session: session.hand(True)), (1.5, JogSession.leave))
+    assert asked
+    assert desk.said == []
