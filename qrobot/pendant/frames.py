@@ -18,6 +18,7 @@ from qrobot.modecodes import Mode
 from qrobot.model.arm_shape import arm_shape
 from qrobot.units import NS_PER_S
 from qrobot.wire import RobotState
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 STATE_FRAME: Final = 1
 HEAD: Final = struct.Struct("<BBBBHHhHId")
@@ -26,11 +27,11 @@ THOUSAND: Final = 1000
 
 def state_frame(arm: int, state: RobotState) -> bytes:
     """A sample of arm number `arm` (from 0) as bytes."""
+    override = state.override if 0.0 <= state.override <= LARGEST_OVERRIDE else 1.0  # NaN, and what is beyond
     joint = max(-1, min(state.event_joint, 0x7FFF))
     head = HEAD.pack(
         STATE_FRAME, arm, state.mode & 0xFF, state.hand & 0xFF, state.fault & 0xFFFF, state.event & 0xFFFF, joint,
-        min(round(state.override * THOUSAND), 0xFFFF),
-        state.flags & 0xFFFFFFFF, state.t_ns / NS_PER_S,
+        round(override * THOUSAND), state.flags & 0xFFFFFFFF, state.t_ns / NS_PER_S,
     )  # fmt: skip
     return head + np.array([*state.q, *state.q_setpoint, *state.v, *state.tau], dtype="<f4").tobytes()
 
