@@ -16,8 +16,8 @@ DEFAULT_PORT: Final = 5600
 LARGEST_SETPOINT: Final = 1e6
 
 
-# Of the operator's speed override; a motion goes faster than programmed as far as the limits of the joints allow.
-LARGEST_OVERRIDE: Final = 1.0  # faster than programmed a motion would have to be planned anew
+# Of the operator's speed override: faster than programmed a motion would have to be planned anew.
+LARGEST_OVERRIDE: Final = 1.0
 
 N_SIGNALS: Final = 8  # numbers that a program tells beside its setpoints
 LONGEST_SIGNAL: Final = 31  # bytes of the name of one
