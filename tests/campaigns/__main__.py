@@ -4,6 +4,7 @@
     encoders    cables that come off: 480 trials
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
+    deaths      a servo that dies after any of its stores, by every cause and over every way to the board
 
 Ends with 0 when nothing went wrong.
 """
@@ -14,7 +15,7 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, encoders, quiet, stops
+from tests.campaigns import calibration, deaths, encoders, quiet, stops
 
 HOUR_S = 3600.0
 STOPS = 300
@@ -23,7 +24,7 @@ STOPS = 300
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration"])
+    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration", "deaths"])
     name = parser.parse_args().name
     if name == "quiet":
         wrong = quiet.campaign(HOUR_S)
@@ -31,6 +32,8 @@ def main() -> int:
         wrong = encoders.campaign()
     elif name == "calibration":
         wrong = calibration.campaign()
+    elif name == "deaths":
+        wrong = deaths.campaign()
     else:
         wrong = sum(stops.campaign(STOPS, form) for form in FORMS)
     return 1 if wrong else 0

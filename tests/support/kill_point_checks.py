@@ -1,10 +1,12 @@
 """A servo that dies, or stalls, at any instruction: the guardian leaves the arm without torque and power in time.
 
-Run by `tests/system/test_servo_without_jit.py`, in plain Python.
+Run by `tests/system/test_servo_without_jit.py`, in plain Python, each cause over one way to the board or two; by
+`python -m tests.campaigns deaths` over all of them.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 
 import pytest
@@ -55,9 +57,20 @@ def power_lost(bench: DyingBench) -> None:
     bench.panel = False
 
 
+ALL_WAYS = bool(os.environ.get("QROBOT_ALL_WAYS"))
+
+
+def ways(*chosen: str, of: tuple[str, ...] = tuple(WAYS)) -> list[str]:
+    """The ways to the board that a cause is tried over: those chosen for the suite, or all there are."""
+    return [way for way in of if ALL_WAYS or way in chosen]
+
+
 FROM_HOLDING = [power_off, power_off_by_another, emergency_stop, shutdown, board_silent, power_lost, garbage]
 CASES = [(happens, "memory") for happens in FROM_HOLDING]
-CASES += [(happens, way) for happens in (power_off, shutdown, board_silent) for way in ("port", "gateway")]
+CASES += [(power_off, "port"), (shutdown, "gateway")]
+if ALL_WAYS:
+    several = [(happens, way) for happens in (power_off, shutdown, board_silent) for way in ("port", "gateway")]
+    CASES += [case for case in several if case not in CASES]
 FROM_TRACKING = [emergency_stop, power_lost, board_silent, stop]
 
 
@@ -96,7 +109,7 @@ def test_a_servo_that_dies_while_it_leaves_holding(happens: Callable[[DyingBench
     assert bench.mail.guardian.takeover == 0
 
 
-@pytest.mark.parametrize("way", ["memory", "port"])
+@pytest.mark.parametrize("way", ways("memory", of=("memory", "port")))
 @pytest.mark.parametrize("happens", FROM_TRACKING, ids=lambda happens: happens.__name__)
 def test_a_servo_that_dies_while_it_leaves_tracking(happens: Callable[[DyingBench], None], way: str) -> None:
     bench = tracking(way)
@@ -105,7 +118,7 @@ def test_a_servo_that_dies_while_it_leaves_tracking(happens: Callable[[DyingBenc
     assert bench.mode in (Mode.STOPPING, Mode.FAULT)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ways("gateway"))
 @pytest.mark.parametrize("end", [power_off, shutdown], ids=lambda end: end.__name__)
 def test_a_servo_that_dies_where_a_controlled_stop_ends_in_power_off(
     end: Callable[[DyingBench], None], way: str
@@ -120,7 +133,7 @@ def test_a_servo_that_dies_where_a_controlled_stop_ends_in_power_off(
     assert bench.mode is Mode.OFF
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ways("port"))
 def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> None:
     def late(bench: DyingBench) -> None:
         for _ in range(3):
@@ -139,7 +152,7 @@ def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> No
     assert (bench.mode, bench.fault) == (Mode.FAULT, FaultCode.OVERRUN)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ways("memory"))
 def test_a_servo_that_dies_while_it_powers_up(way: str) -> None:
     bench = DyingBench(way)
     bench.tick(8)
@@ -149,7 +162,7 @@ def test_a_servo_that_dies_while_it_powers_up(way: str) -> None:
     assert bench.mode is Mode.HOLDING
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ways("gateway"))
 def test_a_servo_that_dies_while_a_request_for_power_is_withdrawn(way: str) -> None:
     bench = DyingBench(way)
     bench.panel = False
@@ -162,7 +175,7 @@ def test_a_servo_that_dies_while_a_request_for_power_is_withdrawn(way: str) -> N
     assert bench.mode is Mode.OFF
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ways("port"))
 def test_a_servo_that_dies_while_a_fault_is_cleared(way: str) -> None:
     bench = holding(way)
     bench.estop_ok = False
@@ -195,7 +208,9 @@ def test_a_servo_that_dies_while_the_guardian_hands_the_board_back() -> None:
     assert (bench.mode, bench.own[TRIPPED], bench.mail.heartbeat.armed) == (Mode.OFF, 0, 0)
 
 
-@pytest.mark.parametrize("way", ["memory", "gateway"])  # with a card the board's memory is the servo's own
+@pytest.mark.parametrize(
+    "way", ways("gateway", of=("memory", "gateway"))
+)  # with a card the board's memory is the servo's own
 def test_a_servo_that_starts_beside_what_a_dead_one_has_left_and_dies_in_turn(way: str) -> None:
     dead, bench = holding(way), DyingBench(way)
     bench.board, bench.way, bench.own, bench.now_ns, bench.q = dead.board, dead.way, dead.own, dead.now_ns, dead.q
