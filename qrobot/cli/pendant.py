@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
@@ -64,9 +68,19 @@ def pendant(
         out.print(address, soft_wrap=True)
         note(f"open it in a browser; Ctrl-C ends. Arms: {', '.join(each.arm.name for each in floor.arms)}")
         if show:
-            webbrowser.open(address)
+            webbrowser.open(entry.as_uri())
 
-    serve(make_app(floor, token), listener, began)
+    with entry_file(address) as entry:
+        serve(make_app(floor, token), listener, began)
+
+
+@contextmanager
+def entry_file(address: str) -> Iterator[Path]:
+    """A page that goes on to `address`, for this account alone: what a browser is started with everybody can read."""
+    with TemporaryDirectory(prefix="qrobot-pendant-") as folder:  # 0700
+        page = Path(folder, "pendant.html")
+        page.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">\n')
+        yield page
 
 
 def _arms(deployment: str, arm: str | None) -> tuple[DeployedArm, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
@@ -17,6 +18,7 @@ PERIOD_US: Final = 28_000
 SILENCE_S: Final = 1.0  # ten of the longest sample periods
 RETRY_S: Final = 0.5
 CHUNK: Final = 1 << 16
+_log = logging.getLogger(__name__)
 
 
 class ArmWatch:
@@ -44,6 +46,9 @@ class ArmWatch:
                 await self._watch()
             except (QRobotError, OSError) as error:
                 self._say(self._why(error))
+            except Exception as error:  # whatever it is: STOP by the bridge rests on this watch, which begins anew
+                _log.exception("the watch of arm %s failed, and begins anew", self._arm.name)
+                self._say(f"the watch of arm {self._arm.name} failed ({type(error).__name__}), and begins anew")
             await asyncio.sleep(RETRY_S)
 
     def ask_stop(self, power_off: bool = False) -> bool:

@@ -9,6 +9,7 @@ sites' pages do not send.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from hashlib import sha256
 from hmac import compare_digest
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final, TypeAlias
@@ -20,7 +21,6 @@ Send: TypeAlias = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 AsgiApp: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 OWN_NAMES: Final = ("127.0.0.1", "localhost", "[::1]")  # any port: a tunnel may end at another one
-COOKIE: Final = "qrobot_pendant"
 TOKEN_PARAMETER: Final = "token"
 POLICY_VIOLATION: Final = 1008  # RFC 6455, section 7.4.1
 # Everything comes from this server: pages cannot ask for anything elsewhere, and nobody can frame them.
@@ -37,6 +37,11 @@ _HEADERS: Final = (
 )
 
 
+def cookie_name(token: str) -> str:
+    """Name of the cookie that carries `token`: browsers send cookies to every port, and each pendant keeps its own."""
+    return f"qrobot_pendant_{sha256(token.encode()).hexdigest()[:12]}"
+
+
 class Gate:
     """Lets in who names this machine, comes from a page of this server and shows the token.
 
@@ -48,7 +53,7 @@ class Gate:
 
     def __init__(self, app: AsgiApp, token: str, names: Iterable[str] = OWN_NAMES) -> None:
         self.app = app
-        self._token = token.encode()
+        self._token, self._cookie = token.encode(), cookie_name(token)
         self._names = tuple(name.lower() for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -92,7 +97,7 @@ class Gate:
                 jar = SimpleCookie(header)
             except CookieError:
                 continue
-            if COOKIE in jar and self._matches(jar[COOKIE].value):
+            if self._cookie in jar and self._matches(jar[self._cookie].value):
                 return True
         return False
 
@@ -101,7 +106,7 @@ class Gate:
 
     async def _give_cookie(self, send: Send) -> None:
         """A page that goes on by itself: a redirection that began elsewhere would not send a strict cookie."""
-        cookie = f"{COOKIE}={self._token.decode()}; HttpOnly; SameSite=Strict; Path=/"
+        cookie = f"{self._cookie}={self._token.decode()}; HttpOnly; SameSite=Strict; Path=/"
         headers = [(b"set-cookie", cookie.encode()), (b"content-type", b"text/html"), (b"cache-control", b"no-store")]
         await send({"type": "http.response.start", "status": 200, "headers": [*headers, *_HEADERS]})
         await send({"type": "http.response.body", "body": ENTRY_PAGE})

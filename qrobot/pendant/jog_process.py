@@ -46,11 +46,13 @@ class JogProcess:
 
     def read(self, lines: Iterable[str]) -> None:
         """Obey lines until there are no more; for a thread of its own."""
-        for line in lines:
-            self._obey(json.loads(line))
-        self._over = True
-        self._leave()
-        self._wanted.set()
+        try:
+            for line in lines:
+                self._obey(json.loads(line))
+        finally:  # a line that nobody can obey is the end of the input as well
+            self._over = True
+            self._leave()
+            self._wanted.set()
 
     def run(self) -> None:
         """Serve until the end of the input."""

@@ -20,7 +20,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from qrobot.modecodes import Mode
-from qrobot.pendant.gate import COOKIE
+from qrobot.pendant.gate import cookie_name
 from tests.support.browser import open_browser
 from tests.support.patience import PATIENCE_S, give_time, wait_until
 from tests.support.processes import RunningArm, qrobot
@@ -46,7 +46,8 @@ class Pendant:
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().strip()
         self.host, _, query = self.address.removeprefix("http://").partition("/?")
-        self.cookie = f"{COOKIE}={query.removeprefix('token=')}"
+        token = query.removeprefix("token=")
+        self.cookie = f"{cookie_name(token)}={token}"
 
     def status_of(self, path: str, **headers: str) -> int:
         """Status with which a request is answered."""
@@ -195,4 +196,4 @@ def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_liv
     for path in ("/live", "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"):
         assert pendant.status_of_socket(path, own, pendant.cookie) == 101
         assert pendant.status_of_socket(path, evil, pendant.cookie) == 403
-        assert pendant.status_of_socket(path, own, f"{COOKIE}=guess") == 403
+        assert pendant.status_of_socket(path, own, pendant.cookie.replace("=", "=guess")) == 403

@@ -9,11 +9,13 @@ from typing import Any
 
 import pytest
 
-from qrobot.pendant.gate import COOKIE, Gate
+from qrobot.cli.pendant import entry_file
+from qrobot.pendant.gate import Gate, cookie_name
 from qrobot.pendant.server import tell_in_one_line
 
 TOKEN, HOST = "right", "127.0.0.1:8560"
 OWN = f"http://{HOST}"
+COOKIE = cookie_name(TOKEN)
 IN = f"other=1; {COOKIE}={TOKEN}"
 FOREIGN = "http://evil.example"
 
@@ -112,3 +114,15 @@ def test_an_error_of_the_server_is_told_in_one_line_and_a_page_closed_early_is_n
             "uvicorn.error", logging.ERROR, "", 0, "Exception in ASGI application\n", (), sys.exc_info()
         )
     assert (logging.Formatter().format(record) if tell_in_one_line(record) else None) == told
+
+
+def test_two_pendants_of_one_machine_keep_a_cookie_each() -> None:
+    assert cookie_name("one") != cookie_name("two")
+    assert "one" not in cookie_name("one")
+
+
+def test_the_address_reaches_a_browser_by_a_file_that_nobody_else_can_read() -> None:
+    with entry_file("http://127.0.0.1:1/?token=secret&x=1") as page:
+        assert page.parent.stat().st_mode & 0o077 == 0
+        assert "url=http://127.0.0.1:1/?token=secret&amp;x=1" in page.read_text()
+    assert not page.parent.exists()

@@ -44,3 +44,13 @@ def test_a_second_on_does_not_take_the_arm_again_after_its_session_has_ended(mon
     reader.join()
     assert "power was taken away" in answers.getvalue()
     assert taken == ["puma560"]
+
+
+@pytest.mark.realtime
+def test_a_line_that_cannot_be_obeyed_is_the_end_of_the_process() -> None:
+    answers = io.StringIO()
+    process = JogProcess("puma560", pytest.fail, Path("unused"), answers)
+    with pytest.raises(ValueError, match="Expecting value"):
+        process.read([ON, "no JSON"])
+    process.run()  # does not take the arm, and ends
+    assert answers.getvalue().count("opening") == 0
