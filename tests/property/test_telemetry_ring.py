@@ -76,9 +76,9 @@ def test_names_words_and_dtype_describe_the_same_bytes(n: int) -> None:
 
 def test_the_order_of_fields_is_the_published_one() -> None:
     names = "tick t_ns late_ns busy_ns mode fault setpoint_seq flags q_ref v_ref a_ref q v tau counts dac "
-    names += "gravity friction volts force signals inputs outputs event_joint"
+    names += "gravity friction volts force signals inputs outputs event_joint program_signals payload override"
     assert TelemetryLayout(6).dtype.names == tuple(names.split())
-    assert TelemetryLayout(6).row_words == 11 + 10 * 6 + 8 + 6 + 8
+    assert TelemetryLayout(6).row_words == 12 + 10 * 6 + 8 + 6 + 8 + 8 + 10
 
 
 def test_a_late_reader_starts_with_the_oldest_whole_row_or_with_the_next_one() -> None:

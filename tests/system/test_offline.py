@@ -15,7 +15,7 @@ from qrobot.cli.main import make_app
 from qrobot.cli.motion_figures import farthest_off, path_of
 from qrobot.config import load_robot
 from qrobot.errors import MotionError
-from qrobot.motion import Termination
+from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
 from qrobot.rccl.trace import Trace
@@ -64,6 +64,19 @@ def test_the_setpoints_are_a_motion_the_arm_can_do_through_the_corners(folder: P
     assert np.ptp(ends[:, 0]) == pytest.approx(100.0, abs=12.0)
     assert np.ptp(ends[:, 1]) == pytest.approx(150.0, abs=12.0)
     assert requests(folder)[-1]["ended_s"] == pytest.approx(motion.t[-1], abs=0.1)
+
+
+def test_a_motion_that_is_slowed_down_and_held_goes_on_to_the_same_end(tmp_path: Path, capsys) -> None:
+    assert qrobot("run", "--offline", "--output", str(tmp_path), str(EXAMPLES / "21_override.py")) == 0
+    motion = read_setpoints(tmp_path / "setpoints.csv")
+    reached = int(np.argmin(np.abs(motion.q - ROBOT.poses["end"]).max(axis=1)))
+    assert motion.q[reached] == pytest.approx(ROBOT.poses["end"], abs=1e-9)
+    still = np.flatnonzero(np.abs(np.diff(motion.q, axis=0)).max(axis=1) < 1e-12)
+    held = still[(still > 40) & (still < reached - 20)]  # after the first second, and long before the end
+    assert len(held) * 0.028 > 0.8
+    assert (motion.q[held] == motion.q[held[0]]).all()
+    assert "held on its path after" in capsys.readouterr().out
+    motion.check(motion_limits(ROBOT), "21_override")
 
 
 def test_a_replay_in_lockstep_follows_the_file(tmp_path: Path, capsys) -> None:

@@ -19,6 +19,7 @@ FOLDER = ROOT / "docs" / "tutorials"
 INDEX = (FOLDER / "index.md").read_text()
 PAGES = [FOLDER / f"{name}.md" for name in INDEX.partition(":maxdepth: 1")[2].split() if name != "```"]
 COURSE = PAGES[:7]  # the others stand alone
+GUIDES = [ROOT / "docs" / "how-to" / "slow-down-and-pause.md"]  # that have an example of their own
 EXAMPLES = {str(path.relative_to(ROOT / "examples")): path.read_text() for path in (ROOT / "examples").rglob("*.py")}
 
 
@@ -40,7 +41,7 @@ def test_seven_numbered_pages_lead_from_one_to_the_next() -> None:
 
 
 def test_every_example_has_its_page_and_a_test_that_runs_it() -> None:
-    taught = [name for page in COURSE for name in named(page)]
+    taught = [name for page in [*COURSE, *GUIDES] for name in named(page)]
     assert sorted(set(taught)) == sorted(
         name for name, text in EXAMPLES.items() if "rccl.control" in text or "qrobot.ident" in text
     )

@@ -26,7 +26,13 @@ from qrobot.rccl import DataBase
 
 @pytest.fixture(autouse=True)
 def _empty() -> Iterator[None]:
+    """The table is that of the process: other tests may have left something in it."""
+    _forget_all()
     yield
+    _forget_all()
+
+
+def _forget_all() -> None:
     for name in sym_names():
         sym_delete(name)
 

@@ -104,5 +104,5 @@ def test_files_that_the_package_names_are_there() -> None:
 def test_the_checks_tell_what_is_not_there() -> None:
     assert missing_paths("see `tests/hardware` and qrobot/servo/cycle.py, docs/_build") == ["tests/hardware"]
     assert missing_modules("`qrobot.guard`, qrobot.servo.cycle, qrobot.errors.QRobotError") == ["qrobot.guard"]
-    assert missing_files("memory.py, board_memory.py, hwif/bus.py, my_laws.py") == ["memory.py"]
+    assert missing_files("memories.py, board_memory.py, hwif/bus.py, my_laws.py") == ["memories.py"]
     assert list(missing_programs("python -m benchmarks, python -m tests.nothing")) == ["tests.nothing"]

@@ -86,7 +86,7 @@ def test_the_prototype_in_c_takes_what_the_method_takes(name) -> None:
 
 
 def test_every_message_that_asks_for_something_has_its_row_and_no_other() -> None:
-    asked = {op for op in Op if Op.HELLO < op < Op.REPLY}
+    asked = {op for op in Op if Op.HELLO < op < Op.REPLY} - {Op.ARCL_CALL, Op.ARCL_WORD}  # a library of its own
     assert set(CALLS) == asked
 
 

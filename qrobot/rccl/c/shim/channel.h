@@ -26,7 +26,7 @@ int64_t arcl_cell_place(void) __attribute__((weak));
 /* Variables that the engine sees too. */
 #define SHARED __attribute__((section("rccl_shared")))
 
-/* What a message says; mirrored in qrobot/rccl/c/message.py. */
+/* What a message says; mirrored in qrobot/c_transport/message.py. */
 enum op {
     OP_HELLO = 1,
     OP_CONTROL,
