@@ -1,4 +1,7 @@
-"""The live view: what a viewer receives, that it can ask for nothing, and what becomes of it when the servo goes."""
+"""The live view: what a viewer receives, that it can ask for nothing, and what becomes of it when the servo goes.
+
+Its server has threads of its own, which nobody here holds still: it belongs to the tests on the wall clock.
+"""
 
 from __future__ import annotations
 
@@ -84,6 +87,7 @@ def server() -> Iterator[LiveServer]:
     server.close()
 
 
+@pytest.mark.realtime
 def test_a_viewer_gets_rows_to_the_byte_at_the_pace_asked_for(server: LiveServer) -> None:
     with Viewer(server.port) as viewer:
         look(viewer, server)
@@ -108,11 +112,13 @@ def look(viewer: Viewer, server: LiveServer) -> None:
         assert len(content) == row_bytes + 4
 
 
+@pytest.mark.realtime
 def test_a_second_server_on_one_port_is_refused_with_the_remedy(server: LiveServer) -> None:
     with pytest.raises(LinkError, match=f"{server.port}.*--port"):
         LiveServer(server.port, make_header(N), 100, ROBOT)
 
 
+@pytest.mark.realtime
 def test_its_end_ends_every_connection(server: LiveServer) -> None:
     with Viewer(server.port) as viewer:
         viewer.message("advertise")
