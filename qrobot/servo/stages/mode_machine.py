@@ -26,11 +26,19 @@ from qrobot.servo.hold import allow_range, hold_position, hold_reference
 from qrobot.servo.kernels.interpolator import line_through, room_duration, stop_duration
 from qrobot.servo.laws.law_swap import fall_back, forget_bias
 from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT, TORQUE_SETPOINT, drop_all_frames
+from qrobot.servo.memory.stop_record import CODE as INCIDENT_CODE
 from qrobot.servo.memory.stop_record import note_incident
 from qrobot.servo.modes import gives_torque, set_mode, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.collision_stop import forget_yielding
-from qrobot.servo.stages.setpoint_stream import end_stream, forget_waiting, start_stream, stream_ready, stream_silent
+from qrobot.servo.stages.setpoint_stream import (
+    REFUSALS,
+    end_stream,
+    forget_waiting,
+    start_stream,
+    stream_ready,
+    stream_silent,
+)
 from qrobot.servo.state import (
     ADOPT_JUMPED,
     ServoState,
@@ -220,6 +228,8 @@ def _watch_stream(params: ServoParameters, state: ServoState, mail: Any, now_ns:
         report_event(state, code, joint)
     elif play:
         forget_yielding(state)  # what stopped the last one may have ended in a fault
+        if state.event == state.watch.incident[INCIDENT_CODE] or state.event in REFUSALS:
+            report_event(state, NONE)  # of the stream before: should it happen again, it is an event of its own
         start_stream(params, state, now_ns)
         set_mode(state, TRACKING)
 

@@ -48,6 +48,7 @@ _PHASE_ROUNDING: Final = 1e-9  # a frame of k ticks ends at the k-th, whatever t
 
 STREAM_LOST: Final = int(FaultCode.STREAM_LOST)
 SP_INVALID: Final = int(FaultCode.SP_INVALID)
+REFUSALS: Final = tuple(int(FaultCode[name]) for name in ("SP_INVALID", "SP_LIMIT", "SP_STEP", "START_POSE"))
 SHORTEST_FRAME_NS: Final = 1_000_000
 LONGEST_FRAME_NS: Final = 100_000_000
 

@@ -236,6 +236,26 @@ def test_a_stop_begins_two_frames_and_the_margin_after_the_last_frame(last: int,
     assert 0 < silence_ns - (2 + SILENCE_MARGIN) * FRAME_NS <= bench.settings.period_ns
 
 
+@pytest.mark.parametrize("refused", [False, True])
+def test_what_ended_or_refused_a_stream_stands_until_the_next_one_plays_so_that_it_can_be_told_again(
+    refused: bool,
+) -> None:
+    bench = ServoBench().hold()
+    q, code = bench.q.copy(), FaultCode.START_POSE if refused else FaultCode.STREAM_LOST
+    for stream in range(1, 4):
+        away = 1.0 if refused else 0.0  # of each joint: no stream may begin so far from the reference
+        play(bench, lambda _t, at=q + away: at.copy(), stream=2 * stream, last=5)
+        bench.run(0.5)
+        assert (bench.mode, bench.event) == (Mode.HOLDING, code)
+        play(bench, lambda _t: q.copy(), stream=2 * stream + 1, last=20)
+        bench.until(lambda: bench.mode is Mode.TRACKING)
+        assert bench.event is FaultCode.NONE
+        bench.until(lambda: bench.mode is Mode.HOLDING)
+    told = bench.rows()["fault"]
+    begun = np.flatnonzero((told[1:] == code) & (told[:-1] != code))
+    assert len(begun) == (3 if refused else 6)
+
+
 # ------------------------------------------------------------------------------------- jitter, loss and stalls together
 
 
