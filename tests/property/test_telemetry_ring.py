@@ -93,6 +93,21 @@ def test_a_late_reader_starts_with_the_oldest_whole_row_or_with_the_next_one() -
     assert newest.lost == 0
 
 
+def test_rows_that_go_while_a_late_reader_gets_ready_are_not_lost_and_those_afterwards_are() -> None:
+    words = make_ring(2, 8)
+    for i in range(20):
+        append(words, 8, 2, i)
+    reader = TelemetryReader(words, BASE, 8, 2)
+    for i in range(20, 23):
+        append(words, 8, 2, i)
+    assert reader.read()["tick"].tolist() == list(range(16, 23))
+    assert reader.lost == 0
+    for i in range(23, 40):
+        append(words, 8, 2, i)
+    assert reader.read()["tick"].tolist() == list(range(33, 40))
+    assert reader.lost == 10
+
+
 def test_a_ring_that_was_reset_yields_nothing_instead_of_old_rows() -> None:
     words = make_ring(2, 8)
     reader = TelemetryReader(words, BASE, 8, 2)

@@ -250,7 +250,8 @@ class TelemetryReader:
 
     Attributes:
         next_row: index of the next row to read.
-        lost: rows overwritten before this reader got to them.
+        lost: rows overwritten before this reader got to them, since the first one that it got; a reader that comes
+            when the ring is full may begin with any row.
     """
 
     def __init__(self, words: NDArray[np.int64], base: int, capacity: int, n: int, from_oldest: bool = True) -> None:
@@ -259,6 +260,7 @@ class TelemetryReader:
         self._raw = np.zeros((min(capacity, READ_ROWS), self.layout.row_words), dtype=np.int64)
         head = int(head_row(words, base))
         self.next_row = int(oldest_row(head, capacity)) if from_oldest else head
+        self._may_begin_later = from_oldest and self.next_row > 0
         self.lost = 0
 
     def read(self, max_rows: int = READ_ROWS) -> Rows:
@@ -266,7 +268,8 @@ class TelemetryReader:
         out, row_words = self._raw[:max_rows], self.layout.row_words
         copied, lost = copy_rows(self._words, self._base, self._capacity, row_words, self.next_row, out)
         self.next_row += copied + lost
-        self.lost += lost
+        self.lost += 0 if self._may_begin_later else lost
+        self._may_begin_later = self._may_begin_later and copied == 0
         return out[:copied].copy().view(self.layout.dtype).reshape(copied)
 
     @property
