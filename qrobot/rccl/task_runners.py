@@ -10,14 +10,14 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from typing import ClassVar, Final, Protocol
 from weakref import WeakSet
 
 from qrobot.errors import LinkLost, MotionError
 from qrobot.rccl.task import TaskPhase, TrajectoryTask
 from qrobot.rci import Link
-from qrobot.realtime.setup import set_fifo
+from qrobot.realtime.setup import favoured_thread, set_fifo
 from qrobot.units import NS_PER_S
 from qrobot.wire import Command
 
@@ -134,10 +134,15 @@ class ThreadRunner:
         self._sampled = threading.Condition()
         self._over = False
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
+        self._favour = ExitStack()
 
     def start(self) -> None:
-        """Start the thread. From now on it gets its turn within half a millisecond whenever the program computes."""
+        """Start the thread. From now on it gets its turn within half a millisecond whenever the program computes.
+
+        The program's own thread, which keeps the interpreter for as long, waits for few others meanwhile.
+        """
         sys.setswitchinterval(min(_TURN_S, sys.getswitchinterval()))
+        self._favour.enter_context(favoured_thread())
         self._thread.start()
 
     def lock(self) -> AbstractContextManager[object]:
@@ -160,6 +165,7 @@ class ThreadRunner:
         """Wait for the thread, which closes the link after its sample."""
         self._over = True
         self._thread.join()
+        self._favour.close()
 
     def _run(self) -> None:
         set_fifo(_PRIORITY)

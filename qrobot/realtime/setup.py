@@ -22,6 +22,7 @@ from qrobot.errors import QRobotError
 
 DMA_LATENCY: Final = Path("/dev/cpu_dma_latency")
 HIGHEST_PRIORITY: Final = 85  # the guardian's, above the servo's
+FAVOURED_NICENESS: Final = -10  # nine times the share of an ordinary thread
 
 # constants of the C library
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
@@ -76,6 +77,27 @@ def set_fifo(priority: int = 80) -> SetupStep:
 
 def _enter_fifo(priority: int) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+
+
+@contextmanager
+def favoured_thread(niceness: int = FAVOURED_NICENESS) -> Iterator[None]:
+    """Let the calling thread stay an ordinary one, but wait for few others, where that is allowed.
+
+    For a thread that holds what a real-time thread needs, as the lock of the interpreter: whatever keeps the one from
+    running keeps the other waiting.
+    """
+    thread = threading.get_native_id()
+    before = os.getpriority(os.PRIO_PROCESS, thread)
+    _set_niceness(thread, min(before, niceness))
+    try:
+        yield
+    finally:
+        _set_niceness(thread, before)
+
+
+def _set_niceness(thread: int, niceness: int) -> None:
+    with suppress(OSError):  # not allowed, or the thread has ended
+        os.setpriority(os.PRIO_PROCESS, thread, niceness)
 
 
 def insist_on(steps: Iterable[SetupStep], required: bool, report: Callable[[str], None]) -> None:

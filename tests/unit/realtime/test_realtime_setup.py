@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -219,3 +220,21 @@ def test_every_look_at_this_machine_gives_a_step_with_a_remedy_when_not_ok() -> 
         assert isinstance(step, SetupStep)
         assert step.ok or step.remedy
         assert json.dumps(asdict(step))
+
+
+def test_a_favoured_thread_waits_for_few_others_until_it_no_longer_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[tuple[int, int]] = []
+    monkeypatch.setattr(os, "setpriority", lambda _which, thread, niceness: said.append((thread, niceness)))
+    thread, before = threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0)
+    with setup.favoured_thread():
+        assert said == [(thread, min(before, setup.FAVOURED_NICENESS))]
+    assert said[1:] == [(thread, before)]
+
+
+def test_a_thread_that_may_not_be_favoured_goes_on_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: int) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    with setup.favoured_thread():
+        assert os.getpriority(os.PRIO_PROCESS, 0) == os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
