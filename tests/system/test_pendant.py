@@ -28,6 +28,7 @@ from tests.support.processes import RunningArm, qrobot
 pytestmark = pytest.mark.realtime
 
 FAR_RAD = 0.02
+LOOKS_BEFORE_ANOTHER_PRESS = 5
 STILL_S = 0.4
 STALL_MS = 700
 PLUS_OF_JOINT_1 = 1  # of the buttons to hold
@@ -85,6 +86,10 @@ class Page:
         """Take the lease and the arm."""
         self.click("drive")
         wait_until(lambda: self.run("return pendant.driving"), "this page drives")
+        self.take()
+
+    def take(self) -> None:
+        """Take the arm."""
         self.click("take")
         wait_until(lambda: self.run("return pendant.ready"), "the arm follows")
 
@@ -105,9 +110,23 @@ def pendant(arm: RunningArm, tmp_path: Path) -> Iterator[Pendant]:
     pendant.process.communicate(timeout=PATIENCE_S)
 
 
-def moves(arm: RunningArm) -> None:
+def press_until_it_moves(page: Page, arm: RunningArm) -> None:
+    """Press anew whenever the arm stays at rest: a page that stalls on a busy machine ends its press, as it should.
+
+    When the process that moves the arm stalls, the arm has to be taken anew as well.
+    """
     began = arm.snapshot().q[0]
-    wait_until(lambda: arm.snapshot().q[0] > began + FAR_RAD, "the arm moves")
+    page.press()
+
+    def far() -> bool:
+        if all(is_at_rest(arm) for _ in range(LOOKS_BEFORE_ANOTHER_PRESS)):
+            page.let_go()
+            if page.run("return pendant.armStatus.session === 'no'"):
+                page.take()
+            page.press()
+        return bool(arm.snapshot().q[0] > began + FAR_RAD)
+
+    wait_until(far, "the arm moves")
 
 
 def is_at_rest(arm: RunningArm) -> bool:
@@ -125,8 +144,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         the_arm_is_seen_where_its_kinematics_says(page)
         every_tab_opens(page)
         page.drive()
-        page.press()
-        moves(arm)
+        press_until_it_moves(page, arm)
         page.let_go()
         wait_until(lambda: is_at_rest(arm), "at rest once it is let go")
 
@@ -136,8 +154,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
         assert is_at_rest(arm)
 
-        page.press()
-        moves(arm)
+        press_until_it_moves(page, arm)
         page.run(f"const t = performance.now(); while (performance.now() - t < {STALL_MS});")
         assert page.run("return pendant.press !== null")  # the button is still down
         wait_until(lambda: is_at_rest(arm), "at rest since the page stalled")
@@ -145,18 +162,15 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         assert is_at_rest(arm)
         page.let_go()
 
-        page.press()
-        moves(arm)
+        press_until_it_moves(page, arm)
         watcher.driver.find_element("tag name", "body").send_keys(Keys.ESCAPE)  # anybody may stop
         arm.wait_for(Mode.HOLDING)
         wait_until(lambda: page.run("return pendant.armStatus.session === 'no'"), "the page is told")
         wait_until(lambda: "to go on" in page.run("return pendant.armStatus.notice"), "what happened, and what to do")
         page.let_go()
 
-        page.click("take")
-        wait_until(lambda: page.run("return pendant.ready"), "the arm follows again")
-        page.press()
-        moves(arm)
+        page.take()
+        press_until_it_moves(page, arm)
         os.kill(driver.capabilities["goog:processID"], signal.SIGKILL)
         wait_until(lambda: is_at_rest(arm), "at rest since the browser has gone")
 
