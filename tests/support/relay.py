@@ -45,10 +45,10 @@ class Relay:
 
     def __exit__(self, *_error: object) -> None:
         self._ended = True
-        for one in (self._listener, *self._sockets):
-            with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-            one.close()
+        _end(self._listener)
+        self._threads[0].join()  # then no connection comes any more
+        for one in self._sockets:
+            _end(one)
         for thread in self._threads:
             thread.join()
 
@@ -56,12 +56,20 @@ class Relay:
         with suppress(OSError):
             while not self._ended:
                 near, _ = self._listener.accept()
-                far = socket.create_connection(self._target)
+                far = self._far_end(near)
                 for one in (near, far):
                     one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self._sockets.append(one)
                 self._start(near, far, as_it_came)
                 self._start(far, near, self._spoil)
+
+    def _far_end(self, near: socket.socket) -> socket.socket:
+        """A connection to the target; without one the near end is closed. Raises OSError."""
+        try:
+            return socket.create_connection(self._target)
+        except OSError:
+            near.close()
+            raise
 
     def _spoil(self, data: bytes) -> bytes:
         return self.spoil(data)
@@ -78,3 +86,9 @@ class Relay:
                     sink.sendall(change(data))
             if not self.cut:
                 sink.shutdown(socket.SHUT_RDWR)
+
+
+def _end(one: socket.socket) -> None:
+    with suppress(OSError):
+        one.shutdown(socket.SHUT_RDWR)
+    one.close()
