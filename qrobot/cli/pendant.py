@@ -14,10 +14,11 @@ from cyclopts import Parameter
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, tool_of_arm
 from qrobot.cli.console import note, out
 from qrobot.cli.option_types import OutputFile, Range
-from qrobot.config.deployment import DeployedArm, load_deployment
+from qrobot.config.deployment import DeployedArm, deployment_path, load_deployment
 
 if TYPE_CHECKING:
     from qrobot.pendant.floor import DriveFloor
+    from qrobot.pendant.program_runner import ProgramRunner
 
 DEFAULT_PORT: Final = 8560
 PortOption = Annotated[int, Parameter(validator=Range(0, 65535))]
@@ -29,9 +30,10 @@ def pendant(
     arm: str | None = None,
     port: PortOption = DEFAULT_PORT,
     taught: OutputFile = Path("taught.db"),
+    programs: Path | None = None,
     show: bool = False,
 ) -> None:
-    """Serve a page that shows the arms of a deployment live, and drives them: jog, power, faults, places, curves.
+    """Serve a page that shows the arms of a deployment live, and drives them: jog, power, places, curves, programs.
 
     It prints the address to open. Start the arms with `qrobot up`, before or after: the pendant finds them when they
     come, and again when they come back. STOP, the key Esc and the space bar stop every arm; this is no safety
@@ -50,17 +52,26 @@ def pendant(
         Where to listen; 0 takes a free one.
     taught
         File of places by name, as `qrobot teach` has it.
+    programs
+        Folder of programs (.py, .c, .v2) that pages list and start; pages start no others.
     show
         Open the page in the browser of this machine.
     """
     import webbrowser
 
     from qrobot.pendant.floor import DriveFloor
+    from qrobot.pendant.program_folder import ProgramFolder
+    from qrobot.pendant.program_runner import ProgramRunner
     from qrobot.pendant.server import address_of, make_app, make_token, open_port, serve
 
     floor, token = DriveFloor(), make_token()
+    folder = ProgramFolder(programs)
+
+    def runner_of(name: str) -> ProgramRunner:
+        return ProgramRunner(name, folder, str(deployment_path(deployment).resolve()), floor.changed)
+
     for each in _arms(deployment, arm):
-        _add_station(floor, each, taught)
+        _add_station(floor, each, taught, runner_of(each.name))
     listener = open_port(port)
     address = address_of(listener, token)
 
@@ -87,10 +98,10 @@ def _arms(deployment: str, arm: str | None) -> tuple[DeployedArm, ...]:
     return load_deployment(deployment).arm if arm is None else (choose_arm(deployment, arm),)
 
 
-def _add_station(floor: DriveFloor, arm: DeployedArm, taught: Path) -> None:
+def _add_station(floor: DriveFloor, arm: DeployedArm, taught: Path, programs: ProgramRunner) -> None:
     """Give an arm its place at the pendant."""
     from qrobot.pendant.arm_station import ArmStation
 
     number, robot = len(floor.arms), robot_of_arm(arm)
     tell = lambda state: floor.sampled(number, state)  # noqa: E731
-    floor.arms.append(ArmStation(arm, robot, tool_of_arm(arm), taught, tell, floor.changed))
+    floor.arms.append(ArmStation(arm, robot, tool_of_arm(arm), taught, tell, floor.changed, programs))

@@ -12,14 +12,17 @@ import numpy as np
 
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
-from qrobot.errors import QRobotError
+from qrobot.errors import MotionError
 from qrobot.model.arm_shape import link_frames
-from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
+from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.pendant.program_runner import ProgramRunner
 from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
+from qrobot.pendant.taught_places import TaughtPlaces
 from qrobot.wire import State
+from qrobot.wire.vocabulary import RobotFlag
 
 LEAVE_S = 3.0  # an arm that moved is at rest by then
 
@@ -34,10 +37,13 @@ class ArmStation:
         taught: file of the places by name.
         on_state: takes each STATE.
         on_change: called, from any thread, when `status` is another.
+        programs: of the arm.
 
     Attributes:
         worker: the process that moves the arm.
         requests: those that need no session.
+        programs: of the arm.
+        places: taught ones.
     """
 
     def __init__(
@@ -48,27 +54,33 @@ class ArmStation:
         taught: Path,
         on_state: Callable[[State], None],
         on_change: Callable[[], None],
+        programs: ProgramRunner | None = None,
     ) -> None:
         self.arm, self.robot = arm, robot
         self.facts = arm_facts(arm.name, robot, tool_m)
         self.requests = ServoRequests(arm.name, self.tell)
         self.watch = ArmWatch(arm, self._hear, on_change)
-        self._taught, self._on_state, self._on_change = taught, on_state, on_change
+        self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
+        self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
         self.worker = JogWorker(arm, taught, self.tell)
         self._notice, self._notices = "", 0
         self._commanded = False
+        self.programs = programs or ProgramRunner(arm.name)
 
     @property
     def status(self) -> dict[str, Any]:
         """State of the arm beside its samples, for a page."""
+        taught = self.places.numbers()
         return {
             "problem": self.watch.problem,
             "notice": self._notice,
             "notices": self._notices,
             "session": self.worker.session,
             "commanded": self._commanded,
-            "places": self._places(),
+            "places": [*self.robot.poses, *taught],
+            "taught": taught,
+            "program": self.programs.facts,
         }
 
     def tell(self, text: str) -> None:
@@ -81,6 +93,7 @@ class ArmStation:
         """Stop the arm by bridge and servo at once, whichever answers, and let go of what is held."""
         self.requests.stop(self.watch.ask_stop())
         self.worker.say(do="stop")
+        self.programs.stop()
 
     def act(self, name: str) -> None:
         """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does."""
@@ -98,8 +111,39 @@ class ArmStation:
         """Bring the arm to rest and command it no longer; returns at once."""
         self.worker.say(do="off")
 
+    def leave_alone(self) -> None:
+        """The same when no page drives any longer; a program that commands the arm is paused on its path."""
+        self.give_arm()
+        if self.programs.live:
+            self.requests.act("pause")
+            self.tell("no page drives: the program is paused; `Drive from here`, and `Go on`")
+
+    def start_program(self, request: PageProgramStart) -> None:
+        """Start a program. Raises MotionError: the arm is not ready for it, or it was not confirmed; ConfigError."""
+        if request.manner == "live" and (why := self._why_not_live(request)):
+            raise MotionError(f"the program is not started: {why}")
+        self.programs.start(request)
+        self.tell(f"{request.name} is started")
+
+    def _why_not_live(self, request: PageProgramStart) -> str:
+        state = self._newest
+        if state is None or self.watch.problem:
+            return self.watch.problem or "nothing is known of the arm"
+        flags = RobotFlag(state.robot.flags)
+        reasons = (
+            (not request.confirmed, "confirm that the arm may move"),
+            (state.robot.fault != 0, "clear the fault"),
+            (RobotFlag.ESTOP_OK not in flags, "the emergency stop is pressed"),
+            (RobotFlag.CALIBRATED not in flags, "the arm is not calibrated"),
+            (RobotFlag.POWERED not in flags, "power on first"),
+            (self.worker.session != "no", "let go of the arm first"),
+            (self._commanded, "somebody else commands the arm"),
+        )
+        return next((text for wrong, text in reasons if wrong), "")
+
     def close(self) -> None:
-        """The same, and end the process that does it."""
+        """The same, and end the processes that do it."""
+        self.programs.close()
         self.worker.close()
         self.worker.wait(LEAVE_S)
 
@@ -108,19 +152,8 @@ class ArmStation:
         if self._newest is None or self.watch.problem:
             self.tell("nothing is known of where the arm is")
             return
-        try:
-            pose = reduce(np.matmul, link_frames(self.robot, self._newest.robot.q))  # no kernel: pages wait meanwhile
-            TransformFile(self._taught).write(name, pose)
-            self.tell(f"recorded {name} in {self._taught}")
-        except QRobotError as error:
-            self.tell(f"not recorded: {error}")
-
-    def _places(self) -> list[str]:
-        try:
-            taught = list(TransformFile(self._taught).values())
-        except QRobotError:
-            taught = []
-        return [*self.robot.poses, *taught]
+        pose = reduce(np.matmul, link_frames(self.robot, self._newest.robot.q))  # no kernel: pages wait meanwhile
+        self.places.record(name, pose)
 
     def _hear(self, state: State) -> None:
         self._newest = state

@@ -20,12 +20,15 @@ from qrobot.pendant.messages import (
     PageGive,
     PageHand,
     PageOverride,
+    PagePlace,
     PagePressed,
     PageRecord,
     PageRelease,
+    PageRemove,
     PageStop,
     PageTake,
 )
+from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.pendant.servo_requests import ANYBODY
 from qrobot.wire import State
 
@@ -131,6 +134,10 @@ class DriveFloor:
                 pass
             case PageAct(name=name) if name in ANYBODY:
                 self._of(message).act(name)
+            case PageProgramEnd():
+                self._of(message).programs.end()
+            case PageProgramInterrupt():
+                self._of(message).programs.interrupt()
             case _ if self._lease.holder != page.number:
                 if not isinstance(message, PageBeat | PageRelease):
                     self.complain("only the page that drives can do that: press `Drive from here`")
@@ -156,6 +163,14 @@ class DriveFloor:
                 self._of(message).worker.say(do="hand", opened=opened)
             case PageRecord(name=name):
                 self._of(message).record(name)
+            case PageRemove(name=name):
+                self._of(message).places.remove(name)
+            case PagePlace():
+                self._of(message).places.put(message)
+            case PageProgramStart():
+                self._of(message).start_program(message)
+            case PageProgramSay(line=line):
+                self._of(message).programs.say(line)
 
     def _press(self, message: PagePressed) -> None:
         """One arm moves at a time: what was held at another one is let go."""
@@ -177,7 +192,7 @@ class DriveFloor:
         for arm in self.arms:
             arm.worker.say(do="release")
             if leave:
-                arm.give_arm()
+                arm.leave_alone()
         if leave:
             self.changed()
 

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.held_press import PressTarget
+from qrobot.pendant.page_message import ArmNumber, PageMessage
+from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
 MOST_SHARE: Final = 4.0  # of the speeds at which jogging begins, as `qrobot jog` has it
 MOST_STEP: Final = 100.0  # [A] mm or degrees; rad or m of a joint are far below
 MOST_BYTES: Final = 4096  # of a message
-ArmNumber = Annotated[int, Field(ge=0, le=31)]
 PressNumber = Annotated[int, Field(ge=1, le=2**53)]
 PlaceName = Annotated[str, Field(min_length=1, max_length=40)]
-
-
-class PageMessage(BaseModel):
-    """A closed, frozen JSON object."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+PlaceNumber = Annotated[float, Field(ge=-100_000, le=100_000, allow_inf_nan=False, strict=False)]
 
 
 class PageAlive(PageMessage):
@@ -116,6 +112,28 @@ class PageRecord(PageMessage):
     name: PlaceName
 
 
+class PageRemove(PageMessage):
+    """Strike a taught place out."""
+
+    do: Literal["remove"]
+    arm: ArmNumber
+    name: PlaceName
+
+
+class PagePlace(PageMessage):
+    """Put a place under a name by its numbers: x, y, z in mm, roll, pitch, yaw in degrees, in the base.
+
+    Attributes:
+        instead: name that is given up for it, "" for none.
+    """
+
+    do: Literal["place"]
+    arm: ArmNumber
+    name: PlaceName
+    numbers: tuple[PlaceNumber, PlaceNumber, PlaceNumber, PlaceNumber, PlaceNumber, PlaceNumber] = Field(strict=False)
+    instead: str = Field(default="", max_length=40)
+
+
 AnyMessage = Annotated[
     PageAlive
     | PageStop
@@ -128,7 +146,13 @@ AnyMessage = Annotated[
     | PageBeat
     | PageRelease
     | PageHand
-    | PageRecord,
+    | PageRecord
+    | PageRemove
+    | PagePlace
+    | PageProgramStart
+    | PageProgramEnd
+    | PageProgramInterrupt
+    | PageProgramSay,
     Field(discriminator="do"),
 ]
 _MESSAGE: Final[TypeAdapter[AnyMessage]] = TypeAdapter(AnyMessage)

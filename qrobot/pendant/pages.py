@@ -15,7 +15,6 @@ from nicegui import ui
 from nicegui.element import Element
 
 WEB: Final = Path(__file__).parent / "web"
-TABS: Final = (("Drive", "drive"), ("Scope", "scope"), ("Teach", "teach"))
 TITLE: Final = "QRobot pendant"
 
 

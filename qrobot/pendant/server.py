@@ -21,6 +21,7 @@ from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
 from qrobot.pendant.live_socket import serve_page
 from qrobot.pendant.pages import add_pages
+from qrobot.pendant.queries import add_queries
 
 LOOPBACK: Final = "127.0.0.1"  # nothing is encrypted: from elsewhere through a tunnel
 TOKEN_BYTES: Final = 24
@@ -37,6 +38,7 @@ def make_app(floor: DriveFloor, token: str) -> Gate:
         await serve_page(floor, websocket)
 
     app.add_api_websocket_route(LIVE_PATH, live)
+    add_queries(app, floor)
     add_pages(app)
     return Gate(app, token)
 

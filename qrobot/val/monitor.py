@@ -18,6 +18,7 @@ from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
 
 HELP: Final[dict[str, str]] = {
     "EXECUTE": "p, cycles, step    run a program",
+    "XSTEP": "p, cycles, step    run a program up to behind its first step; NEXT does the next one",
     "DO": "step    one step, as DO MOVE a",
     "NEXT": "one step of the paused program",
     "PROCEED": "go on, first with the interrupted motion",
@@ -59,6 +60,7 @@ class ValMonitor:
         self._machine = interpreter.machine
         self._commands: dict[str, Callable[[str], str]] = {
             "EXECUTE": self._execute,
+            "XSTEP": lambda rest: self._execute(rest, single=True),
             "DO": self._do,
             "NEXT": lambda _: self._told(self._run.proceed(single=True)),
             "PROCEED": lambda _: self._told(self._run.proceed()),
@@ -123,12 +125,12 @@ class ValMonitor:
 
     # ------------------------------------------------------------------------------------------------------- programs
 
-    def _execute(self, rest: str) -> str:
+    def _execute(self, rest: str, single: bool = False) -> str:
         name, *numbers = [part.strip() for part in rest.split(",")]
         if not all(number.lstrip("-").isdecimal() for number in numbers) or len(numbers) > 2:
-            raise ProgramError("expected EXECUTE program, cycles, step", column=1)
+            raise ProgramError(f"expected {'XSTEP' if single else 'EXECUTE'} program, cycles, step", column=1)
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
-        return self._told(self._run.execute(name.lower(), cycles, step))
+        return self._told(self._run.execute(name.lower(), cycles, step, single))
 
     def _told(self, state: RunState) -> str:
         return f"{state.value}{': ' + self._run.message if self._run.message else ''}"

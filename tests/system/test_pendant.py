@@ -30,6 +30,7 @@ pytestmark = pytest.mark.realtime
 FAR_RAD = 0.02
 LOOKS_BEFORE_ANOTHER_PRESS = 5
 STILL_S = 0.4
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STALL_MS = 700
 PLUS_OF_JOINT_1 = 1  # of the buttons to hold
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
@@ -42,7 +43,7 @@ class Pendant:
     def __init__(self, arm: RunningArm, folder: Path) -> None:
         self.process = qrobot(
             "pendant", "--deployment", arm.deployment, "--arm", arm.name, "--port", "0", "--taught", folder / "t.db",
-            stderr=subprocess.DEVNULL,
+            "--programs", EXAMPLES, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().strip()
@@ -176,7 +177,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
 
 
 def every_tab_opens(page: Page) -> None:
-    for tab in ("scope", "teach", "drive"):
+    for tab in ("scope", "teach", "programs", "drive"):
         page.click(f"tab-{tab}")
         wait_until(lambda tab=tab: page.driver.find_element("css selector", f".pane-{tab}").is_displayed(), tab)
     complaints = [entry["message"] for entry in page.driver.get_log("browser") if entry["level"] == "SEVERE"]

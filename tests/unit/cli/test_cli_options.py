@@ -20,7 +20,19 @@ from qrobot.cli.main import make_app
 from qrobot.cli.option_types import Range
 
 APP: Final = make_app()
-READ: Final = {"--program", "--file", "--script", "--robot", "--a", "--b", "LOGS", "FILES", "--loaded", "--dynamic"} | {
+READ: Final = {
+    "--program",
+    "--file",
+    "--script",
+    "--robot",
+    "--a",
+    "--b",
+    "LOGS",
+    "FILES",
+    "--loaded",
+    "--dynamic",
+    "--programs",
+} | {
     "--previous",
     "--model",
     "--results",

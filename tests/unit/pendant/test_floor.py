@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from qrobot.config.deployment import load_deployment
-from qrobot.errors import MotionError
+from qrobot.errors import MotionError, RemoteProtocolError
 from qrobot.model.arm import Arm
 from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.arm_station import ArmStation
@@ -122,3 +122,77 @@ def test_what_a_page_is_told_first_has_every_arm_with_its_limits_and_every_code_
     assert (arm["joints"], arm["q_max"]) == (list(ROBOT.joint_names), ROBOT.limits.q_max.tolist())
     assert hello["codes"]["66"][0] == "FOLLOWING"
     assert hello["modes"]["7"] == "FAULT"
+
+
+START = {"do": "program start", "arm": 0, "name": "a.py", "manner": "live", "confirmed": True}
+READY = {"t_ns": 0, "mode": 5, "q": Q, "v": (0.0,) * 6, "tau": (0.0,) * 6, "q_setpoint": Q, "flags": 7}
+
+
+def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_the_arm_is_ready(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(floor.station.programs, "start", lambda request: floor.asked.append(request.manner))
+    assert floor.says(0, **START) == []
+    floor.says(0, do="take")
+    refusals = [
+        ({}, {"confirmed": False}, "confirm"),
+        ({"flags": 6}, {}, "power on first"),
+        ({"flags": 5}, {}, "not calibrated"),
+        ({"flags": 3}, {}, "emergency stop"),
+        ({"fault": 66}, {}, "clear the fault"),
+    ]
+    with pytest.raises(MotionError, match="nothing is known"):
+        floor.says(0, **START)
+    for state, message, why in refusals:
+        floor.station.watch._tell(State(1, RobotState(**READY | state)))  # type: ignore[arg-type]
+        with pytest.raises(MotionError, match=why):
+            floor.says(0, **START | message)
+    floor.station.watch._tell(State(1, RobotState(**READY), commanded=True))  # type: ignore[arg-type]
+    with pytest.raises(MotionError, match="somebody else commands"):
+        floor.says(0, **START)
+    assert floor.says(0, **START | {"manner": "offline", "confirmed": False}) == ["offline"]
+    floor.station.watch._tell(State(1, RobotState(**READY)))  # type: ignore[arg-type]
+    floor.station.worker.session = "ready"
+    with pytest.raises(MotionError, match="let go of the arm"):
+        floor.says(0, **START)
+    floor.station.worker.session = "no"
+    assert floor.says(0, **START) == ["live"]
+
+
+def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_when_no_page_drives(
+    floor: Floor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    programs = floor.station.programs
+    monkeypatch.setattr(type(programs), "live", True)
+    monkeypatch.setattr(programs, "end", lambda: floor.asked.append("end"))
+    monkeypatch.setattr(programs, "say", floor.asked.append)
+    assert floor.says(1, do="stop") == ["stop", {"do": "stop"}, "end"]
+    assert floor.says(1, do="program end", arm=0) == ["end"]
+    assert floor.says(1, do="program say", arm=0, line="NEXT") == []
+    floor.says(0, do="take")
+    assert floor.says(0, do="program say", arm=0, line="NEXT") == ["NEXT"]
+    del floor.asked[:]
+    floor.leave(floor.pages[0])
+    assert floor.asked == [{"do": "release"}, {"do": "off"}, "pause"]
+    assert "the program is paused" in floor.station.status["notice"]
+
+
+def test_places_are_edited_by_their_numbers_renamed_and_struck_out(floor: Floor, tmp_path: Path) -> None:
+    place = {"do": "place", "arm": 0, "name": "A", "numbers": [500, 0, 300, 0, 180, 45]}
+    floor.says(0, do="take")
+    floor.says(0, **place)
+    assert floor.station.status["taught"] == {"A": pytest.approx([500, 0, 300, 180, 0, -135])}  # the same orientation
+    file = TransformFile(tmp_path / "t.db")
+    assert file.values()["A"][:3, 3] == pytest.approx([0.5, 0, 0.3])
+    floor.says(0, **place | {"name": "B", "instead": "A"})
+    assert file.names() == ["B"]
+    for refused in ({"name": "B"}, {"name": "park"}, {"name": "C", "instead": "A"}, {"name": "a b", "instead": "B"}):
+        floor.says(0, **place | refused)
+        assert floor.station.status["notice"].startswith("not recorded"), refused
+    floor.says(1, do="remove", arm=0, name="B")
+    assert file.names() == ["B"]
+    floor.says(0, do="remove", arm=0, name="B")
+    assert file.names() == []
+    for numbers in ([1, 2, 3], [1, 2, 3, 4, 5, float("nan")], [1, 2, 3, 4, 5, 1e9]):
+        with pytest.raises(RemoteProtocolError):
+            decode_message(json.dumps(place | {"numbers": numbers}))

@@ -55,6 +55,13 @@ def test_where_tells_place_and_joints_of_the_arm() -> None:
     assert where.endswith("joints 0.00 -90.00 90.00 0.00 0.00 0.00")
 
 
+def test_a_program_is_stepped_from_its_beginning() -> None:
+    answers = session(main_program("x = 1", "x = 2"), "XSTEP main", "LISTR", "NEXT", "LISTR", "XSTEP main,x")
+    assert answers[0] == "paused: at step 2 of program main"
+    assert (answers[1], answers[3]) == ("x 1", "x 2")
+    assert "expected XSTEP" in answers[4]
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -137,10 +137,10 @@ function axisRow(title, axisUnit, a, ask) {
 }
 
 // Motions of any program: their speed override, and standing still on the path.
-function speedCard() {
-  const slider = el("input", { type: "range", id: "override", min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
-  const told = el("output", { class: "number", id: "override-told" });
-  const pause = el("button", { id: "pause", onclick: () => link.act(paused() ? "resume" : "pause") });
+export function speedCard(prefix = "") {
+  const slider = el("input", { type: "range", id: `${prefix}override`, min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
+  const told = el("output", { class: "number", id: `${prefix}override-told` });
+  const pause = el("button", { id: `${prefix}pause`, onclick: () => link.act(paused() ? "resume" : "pause") });
   const paused = () => Boolean((link.arm?.state?.flags ?? 0) & PAUSED);
   let asked = -Infinity;
   slider.addEventListener("input", () => (asked = performance.now()));

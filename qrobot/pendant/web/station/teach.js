@@ -1,27 +1,53 @@
-// The tab Teach: places by name, recorded here and gone to while a button is held.
+// The tab Teach: places by name, recorded here, edited by their numbers, and gone to while a button is held.
 import { el } from "./dom.js";
 import { holdButton } from "./hold.js";
 import { link } from "./link.js";
 
+const NUMBERS = [["x", "mm"], ["y", "mm"], ["z", "mm"], ["roll", "°"], ["pitch", "°"], ["yaw", "°"]];
+const NAME = { maxlength: "40", pattern: "[^\\s#]+", required: true };
+
 export function makeTeach(root) {
   const list = el("div", { class: "rows places" });
-  const name = el("input", { id: "place-name", "aria-label": "name of the place", placeholder: "name, without spaces", maxlength: "40", pattern: "[^\\s#]+" });
+  const name = el("input", { id: "place-name", "aria-label": "name of the place", placeholder: "name, without spaces", ...NAME });
   const record = el("form", { class: "record" }, name, el("button", { id: "record" }, "Record where the arm is"));
   record.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (name.value) link.say({ do: "record", arm: link.chosen, name: name.value });
+    link.say({ do: "record", arm: link.chosen, name: name.value });
     name.value = "";
   });
   root.append(
-    el("section", { class: "card" }, el("h2", {}, "Record"), record, el("p", { class: "hint" }, "Only the page that drives records. Programs read the file by DataBase(path).get(name).")),
-    el("section", { class: "card" }, el("h2", {}, "Go to a place"), el("p", { class: "hint" }, "Hold the button: all joints move together, slowly; let go to stop."), list),
+    el("section", { class: "card" }, el("h2", {}, "Record"), record, el("p", { class: "hint" }, "Only the page that drives records and edits. Programs read the file by DataBase(path).get(name).")),
+    el("section", { class: "card" }, el("h2", {}, "Places"), el("p", { class: "hint" }, "Hold Go: all joints move together, slowly; let go to stop."), list),
   );
-  let known = "";
+  let known = "", edited = "";
   const show = () => {
-    const places = link.armStatus?.places ?? [];
-    if (known === places.join("\n")) return;
-    known = places.join("\n");
-    list.replaceChildren(...places.map((place) => el("div", { class: "row" }, el("span", { class: "middle" }, place), holdButton("Hold to go", `to ${place}`, () => ({ target: "place", name: place, share: 1 })))));
+    const { places = [], taught = {} } = link.armStatus ?? {};
+    const now = JSON.stringify([places, taught, edited]);
+    if (known === now) return;
+    known = now;
+    list.replaceChildren(...places.flatMap((place) => row(place, taught[place])));
   };
+  const edit = (place) => ((edited = place), show());
+
+  function row(place, numbers) {
+    const goes = holdButton("Go", `to ${place}`, () => ({ target: "place", name: place, share: 1 }));
+    const told = numbers ? numbers.map((number) => number.toFixed(1)).join("  ") : "pose of the robot";
+    const line = el("div", { class: "row" }, el("span", { class: "middle" }, place, el("small", { class: "numbers" }, told)), numbers ? el("button", { class: "edit", "aria-label": `edit ${place}`, onclick: () => edit(edited === place ? "" : place) }, "Edit") : null, goes);
+    return numbers && edited === place ? [line, editor(place, numbers)] : [line];
+  }
+
+  function editor(place, numbers) {
+    const title = el("input", { "aria-label": "name", value: place, ...NAME });
+    const cells = numbers.map((number, k) => el("input", { type: "number", step: "any", required: true, value: String(number), "aria-label": `${NUMBERS[k][0]}, ${NUMBERS[k][1]}` }));
+    const remove = el("button", { type: "button", onclick: () => (remove.dataset.on === undefined ? ((remove.dataset.on = ""), (remove.textContent = "Really delete")) : (link.say({ do: "remove", arm: link.chosen, name: place }), edit(""))) }, "Delete");
+    const form = el("form", { class: "place-editor" }, el("label", {}, "name ", title), ...cells.map((cell, k) => el("label", {}, `${NUMBERS[k].join(", ")} `, cell)), el("div", { class: "buttons" }, el("button", {}, "Save"), el("button", { type: "button", onclick: () => edit("") }, "Cancel"), remove));
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      link.say({ do: "place", arm: link.chosen, name: title.value, numbers: cells.map((cell) => Number(cell.value)), instead: place });
+      edit("");
+    });
+    return form;
+  }
+
   for (const event of ["status", "chosen"]) link.addEventListener(event, show);
 }

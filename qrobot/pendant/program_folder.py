@@ -1,0 +1,102 @@
+"""Programs that the pendant may start: those of one folder, by their names in it. No page names a path."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from qrobot.errors import ConfigError
+
+LANGUAGES: Final = {".py": "Python", ".c": "C", ".v2": "VAL"}
+MOST_PROGRAMS: Final = 500
+MOST_LETTERS: Final = 200_000  # of a source
+_VAL_PROGRAM: Final = re.compile(r"^\s*\.PROGRAM\s+([A-Za-z][\w.]*)", re.MULTILINE | re.IGNORECASE)
+
+
+class ProgramFolder:
+    """A folder and those right below it.
+
+    Args:
+        path: of the folder; None when the pendant was given none.
+
+    Raises:
+        ConfigError: it is no folder, or there are no programs in it.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._root = None if path is None else _checked(path)
+
+    @property
+    def where(self) -> str:
+        """The folder, for people."""
+        return "" if self._root is None else str(self._root)
+
+    def listing(self) -> list[dict[str, Any]]:
+        """Each program: its name, language, and the names that VAL knows in it."""
+        return [
+            {"name": name, "language": LANGUAGES[path.suffix], "parts": _parts(path)}
+            for name, path in self._programs().items()
+        ]
+
+    def path_of(self, name: str) -> Path:
+        """Path of a program of the folder. Raises ConfigError: there is none of that name."""
+        programs = self._programs()
+        if name not in programs:
+            raise ConfigError(f"there is no program {name!r} in {self.where or 'the folder of programs'}")
+        return programs[name]
+
+    def source(self, name: str) -> str:
+        """Its text, as far as a page shows it. Raises ConfigError: there is none, or it cannot be read."""
+        return _text(self.path_of(name))
+
+    def _programs(self) -> dict[str, Path]:
+        if self._root is None:
+            return {}
+        found = {str(path.relative_to(self._root)): path for path in sorted(_files(self._root))}
+        return dict(list(found.items())[:MOST_PROGRAMS])
+
+
+def _checked(path: Path) -> Path:
+    """The whole path of a folder of programs."""
+    try:
+        root = path.resolve(strict=True)
+        if root == Path(root.anchor) or not root.is_dir():
+            raise ConfigError(f"--programs {path}: not a folder of programs")
+        if next(_files(root), None) is None:
+            raise ConfigError(f"--programs {path}: there are no programs in it: {', '.join(LANGUAGES)}")
+    except OSError as error:
+        raise ConfigError(f"--programs {path}: {error.strerror}") from None
+    return root
+
+
+def _files(root: Path) -> Iterator[Path]:
+    for pattern in ("*", "*/*"):
+        for path in root.glob(pattern):
+            hidden = any(part.startswith((".", "_")) for part in path.relative_to(root).parts)
+            if path.suffix in LANGUAGES and not hidden and path.is_file() and _is_inside(path, root):
+                yield path
+
+
+def _is_inside(path: Path, root: Path) -> bool:
+    """A link may lead elsewhere."""
+    return path.resolve().is_relative_to(root)
+
+
+def _parts(path: Path) -> list[str]:
+    """Programs of a VAL file; empty for the others, and for one that cannot be read."""
+    if LANGUAGES[path.suffix] != "VAL":
+        return []
+    try:
+        return [name.lower() for name in _VAL_PROGRAM.findall(_text(path))]
+    except ConfigError:
+        return []
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.read(MOST_LETTERS)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path.name}: {error.strerror}") from None

@@ -1,0 +1,166 @@
+"""Programs of one arm at the pendant: off line, in lock-step or live, one at a time."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any, Final
+
+from qrobot.errors import MotionError
+from qrobot.pendant.command_run import CommandRun
+from qrobot.pendant.program_folder import LANGUAGES, ProgramFolder
+from qrobot.pendant.program_messages import PageProgramStart
+
+NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
+RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
+CLOSE_S: Final = 5.0  # a program that is ended is killed by then
+
+
+class ProgramRunner:
+    """Belongs to one arm.
+
+    Args:
+        arm: instance name.
+        folder: of the programs.
+        deployment: file of the arm.
+        changed: called, from any thread, when `facts` are others.
+
+    Attributes:
+        folder: of the programs.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        folder: ProgramFolder | None = None,
+        deployment: str = "",
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.folder = folder or ProgramFolder(None)
+        self._place = ["--deployment", deployment, "--arm", arm]
+        self._changed = changed
+        self._run: CommandRun | None = None
+        self._request: PageProgramStart | None = None
+        self._runs = 0
+        self._results: Path | None = None
+        self._complained: tuple[int, int | None] = 0, None  # run, and the line of its source that an error is about
+
+    @property
+    def live(self) -> bool:
+        """A program runs that commands the arm."""
+        return self._running is not None and self._request is not None and self._request.manner == "live"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The newest run, for a page."""
+        run, request = self._run, self._request
+        if run is None or request is None:
+            return {"run": 0, "state": "none"}
+        return {
+            "run": self._runs,
+            "state": run.state,
+            "name": request.name,
+            "manner": request.manner,
+            "stepping": request.step,
+            "told": run.told,
+            "line": self._error_line(run, request) if run.state == "failed" else None,
+        }
+
+    def start(self, request: PageProgramStart) -> None:
+        """Start a program. Raises MotionError: another one runs; ConfigError: there is none of that name."""
+        if self._running is not None:
+            raise MotionError("a program runs: end it first")
+        path = self.folder.path_of(request.name)
+        self._discard()
+        self._results = Path(mkdtemp(prefix="qrobot-pendant-"))
+        self._request = request
+        self._runs += 1
+        self._run = CommandRun(
+            self._commands(request, path, self._results),
+            self._changed,
+            0 if request.manner == "live" else NICE,
+            [f"SPEED {request.speed:g}", f"XSTEP {request.execute}"] if request.step else [],
+        )
+        self._changed()
+
+    def end(self) -> None:
+        """End what runs; returns at once."""
+        if (run := self._running) is not None:
+            run.end()
+
+    def stop(self) -> None:
+        """End a program that commands the arm; returns at once."""
+        if self.live:
+            self.end()
+
+    def say(self, line: str) -> None:
+        """A line for its input."""
+        if (run := self._running) is not None:
+            run.output.note(f"> {line}")
+            run.say(line)
+
+    def interrupt(self) -> None:
+        """Interrupt a program that is stepped."""
+        if (run := self._running) is not None and self._request is not None and self._request.step:
+            run.interrupt()
+
+    def output(self, after: int) -> dict[str, Any]:
+        """Lines that the newest run has printed, from number `after` on, and which `RESULTS` it has written."""
+        lines = self._run.output.since(after) if self._run else None
+        return {
+            "run": self._runs,
+            "first": lines.first if lines else 0,
+            "lines": lines.lines if lines else [],
+            "results": [name for name in RESULTS if self.result(name)],
+        }
+
+    def result(self, name: str) -> Path | None:
+        """A file that the newest run has written, one of `RESULTS`; None: there is none."""
+        path = None if self._results is None or name not in RESULTS else self._results / RESULTS[name]
+        return path if path is not None and path.is_file() else None
+
+    def close(self) -> None:
+        """End what runs, and wait for it."""
+        if (run := self._running) is not None:
+            run.end()
+            run.wait(CLOSE_S)
+        self._discard()
+
+    @property
+    def _running(self) -> CommandRun | None:
+        return self._run if self._run is not None and self._run.state == "running" else None
+
+    def _discard(self) -> None:
+        if self._results is not None:
+            shutil.rmtree(self._results, ignore_errors=True)
+            self._results = None
+
+    def _commands(self, request: PageProgramStart, path: Path, results: Path) -> list[Sequence[str]]:
+        """Arguments of `qrobot`, command by command."""
+        manner = [] if request.manner == "live" else [f"--{request.manner}"]
+        if LANGUAGES[path.suffix] != "VAL" and request.step:
+            raise MotionError("only programs of VAL can be stepped")
+        if request.step:
+            return [["val", "--load", str(path), *self._place, *manner]]
+        place = [*self._place, *manner, "--output", str(results)]
+        match LANGUAGES[path.suffix]:
+            case "VAL":
+                how = ["--execute", request.execute, "--speed", f"{request.speed:g}"]
+                return [["val", "run", str(path), *how, *place]]
+            case "C":
+                made = str(results / path.stem)
+                return [["cc", str(path), "-o", made], ["run", *place, made]]
+            case _:
+                return [["run", *place, str(path)]]
+
+    def _error_line(self, run: CommandRun, request: PageProgramStart) -> int | None:
+        """Line of the source that the output complains of: the last one, of a compiler the first one."""
+        if self._complained[0] != self._runs:
+            name = Path(request.name).name
+            pattern = re.compile(rf"(?<![\w.]){re.escape(name)}\"?(?:, line |:)(\d+)")
+            found = [match[1] for line in run.output.since(0).lines for match in pattern.finditer(line)]
+            self._complained = self._runs, int(found[0 if name.endswith(".c") else -1]) if found else None
+        return self._complained[1]

@@ -1,0 +1,70 @@
+"""Questions of pages beside the live connection: they read, and change nothing. Behind the gate as everything is."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+from qrobot.errors import QRobotError
+from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.floor import DriveFloor
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+SETPOINT_HEAD: Final = struct.Struct("<IId")  # samples, joints, period in s; then 32-bit floats, sample by sample
+MOST_SETPOINTS: Final = 200_000  # an hour and a half at 28 ms
+MOST_BYTES: Final = 64 << 20  # of a setpoint file
+
+
+def add_queries(app: FastAPI, floor: DriveFloor) -> None:
+    """Answer pages with an application of FastAPI."""
+    from fastapi import HTTPException, Response
+    from fastapi.responses import PlainTextResponse
+
+    def of(arm: int) -> ArmStation:
+        if not 0 <= arm < len(floor.arms):
+            raise HTTPException(404, "there is no such arm")
+        return floor.arms[arm]
+
+    def told(ask: Callable[[], Any]) -> Any:
+        try:
+            return ask()
+        except QRobotError as error:
+            raise HTTPException(404, str(error)) from None
+
+    def programs(arm: int) -> dict[str, Any]:
+        folder = of(arm).programs.folder
+        return {"where": folder.where, "programs": folder.listing()}
+
+    def source(arm: int, name: str) -> PlainTextResponse:
+        return PlainTextResponse(told(lambda: of(arm).programs.folder.source(name)))
+
+    def output(arm: int, after: int) -> dict[str, Any]:
+        return of(arm).programs.output(after)
+
+    def requests(arm: int) -> PlainTextResponse:
+        path = of(arm).programs.result("requests")
+        if path is None:
+            raise HTTPException(404, "there is no trace of that run")
+        return PlainTextResponse(path.read_text(errors="replace"))
+
+    def setpoints(arm: int) -> Response:
+        return Response(told(lambda: _setpoints(of(arm))), media_type="application/octet-stream")
+
+    for answer in (source, output, requests, setpoints):
+        app.add_api_route(f"/ask/programs/{answer.__name__}", answer, methods=["GET"], response_model=None)
+    app.add_api_route("/ask/programs", programs, methods=["GET"], response_model=None)
+
+
+def _setpoints(arm: ArmStation) -> bytes:
+    """Setpoints of the newest run, empty when it has none."""
+    from qrobot.rccl.setpoints import read_setpoints
+
+    path = arm.programs.result("setpoints")
+    if path is None or path.stat().st_size > MOST_BYTES:
+        return SETPOINT_HEAD.pack(0, arm.robot.n, 0.0)
+    found = read_setpoints(path)
+    q = found.q[:MOST_SETPOINTS]
+    return SETPOINT_HEAD.pack(*q.shape, found.period_us * 1e-6) + q.astype("<f4").tobytes()

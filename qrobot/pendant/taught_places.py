@@ -1,0 +1,77 @@
+"""Places by name at the pendant: recorded, put in by their numbers, struck out. What cannot be done is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import ConfigError, QRobotError
+from qrobot.model.orientation import rpy_angles
+from qrobot.model.transform import rpy, transform
+from qrobot.model.transform_file import TransformFile
+from qrobot.pendant.messages import PagePlace
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
+
+
+class TaughtPlaces:
+    """Places of one file.
+
+    Args:
+        path: of the file, as `qrobot teach` has it.
+        poses: names of the robot's own poses, which no place may have.
+        tell: takes a line for people.
+    """
+
+    def __init__(self, path: Path, poses: tuple[str, ...], tell: Callable[[str], None]) -> None:
+        self._path, self._poses, self._tell = path, poses, tell
+
+    def numbers(self) -> dict[str, list[float]]:
+        """x, y, z in mm and roll, pitch, yaw in degrees, by name; empty when the file cannot be read."""
+        try:
+            values = TransformFile(self._path).values()
+        except QRobotError:
+            return {}
+        return {name: _numbers(T) for name, T in values.items()}
+
+    def record(self, name: str, pose: Floats) -> None:
+        """Put a pose, shape (4, 4), m, under a name."""
+        self._change(lambda file: file.write(self._free(name), pose), f"recorded {name} in {self._path}")
+
+    def remove(self, name: str) -> None:
+        """Strike a place out."""
+        self._change(lambda file: file.remove(name), f"removed {name} from {self._path}")
+
+    def put(self, place: PagePlace) -> None:
+        """Put a place under a name by its numbers; the name that it had is given up."""
+        position, angles = np.array(place.numbers[:3]) * M_PER_MM, np.array(place.numbers[3:]) * RAD_PER_DEG
+
+        def change(file: TransformFile) -> None:
+            if place.instead and place.instead not in file.names():
+                raise ConfigError(f"{self._path}: no place {place.instead!r}")
+            if place.name != place.instead and place.name in file.names():
+                raise ConfigError(f"{self._path}: there is a place {place.name!r} already")
+            file.write(self._free(place.name), transform(rpy(*angles), position))
+            if place.instead and place.instead != place.name:
+                file.remove(place.instead)
+
+        self._change(change, f"{place.name} is in {self._path}")
+
+    def _free(self, name: str) -> str:
+        if name in self._poses:
+            raise ConfigError(f"{name!r} is a pose of the robot: choose another name")
+        return name
+
+    def _change(self, change: Callable[[TransformFile], None], done: str) -> None:
+        try:
+            change(TransformFile(self._path))
+            self._tell(done)
+        except QRobotError as error:
+            self._tell(f"not recorded: {error}")
+
+
+def _numbers(pose: Floats) -> list[float]:
+    angles = np.array(rpy_angles(pose[:3, :3])) * DEG_PER_RAD
+    return [round(float(number), 6) + 0.0 for number in [*(pose[:3, 3] * MM_PER_M), *angles]]

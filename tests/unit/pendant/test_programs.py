@@ -1,0 +1,131 @@
+"""Programs at the pendant: which there are, what is started for them, and what their errors are about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from qrobot.errors import ConfigError, MotionError
+from qrobot.pendant import program_runner
+from qrobot.pendant.output_tail import OutputTail
+from qrobot.pendant.program_folder import ProgramFolder
+from qrobot.pendant.program_messages import PageProgramStart
+from qrobot.pendant.program_runner import NICE, ProgramRunner
+
+VAL = ".PROGRAM main\n  READY\n.END\n.program Other.one()\n.END\n"
+PLACE = ["--deployment", "arms.toml", "--arm", "puma"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    programs = tmp_path / "programs"
+    (programs / "sub" / "deep").mkdir(parents=True)
+    (tmp_path / "secret.py").write_text("secret")
+    for name in ("a.py", "sub/b.c", ".hidden.py", "notes.txt", "sub/deep/c.py"):
+        (programs / name).write_text(f"# {name}")
+    (programs / "v.v2").write_text(VAL)
+    (programs / "out.py").symlink_to(tmp_path / "secret.py")
+    return programs
+
+
+class FakeRun:
+    """A run that never starts a process."""
+
+    def __init__(self, commands: Any, _changed: Callable[[], None], niceness: int, lines: Sequence[str]) -> None:
+        self.commands, self.niceness, self.lines = commands, niceness, lines
+        self.output, self.state, self.told = OutputTail(), "running", ""
+        self.calls: list[str] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.calls.append(" ".join([name, *map(str, arguments)]))
+
+
+@pytest.fixture
+def runner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> ProgramRunner:
+    monkeypatch.setattr(program_runner, "CommandRun", FakeRun)
+    return ProgramRunner("puma", ProgramFolder(folder), "arms.toml")
+
+
+def started(runner: ProgramRunner, name: str, manner: str = "offline", **more: Any) -> Any:
+    runner.start(PageProgramStart(do="program start", arm=0, name=name, manner=manner, **more))  # type: ignore[arg-type]
+    return runner._run
+
+
+def test_programs_of_the_folder_are_listed_and_a_page_reaches_no_other_file(folder: Path) -> None:
+    programs = ProgramFolder(folder)
+    assert [(each["name"], each["language"], each["parts"]) for each in programs.listing()] == [
+        ("a.py", "Python", []), ("sub/b.c", "C", []), ("v.v2", "VAL", ["main", "other.one"]),
+    ]  # fmt: skip
+    assert programs.source("sub/b.c") == "# sub/b.c"
+    for name in ("../secret.py", "out.py", str(folder / "a.py"), "sub/../a.py", "notes.txt", ".hidden.py", "./a.py"):
+        with pytest.raises(ConfigError, match="there is no program"):
+            programs.source(name)
+    assert ProgramFolder(None).listing() == []
+    (folder / "empty").mkdir()
+    for path in (folder / "none", folder / "a.py", folder / "empty", Path("/")):
+        with pytest.raises(ConfigError, match="--programs"):
+            ProgramFolder(path)
+
+
+def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(
+    runner: ProgramRunner, folder: Path
+) -> None:
+    run = started(runner, "a.py")
+    results = run.commands[0][run.commands[0].index("--output") + 1]
+    assert run.commands == [["run", *PLACE, "--offline", "--output", results, str(folder / "a.py")]]
+    assert run.niceness == NICE
+    with pytest.raises(MotionError, match="end it first"):
+        started(runner, "a.py")
+    assert not runner.live
+    runner.stop()
+    assert run.calls == []
+    run.state = "done"
+    run = started(runner, "sub/b.c", "live")
+    assert not Path(results).exists()
+    results = run.commands[1][run.commands[1].index("--output") + 1]
+    assert run.commands[0] == ["cc", str(folder / "sub/b.c"), "-o", f"{results}/b"]
+    assert run.commands[1] == ["run", *PLACE, "--output", results, f"{results}/b"]
+    assert run.niceness == 0
+    assert runner.live
+    runner.stop()
+    assert run.calls == ["end"]
+    run.state = "ended"
+    run = started(runner, "v.v2", "lockstep", execute="other.one", speed=20)
+    assert run.commands[0][:7] == ["val", "run", str(folder / "v.v2"), "--execute", "other.one", "--speed", "20"]
+    run.state = "ended"
+    run = started(runner, "v.v2", step=True)
+    assert run.commands == [["val", "--load", str(folder / "v.v2"), *PLACE, "--offline"]]
+    assert run.lines == ["SPEED 50", "XSTEP main"]
+    runner.say("NEXT")
+    runner.interrupt()
+    assert run.calls == ["say NEXT", "interrupt"]
+    assert runner.output(0)["lines"] == ["> NEXT"]
+    run.state = "failed"
+    with pytest.raises(MotionError, match="only programs of VAL"):
+        started(runner, "a.py", step=True)
+    runner.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "line"),
+    [
+        ("a.py", ['  File "/x/a.py", line 7, in <module>', '  File "/x/a.py", line 3, in go', "ZeroDivisionError"], 3),
+        ("a.py", ["qrobot: P is out of reach (/x/a.py, line 12)"], 12),
+        ("a.py", ["qrobot: there is no arm; data.py, line 9"], None),
+        ("sub/b.c", ["/x/sub/b.c:4:2: error: 'p' undeclared", "/x/sub/b.c:9:1: error: more"], 4),
+        ("v.v2", ["v.v2, line 2, column 3: there is no step READDY"], 2),
+    ],
+)
+def test_the_line_that_an_error_is_about_is_found(
+    runner: ProgramRunner, name: str, said: list[str], line: int | None
+) -> None:
+    run = started(runner, name)
+    assert "line" not in runner.facts or runner.facts["line"] is None
+    for text in said:
+        run.output.note(text)
+    run.state = "failed"
+    assert runner.facts["line"] == line
+    runner.close()
