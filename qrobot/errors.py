@@ -13,7 +13,8 @@ QRobotError
 ├── MotionError            a motion cannot be done
 │   ├── Unreachable        the pose is outside the workspace
 │   ├── JointLimit         a joint would leave its range
-│   └── Singular           the pose is singular for this arm
+│   ├── Singular           the pose is singular for this arm
+│   └── FenceCrossed       the arm would come too near a fence: carries fence, body, depth and place
 ├── ProgramError           a VAL II program or command is wrong: names line, column and what was expected
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
 ├── RogueTask              a control task of RCI took longer than it is allowed, and was ended
@@ -80,6 +81,24 @@ class JointLimit(MotionError):
 
 class Singular(MotionError):
     """The pose is singular for this arm, so the branch is not determined."""
+
+
+class FenceCrossed(MotionError):
+    """The arm would come too near a fence.
+
+    Attributes:
+        fence: its name; `itself` for the arm's own body.
+        body: part of the arm that is nearest to it.
+        depth_m: how far inside the margin of the fence.
+        share: of the way where that is, 0 to 1.
+    """
+
+    def __init__(self, message: str, fence: str = "", body: str = "", depth_m: float = 0.0, share: float = 0.0) -> None:
+        super().__init__(message)
+        self.fence, self.body, self.depth_m, self.share = fence, body, depth_m, share
+
+    def __reduce__(self) -> tuple[type[FenceCrossed], tuple[str, str, str, float, float]]:
+        return FenceCrossed, (str(self), self.fence, self.body, self.depth_m, self.share)
 
 
 class ProgramError(QRobotError):

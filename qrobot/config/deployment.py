@@ -15,6 +15,7 @@ from qrobot.config.can import CanTransport
 from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesTransport
+from qrobot.config.fences import FencesChoice
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.config.kinds import FileKind
 from qrobot.config.modbus import ModbusTransport
@@ -225,6 +226,7 @@ class DeployedArm(Table):
     servo: ServoChoice = ServoChoice()
     bridge: BridgeChoice
     log: LogChoice = LogChoice()
+    fences: FencesChoice | None = None
 
     @model_validator(mode="after")
     def _is_patient_with_its_transport(self) -> DeployedArm:

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from qrobot.arrays import Bools, Floats, Ints
 from qrobot.config.document import Section, Table, check_document, config_path, read_document
 from qrobot.config.kinds import FileKind
+from qrobot.config.shape import Shape
 from qrobot.config.values import (
     Coupling,
     Degrees,
@@ -251,6 +252,7 @@ class Robot(Table):
     control: Control
     guard: Guard
     board: BoardSection
+    shape: Shape | None = None
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Robot:
@@ -291,6 +293,9 @@ def _disagreements(robot: Robot) -> Iterator[str]:
         yield "guard.tau_max exceeds what the DAC can ask for"
     if (robot.guard.a_stop > robot.limits.a_max).any():
         yield "guard.a_stop exceeds limits.a_max"
+    for capsule in robot.shape.capsules if robot.shape else ():
+        if capsule.link > robot.n:
+            yield f"shape.capsules: {capsule.name} is fixed to link {capsule.link}, and the last is {robot.n}"
     if robot.geometry.family == "puma" and not _is_puma(robot):
         yield 'geometry.family = "puma" needs the link twists and the zero offsets of a PUMA (modified DH)'
     if robot.geometry.family == "stanford" and not _is_stanford(robot):
