@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from qrobot.config.document import Table
+from qrobot.config.scene import Place
 
 MOST_SHAPES = 32  # [A] with those of the scene: what the table of the servo has room for
 
 FenceShape = Literal["box", "cylinder", "plane"]
 Bodies = Literal["all", "links", "tool"]
-Place = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, le=20, allow_inf_nan=False)]
 Margin = Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)]

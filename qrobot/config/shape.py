@@ -11,7 +11,7 @@ from qrobot.config.document import Section, Table
 MOST_CAPSULES = 24  # [A] of an arm with its tool: what the table of the servo has room for
 
 Coordinate = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
+LinkPoint = tuple[Coordinate, Coordinate, Coordinate]
 Pair = Annotated[tuple[str, str], Field(strict=False)]
 Radius = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 
@@ -24,8 +24,8 @@ class Capsule(Table):
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)
     link: int = Field(ge=0)
-    from_m: Point = Field(strict=False)
-    to_m: Point = Field(strict=False)
+    from_m: LinkPoint = Field(strict=False)
+    to_m: LinkPoint = Field(strict=False)
     radius_m: Radius
 
 
