@@ -84,7 +84,7 @@ def axis_outside(kind: int, half: Vec, a: Vec, b: Vec, enough: float) -> float:
 
 @lean_kernel
 def axis_inside(kind: int, half: Vec, a: Vec, b: Vec) -> float:
-    """How deep the points from `a` to `b` are inside at least; below zero when one of them is outside."""
+    """Least depth inside of the points from `a` to `b`; below zero when one of them is outside."""
     return -max(outside(kind, half, a), outside(kind, half, b))
 
 
