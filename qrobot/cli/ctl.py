@@ -242,10 +242,11 @@ def law(
     Parameters
     ----------
     name
-        pd, qrobot, qrobot+a, computed-torque, unimation, or your own as path/to/file.py:name, from this
-        folder.
+        pd, qrobot, qrobot+a, computed-torque, joint_impedance, cartesian_impedance, unimation, or your own as
+        path/to/file.py:name, from this folder.
     set
-        Settings of the law, such as --set band=0.01 share=0.05; the others have their default.
+        Settings of the law, such as --set band=0.01 share=0.05; the others have their default. An impedance that
+        is in force takes them at any time, also while it moves, and the others stay.
     """
     chosen = dict(map(_setting, set or ()))
     return _do(where, lambda servo: servo.change_law(whole_law_name(name), chosen))

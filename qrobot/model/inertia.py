@@ -25,14 +25,18 @@ def mass_matrix(params: DynamicsParams, q: Floats) -> Floats:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
+def sample_poses(robot: Robot) -> Floats:
+    """Poses over the range of `robot`: the named ones and a fixed random draw from the joints' range. Shape (m, n)."""
+    drawn = np.random.default_rng(_SEED).uniform(robot.limits.q_min, robot.limits.q_max, (RANDOM_POSES, robot.n))
+    return np.concatenate((np.array(list(robot.poses.values())), drawn))
+
+
 def mass_matrices(robot: Robot) -> Floats:
     """Mass matrices over the range of `robot`, with empty hand and with its payload at the flange. Shape (m, n, n).
 
-    The poses are the named ones and a fixed random draw from the joints' range.
+    The poses are those of `sample_poses`, once for each load.
     """
-    limits, empty = robot.limits, dynamics_params(robot)
-    drawn = np.random.default_rng(_SEED).uniform(limits.q_min, limits.q_max, (RANDOM_POSES, robot.n))
-    poses = np.concatenate((np.array(list(robot.poses.values())), drawn))
+    limits, empty, poses = robot.limits, dynamics_params(robot), sample_poses(robot)
     models = [empty]
     if limits.payload_kg > 0.0:
         models.append(with_payload(empty, limits.payload_kg, np.array([0.0, 0.0, robot.geometry.flange_m])))

@@ -131,3 +131,9 @@ def mode_name(mode: Any) -> str:
         return Mode(int(mode)).name
     except ValueError:
         return f"MODE_{int(mode)}"
+
+
+@lean_kernel
+def gives_way(state: Any) -> bool:
+    """The law in force is compliant, and has not failed: the arm may be pushed from where it was told to be."""
+    return bool(state.swap.compliant != 0 and state.law_failed == 0)

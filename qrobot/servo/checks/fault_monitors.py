@@ -32,7 +32,7 @@ from qrobot.servo.checks.potentiometer_monitor import pot_is_watching
 from qrobot.servo.checks.timing_checks import check_overrun, check_slowness, grown_row, skipped_points
 from qrobot.servo.event import report_event, report_fault, report_warning
 from qrobot.servo.memory.stop_record import note_incident
-from qrobot.servo.modes import gives_torque, wants_power
+from qrobot.servo.modes import gives_torque, gives_way, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.state import (
     ServoState,
@@ -55,6 +55,8 @@ STRAYED_READINGS: Final = 4  # that show it on its way, where the model is sure 
 STANDS_TURNS: Final = 0.5  # the model is sure of so much, and the potentiometer shows none of it
 COUPLING_SHARE: Final = 1.0  # C [A]; 2.5 kg in a PUMA's hand bring M_23 from 0.2 of the bound to 0.7
 SCALE_SHARE: Final = 0.3  # S [A]: torques a fifth too small, weights 5 % too light
+COMPLIANT_PUSH: Final = 0.7  # of tau_max [A], as where a robot file has no threshold of its own
+COMPLIANT_SPEED: Final = 8.0  # times the margin of a runaway: an arm that gives way may be pushed that fast [A]
 SETTLE_S: Final = 0.25  # seen without power: brakes close, the arm comes to rest
 NEVER_S: Final = -math.inf  # it has been told of, and is not looked for again before power is wanted anew
 
@@ -142,6 +144,7 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
         state.watch.work = 0.0
         return
     stale = unseen_s(params, state) * params.watch.pace > STALE
+    set_thresholds(params, state)
     motor_demand(params, state)
     inertial_torques(params, state)
     observe_motors(params, state, stale)
@@ -153,6 +156,15 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
 
 
 @lean_kernel
+def set_thresholds(params: ServoParameters, state: ServoState) -> None:
+    """Bound of the torque that nobody commanded: the robot file's, and more for an arm that gives way to a hand."""
+    compliant = gives_way(state)
+    for j in range(state.q.size):
+        usual = params.watch.unexplained[j]
+        state.watch.threshold[j] = max(usual, COMPLIANT_PUSH * params.tau_max[j]) if compliant else usual
+
+
+@lean_kernel
 def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> None:
     """The torque on every joint that nobody commanded, and what all of them together have done to the arm of late."""
     watch, power = state.watch, 0.0
@@ -161,7 +173,7 @@ def observe_motors(params: ServoParameters, state: ServoState, stale: bool) -> N
             _forget_motor(params, state, j)
         else:
             _observe_motor(params, state, j)
-        power += power_given(watch.push[j], state.v[j], params.watch.unexplained[j])
+        power += power_given(watch.push[j], state.v[j], watch.threshold[j])
     watch.work = recent_work(watch.work, power, state.dt)
 
 
@@ -282,7 +294,7 @@ def _observe_motor(params: ServoParameters, state: ServoState, j: int) -> None:
 @lean_kernel
 def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
     watch, limits, dt = state.watch, params.watch, state.dt
-    if abs(watch.push[j]) <= limits.unexplained[j] + watch.allowed[j]:
+    if abs(watch.push[j]) <= watch.threshold[j] + watch.allowed[j]:
         watch.over_s[j] = 0.0
     else:
         watch.over_s[j] += dt
@@ -300,8 +312,9 @@ def _watch_motor(params: ServoParameters, state: ServoState, j: int) -> None:
 def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
     watch, limits = state.watch, params.watch
     push, still_s = watch.push[j], watch.still_s[j]
-    margin = limits.runaway_speed[j] + thrown_speed(state, j)
-    most = limits.unexplained[j] + watch.allowed[j]
+    share = COMPLIANT_SPEED if gives_way(state) else 1.0
+    margin = share * limits.runaway_speed[j] + thrown_speed(state, j)
+    most = watch.threshold[j] + watch.allowed[j]
     code = check_push(
         push, most, watch.over_s[j], state.tau[j] - watch.load[j] - state.friction[j],
         state.v[j], state.v_ref[j], margin,

@@ -47,10 +47,10 @@ def check_velocity(v: Any, v_max: Any, factor: float) -> tuple[int, int]:
 
 
 @lean_kernel
-def check_following(q_ref: Any, q: Any, allowed: Any) -> tuple[int, int]:
-    """(code, joint): the arm is where it was told to be, within `allowed` rad. Shapes (n,)."""
+def check_following(q_ref: Any, q: Any, allowed: Any, share: float = 1.0) -> tuple[int, int]:
+    """(code, joint): the arm is where it was told to be, within `share` times `allowed` rad. Shapes (n,)."""
     for j in range(q.size):
-        if not abs(q_ref[j] - q[j]) <= allowed[j]:
+        if not abs(q_ref[j] - q[j]) <= share * allowed[j]:
             return FOLLOWING, j
     return NONE, NO_JOINT
 

@@ -58,6 +58,7 @@ class WatchState:
     load: Any  # gravity at the measured pose on every joint, N m (N)
     expected: Any  # momentum the torques account for, N m s (N s)
     push: Any  # torque nobody commanded, N m (N)
+    threshold: Any  # of that torque, N m (N): beyond it something is wrong, or in the way
     over_s: Any  # for how long it has been above its threshold
     counts: Any  # encoder counts at the last sample, int64
     counts_on: Any  # encoder counts when power came on, int64
@@ -143,7 +144,7 @@ def make_watch_state(n: int) -> WatchState:
 
     return WatchState(
         load=vector(), expected=vector(), push=vector(),
-        over_s=vector(), step=integers(n), along=integers(n),
+        threshold=vector(), over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
         swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),

@@ -14,6 +14,7 @@ from qrobot.servo.laws.computed_torque import computed_torque
 from qrobot.servo.laws.feedback import pd, qrobot, qrobot_acceleration
 from qrobot.servo.laws.file import is_file_law, load_law
 from qrobot.servo.laws.force import force
+from qrobot.servo.laws.impedance import cartesian_impedance, joint_impedance
 from qrobot.servo.laws.law import Law
 from qrobot.servo.laws.unimation import unimation
 
@@ -24,6 +25,8 @@ LAWS: Final[dict[str, Callable[[Robot], Law]]] = {
     "computed-torque": computed_torque.for_robot,
     "adaptive": adaptive.for_robot,
     "force": force.for_robot,
+    "joint_impedance": joint_impedance,
+    "cartesian_impedance": cartesian_impedance,
     "unimation": lambda _robot: unimation,
 }
 """The shipped laws, each made for a robot: some carry its model."""

@@ -45,9 +45,14 @@ class CasadiLaw:
     """A law as an expression; `for_robot` compiles it."""
 
     def __init__(
-        self, build: Callable[..., Any], settings: tuple[Setting, ...] = (), signals: tuple[str, ...] = ()
+        self,
+        build: Callable[..., Any],
+        settings: tuple[Setting, ...] = (),
+        signals: tuple[str, ...] = (),
+        compliant: bool = False,
     ) -> None:
         self._build, self._settings, self._signals = build, settings, checked_signals(signals)
+        self._compliant = compliant
         self._names = argument_names(build, (*EXTRAS, *_INPUTS))
         self.__doc__ = build.__doc__
 
@@ -63,7 +68,7 @@ class CasadiLaw:
             raise ConfigError(f"law {name}: {error}") from error
         if compiled.path not in _MADE:
             _MADE[compiled.path] = _body(compiled, self.__doc__)
-        return Law(_MADE[compiled.path], self._settings, signals=self._signals)
+        return Law(_MADE[compiled.path], self._settings, signals=self._signals, compliant=self._compliant)
 
 
 @overload

@@ -107,6 +107,7 @@ class Law(KernelPointer):
         settings: what can be chosen, in the order of the numbers.
         values: what was chosen. Shape (32,).
         signals: names of the numbers it leaves in the memory from `SIGNALS_AT` on, for the log.
+        compliant: it lets the arm give way, and goes over to other settings by itself, without a bump, at any time.
     """
 
     def __init__(
@@ -115,11 +116,12 @@ class Law(KernelPointer):
         settings: tuple[Setting, ...] = (),
         values: Floats | None = None,
         signals: tuple[str, ...] = (),
+        compliant: bool = False,
     ) -> None:
         super().__init__(function, LAW_SIGNATURE)
         if len(settings) > N_SETTINGS:
             raise ConfigError(f"a law has at most {N_SETTINGS} settings, not {len(settings)}")
-        self.settings, self.signals = settings, checked_signals(signals)
+        self.settings, self.signals, self.compliant = settings, checked_signals(signals), compliant
         self.values = np.zeros(N_SETTINGS)
         self.values[: len(settings)] = [setting.default for setting in settings]
         if values is not None:
@@ -147,7 +149,7 @@ class Law(KernelPointer):
             if name not in names:
                 raise ConfigError(f"the law has no setting {name!r}{_proposal(name, names)}")
             values[names.index(name)] = self.settings[names.index(name)].checked(value)
-        return Law(self.body, self.settings, values, self.signals)
+        return Law(self.body, self.settings, values, self.signals, self.compliant)
 
 
 @overload

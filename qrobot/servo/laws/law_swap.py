@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.realtime.atomics import load_acquire, store_release
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.pointer import function_at
@@ -50,6 +51,10 @@ class SwapState:
     done_tick: int = 0  # the cycle that dealt with it
     done_t_ns: int = 0  # planned time of that cycle
     last_law_at: int = 0  # address of the law before the one in force, 0 for none
+    compliant: int = 0  # 1: the law in force lets the arm give way
+    last_compliant: int = 0  # of the law before it
+    next_compliant: int = 0  # of the law asked for
+    only_settings: int = 0  # 1: asked for are other settings of the law in force, which goes over to them by itself
 
 
 def make_swap_state(law: Law, gains: Any) -> SwapState:
@@ -57,6 +62,7 @@ def make_swap_state(law: Law, gains: Any) -> SwapState:
     n = gains.shape[1]
     return SwapState(
         law_at=law.address,
+        compliant=int(law.compliant),
         gains=np.array(gains),
         next_gains=np.zeros((N_GAINS, n)),
         settings=np.array(law.values),
@@ -73,6 +79,14 @@ def ask_for_law(swap: SwapState, law: Law, gains: Any) -> None:
     swap.next_law_at = law.address
     swap.next_gains[:] = gains
     swap.next_settings[:] = law.values
+    swap.next_compliant, swap.only_settings = int(law.compliant), 0
+    _ask(swap)
+
+
+def ask_for_settings(swap: SwapState, values: Floats) -> None:
+    """Ask the loop for other settings (32,) of the law in force, which has to be compliant; in any mode."""
+    swap.next_settings[:] = values
+    swap.only_settings = 1
     _ask(swap)
 
 
@@ -111,13 +125,19 @@ def fade_bias(swap: Any, dt: float) -> None:
 def install(swap: Any) -> int:
     """Put the law asked for in force, as it is; the one before stays at hand."""
     if swap.law_at != swap.next_law_at:
-        swap.last_law_at = swap.law_at
+        swap.last_law_at, swap.last_compliant = swap.law_at, swap.compliant
         for k in range(swap.settings.size):
             swap.last_settings[k] = swap.settings[k]
-    swap.law_at = swap.next_law_at
+    swap.law_at, swap.compliant = swap.next_law_at, swap.next_compliant
     for k in range(swap.gains.shape[0]):
         for j in range(swap.gains.shape[1]):
             swap.gains[k, j] = swap.next_gains[k, j]
+    return take_settings(swap)
+
+
+@lean_kernel
+def take_settings(swap: Any) -> int:
+    """Put the settings asked for in force."""
     for k in range(swap.settings.size):
         swap.settings[k] = swap.next_settings[k]
     return SWAPPED
@@ -128,7 +148,7 @@ def fall_back(swap: Any) -> None:
     """Put the law before the one in force back, if there was one, for the one in force has failed. Gains stay."""
     if swap.last_law_at == 0:
         return
-    swap.law_at, swap.last_law_at = swap.last_law_at, 0
+    swap.law_at, swap.last_law_at, swap.compliant = swap.last_law_at, 0, swap.last_compliant
     for k in range(swap.settings.size):
         swap.settings[k] = swap.last_settings[k]
 

@@ -16,7 +16,7 @@ when it fails.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, Final
@@ -29,6 +29,7 @@ from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
 from qrobot.model.inertia import mass_matrices
 from qrobot.servo.kernels.velocity import Estimator, find_estimator
+from qrobot.servo.laws.impedance_feedback import maybe_feedback
 from qrobot.servo.settings import ServoSettings
 
 CFG_GAIN: Final = int(FaultCode.CFG_GAIN)
@@ -75,16 +76,19 @@ def loop_of(robot: Robot, settings: ServoSettings) -> Loop:
 def transitions(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> Floats:
     """The matrices that lead the closed loop from one cycle to the next, one for each mass matrix (m, n, n).
 
+    The gains are those of each joint (n,), or a matrix for each mass matrix (m, n, n).
+
     States, n of each: position, velocity, the estimator's one or three, the torque of the cycle before.
     """
-    n, m, T = kp.size, inertia.shape[0], loop.period_s
+    m, n, T = *inertia.shape[:2], loop.period_s
+    stiffness, damping = _by_pose(kp, m), _by_pose(kv, m)
     estimator = _observer(loop) if loop.observer else _difference(loop)
     last = 1 + len(estimator)
-    of_torque = np.stack([-np.diag(kv) @ block for block in estimator[0]])  # row of u, one block for each state
-    of_torque[0] -= np.diag(kp)
+    of_torque = np.stack([-damping @ block for block in estimator[0]], axis=1)  # row of u, a block for each state
+    of_torque[:, 0] -= stiffness
     acting = np.zeros_like(of_torque) if loop.delay else of_torque.copy()
     if loop.delay:
-        acting[last] = np.eye(n)
+        acting[:, last] = np.eye(n)
     pushed = np.linalg.inv(inertia)[:, None] @ acting  # (m, states, n, n)
     blocks = np.zeros((m, last + 1, last + 1, n, n))
     blocks[:, 0], blocks[:, 1] = 0.5 * T * T * pushed, T * pushed
@@ -93,6 +97,12 @@ def transitions(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> Floats:
     blocks[:, 1, 1] += np.eye(n)
     blocks[:, 2:last], blocks[:, last] = estimator[1:], of_torque
     return np.asarray(blocks.transpose(0, 1, 3, 2, 4).reshape(m, (last + 1) * n, (last + 1) * n))
+
+
+def _by_pose(gains: Floats, m: int) -> Floats:
+    """Gains of each joint (n,), or of each pose (m, n, n), as the latter."""
+    matrices = np.diag(gains) if gains.ndim == 1 else gains
+    return np.broadcast_to(matrices, (m, *matrices.shape[-2:]))
 
 
 def _difference(loop: Loop) -> Floats:
@@ -140,19 +150,28 @@ def damping_of(poles: Any) -> Floats:
 
 def are_sound(inertia: Floats, loop: Loop, kp: Floats, kv: Floats) -> bool:
     """True when gains keep both margins with every mass matrix (m, n, n). No number is no gain."""
-    if not (np.isfinite(kp).all() and np.isfinite(kv).all() and (kp >= 0.0).all() and (kv > 0.0).all()):
+    if not (np.isfinite(kp).all() and np.isfinite(kv).all()):
+        return False
+    if kp.ndim == 1 and not ((kp >= 0.0).all() and (kv > 0.0).all()):
         return False
     if not least_damping(inertia, loop, kp, kv) >= LEAST_DAMPING:
         return False
     return spectral_radius(inertia, loop, GAIN_MARGIN * kp, GAIN_MARGIN * kv) <= 1.0 + ON_THE_CIRCLE
 
 
-def check_gains(robot: Robot, settings: ServoSettings, law: str | None = None, gains: Floats | None = None) -> None:
+def check_gains(
+    robot: Robot,
+    settings: ServoSettings,
+    law: str | None = None,
+    gains: Floats | None = None,
+    chosen: Mapping[str, float] | None = None,
+) -> None:
     """Refuse gains that are not stable with margin at the servo's rate, unless somebody has signed for them.
 
     Args:
         robot: whose inertia counts, and whose gains do unless `gains` (3, n) are given.
         law: in force, the settings' own when left out.
+        chosen: settings of that law, by name; those of the settings when `law` is left out.
 
     Raises:
         ConfigError: names the joint, the gains it may have, and what to do.
@@ -160,9 +179,17 @@ def check_gains(robot: Robot, settings: ServoSettings, law: str | None = None, g
     if settings.unchecked_gains or settings.position_drives:
         return
     kp, kv, m0 = (robot.control.kp, robot.control.kv, robot.control.inertia) if gains is None else gains
-    loop, inertia = loop_of(robot, settings), _felt_inertia(robot, settings.law if law is None else law, m0)
-    if not are_sound(inertia, loop, kp, kv):
+    law, chosen = (settings.law, settings.law_settings) if law is None else (law, chosen or {})
+    loop, inertia = loop_of(robot, settings), _felt_inertia(robot, law, m0)
+    if not are_sound(inertia, loop, kp, kv):  # of an impedance, too: they are those of the law that replaces one
         raise ConfigError(_refusal(robot, inertia, loop, kp, kv))
+    feedback = maybe_feedback(robot, law, chosen, np.array([kp, kv, m0]))
+    if feedback is not None and not are_sound(inertia, loop, *feedback):
+        raise ConfigError(
+            f"{FaultCode(CFG_GAIN).name}: law {law} with these settings is not stable with margin in cycles of "
+            f"{loop.period_s * 1e3:g} ms: choose less stiffness or another damping_ratio, raise rate_hz, or sign for "
+            "them with unchecked_gains = true in [arm.servo]"
+        )
 
 
 def _felt_inertia(robot: Robot, law: str, m0: Floats) -> Floats:

@@ -63,7 +63,10 @@ class Calibrate(OperatorMessage):
 
 
 class ChangeLaw(OperatorMessage):
-    """Swap the control law, holding or without power. Of its `settings` those left out have their default."""
+    """Swap the control law, holding or without power. Of its `settings` those left out have their default.
+
+    A compliant law that is in force already gets other settings, in any mode; those left out stay.
+    """
 
     command: Literal["law"] = "law"
     name: str = Field(min_length=1, max_length=512)

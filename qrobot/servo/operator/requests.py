@@ -15,11 +15,10 @@ from functools import partial
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import ConfigError, LinkBusy, LinkLost, LinkTimeout, QRobotError
+from qrobot.errors import LinkBusy, LinkLost, LinkTimeout, QRobotError
 from qrobot.faultcodes import NO_JOINT, FaultCode, explain
 from qrobot.hwif.arm_clock import arm_time_ns
 from qrobot.hwif.board_memory import BoardSegment
@@ -33,6 +32,7 @@ from qrobot.servo.laws.law_swap import (
     OUT_OF_BOUNDS,
     SwapState,
     ask_for_law,
+    ask_for_settings,
     maybe_swap_result,
 )
 from qrobot.servo.laws.stability import check_gains
@@ -46,6 +46,7 @@ from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.force_zero import zero_force
+from qrobot.servo.operator.gain_rows import Matrix, changed_gains
 from qrobot.servo.operator.messages import (
     Calibrate,
     ChangeGains,
@@ -71,8 +72,6 @@ from qrobot.servo.operator.sockets import OperatorConnection
 from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.settings import ServoSettings
 
-MOST_GAIN: Final = 4.0  # times the robot file's, without force
-LEAST_GAIN: Final = {KP: 0.0, KV: 0.25, M0: 0.0}  # the same: a soft arm is wanted at times, an undamped one never
 LOOP_PATIENCE_S: Final = 0.5
 GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
 HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
@@ -85,7 +84,6 @@ _POLL_S: Final = 0.002
 _READING_S: Final = 0.005  # between two readings of a sensor
 _EDGE_TICKS: Final = 2  # then the servo has looked
 
-Matrix = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -286,7 +284,7 @@ class Controls:
             case ChangeLaw():
                 self._change_law(request, given_up or threading.Event())
             case ChangeGains():
-                self._swap(self._servo.law, self._servo.law_name, self._gains(request))
+                self._swap_gains(request)
 
     def _power_on(self) -> None:
         mailbox = self._servo.mailbox
@@ -332,6 +330,9 @@ class Controls:
     def _change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
         """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
         servo = self._servo
+        if servo.law.compliant and request.name == servo.law_name:
+            self._change_settings(request)
+            return
         mode = servo.mailbox.snapshot().mode
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
             raise _not_now(mode)
@@ -340,27 +341,35 @@ class Controls:
             raise LinkLost("whoever asked for the law has gone: it has not been taken")
         self._swap(law, request.name, np.array(servo.swap.gains))
 
+    def _change_settings(self, request: ChangeLaw) -> None:
+        """Give a compliant law other settings, in any mode; those left out stay."""
+        servo = self._servo
+        law = servo.law.with_settings(request.settings)
+        check_gains(servo.robot, servo.settings, servo.law_name, np.array(servo.swap.gains), law.chosen)
+        ask_for_settings(servo.swap, law.values)
+        _wait_for_swap(servo.swap)
+        servo.law = law
+        self._kept_laws.append((law, servo.law_name))
+        self._note_law()
+        servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
+
     def _zero_force(self) -> None:
         zero = zero_force(self._servo, partial(sleep_between_looks, _READING_S))
         self._wait_for_loop()
         listed = ", ".join(f"channel {channel} {volts:.4g} V" for channel, volts in zero.items())
         self._servo.say(f"force sensor zeroed: {listed}")
 
-    def _gains(self, request: ChangeGains) -> Matrix:
-        control, gains = self._servo.robot.control, np.array(self._servo.swap.gains)
-        rows = ((KP, "kp", request.kp, control.kp), (KV, "kv", request.kv, control.kv))
-        for row, name, wanted, usual in (*rows, (M0, "inertia", request.inertia, control.inertia)):
-            if wanted is not None:
-                least, most = (0.0, math.inf) if request.force else (LEAST_GAIN[row], MOST_GAIN)
-                gains[row] = _checked(name, wanted, usual, least, most)
-        return gains
+    def _swap_gains(self, request: ChangeGains) -> None:
+        servo = self._servo
+        gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
+        self._swap(servo.law, servo.law_name, gains)
 
     def _swap(self, law: Law, name: str, gains: Matrix) -> None:
         servo = self._servo
         mode = servo.mailbox.snapshot().mode
         if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
             raise _not_now(mode)
-        check_gains(servo.robot, servo.settings, name, gains)
+        check_gains(servo.robot, servo.settings, name, gains, law.chosen)
         self._kept_laws.append((law, name))
         ask_for_law(servo.swap, law, gains)
         result = _wait_for_swap(servo.swap)
@@ -387,7 +396,7 @@ class Controls:
         servo, address = self._servo, int(self._servo.swap.law_at)
         if address == servo.law.address or self._commanding.locked():
             return
-        servo.law, servo.law_name = next(kept for kept in self._kept_laws if kept[0].address == address)
+        servo.law, servo.law_name = next(kept for kept in reversed(self._kept_laws) if kept[0].address == address)
         describe_law(servo.mailbox.words, law_label(servo.law_name))
         self._note_law()
         servo.say(f"law {servo.law_name} is in force again: the one after it has failed")
@@ -427,18 +436,6 @@ def _poll(condition: Callable[[], bool]) -> None:
         if patience.passed:
             raise LinkTimeout("the servo's loop does not run: if the arm is not at rest, use the emergency stop")
         sleep_between_looks(_POLL_S)
-
-
-def _checked(name: str, wanted: tuple[float, ...], usual: Any, least: float, most: float) -> Matrix:
-    if len(wanted) != usual.size:
-        raise ConfigError(f"{name}: {len(wanted)} numbers for {usual.size} joints")
-    for j, (value, file) in enumerate(zip(wanted, usual.tolist(), strict=True)):
-        if not least * file <= value <= most * file:
-            beyond = f"more than {most:g}" if value > most * file else f"less than {least:g}"
-            raise ConfigError(
-                f"{name} of joint {j + 1}: {value:g} is {beyond} times the robot file's {file:g}; if meant, force it"
-            )
-    return np.array(wanted)
 
 
 def _floats(vector: Any) -> tuple[float, ...]:

@@ -26,7 +26,7 @@ def give_way(params: ServoParameters, state: ServoState) -> None:
     if state.watch.yields == 0:
         return
     for j in range(state.q.size):
-        felt = FELT_SHARE * params.watch.unexplained[j]
+        felt = FELT_SHARE * state.watch.threshold[j]
         if is_held_back(state.watch.push[j], state.v_ref[j], felt):
             state.watch.gave_way[j] = state.v_ref[j]
             line_through(state.knots, params.first_knot, j, state.phase, state.q[j], 0.0)

@@ -38,7 +38,7 @@ from qrobot.servo.hold import narrow_range
 from qrobot.servo.kernels.converter import collect_sample
 from qrobot.servo.kernels.velocity import Estimator, difference, observe, start_observer
 from qrobot.servo.kernels.wrench import measure_wrench
-from qrobot.servo.modes import gives_torque, wants_power
+from qrobot.servo.modes import gives_torque, gives_way, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.dropout_hold import lose_sight, see_again
 from qrobot.servo.state import (
@@ -55,6 +55,7 @@ LOADING: Final = int(Stage.LOADING)
 NONE: Final = int(FaultCode.NONE)
 ENC_JUMP: Final = int(FaultCode.ENC_JUMP)
 GLITCHES_TO_FAULT: Final = 3
+COMPLIANT_REACH: Final = 5.0  # times the following error, for an arm that gives way: it may be pushed so far [A]
 
 
 @part_kernel
@@ -190,9 +191,12 @@ def watch_arm(params: ServoParameters, state: ServoState) -> None:
     factor = VELOCITY_CATEGORY_0 if code == RUNAWAY else params.velocity_factor
     if code != NONE:
         report_fault(state, code, joint, abs(state.v[joint]), factor * params.v_max[joint])
-    code, joint = check_following(state.q_ref, state.q, params.following_error)
+    reach = COMPLIANT_REACH if gives_way(state) else 1.0
+    code, joint = check_following(state.q_ref, state.q, params.following_error, reach)
     if code != NONE:
-        report_fault(state, code, joint, abs(state.q_ref[joint] - state.q[joint]), params.following_error[joint])
+        report_fault(
+            state, code, joint, abs(state.q_ref[joint] - state.q[joint]), reach * params.following_error[joint]
+        )
     if state.mode not in (UNCALIBRATED, CALIBRATING):
         narrow_range(params, state)
         code, joint = check_range(state.q, state.range_min, state.range_max, params.range_margin)

@@ -53,6 +53,7 @@ from qrobot.servo.laws.law_swap import (
     install_after_trial,
     law_at,
     swap_asked,
+    take_settings,
 )
 from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque, wants_power
@@ -149,9 +150,13 @@ def call_law(state: ServoState, address: int, q_ref: Any, gains: Any, settings: 
 def swap_law(state: ServoState) -> int:
     """Do the swap that is asked for, where the mode allows it: unpowered as it is, holding without a bump.
 
+    Other settings of a compliant law are taken in any mode: it goes over to them by itself.
+
     The arm is then held where it is: what is left of an error must not become a motion under a law that integrates it.
     """
     mode, swap = state.mode, state.swap
+    if swap.only_settings != 0:
+        return take_settings(swap)
     if mode == OFF:
         return install(swap)
     if mode != HOLDING or state.law_failed != 0:

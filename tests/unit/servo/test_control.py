@@ -167,6 +167,24 @@ def test_the_law_changes_while_the_arm_holds(servo: Bench, client: ServoClient, 
     assert client.status().mode == "HOLDING"
 
 
+def test_an_impedance_in_force_takes_other_settings_and_keeps_those_not_named(
+    servo: Bench, client: ServoClient
+) -> None:
+    client.power_on()
+    client.change_law("joint_impedance", {"stiffness_1": 300.0})
+    servo.bench.state.swap.bias[:] = 0.25  # left as it is: the arm is not held anew
+    status = client.change_law("joint_impedance", {"stiffness_2": 500.0})
+    assert (status.law_settings["stiffness_1"], status.law_settings["stiffness_2"]) == (300.0, 500.0)
+    assert servo.bench.state.swap.settings[2:4].tolist() == [300.0, 500.0]
+    assert servo.bench.state.swap.bias.tolist() == [0.25] * servo.robot.n
+    with pytest.raises(QRobotError, match="CFG_GAIN: law joint_impedance .*less stiffness"):
+        client.change_law("joint_impedance", {"stiffness_5": 1700.0, "damping_ratio": 2.0})
+    with pytest.raises(QRobotError, match="stiffness_1 = -1 N m/rad: allowed are 0 to"):
+        client.change_law("joint_impedance", {"stiffness_1": -1.0})
+    assert client.status().law_settings["stiffness_5"] == pytest.approx(0.1 * servo.robot.control.kp[4])
+    client.change_law("qrobot")
+
+
 def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
     journal = JournalReader(servo.bench.mailbox.words, journal_base(servo.robot.n), servo.robot.n)
     client.power_on()
