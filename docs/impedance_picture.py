@@ -16,6 +16,7 @@ from qrobot.config import load_robot
 from qrobot.hwif.board_memory import PANEL_MICRO
 from qrobot.log.plot import COLOURS, STYLE
 from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.calibration.table import load_table
 from qrobot.servo.laws.law_swap import ask_for_settings
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
@@ -32,7 +33,8 @@ def pushed_run() -> np.ndarray[Any, Any]:
     """Rows of telemetry: a push after half a second, then another stiffness every two seconds."""
     robot = load_robot("puma560")
     start = np.array(robot.poses["ready"]) + np.array([0.3, 0.2, 0.4, 0.3, 0.7, 0.1])
-    servo = ServoSettings(law="joint_impedance", law_settings={"stiffness_2": STIFFNESS[0]})
+    table = load_table("puma560", robot)
+    servo = ServoSettings(law="joint_impedance", law_settings={"stiffness_2": STIFFNESS[0]}, calibration=table)
     rig = LockstepRig(robot, servo, Emulator(robot, start=start, physics="rigid"))
     rig.run_for(0.3)
     rig.mailbox.request_power(True)
