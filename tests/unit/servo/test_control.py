@@ -177,7 +177,7 @@ def test_an_impedance_in_force_takes_other_settings_and_keeps_those_not_named(
     assert (status.law_settings["stiffness_1"], status.law_settings["stiffness_2"]) == (300.0, 500.0)
     assert servo.bench.state.swap.settings[2:4].tolist() == [300.0, 500.0]
     assert servo.bench.state.swap.bias.tolist() == [0.25] * servo.robot.n
-    with pytest.raises(QRobotError, match="CFG_GAIN: law joint_impedance .*less stiffness"):
+    with pytest.raises(QRobotError, match=r"CFG_GAIN: law joint_impedance .*less stiffness"):
         client.change_law("joint_impedance", {"stiffness_5": 1700.0, "damping_ratio": 2.0})
     with pytest.raises(QRobotError, match="stiffness_1 = -1 N m/rad: allowed are 0 to"):
         client.change_law("joint_impedance", {"stiffness_1": -1.0})
