@@ -1,4 +1,4 @@
-"""What the laws of `servo.laws.impedance` feed back, as matrices at each pose, for the check of stability."""
+"""Feedback of the laws of `servo.laws.impedance`, as matrices at each pose, for the check of stability."""
 
 from __future__ import annotations
 
