@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import pairwise
+from random import Random
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from qrobot.motion import Generator, JointSpeed, MotionMode, MoveRequest, SpeedS
 from qrobot.motion.path.phase import Phase
 from qrobot.motion.trajectory.speed_override import SHARE, SpeedOverride
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
+from tests.support.puma import LIMITS as ARM_LIMITS
 from tests.support.puma import PARK, arm, at_park, puma_generator, shift
 
 DONE = (int(Termination.COMPLETED),)
@@ -160,6 +163,55 @@ def test_a_skip_while_paused_goes_on_to_the_next_motion_when_it_is_resumed() -> 
     assert ended(outputs) == [("0", 3), ("1", int(Termination.COMPLETED))]
     assert np.ptp([output.q for output in outputs[100:295]], axis=0).max() == 0.0
     assert outputs[-1].q == pytest.approx([-1.5, -0.4])
+
+
+class Operator:
+    """Someone who pushes motions, skips, stops and changes the speed of a PUMA whenever a seed says so."""
+
+    def __init__(self, seed: int, gen: Generator) -> None:
+        random = Random(seed)
+        self._gen, self.pushed = gen, 0
+        self._requests = {random.randint(1, 140): self._request(random, str(k)) for k in range(random.randint(1, 5))}
+        speeds = (0.0, 1.0, 0.05, random.random())
+        self._speeds = {random.randint(1, 300): random.choice(speeds) for _ in range(6)} | {400: 1.0}
+        ways: list[Callable[[], None]] = [gen.stop, lambda: gen.stop(0.5), lambda: gen.abort(5), lambda: gen.skip(3)]
+        self._cuts = {random.randint(2, 300): random.choice(ways) for _ in range(random.randint(0, 3))}
+
+    def act(self, tick: int) -> None:
+        """Do what is due at a sample; motions that the arm cannot do are refused."""
+        if tick in self._requests:
+            with suppress(MotionError):
+                self._gen.push(self._requests[tick])
+                self.pushed += 1
+        if tick in self._speeds:
+            self._gen.override = self._speeds[tick]
+        if tick in self._cuts:
+            self._cuts[tick]()
+
+    def _request(self, random: Random, name: str) -> MoveRequest:
+        transition_s, speed = random.choice((None, 0.1, 0.3, 0.9)), SpeedShare(random.uniform(0.2, 1.0))
+        if random.random() < 0.5:
+            return MoveRequest(name, PARK + [random.uniform(-0.5, 0.5) for _ in PARK], speed, transition_s)
+        x, y, z, turn = (random.uniform(-most, most) for most in (0.15, 0.15, 0.12, 0.5))
+        goal = at_park(shift(x, y, z, turn)).goal()
+        return MoveRequest(name, goal, speed, transition_s, mode=random.choice(list(MotionMode)))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_an_operator_does_and_when_the_limits_are_kept_and_every_motion_ends(seed: int) -> None:
+    gen = puma_generator()
+    operator, path, told = Operator(seed, gen), [PARK, PARK], []
+    for tick in range(1, 2000):
+        operator.act(tick)
+        output = gen.update(tick)
+        path.append(output.q)
+        told.append(output)
+        if tick > 400 and not output.moving:
+            break
+    assert len(ended(told)) == operator.pushed
+    v = np.diff(np.array(path), axis=0) / PERIOD_S
+    assert (np.abs(v) <= ARM_LIMITS.v_max * (1.0 + ROUNDING)).all()
+    assert (np.abs(np.diff(v, axis=0)) <= ARM_LIMITS.a_max * PERIOD_S * (1.0 + ROUNDING)).all()
 
 
 @given(CHANGES, st.integers(1, 3))
