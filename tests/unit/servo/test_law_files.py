@@ -146,7 +146,7 @@ def test_a_law_that_fills_not_every_joint_is_refused(tmp_path: Path) -> None:
 
 def test_a_law_that_takes_most_of_a_cycle_is_refused_with_both_numbers(tmp_path: Path) -> None:
     text = HEAD + (
-        "@law\ndef busy(q, tau):\n    x = q[0]\n    for k in range(20000):\n        x = x * 0.999 + 1e-3 * k\n"
+        "@law\ndef busy(q, tau):\n    x = q[0]\n    for k in range(400000):\n        x = x * 0.999 + 1e-3 * k\n"
         "    for j in range(tau.size):\n        tau[j] = 1e-12 * x\n"
     )
     law = find_law(str(written(tmp_path, text)), ROBOT)
