@@ -12,6 +12,7 @@ from cyclopts import App, Parameter
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.board_check import check
 from qrobot.cli.board_replay import replay
+from qrobot.cli.board_show import force, show
 from qrobot.cli.console import note
 from qrobot.cli.option_types import OutputFile
 from qrobot.config.deployment import DeployedArm
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 app = App(name="board", help_format="plaintext", group_commands="Commands")
 app.command(check)
 app.command(replay)
+app.command(show)
+app.command(force)
 
 
 @app.default

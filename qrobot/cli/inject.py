@@ -56,7 +56,7 @@ def inject(
 
     chosen, plan = choose_arm(deployment, arm), FaultPlan.parse(faults)
     with attach_board_memory(chosen.name) as segment:
-        _require_emulator(segment.memory, chosen.name)
+        require_emulator(segment.memory, chosen.name)
         panel = FaultPanel(segment.memory)
         if clear:
             panel.clear()
@@ -64,14 +64,15 @@ def inject(
         _show(panel.reports(), json)
 
 
-def _require_emulator(memory: BoardMemory, arm: str) -> None:
+def require_emulator(memory: BoardMemory, arm: str) -> None:
+    """Raise LinkError for a board that is none of ours to break."""
     if memory.facts.now_ns == 0:
         raise LinkError(f"the board of {arm} is no emulated one: nothing can be broken in it from here")
 
 
 def _show(reports: list[Injected], json: bool) -> None:
     if json:
-        write_json([_plain(report) for report in reports])
+        write_json([plain(report) for report in reports])
     elif reports:
         table = Table("fault", "state", "steps active", "steps it acted", box=None)
         for report in reports:
@@ -82,7 +83,8 @@ def _show(reports: list[Injected], json: bool) -> None:
         out.print("nothing is broken; `qrobot inject --list` tells what can be")
 
 
-def _plain(report: Injected) -> dict[str, Any]:
+def plain(report: Injected) -> dict[str, Any]:
+    """A report for JSON."""
     return {"fault": str(report.fault), "steps": report.steps, "acted": report.acted, "over": report.over}
 
 

@@ -15,6 +15,7 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.errors import MotionError
 from qrobot.model.arm_shape import link_frames
 from qrobot.pendant.arm_watch import ArmWatch
+from qrobot.pendant.board_access import BoardAccess
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.program_messages import PageProgramStart
@@ -44,6 +45,7 @@ class ArmStation:
         requests: those that need no session.
         programs: of the arm.
         places: taught ones.
+        board: of the arm.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class ArmStation:
         self._notice, self._notices = "", 0
         self._commanded = False
         self.programs = programs or ProgramRunner(arm.name)
+        self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
 
     @property
     def status(self) -> dict[str, Any]:
@@ -144,6 +147,7 @@ class ArmStation:
     def close(self) -> None:
         """The same, and end the processes that do it."""
         self.programs.close()
+        self.board.close()
         self.worker.close()
         self.worker.wait(LEAVE_S)
 

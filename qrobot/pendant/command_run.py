@@ -17,7 +17,7 @@ from typing import Final, Literal
 from qrobot.pendant.output_tail import OutputTail
 
 LAUNCH: Final = Path(__file__).with_name("launch.py")
-INTERRUPTED_S: Final = 4.0  # for a program to bring its arm to rest after SIGINT; then it is killed
+INTERRUPTED_S: Final = 10.0  # for a program to bring its arm to rest and to write its trace; then it is killed
 LOOK_S: Final = 0.1
 CHUNK: Final = 1 << 16
 MOST_CHUNKS: Final = 64  # that are still read of a process that has ended

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from qrobot.errors import MotionError
 from qrobot.pendant.arm_station import ArmStation, monotonic
+from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.frames import state_frame, vocabulary
 from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.messages import (
@@ -161,16 +162,28 @@ class DriveFloor:
                 self._of(message).requests.override(factor)
             case PageHand(opened=opened):
                 self._of(message).worker.say(do="hand", opened=opened)
+            case _:
+                self._work(self._of(message), message)
+
+    def _work(self, arm: ArmStation, message: Any) -> None:
+        """A message of the page that drives about places, programs or the board."""
+        match message:
             case PageRecord(name=name):
-                self._of(message).record(name)
+                arm.record(name)
             case PageRemove(name=name):
-                self._of(message).places.remove(name)
+                arm.places.remove(name)
             case PagePlace():
-                self._of(message).places.put(message)
+                arm.places.put(message)
             case PageProgramStart():
-                self._of(message).start_program(message)
+                arm.start_program(message)
             case PageProgramSay(line=line):
-                self._of(message).programs.say(line)
+                arm.programs.say(line)
+            case PageBoardForce(line=line):
+                arm.board.force(line)
+            case PageBoardInject(line=line):
+                arm.board.inject(line)
+            case PageBoardRepair():
+                arm.board.repair()
 
     def _press(self, message: PagePressed) -> None:
         """One arm moves at a time: what was held at another one is let go."""

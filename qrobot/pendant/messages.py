@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from qrobot.errors import RemoteProtocolError
+from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.held_press import PressTarget
 from qrobot.pendant.page_message import ArmNumber, PageMessage
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
@@ -152,7 +153,10 @@ AnyMessage = Annotated[
     | PageProgramStart
     | PageProgramEnd
     | PageProgramInterrupt
-    | PageProgramSay,
+    | PageProgramSay
+    | PageBoardForce
+    | PageBoardInject
+    | PageBoardRepair,
     Field(discriminator="do"),
 ]
 _MESSAGE: Final[TypeAdapter[AnyMessage]] = TypeAdapter(AnyMessage)

@@ -16,7 +16,7 @@ from qrobot.pendant.program_messages import PageProgramStart
 
 NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
 RESULTS: Final = {"requests": "requests.txt", "setpoints": "setpoints.csv"}
-CLOSE_S: Final = 5.0  # a program that is ended is killed by then
+CLOSE_S: Final = 11.0  # a program that is ended is killed by then
 
 
 class ProgramRunner:
@@ -30,6 +30,7 @@ class ProgramRunner:
 
     Attributes:
         folder: of the programs.
+        deployment: file of the arm.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class ProgramRunner:
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.folder = folder or ProgramFolder(None)
+        self.deployment = deployment
         self._place = ["--deployment", deployment, "--arm", arm]
         self._changed = changed
         self._run: CommandRun | None = None

@@ -53,9 +53,13 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
     def setpoints(arm: int) -> Response:
         return Response(told(lambda: _setpoints(of(arm))), media_type="application/octet-stream")
 
+    def board(arm: int, kinds: bool = False) -> dict[str, Any]:
+        return of(arm).board.look(kinds)
+
     for answer in (source, output, requests, setpoints):
         app.add_api_route(f"/ask/programs/{answer.__name__}", answer, methods=["GET"], response_model=None)
     app.add_api_route("/ask/programs", programs, methods=["GET"], response_model=None)
+    app.add_api_route("/ask/board", board, methods=["GET"], response_model=None)
 
 
 def _setpoints(arm: ArmStation) -> bytes:

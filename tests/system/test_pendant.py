@@ -30,6 +30,7 @@ pytestmark = pytest.mark.realtime
 FAR_RAD = 0.02
 LOOKS_BEFORE_ANOTHER_PRESS = 5
 STILL_S = 0.4
+PROGRAM = "01_park_and_return.py"
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STALL_MS = 700
 PLUS_OF_JOINT_1 = 1  # of the buttons to hold
@@ -93,6 +94,22 @@ class Page:
         """Take the arm."""
         self.click("take")
         wait_until(lambda: self.run("return pendant.ready"), "the arm follows")
+
+    def shows(self, place: str, text: str) -> bool:
+        """Something at this place has the text."""
+        return any(text in each.text for each in self.driver.find_elements("css selector", place))
+
+    @property
+    def program(self) -> Any:
+        """What the page knows of the program that was started last."""
+        return self.run("return pendant.armStatus.program")
+
+    def choose(self, program: str) -> None:
+        """Choose a program of the list; its source is shown."""
+        place = f'[data-name="{program}"]'
+        wait_until(lambda: self.driver.find_elements("css selector", place), "programs are listed")
+        self.driver.find_element("css selector", place).click()
+        wait_until(lambda: "rccl" in self.driver.find_element("id", "source").text, "its source")
 
     def press(self) -> None:
         button = self.driver.find_elements("css selector", ".hold")[PLUS_OF_JOINT_1]
@@ -174,12 +191,37 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         press_until_it_moves(page, arm)
         os.kill(driver.capabilities["goog:processID"], signal.SIGKILL)
         wait_until(lambda: is_at_rest(arm), "at rest since the browser has gone")
+        a_program_is_paused_while_no_page_drives_and_ended_by_stop(arm, watcher)
+
+
+def a_program_is_paused_while_no_page_drives_and_ended_by_stop(arm: RunningArm, page: Page) -> None:
+    page.click("drive")
+    wait_until(lambda: page.run("return pendant.driving && pendant.armStatus.session === 'no'"), "this page drives")
+    page.click("tab-programs")
+    page.choose(PROGRAM)
+    page.click("start-live")
+    assert page.program["state"] == "none"  # it waits for a confirmation
+    page.click("start-sure")
+    wait_until(lambda: arm.mode is Mode.TRACKING, "the program moves the arm")
+    page.click("drive")  # gives up
+    wait_until(lambda: page.run("return pendant.arm.state.flags & 64"), "motions are paused")
+    wait_until(lambda: is_at_rest(arm), "it stands on its path")
+    assert page.program["state"] == "running"
+    page.click("drive")
+    page.click("program-pause")
+    wait_until(lambda: not is_at_rest(arm), "it goes on")
+    page.driver.find_element("tag name", "body").send_keys(Keys.ESCAPE)
+    arm.wait_for(Mode.HOLDING)
+    wait_until(lambda: page.program["state"] == "ended", "the program has ended")
 
 
 def every_tab_opens(page: Page) -> None:
-    for tab in ("scope", "teach", "programs", "drive"):
+    shown = {"programs": (".program", PROGRAM), "board": ("#board-facts", "revision")}
+    for tab in ("scope", "teach", "programs", "board", "drive"):
         page.click(f"tab-{tab}")
         wait_until(lambda tab=tab: page.driver.find_element("css selector", f".pane-{tab}").is_displayed(), tab)
+        place, text = shown.get(tab, (f".pane-{tab}", ""))
+        wait_until(lambda place=place, text=text: page.shows(place, text), f"{tab} shows {text}")
     complaints = [entry["message"] for entry in page.driver.get_log("browser") if entry["level"] == "SEVERE"]
     assert complaints == []
     asked = page.run("return performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)")

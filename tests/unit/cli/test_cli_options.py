@@ -51,6 +51,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--set": ("x", "x=", "=1", "x=nan", "x=inf", "x=-inf", "x=one"),
     "--serve": ("x", "can=", "modbus=", "modbus=nohost", "modbus=127.0.0.1:70000", "modbus=127.0.0.1:0@nan", "usb=1"),
     "--fault": ("x", "encoder:9 stuck", "dac:1 gain nan", "encoder:1 stuck @-1s", "encoder:1 stuck @nans", ""),
+    "LINES": ("x", "estop maybe", "input:9 on", "analog:1 nan", ""),
     "FAULTS": ("x", "encoder:9 stuck", "dac:1 gain nan", "encoder:1 stuck @-1s", ""),
     "--listen": ("x", "127.0.0.1", "127.0.0.1:70000", ":", "127.0.0.1:-1", ""),
     "--scheduler": ("x", "tcp://", "tcp://nohost.invalid:1"),

@@ -82,7 +82,7 @@ export function makePrograms(root) {
     val.hidden = program.language !== "VAL";
     part.replaceChildren(...program.parts.map((name) => el("option", {}, name)));
     if (program.parts.includes("main")) part.value = "main";
-    mark();
+    show();
     const text = await ask("programs/source", { arm: link.chosen, name: program.name }).then((got) => got.text(), (error) => error.message);
     if (chosen !== program) return;
     source.replaceChildren(...text.split("\n").map((line, k) => el("span", { class: "line", "data-number": k + 1 }, `${line}\n`)));

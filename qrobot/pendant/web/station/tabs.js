@@ -1,11 +1,12 @@
 // The tabs of the page. All exist from the beginning; the one that is shown has the others hidden.
 import { el, setAttribute } from "./dom.js";
+import { makeBoard } from "./board.js";
 import { makeDrive } from "./drive.js";
 import { makePrograms } from "./programs.js";
 import { makeScope } from "./scope.js";
 import { makeTeach } from "./teach.js";
 
-const TABS = [["drive", "Drive", makeDrive], ["scope", "Scope", makeScope], ["teach", "Teach", makeTeach], ["programs", "Programs", makePrograms]];
+const TABS = [["drive", "Drive", makeDrive], ["scope", "Scope", makeScope], ["teach", "Teach", makeTeach], ["programs", "Programs", makePrograms], ["board", "Board", makeBoard]];
 
 export function makeTabs(root) {
   const buttons = {}, panes = {};
