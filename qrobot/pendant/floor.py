@@ -43,12 +43,14 @@ class PageView:
         number: of the page, from 1; people know it by it.
         frames: samples, oldest first.
         status_due: it has not been told of the newest changes.
+        notice, notices: newest line for people at this page alone, and how many there were.
     """
 
     def __init__(self, number: int, wake: Callable[[], None]) -> None:
         self.number, self.wake = number, wake
         self.frames: deque[bytes] = deque(maxlen=MOST_FRAMES)
         self.status_due = True
+        self.notice, self.notices = "", 0
 
     def show(self, frame: bytes) -> None:
         """A sample to be told."""
@@ -59,6 +61,11 @@ class PageView:
         """Tell of changes."""
         self.status_due = True
         self.wake()
+
+    def complain(self, text: str) -> None:
+        """Tell the people at this page that something was not done."""
+        self.notice, self.notices = text, self.notices + 1
+        self.renew()
 
 
 class DriveFloor:
@@ -99,7 +106,8 @@ class DriveFloor:
         """Changes, as a page is told of them."""
         page.status_due = False
         arms = [arm.status for arm in self.arms]
-        return json.dumps({"driver": self._lease.holder, "pages": len(self._pages), "arms": arms})
+        own = {"notice": page.notice, "notices": page.notices}
+        return json.dumps({"driver": self._lease.holder, "pages": len(self._pages), "arms": arms, **own})
 
     def changed(self) -> None:
         """Something that pages are told of is another."""
@@ -141,7 +149,7 @@ class DriveFloor:
                 self._of(message).programs.interrupt()
             case _ if self._lease.holder != page.number:
                 if not isinstance(message, PageBeat | PageRelease):
-                    self.complain("only the page that drives can do that: press `Drive from here`")
+                    page.complain("only the page that drives can do that: press `Drive from here`")
             case _:
                 self._drive(message)
 
@@ -208,8 +216,3 @@ class DriveFloor:
                 arm.leave_alone()
         if leave:
             self.changed()
-
-    def complain(self, text: str) -> None:
-        """Tell every page that something was not done."""
-        for arm in self.arms:
-            arm.tell(text)

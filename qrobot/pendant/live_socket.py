@@ -46,7 +46,7 @@ def _obey(floor: DriveFloor, page: PageView, text: str) -> None:
     try:
         floor.obey(page, decode_message(text))
     except QRobotError as error:
-        floor.complain(str(error))
+        page.complain(str(error))
 
 
 async def _tell(floor: DriveFloor, page: PageView, socket: WebSocket, due: asyncio.Event) -> None:

@@ -1,4 +1,8 @@
-"""Requests of the page that need no program: stop, power, faults. Each has a thread of its own and waits for nobody."""
+"""Requests of the page that need no program: stop, power, faults.
+
+Stop and power-off have a thread each and wait for nobody. The others are done in order of their kind (`RequestLane`),
+for of two that were made shortly after each other the newer one has to be in force at the end.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.errors import QRobotError
+from qrobot.pendant.request_lane import RequestLane
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import ServoStatus
 
@@ -14,6 +19,7 @@ MOST_STOPS: Final = 4  # of one arm under way: what has been sent need not be se
 ANSWER_S: Final = 0.2  # patience with the servo's answer to a stop
 REPLY_S: Final = 30.0  # with the others
 POWER_OFF: Final = "power off"
+OVERRIDE: Final = "override"
 GO_ON: Final = "take the arm, or start its program anew, to go on"
 ServoAct = Callable[[ServoClient], object]
 ServoHalt = Callable[[ServoClient], ServoStatus]
@@ -26,6 +32,7 @@ ACTIONS: Final[dict[str, ServoAct]] = {
     "resume": lambda servo: servo.resume(),
     "tare": lambda servo: servo.zero_force(),
 }
+OPPOSITES: Final = {"pause": "pause and resume", "resume": "pause and resume"}  # of one kind: the newer one counts
 ANYBODY: Final = (POWER_OFF, "pause")  # what makes an arm go on or go faster is for the page that drives
 
 
@@ -43,9 +50,14 @@ class ServoRequests:
     ) -> None:
         self._arm, self._tell, self._connect = arm, tell, connect
         self._stops, self._power_offs = (threading.BoundedSemaphore(MOST_STOPS) for _ in range(2))
+        kinds = {OPPOSITES.get(name, name) for name in (*ACTIONS, OVERRIDE)}
+        self._lanes = {kind: RequestLane(kind) for kind in kinds}
 
     def stop(self, by_bridge: bool) -> None:
-        """Stop the arm; returns at once, whatever else is under way. `by_bridge`: the bridge was asked as well."""
+        """Stop the arm; returns at once, whatever is under way, and requests that wait are forgotten.
+
+        `by_bridge`: the bridge was asked as well.
+        """
         self._halt(lambda servo: servo.stop(), "STOP", GO_ON, by_bridge, self._stops)
 
     def power_off(self, by_bridge: bool) -> None:
@@ -62,6 +74,8 @@ class ServoRequests:
             finally:
                 room.release()
 
+        for lane in self._lanes.values():
+            lane.drop()  # what was asked for before
         if room.acquire(blocking=False):
             threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
 
@@ -70,8 +84,8 @@ class ServoRequests:
         self._begin(ACTIONS[name], name)
 
     def override(self, factor: float) -> None:
-        """Change the speed override; returns at once."""
-        self._begin(lambda servo: servo.change_override(factor), "override")
+        """Change the speed override; returns at once. The newest of several is in force at the end."""
+        self._begin(lambda servo: servo.change_override(factor), OVERRIDE)
 
     def _begin(self, act: ServoAct, name: str) -> None:
         def run() -> None:
@@ -81,7 +95,7 @@ class ServoRequests:
             except QRobotError as error:
                 self._tell(f"{name}: {error}")
 
-        threading.Thread(target=run, name=f"pendant-{name}", daemon=True).start()
+        self._lanes[OPPOSITES.get(name, name)].put(run)
 
 
 def _unsure(name: str, error: QRobotError, by_bridge: bool) -> str:

@@ -27,14 +27,31 @@ class TaughtPlaces:
 
     def __init__(self, path: Path, poses: tuple[str, ...], tell: Callable[[str], None]) -> None:
         self._path, self._poses, self._tell = path, poses, tell
+        self._seen: tuple[int, ...] | None = None
+        self._numbers: dict[str, list[float]] = {}
 
     def numbers(self) -> dict[str, list[float]]:
-        """x, y, z in mm and roll, pitch, yaw in degrees, by name; empty when the file cannot be read."""
+        """x, y, z in mm and roll, pitch, yaw in degrees, by name; empty when the file cannot be read.
+
+        Read again when the file is another: every page asks at each change of anything.
+        """
+        if (seen := self._stamp()) != self._seen:
+            self._seen, self._numbers = seen, self._read()
+        return self._numbers
+
+    def _read(self) -> dict[str, list[float]]:
         try:
             values = TransformFile(self._path).values()
         except QRobotError:
             return {}
         return {name: _numbers(T) for name, T in values.items()}
+
+    def _stamp(self) -> tuple[int, ...]:
+        try:
+            stat = self._path.stat()
+        except OSError:
+            return ()
+        return (stat.st_mtime_ns, stat.st_ctime_ns, stat.st_size, stat.st_ino)
 
     def record(self, name: str, pose: Floats) -> None:
         """Put a pose, shape (4, 4), m, under a name."""

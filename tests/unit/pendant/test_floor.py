@@ -59,7 +59,10 @@ def floor(tmp_path: Path) -> Floor:
 
 def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor: Floor) -> None:
     assert floor.says(0, **PRESS) == []
-    assert "Drive from here" in floor.station.status["notice"]
+    told = [json.loads(floor.status(page)) for page in floor.pages]
+    assert "Drive from here" in told[0]["notice"]  # the page that asked, and no other
+    assert [each["notices"] for each in told] == [1, 0]
+    assert floor.station.status["notices"] == 0
     floor.says(0, do="take")
     floor.says(1, do="take")
     assert json.loads(floor.status(floor.pages[1]))["driver"] == 1
@@ -177,7 +180,9 @@ def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_wh
     assert "the program is paused" in floor.station.status["notice"]
 
 
-def test_places_are_edited_by_their_numbers_renamed_and_struck_out(floor: Floor, tmp_path: Path) -> None:
+def test_places_are_edited_by_their_numbers_renamed_and_struck_out(
+    floor: Floor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     place = {"do": "place", "arm": 0, "name": "A", "numbers": [500, 0, 300, 0, 180, 45]}
     floor.says(0, do="take")
     floor.says(0, **place)
@@ -193,6 +198,10 @@ def test_places_are_edited_by_their_numbers_renamed_and_struck_out(floor: Floor,
     assert file.names() == ["B"]
     floor.says(0, do="remove", arm=0, name="B")
     assert file.names() == []
+    file.write("D", np.eye(4))  # by `qrobot teach`, say
+    assert list(floor.station.status["taught"]) == ["D"]
+    monkeypatch.setattr(TransformFile, "values", pytest.fail)
+    assert list(floor.station.status["taught"]) == ["D"]  # not read again
     for numbers in ([1, 2, 3], [1, 2, 3, 4, 5, float("nan")], [1, 2, 3, 4, 5, 1e9]):
         with pytest.raises(RemoteProtocolError):
             decode_message(json.dumps(place | {"numbers": numbers}))

@@ -37,7 +37,11 @@ export function makeBar(root) {
     fault, notice,
   );
 
-  let seen = -1;
+  let seen = -1, own = 0; // notices of the arm, and those for this page alone
+  const tell = (text) => {
+    notice.hidden = !text;
+    setText(notice, `ℹ ${text}`);
+  };
   const show = () => {
     const arm = link.arm, status = link.armStatus;
     const others = !link.open ? "—" : link.driving ? "✔ you drive" : link.status?.driver ? `page ${link.status.driver} drives` : "nobody drives";
@@ -47,9 +51,12 @@ export function makeBar(root) {
     setAttribute(drive, "data-on", link.driving);
     showArm(arm, status);
     if (status && status.notices !== seen) {
-      notice.hidden = !status.notice || seen === -1;
-      setText(notice, `ℹ ${status.notice}`);
+      if (seen !== -1) tell(status.notice);
       seen = status.notices;
+    }
+    if (link.status && link.status.notices !== own) {
+      if (link.status.notices) tell(link.status.notice);
+      own = link.status.notices;
     }
   };
 
@@ -91,6 +98,7 @@ export function makeBar(root) {
 
   link.addEventListener("hello", () => {
     seen = -1;
+    own = 0;
     arms.replaceChildren(...link.arms.map((arm) => el("option", {}, arm.facts.name)));
     arms.selectedIndex = link.chosen;
     arms.hidden = link.arms.length < 2;
