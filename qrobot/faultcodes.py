@@ -213,7 +213,7 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     ),
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",
-        "lower the speed of the program, or start the servo without reduced speed",
+        "lower the speed of the program, lead the arm more slowly, or start the servo without reduced speed",
     ),
     FaultCode.CAL_BLOCKED: (
         "a joint needed too much torque to creep",

@@ -48,7 +48,7 @@ def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str
     if offline:
         robot = robot_of_arm(chosen)
         factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
-    with single_keys() as keys, open_channel(factory, chosen.robot, PERIOD_MS) as channel:
+    with single_keys("jog") as keys, open_channel(factory, chosen.robot, PERIOD_MS) as channel:
         out.print(KEYS, markup=False)
         HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True)).run()
 
@@ -67,10 +67,10 @@ class TerminalKeys:
 
 
 @contextmanager
-def single_keys() -> Iterator[TerminalKeys]:
+def single_keys(command: str) -> Iterator[TerminalKeys]:
     """Read the terminal key by key inside; Ctrl-C works as ever. Raises ConfigError when there is no terminal."""
     if not sys.stdin.isatty():
-        raise ConfigError("qrobot jog needs a terminal, whose keys repeat while they are held; try qrobot teach")
+        raise ConfigError(f"qrobot {command} needs a terminal, whose keys repeat while they are held; try qrobot teach")
     fd = sys.stdin.fileno()
     before = termios.tcgetattr(fd)
     tty.setcbreak(fd)

@@ -51,6 +51,7 @@ COMMANDS: Final = (
     Subcommand("val", "qrobot.cli.val:app", EVERYDAY, "The monitor of VAL II; check and run its programs."),
     Subcommand("teach", "qrobot.cli.teach:teach", EVERYDAY, "Move an arm by commands, and record where it is."),
     Subcommand("jog", "qrobot.cli.jog:jog", EVERYDAY, "Move an arm as long as a key of the terminal is held."),
+    Subcommand("guide", "qrobot.cli.guide:guide", EVERYDAY, "Lead an arm by hand, and record where it went."),
     Subcommand("pendant", "qrobot.cli.pendant:pendant", EVERYDAY, "Look at arms, and drive them, from a browser."),
     Subcommand(
         "ctl", "qrobot.cli.ctl:app", EVERYDAY, "Command a running servo: power, stop, clear, law, gains, watch."

@@ -132,6 +132,7 @@ GainsOption = Annotated[list[float], Parameter(validator=Range(0.0, MOST_GAIN), 
 Factors = Annotated[tuple[float, ...], Parameter(validator=Range(0.01, MOST_FACTOR))]
 Percent = Annotated[float, Parameter(validator=Range(0.0, 100.0 * LARGEST_OVERRIDE, "%"))]
 Seed = Annotated[int, Parameter(validator=Range(0, MOST_SEED))]
+SmoothOption = Annotated[float, Parameter(validator=Range(0.05, 100.0, "mm"))]
 PosesOption = Annotated[int, Parameter(validator=Range(1, MOST_POSES))]
 MoveNumber = Annotated[int, Parameter(validator=Range(1))]
 ArmCount = Annotated[int, Parameter(validator=Range(1, MOST_ARMS))]

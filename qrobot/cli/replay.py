@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
 from qrobot.cli.console import note, out, write_json
-from qrobot.cli.option_types import OutputFile
-from qrobot.units import DEG_PER_RAD, MM_PER_M, US_PER_MS
+from qrobot.cli.option_types import OutputFile, SmoothOption
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, US_PER_MS
 
 if TYPE_CHECKING:
     from qrobot.arrays import Floats
     from qrobot.config import Robot
     from qrobot.config.deployment import DeployedArm
     from qrobot.rccl.channel import Channel
+    from qrobot.rccl.setpoints import Setpoints
     from qrobot.rci import LinkFactory
 
 
@@ -26,6 +27,8 @@ def replay(
     arm: str | None = None,
     lockstep: bool = False,
     approach: bool = False,
+    then: list[Path] | None = None,
+    smooth: SmoothOption | None = None,
     save_as: OutputFile | None = None,
     json: bool = False,
 ) -> None:
@@ -51,6 +54,12 @@ def replay(
         On an emulated arm inside this process, on virtual time.
     approach
         Move to the first setpoint before, if the arm stands elsewhere.
+    then
+        Another file of the same sample period, to be played after it, may be given several times; the arm goes slowly
+        from the end of one to the beginning of the next.
+    smooth
+        Smooth the motion, by at most so many mm at the flange and 100 mm beside it, and slow it down where it is too
+        fast: for what a hand has led (`qrobot guide`).
     save_as
         Write the setpoints to this file instead, `.csv` or `.parquet`, and move nothing.
     json
@@ -59,10 +68,10 @@ def replay(
     from qrobot.motion import motion_limits
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.position import Position
-    from qrobot.rccl.setpoint_tables import read_setpoint_table, write_setpoint_table
+    from qrobot.rccl.setpoint_tables import write_setpoint_table
 
     chosen = choose_arm(deployment, arm)
-    setpoints = read_setpoint_table(file, robot_of_arm(chosen))
+    setpoints = _made_up([file, *(then or ())], smooth, robot_of_arm(chosen))
     if save_as is not None:
         write_setpoint_table(save_as, setpoints)
         note(f"wrote {save_as}")
@@ -81,6 +90,17 @@ def replay(
         return
     error = _in_words(worst, robot)
     out.print(f"{len(setpoints.q)} setpoints in {setpoints.t[-1]:.2f} s; farthest from them: {error}")
+
+
+def _made_up(files: list[Path], smooth_mm: float | None, robot: Robot) -> Setpoints:
+    """The setpoints of the files, joined and smoothed. Raises ConfigError or MotionError when they cannot be."""
+    from qrobot.rccl.recordings import joined, smoothed
+    from qrobot.rccl.setpoint_tables import read_setpoint_table
+
+    parts = [read_setpoint_table(file, robot) for file in files]
+    if smooth_mm is not None:
+        parts = [smoothed(part, robot, smooth_mm * M_PER_MM) for part in parts]
+    return joined(parts, robot) if len(parts) > 1 else parts[0]
 
 
 def _bridge_links(arm: DeployedArm) -> LinkFactory:

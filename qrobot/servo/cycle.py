@@ -25,6 +25,7 @@ from qrobot.servo.protection import check_inputs, check_reference
 from qrobot.servo.stages.binary_outputs import settle_outputs
 from qrobot.servo.stages.collision_stop import give_way
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
+from qrobot.servo.stages.guiding import lead_by_hand
 from qrobot.servo.stages.inputs import estimate, read
 from qrobot.servo.stages.mode_machine import apply_faults, finish_stop, handle_requests
 from qrobot.servo.stages.override import take_override
@@ -92,6 +93,7 @@ def tick(params: ServoParameters, state: ServoState, now_ns: int, late_ns: int) 
 def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_ns: int) -> None:
     """Advance the reference along the setpoints, or along the path of a stop; without torque it is where the arm is."""
     mode = state.mode
+    state.guided = 0
     if mode != CALIBRATING and state.cal.stage != IDLE:
         leave_calibration(state)
     if mode == CALIBRATING:
@@ -105,6 +107,7 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
             report_fault(state, code, joint)
         follow_path(params, state, 0.0)
         follow_torque_joints(state)
+        lead_by_hand(params, state, mail)
     elif mode == STOPPING:
         left, slope = stop_profile((now_ns - state.stop_since_ns) * 1e-9, state.stop_seconds)
         state.rate = left * state.rate_at_stop

@@ -135,5 +135,5 @@ def mode_name(mode: Any) -> str:
 
 @lean_kernel
 def gives_way(state: Any) -> bool:
-    """The law in force is compliant, and has not failed: the arm may be pushed from where it was told to be."""
-    return bool(state.swap.compliant != 0 and state.law_failed == 0)
+    """A hand leads the arm, or the law in force is compliant and has not failed: it may be pushed from its setpoint."""
+    return bool(state.law_failed == 0 and (state.swap.compliant != 0 or state.guided != 0))

@@ -112,6 +112,7 @@ class ServoState:
     after_stop: int = 0  # mode that follows STOPPING
     stop_since_ns: int = 0
     stream: int = -1  # stream being followed
+    guided: int = 0  # 1: joints of that stream that are driven by torque are led by a hand
     dead_stream: int = -1  # newest stream that a stop has ended, and all before it
     next_seq: int = 0
     last_arrival_ns: int = 0

@@ -79,6 +79,23 @@ def test_a_motion_that_is_slowed_down_and_held_goes_on_to_the_same_end(tmp_path:
     motion.check(motion_limits(ROBOT), "21_override")
 
 
+def test_recordings_of_a_hand_are_played_smoothed_and_joined(tmp_path: Path, capsys) -> None:
+    assert qrobot("run", "--offline", "--output", str(tmp_path), str(EXAMPLES / "20_led_by_hand.py")) == 0
+    assert "2 recordings, joined" in capsys.readouterr().out
+    motion = read_setpoints(tmp_path / "setpoints.csv")
+    motion.check(motion_limits(ROBOT), "20_led_by_hand")
+    assert motion.q[-1] == pytest.approx(motion.q[0], abs=1e-6)
+    swing = motion_from(ROBOT.poses["park"])
+    once, made = tmp_path / "swing.csv", tmp_path / "both.csv"
+    write_setpoints(once, swing)
+    assert qrobot("replay", str(once), "--then", str(once), "--smooth", "2", "--save-as", str(made)) == 0
+    both = read_setpoints(made)
+    both.check(motion_limits(ROBOT), "both")
+    assert len(both.q) > 1.8 * len(swing.q)
+    assert qrobot("replay", str(once), "--then", str(tmp_path / "none.csv")) == 1
+    assert "cannot read" in capsys.readouterr().err
+
+
 def test_a_replay_in_lockstep_follows_the_file(tmp_path: Path, capsys) -> None:
     write_setpoints(tmp_path / "swing.csv", motion_from(ROBOT.poses["park"]))
     assert qrobot("replay", "--lockstep", str(tmp_path / "swing.csv")) == 0

@@ -12,6 +12,7 @@ from qrobot.faultcodes import NO_JOINT, FaultCode
 from qrobot.modecodes import Mode
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.event import report_fault
+from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.state import ServoState
 
 HOLD_TO_RUN: Final = int(FaultCode.HOLD_TO_RUN)
@@ -29,13 +30,13 @@ def key_is_held(asked: int, stream: int, held_ns: int, now_ns: int) -> bool:
 
 @lean_kernel
 def watch_key(state: ServoState, mail: Any, now_ns: int) -> None:
-    """Stop an arm that moves without its key."""
+    """Stop an arm that moves without its key, or gives way without it."""
     if state.mode != TRACKING:
         return
     held_ns = mail.command.held_ns
     if key_is_held(mail.command.held_stream, state.stream, held_ns, now_ns):
         return
     for j in range(state.v_ref.size):
-        if state.v_ref[j] != 0.0 or state.torque_setpoint[j] != 0.0:
+        if state.v_ref[j] != 0.0 or state.joint_modes[j] == TORQUE_SETPOINT:
             report_fault(state, HOLD_TO_RUN, NO_JOINT, (now_ns - held_ns) * 1e-9, PATIENCE_NS * 1e-9)
             return

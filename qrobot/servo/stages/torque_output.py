@@ -59,6 +59,7 @@ from qrobot.servo.memory.setpoint_queue import TORQUE_SETPOINT
 from qrobot.servo.modes import gives_torque, wants_power
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.binary_outputs import post_outputs
+from qrobot.servo.stages.guiding import FRICTION_SHARE, led
 from qrobot.servo.state import (
     ServoState,
 )
@@ -187,12 +188,14 @@ def model_terms(params: ServoParameters, state: ServoState) -> None:
     gravity_torque(state.q, state.model, state.work, state.gravity)
     for j in range(state.q.size):
         state.watch.load[j] = state.gravity[j]
-        state.gravity[j] *= params.gravity_share[j]
+        state.gravity[j] *= 1.0 if led(state, j) else params.gravity_share[j]
     motor_rates(state.v_ref, params.transmission, state.scratch)
     motor_push(params, state, state.tau_motor)
     lead(state.scratch, state.tau_motor, params.friction)
     friction_torque(state.scratch, params.friction, state.tau_motor)
     motor_to_torque(state.tau_motor, params.transmission, state.friction)
+    for j in range(state.q.size):
+        state.friction[j] *= FRICTION_SHARE if led(state, j) else 1.0
 
 
 @lean_kernel

@@ -32,6 +32,7 @@ READ: Final = {
     "--loaded",
     "--dynamic",
     "--programs",
+    "--then",
 } | {
     "--previous",
     "--model",
