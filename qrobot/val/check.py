@@ -1,7 +1,7 @@
 """Mistakes of a program that can be seen before anything moves.
 
 Structures and labels, programs that are called and are not there, constant locations that the arm cannot reach, and
-signals that there are not.
+signals that there are not; names without a value, and process control programs that would move the arm.
 """
 
 from __future__ import annotations
@@ -17,13 +17,22 @@ from qrobot.errors import ProgramError, QRobotError
 from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM
 from qrobot.val import tree
+from qrobot.val.beside import beside_programs
 from qrobot.val.evaluate import location_of, number_of
 from qrobot.val.machine import no_signal
 from qrobot.val.signatures import expressions_in, parts_of
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, transformation
-from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
+from qrobot.val.vocabulary import (
+    INPUTS,
+    INTERNAL,
+    LOCATION_VALUES,
+    MOVING,
+    NUMBER_VALUES,
+    OUTPUTS,
+    moves_nothing,
+)
 from qrobot.val.workspace import Workspace
 
 _MOTIONS = ("MOVE", "MOVES", "APPRO", "APPROS")
@@ -51,20 +60,29 @@ def check_text(text: str, robot: Robot) -> list[ProgramMistake]:
     source, errors = read_source(text)
     found = [ProgramMistake("", error.line, error.column, error.what) for error in errors]
     for program in source.programs.values():
-        mistakes = [*jumps_of(program)[1], *_Checker(source, robot).look_at(program)]
+        mistakes = [*jumps_of(program)[1], *_Checker(source, robot, readable=not errors).look_at(program)]
         found += [ProgramMistake(program.name, error.line, error.column, error.what) for error in mistakes]
     return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
 
 
 class _Checker:
-    """Looks at programs; the `Surroundings` of expressions that are constant."""
+    """Looks at programs; the `Surroundings` of expressions that are constant.
 
-    def __init__(self, source: SourceFile, robot: Robot) -> None:
+    Args:
+        source: the file.
+        robot: the arm.
+        readable: no line of the file was refused; only then is it known which names have a value.
+    """
+
+    def __init__(self, source: SourceFile, robot: Robot, readable: bool) -> None:
         self.robot = robot
+        self._readable = readable
         self._source = source
         self._space = Workspace(robot)
         actions = [line.action for program in source.programs.values() for line in program.lines]
         self._changed = {name for action in actions for name in _names_given(action)}
+        self._known = self._names_with_a_value()
+        self._beside = beside_programs(source)
         self._frames_move = any(isinstance(a, tree.Instruction) and a.word in ("TOOL", "BASE") for a in actions)
 
     def look_at(self, program: tree.ValProgram) -> Iterator[ProgramError]:
@@ -72,8 +90,35 @@ class _Checker:
         self._changed |= set(program.parameters)
         for line in program.lines:
             if line.action is not None:
-                for error in (*self._calls(line.action), *self._signals(line.action), *self._places(line.action)):
-                    yield ProgramError(error.what, line.line, error.column)
+                for error in (*self._moves(program, line.action), *self._mistakes_of(line.action)):
+                    yield ProgramError(error.what, line.line, max(error.column, line.column))
+
+    def _names_with_a_value(self) -> set[str]:
+        """Names that have a value somewhere; of an array the name alone."""
+        stored = {name.partition("[")[0] for name in (*self._source.locations, *self._source.numbers)}
+        parameters = {name for program in self._source.programs.values() for name in program.parameters}
+        return stored | parameters | self._changed | {*LOCATION_VALUES, *NUMBER_VALUES}
+
+    def _mistakes_of(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        yield from self._calls(action)
+        yield from self._signals(action)
+        yield from self._places(action)
+        yield from self._values(action)
+
+    def _moves(self, program: tree.ValProgram, action: tree.StepAction) -> Iterator[ProgramError]:
+        if program.name in self._beside and isinstance(action, tree.Instruction) and action.word in MOVING:
+            yield ProgramError(moves_nothing(action.word), column=1)
+
+    def _values(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        """The first use of each name that nothing gives a value."""
+        if not self._readable:
+            return
+        for expression in expressions_in(action):
+            for part in parts_of(expression):
+                if isinstance(part, tree.VariableName) and part.name not in self._known:
+                    self._known.add(part.name)
+                    what = f"{part.name} has no value: no program gives it one, and the file holds none"
+                    yield ProgramError(what, column=part.column)
 
     def _calls(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.ProgramCall | tree.Reaction | tree.ProcessStart):

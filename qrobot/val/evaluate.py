@@ -101,8 +101,9 @@ def evaluate(expression: tree.Expression, around: Surroundings) -> ValValue:  # 
             return _UNARY[operator](number_of(operand, around))
         case tree.BinaryOperation(operator=":", left=left, right=right):
             return Transformation(pose_of(left, around) @ pose_of(right, around))
-        case tree.BinaryOperation(operator=operator, left=left, right=right):
-            return _finite(operator, _BINARY[operator], number_of(left, around), number_of(right, around))
+        case tree.BinaryOperation(operator=operator, left=left, right=right, column=column):
+            x, y = number_of(left, around), number_of(right, around)
+            return _finite(operator, _BINARY[operator], x, y, column=column)
         case tree.LocationChange():
             return _changed(expression, around)
         case tree.FunctionCall():
@@ -173,8 +174,14 @@ def _finite(name: str, function: Callable[..., float], *values: float, column: i
     except (ArithmeticError, ValueError):
         result = math.nan
     if not math.isfinite(result):
-        raise ProgramError(f"{name} of {', '.join(f'{value:g}' for value in values)} is no number", column=column)
+        raise ProgramError(f"{_written(name, values)} is no number", column=column)
     return result
+
+
+def _written(name: str, values: Sequence[float]) -> str:
+    """ "1 / 0" of an operator, "SQRT of -1" of a function."""
+    numbers = [f"{value:g}" for value in values]
+    return f"{numbers[0]} {name} {numbers[1]}" if name in _BINARY else f"{name} of {', '.join(numbers)}"
 
 
 def _called(call: tree.FunctionCall, around: Surroundings) -> ValValue:  # noqa: PLR0911 (one for each)

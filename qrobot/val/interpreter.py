@@ -268,7 +268,7 @@ class Interpreter:
             self.end_of_program(task)
             return
         line = frame.program.lines[frame.pc]
-        task.at, task.last = (frame.program.name, line.line), (frame, frame.pc)
+        task.at, task.last = (frame.program.name, line.line, line.column), (frame, frame.pc)
         frame.pc += 1
         if self.machine.switches["TRACE"]:
             self.machine.say(f"{frame.program.name} {frame.pc}: {print_line(line)}")
@@ -316,8 +316,8 @@ class Interpreter:
 
     def _blame(self, task: ValTask, error: QRobotError) -> None:
         """An error of a step: with its place; REACTE's program is called, or everything stops."""
-        program, line = task.at
-        column = error.column if isinstance(error, ProgramError) else 0
+        program, line, begun = task.at
+        column = max(begun, error.column) if isinstance(error, ProgramError) else begun
         what = error.what if isinstance(error, ProgramError) else str(error)
         told = ProgramError(f"program {program}, {ProgramError(what, line, column)}" if line else what)
         told.line, told.column = line, column

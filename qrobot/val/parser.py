@@ -21,6 +21,10 @@ LONGEST_LINE: Final = 400  # characters [A]; VAL's terminals had 80
 DEEPEST: Final = 40  # parentheses in one another [A]
 MOST_TOLD: Final = 6  # of what was expected
 _FIRST_WORD: Final = re.compile(r"\s*(?:[0-9]+\s+)?([A-Za-z][A-Za-z0-9_.]*)\s*([=\[]?)")
+_REFUSED: Final = {
+    "$": "variables of text ($) are not supported; TYPE and PROMPT take text in double quotes",
+    '"': "the text has no closing quote, or text cannot stand here",
+}
 _VALUES: Final = {"NUMBER", "NAME", "PRECISION", "LPAR"}
 
 
@@ -29,13 +33,14 @@ def parse_line(text: str, line: int = 0) -> ProgramLine:
     step, comment = _without_comment(text)
     if step.strip() == "":
         return ProgramLine(comment=comment, line=line)
+    column = _first_column(step)
     try:
         _check_first_word(step)
         label, action = _parse(step, "step")
         check_action(action)
     except ProgramError as error:
-        raise ProgramError(error.what, line, error.column) from None
-    return ProgramLine(action, label, comment, line)
+        raise ProgramError(error.what, line, max(error.column, column)) from None
+    return ProgramLine(action, label, comment, line, column)
 
 
 def parse_expression(text: str) -> Expression:
@@ -82,6 +87,12 @@ def _without_comment(text: str) -> tuple[str, str | None]:
     return text.rstrip(), None
 
 
+def _first_column(text: str) -> int:
+    """Column of the first word behind the label; 0 for none."""
+    found = _FIRST_WORD.match(text)
+    return 0 if found is None else found.start(1) + 1
+
+
 def _check_first_word(text: str) -> None:
     """Refuse by name what is no instruction, or one that is not supported."""
     found = _FIRST_WORD.match(text)
@@ -113,6 +124,8 @@ def _told(error: UnexpectedInput, text: str) -> ProgramError:
         return ProgramError(f"expected {_expected(error.accepts or error.expected)}; {found} there", column=column)
     if isinstance(error, UnexpectedCharacters):
         there = printable(text[column - 1 : column])
+        if there in _REFUSED:
+            return ProgramError(_REFUSED[there], column=column)
         return ProgramError(f"expected {_expected(error.allowed or set())}; {there!r} stands there", column=column)
     return ProgramError("the line cannot be read", column=column)
 

@@ -126,7 +126,8 @@ def _check_arguments(
     if len(arguments) < least or (len(arguments) > len(kinds) and word not in OPEN_ENDED):
         wanted = f"{least}" if least == len(kinds) else f"{least} to {len(kinds)}"
         wanted = "1 or more" if word in OPEN_ENDED else wanted
-        raise ProgramError(f"{word}: expected {wanted} arguments, not {len(arguments)}", column=column or 1)
+        plural = "" if wanted == "1" else "s"
+        raise ProgramError(f"{word}: expected {wanted} argument{plural}, not {len(arguments)}", column=column or 1)
     for number, argument in enumerate(arguments):
         kind = kinds[min(number, len(kinds) - 1)]
         if argument is not None:

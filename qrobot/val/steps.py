@@ -16,30 +16,12 @@ from qrobot.val.evaluate import is_true, location_of, number_of, pose_of, signal
 from qrobot.val.printer import print_expression
 from qrobot.val.task import ValTask, Waits, Watch
 from qrobot.val.values import JointLocation, Transformation, joint_units, numbers_of
+from qrobot.val.vocabulary import MOVING, moves_nothing
 from qrobot.val.workspace import aligned
 
 if TYPE_CHECKING:
     from qrobot.val.interpreter import Interpreter
 
-MOVING: Final = frozenset(
-    {
-        *(
-            "MOVE",
-            "MOVES",
-            "APPRO",
-            "APPROS",
-            "DEPART",
-            "DEPARTS",
-            "DRIVE",
-            "ALIGN",
-            "READY",
-            "DELAY",
-            "BREAK",
-            "BRAKE",
-        ),
-        *("OPEN", "OPENI", "CLOSE", "CLOSEI", "TOOL", "BASE"),
-    }
-)
 _CONFIGURATIONS: Final = {"RIGHTY": "r", "LEFTY": "l", "ABOVE": "u", "BELOW": "d", "FLIP": "f", "NOFLIP": "n"}
 _PAIRS: Final = {"r": "l", "l": "r", "u": "d", "d": "u", "f": "n", "n": "f"}
 
@@ -48,7 +30,7 @@ def do_step(run: Interpreter, task: ValTask, action: tree.StepAction) -> Waits |
     """Begin an action; what it waits for, None for nothing. Raises ProgramError, MotionError."""
     if isinstance(action, tree.Instruction):
         if action.word in MOVING and not task.moves:
-            raise ProgramError(f"{action.word}: a process control program moves nothing")
+            raise ProgramError(moves_nothing(action.word))
         return _INSTRUCTIONS[action.word](run, task, *action.arguments)
     return _ACTIONS[type(action)](run, task, action)
 

@@ -76,7 +76,7 @@ class ValTask:
 
     Attributes:
         frames: calls, the innermost last; empty when it is over.
-        at: program and line of the step that was begun last.
+        at: program, line and column of the step that was begun last.
         doing, until: what the step waits for.
         watches: reactions by signal number, negative for one that goes off.
         on_error: program that REACTE has named; empty for none.
@@ -88,7 +88,7 @@ class ValTask:
         self.moves = moves
         self.cycles = cycles
         self.frames: list[CallFrame] = []
-        self.at: tuple[str, int] = (program, 0)
+        self.at: tuple[str, int, int] = (program, 0, 0)
         self.last: tuple[CallFrame, int] | None = None
         self.doing: Waits | None = None
         self.until: Until | None = None

@@ -73,11 +73,16 @@ class UnaryOperation:
 
 @dataclass(frozen=True)
 class BinaryOperation:
-    """`x + y`, `a:b` and so on."""
+    """`x + y`, `a:b` and so on.
+
+    Attributes:
+        column: where the operator stands, from 1.
+    """
 
     operator: str
     left: Expression
     right: Expression
+    column: int = field(default=0, compare=False, repr=False)
 
 
 Expression: TypeAlias = (
@@ -262,12 +267,14 @@ class ProgramLine:
         action: what it does; None for nothing.
         comment: text behind the semicolon; None when there is none.
         line: its number in the file, from 1.
+        column: where its first word stands, from 1; 0 for a line without one.
     """
 
     action: StepAction | None = None
     label: int | None = None
     comment: str | None = None
     line: int = field(default=0, compare=False, repr=False)
+    column: int = field(default=0, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ class TreeBuilder(Transformer[Token, Any]):
     def binary(self, parts: RuleParts) -> tree.BinaryOperation:
         """Make the tree of the rule `binary`."""
         left, operator, right = parts
-        return tree.BinaryOperation(operator.upper(), left, right)
+        return tree.BinaryOperation(operator.upper(), left, right, _column(operator))
 
     # --------------------------------------------------------------------------------------------------- actions
 

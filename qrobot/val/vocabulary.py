@@ -115,3 +115,18 @@ OUTPUTS: Final = range(1, 17)
 INPUTS: Final = range(1001, 1033)
 INTERNAL: Final = range(2001, 2033)
 """Numbers of signals, recalled; the outputs are as many as the wire to the robot has."""
+
+
+MOVING: Final = frozenset(
+    {
+        *("MOVE", "MOVES", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "ALIGN", "READY", "DELAY"),
+        *("BREAK", "BRAKE", "OPEN", "OPENI", "CLOSE", "CLOSEI", "TOOL", "BASE"),
+    }
+)
+"""Instructions that a process control program may not give."""
+
+
+def moves_nothing(word: str) -> str:
+    """Words for an instruction of `MOVING` in a process control program."""
+    instead = "; to wait there: TIMER 1 = 0, and WAIT TIMER(1) > seconds" if word == "DELAY" else ""
+    return f"{word}: a process control program moves nothing{instead}"

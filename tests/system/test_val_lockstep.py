@@ -27,7 +27,7 @@ def test_nothing_moves_when_the_file_has_a_mistake(tmp_path: Path, capsys: pytes
     file.write_text(main_program('TYPE "it runs"', "MOVE"))
     assert run(file, offline=True) == 1
     told = capsys.readouterr().out
-    assert "wrong.v2, line 3, column 1: MOVE: expected 1 arguments" in told
+    assert "wrong.v2, line 3, column 1: MOVE: expected 1 argument" in told
     assert "it runs" not in told
 
 
@@ -40,6 +40,6 @@ def test_the_check_tells_its_mistakes_as_json(tmp_path: Path, capsys: pytest.Cap
 
 def test_an_error_while_it_runs_has_its_line_and_a_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "fails.v2"
-    file.write_text(main_program("x = y"))
+    file.write_text(main_program("y = 0", "  x = 1 / y"))
     assert run(file, offline=True) == 1
-    assert "program main, line 2, column 5: the value of y is not defined" in capsys.readouterr().err
+    assert "program main, line 3, column 9: 1 / 0 is no number" in capsys.readouterr().err

@@ -40,7 +40,10 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("x = SIG(-1033)", 1, "there is no signal 1033"),
         ("WAIT SIG(3000)", 1, "there is no signal 3000"),
         ("GOTO 10", 6, "there is no label 10"),
-        ("WHILE x DO", 1, "expected END for this WHILE"),
+        ("    SIGNAL 17", 5, "there is no signal 17"),
+        ("MOVE nowhere", 6, "nowhere has no value"),
+        ("  x = 3 + count[2]", 11, "count has no value"),
+        ("WHILE TRUE DO", 1, "expected END for this WHILE"),
         ("MOVE near far", 11, "'far' stands there"),
     ],
 )
@@ -62,3 +65,16 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
 )
 def test_what_only_a_run_can_tell_is_no_mistake(lines: tuple[str, ...]) -> None:
     assert check_text(main_program(*lines, rest=PLACES), ROBOT) == []
+
+
+def test_a_process_control_program_that_would_move_is_told_with_all_that_it_calls() -> None:
+    others = ".PROGRAM p\n CALL q\n.END\n.PROGRAM q\n  DELAY 1\n.END\n.PROGRAM r\nREADY\n.END"
+    mistakes = check_text(main_program("PCEXECUTE p", "CALL r", rest=others), ROBOT)
+    assert [(mistake.program, mistake.line, mistake.column) for mistake in mistakes] == [("q", 9, 3)]
+    assert "moves nothing; to wait there: TIMER 1 = 0" in mistakes[0].what
+
+
+def test_names_without_a_value_are_told_once_each_and_when_all_lines_can_be_read() -> None:
+    lines = "MOVE nowhere", "MOVE nowhere"
+    assert [mistake.line for mistake in check_text(main_program(*lines), ROBOT)] == [2]
+    assert [mistake.line for mistake in check_text(main_program(*lines, "SET nowhere ="), ROBOT)] == [4]

@@ -170,7 +170,7 @@ def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
     program = main_program("MOVE a", "MOVES far", "MOVE b", "BREAK", 'TYPE "end"', rest=PLACES)
     with interpreter(program) as (run, typed):
         assert run.execute("main") is RunState.FAILED
-        assert run.message.startswith("program main, line 3: ")
+        assert run.message.startswith("program main, line 3, column 1: ")
         assert run.machine.arm.idle
         run.machine.values["far", ()] = run.machine.values["b", ()]
         assert run.retry() is RunState.COMPLETED
@@ -236,7 +236,7 @@ def test_next_does_single_steps() -> None:
     ("lines", "said"),
     [
         ("x = y", "line 2, column 5: the value of y is not defined"),
-        ("x = 1/0", "line 2: / of 1, 0 is no number"),
+        ("x = 1/0", "line 2, column 6: 1 / 0 is no number"),
         ("CALL main", "calls are 100 deep"),
         ("SIGNAL 1001", "is an input"),
         ("SIGNAL 99", "there is no signal 99"),

@@ -90,8 +90,11 @@ def test_what_is_not_supported_is_refused_by_name_with_its_line(word: str) -> No
     ("text", "column", "said"),
     [
         ("MOVE 3", 1, "expected a location, not a number"),
-        ("MOVE", 1, "expected 1 arguments, not 0"),
+        ("MOVE", 1, "expected 1 argument, not 0"),
         ("  FOO a", 3, "FOO is no instruction"),
+        ("  MOVE", 3, "expected 1 argument, not 0"),
+        ("10 x = $part", 8, "variables of text ($) are not supported"),
+        ('TYPE "hello', 6, "no closing quote"),
         ("x = ", 4, "expected a value; the line ends there"),
         ("x = 3 + * 4", 9, "expected a value; '*' stands there"),
         ("GOTO x", 6, "expected a label"),
@@ -103,7 +106,7 @@ def test_what_is_not_supported_is_refused_by_name_with_its_line(word: str) -> No
         ("ENABLE FORCE", 1, "there is no switch FORCE; switches are CP"),
         ("x = " + "(" * 60, 45, "deep in one another"),
         ("x = " + "1" * 500, 400, "at most 400 characters"),
-        ("HERE a:b", 1, "expected the name of a location"),
+        ("HERE a:b", 7, "expected the name of a location"),
     ],
 )
 def test_an_error_names_line_column_and_what_was_expected(text: str, column: int, said: str) -> None:
