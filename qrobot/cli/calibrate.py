@@ -91,11 +91,12 @@ def calibrate_arm(arm: DeployedArm, indexes: int = 0) -> CalibrationReport:
 
 
 class _Bars:
-    """A bar per joint, on the terminal only."""
+    """A bar per joint on the terminal, elsewhere a line when the next one begins."""
 
     def __init__(self, robot: Robot) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} index pulses"))
         self._progress = Progress(*columns, console=err, disable=not err.is_terminal)
+        self._names, self._told = robot.joint_names, -1
         self._tasks: list[TaskID] = [self._progress.add_task(name, total=None) for name in robot.joint_names]
 
     def __enter__(self) -> _Bars:
@@ -107,6 +108,9 @@ class _Bars:
 
     def show(self, now: CalibrationProgress) -> None:
         """Fill the bars of the joints that are done, and of the one at work as far as it is."""
+        if self._progress.disable and now.joint not in (self._told, len(self._names)):
+            self._told = now.joint
+            note(f"{now.joint + 1} of {len(self._names)}: {self._names[now.joint]}")
         for joint, task in enumerate(self._tasks):
             done = now.wanted if joint < now.joint else now.found if joint == now.joint else 0
             self._progress.update(task, total=now.wanted, completed=done)

@@ -121,13 +121,15 @@ def says_where_it_broke_off(told: Told) -> Iterator[Told]:
 
 @contextmanager
 def _bar(plan: ExcitationPlan | Excitation) -> Iterator[Told]:
-    """A bar of the moves, on the terminal only."""
+    """A bar of the moves on the terminal, elsewhere a line for each."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         task = progress.add_task("", total=len(plan.moves))
 
         def told(number: int, move: Swing | FourierRun) -> None:
             progress.update(task, completed=number, description=move.name)
+            if progress.disable:
+                note(f"{number + 1} of {len(plan.moves)}: {move.name}")
 
         yield told
 

@@ -18,6 +18,8 @@ from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
+from qrobot.pendant.procedure_messages import PageProcedureStart
+from qrobot.pendant.procedure_runner import LIVE_STEPS, ProcedureRunner
 from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.program_runner import ProgramRunner
 from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
@@ -46,6 +48,7 @@ class ArmStation:
         programs: of the arm.
         places: taught ones.
         board: of the arm.
+        procedures: calibration and identification.
     """
 
     def __init__(
@@ -70,6 +73,8 @@ class ArmStation:
         self._commanded = False
         self.programs = programs or ProgramRunner(arm.name)
         self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
+        models = Path(arm.log.directory or "out")
+        self.procedures = ProcedureRunner(arm.name, self.programs.deployment, models, on_change)
 
     @property
     def status(self) -> dict[str, Any]:
@@ -84,6 +89,7 @@ class ArmStation:
             "places": [*self.robot.poses, *taught],
             "taught": taught,
             "program": self.programs.facts,
+            "procedure": self.procedures.facts,
         }
 
     def tell(self, text: str) -> None:
@@ -97,6 +103,7 @@ class ArmStation:
         self.requests.stop(self.watch.ask_stop())
         self.worker.say(do="stop")
         self.programs.stop()
+        self.procedures.stop()
 
     def act(self, name: str) -> None:
         """Begin one of `servo_requests.ACTIONS`; power off goes by bridge and servo at once, as a stop does."""
@@ -117,29 +124,39 @@ class ArmStation:
     def leave_alone(self) -> None:
         """The same when no page drives any longer; a program that commands the arm is paused on its path."""
         self.give_arm()
+        self.procedures.stop()
         if self.programs.live:
             self.requests.act("pause")
             self.tell("no page drives: the program is paused; `Drive from here`, and `Go on`")
 
     def start_program(self, request: PageProgramStart) -> None:
         """Start a program. Raises MotionError: the arm is not ready for it, or it was not confirmed; ConfigError."""
-        if request.manner == "live" and (why := self._why_not_live(request)):
+        if request.manner == "live" and (why := self._why_not_live(request.confirmed)):
             raise MotionError(f"the program is not started: {why}")
         self.programs.start(request)
         self.tell(f"{request.name} is started")
 
-    def _why_not_live(self, request: PageProgramStart) -> str:
+    def start_procedure(self, request: PageProcedureStart) -> None:
+        """Begin a step of calibration or identification. Raises MotionError, as `start_program`."""
+        whole = request.step != "calibrate"  # which finds the counters, and powers the arm by itself
+        if request.step in LIVE_STEPS and (why := self._why_not_live(request.confirmed, whole)):
+            raise MotionError(f"not begun: {why}")
+        self.procedures.start(request)
+
+    def _why_not_live(self, confirmed: bool, whole: bool = True) -> str:
+        """Reason why nothing of the pendant may move the arm now; `whole`: calibrated and powered too."""
         state = self._newest
         if state is None or self.watch.problem:
             return self.watch.problem or "nothing is known of the arm"
         flags = RobotFlag(state.robot.flags)
         reasons = (
-            (not request.confirmed, "confirm that the arm may move"),
+            (not confirmed, "confirm that the arm may move"),
             (state.robot.fault != 0, "clear the fault"),
             (RobotFlag.ESTOP_OK not in flags, "the emergency stop is pressed"),
-            (RobotFlag.CALIBRATED not in flags, "the arm is not calibrated"),
-            (RobotFlag.POWERED not in flags, "power on first"),
+            (whole and RobotFlag.CALIBRATED not in flags, "the arm is not calibrated"),
+            (whole and RobotFlag.POWERED not in flags, "power on first"),
             (self.worker.session != "no", "let go of the arm first"),
+            (self.programs.live or self.procedures.live, "a program or a step moves the arm already"),
             (self._commanded, "somebody else commands the arm"),
         )
         return next((text for wrong, text in reasons if wrong), "")
@@ -147,6 +164,7 @@ class ArmStation:
     def close(self) -> None:
         """The same, and end the processes that do it."""
         self.programs.close()
+        self.procedures.close()
         self.board.close()
         self.worker.close()
         self.worker.wait(LEAVE_S)

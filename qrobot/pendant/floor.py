@@ -29,6 +29,7 @@ from qrobot.pendant.messages import (
     PageStop,
     PageTake,
 )
+from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.pendant.servo_requests import ANYBODY
 from qrobot.wire import State
@@ -145,6 +146,8 @@ class DriveFloor:
                 self._of(message).act(name)
             case PageProgramEnd():
                 self._of(message).programs.end()
+            case PageProcedureEnd():
+                self._of(message).procedures.end()
             case PageProgramInterrupt():
                 self._of(message).programs.interrupt()
             case _ if self._lease.holder != page.number:
@@ -192,6 +195,10 @@ class DriveFloor:
                 arm.board.inject(line)
             case PageBoardRepair():
                 arm.board.repair()
+            case PageProcedureStart():
+                arm.start_procedure(message)
+            case PageProcedureKeep(confirmed=confirmed):
+                arm.tell(f"the model is {arm.procedures.keep(confirmed)}: name it as `model` in [arm.servo]")
 
     def _press(self, message: PagePressed) -> None:
         """One arm moves at a time: what was held at another one is let go."""

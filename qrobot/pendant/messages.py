@@ -10,6 +10,7 @@ from qrobot.errors import RemoteProtocolError
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.held_press import PressTarget
 from qrobot.pendant.page_message import ArmNumber, PageMessage
+from qrobot.pendant.procedure_messages import PageProcedureEnd, PageProcedureKeep, PageProcedureStart
 from qrobot.pendant.program_messages import PageProgramEnd, PageProgramInterrupt, PageProgramSay, PageProgramStart
 from qrobot.wire.vocabulary import LARGEST_OVERRIDE
 
@@ -156,7 +157,10 @@ AnyMessage = Annotated[
     | PageProgramSay
     | PageBoardForce
     | PageBoardInject
-    | PageBoardRepair,
+    | PageBoardRepair
+    | PageProcedureStart
+    | PageProcedureEnd
+    | PageProcedureKeep,
     Field(discriminator="do"),
 ]
 _MESSAGE: Final[TypeAdapter[AnyMessage]] = TypeAdapter(AnyMessage)

@@ -56,9 +56,13 @@ def add_queries(app: FastAPI, floor: DriveFloor) -> None:
     def board(arm: int, kinds: bool = False) -> dict[str, Any]:
         return of(arm).board.look(kinds)
 
+    def procedure(arm: int, after: int) -> dict[str, Any]:
+        return of(arm).procedures.output(after)
+
     for answer in (source, output, requests, setpoints):
         app.add_api_route(f"/ask/programs/{answer.__name__}", answer, methods=["GET"], response_model=None)
     app.add_api_route("/ask/programs", programs, methods=["GET"], response_model=None)
+    app.add_api_route("/ask/procedure", procedure, methods=["GET"], response_model=None)
     app.add_api_route("/ask/board", board, methods=["GET"], response_model=None)
 
 

@@ -216,8 +216,12 @@ def a_program_is_paused_while_no_page_drives_and_ended_by_stop(arm: RunningArm, 
 
 
 def every_tab_opens(page: Page) -> None:
-    shown = {"programs": (".program", PROGRAM), "board": ("#board-facts", "revision")}
-    for tab in ("scope", "teach", "programs", "board", "drive"):
+    shown = {
+        "programs": (".program", PROGRAM),
+        "board": ("#board-facts", "revision"),
+        "calibrate": ("#procedure-state", "nothing"),
+    }
+    for tab in ("scope", "teach", "programs", "board", "calibrate", "drive"):
         page.click(f"tab-{tab}")
         wait_until(lambda tab=tab: page.driver.find_element("css selector", f".pane-{tab}").is_displayed(), tab)
         place, text = shown.get(tab, (f".pane-{tab}", ""))

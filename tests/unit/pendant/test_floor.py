@@ -160,6 +160,16 @@ def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_
         floor.says(0, **START)
     floor.station.worker.session = "no"
     assert floor.says(0, **START) == ["live"]
+    monkeypatch.setattr(floor.station.procedures, "start", lambda request: floor.asked.append(request.step))
+    calibrate: dict[str, Any] = {"do": "procedure start", "arm": 0, "step": "calibrate"}
+    floor.station.watch._tell(State(1, RobotState(**READY | {"flags": 4})))  # type: ignore[arg-type]
+    with pytest.raises(MotionError, match="confirm"):
+        floor.says(0, **calibrate)
+    assert floor.says(0, **calibrate, confirmed=True) == ["calibrate"]
+    with pytest.raises(MotionError, match="not calibrated"):
+        floor.says(0, **calibrate | {"step": "record live"}, confirmed=True)
+    assert floor.says(0, **calibrate | {"step": "record lockstep"}) == ["record lockstep"]
+    assert floor.says(1, **calibrate, confirmed=True) == []
 
 
 def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_when_no_page_drives(

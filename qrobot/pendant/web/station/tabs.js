@@ -1,12 +1,13 @@
 // The tabs of the page. All exist from the beginning; the one that is shown has the others hidden.
 import { el, setAttribute } from "./dom.js";
 import { makeBoard } from "./board.js";
+import { makeCalibrate } from "./calibrate.js";
 import { makeDrive } from "./drive.js";
 import { makePrograms } from "./programs.js";
 import { makeScope } from "./scope.js";
 import { makeTeach } from "./teach.js";
 
-const TABS = [["drive", "Drive", makeDrive], ["scope", "Scope", makeScope], ["teach", "Teach", makeTeach], ["programs", "Programs", makePrograms], ["board", "Board", makeBoard]];
+const TABS = [["drive", "Drive", makeDrive], ["scope", "Scope", makeScope], ["teach", "Teach", makeTeach], ["programs", "Programs", makePrograms], ["board", "Board", makeBoard], ["calibrate", "Calibrate, identify", makeCalibrate]];
 
 export function makeTabs(root) {
   const buttons = {}, panes = {};

@@ -1,0 +1,146 @@
+"""Calibration and identification of one arm at the pendant: the steps of `qrobot calibrate` and `qrobot identify`.
+
+A recording and the model that was fitted to it stay in a folder of this run, until somebody confirms that the model is
+to be kept.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any, Final
+
+from qrobot.errors import ConfigError, MotionError
+from qrobot.pendant.command_run import CommandRun
+from qrobot.pendant.procedure_messages import PageProcedureStart
+
+NICE: Final = 10  # of what moves no arm
+CLOSE_S: Final = 11.0  # a step that is ended is killed by then
+LIVE_STEPS: Final = ("calibrate", "record live")
+
+
+class ProcedureRunner:
+    """Belongs to one arm.
+
+    Args:
+        arm: instance name.
+        deployment: file of the arm.
+        models: folder for models that are kept.
+        changed: called, from any thread, when `facts` are others.
+    """
+
+    def __init__(self, arm: str, deployment: str, models: Path, changed: Callable[[], None]) -> None:
+        self._arm, self._models, self._changed = arm, models, changed
+        self._place = [deployment, "--arm", arm]
+        self._run: CommandRun | None = None
+        self._request: PageProcedureStart | None = None
+        self._runs = 0
+        self._folder: Path | None = None
+        self._kept = ""
+
+    @property
+    def live(self) -> bool:
+        """A step runs that moves the arm."""
+        return self._running is not None and self._request is not None and self._request.step in LIVE_STEPS
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The newest step, and what there is, for a page."""
+        run, request = self._run, self._request
+        return {
+            "run": self._runs,
+            "step": request.step if request else "",
+            "state": run.state if run else "none",
+            "told": run.told if run else "",
+            "recorded": self._file("run.mcap").is_file(),
+            "fitted": self._file("model.toml").is_file(),
+            "kept": self._kept,
+        }
+
+    def start(self, request: PageProcedureStart) -> None:
+        """Begin a step. Raises MotionError: another one runs, or the one before it was not done."""
+        if self._running is not None:
+            raise MotionError("a step runs: end it first")
+        if request.step == "fit" and not self._file("run.mcap").is_file():
+            raise MotionError("there is no recording yet: record first")
+        if self._folder is None:
+            self._folder = Path(mkdtemp(prefix="qrobot-pendant-"))
+        command = self._command(request)
+        self._request, self._kept = request, ""
+        self._runs += 1
+        self._run = CommandRun([command], self._changed, 0 if request.step in LIVE_STEPS else NICE)
+        self._changed()
+
+    def end(self) -> None:
+        """End what runs; returns at once."""
+        if (run := self._running) is not None:
+            run.end()
+
+    def stop(self) -> None:
+        """End a step that moves the arm; returns at once."""
+        if self.live:
+            self.end()
+
+    def keep(self, confirmed: bool) -> str:
+        """Write the model to its place, beside those that are there; its path.
+
+        Raises:
+            MotionError: it was not confirmed, there is none, or a step runs. ConfigError: it cannot be written.
+        """
+        if self._running is not None or not self._file("model.toml").is_file():
+            raise MotionError("there is no model to keep: record and fit first")
+        if not confirmed:
+            raise MotionError("the model is not written: confirm it")
+        try:
+            self._models.mkdir(parents=True, exist_ok=True)
+            path = self._free_path()
+            shutil.copyfile(self._file("model.toml"), path)
+        except OSError as error:
+            raise ConfigError(f"cannot write into {self._models}: {error.strerror}") from None
+        self._kept = str(path)
+        return self._kept
+
+    def output(self, after: int) -> dict[str, Any]:
+        """Lines that the newest step has printed, from number `after` on."""
+        part = self._run.output.since(after) if self._run else None
+        return {"run": self._runs, "first": part.first if part else 0, "lines": part.lines if part else []}
+
+    def close(self) -> None:
+        """End what runs, and wait for it; what was not kept goes."""
+        if (run := self._running) is not None:
+            run.end()
+            run.wait(CLOSE_S)
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def _running(self) -> CommandRun | None:
+        return self._run if self._run is not None and self._run.state == "running" else None
+
+    def _file(self, name: str) -> Path:
+        return (self._folder or Path("/nonexistent")) / name
+
+    def _free_path(self) -> Path:
+        """A name in the folder of models that no file has."""
+        names = (f"{self._arm}-model{f'-{number}' if number else ''}.toml" for number in range(1000))
+        return next(path for name in names if not (path := self._models / name).exists())
+
+    def _command(self, request: PageProcedureStart) -> list[str]:
+        """Arguments of `qrobot`; a step makes void what later ones have made of its result."""
+        slow = ["--slow"] if request.slow else []
+        log, model = self._file("run.mcap"), self._file("model.toml")
+        match request.step:
+            case "calibrate":
+                return ["calibrate", *self._place, "--indexes", str(request.indexes)]
+            case "plan":
+                return ["identify", "plan", *self._place, *slow]
+            case "fit":
+                model.unlink(missing_ok=True)
+                return ["identify", "fit", str(log), "--output", str(model)]
+            case _:
+                log.unlink(missing_ok=True)
+                model.unlink(missing_ok=True)
+                where = "--lockstep" if request.step == "record lockstep" else "--go"
+                return ["identify", "record", *self._place, where, *slow, "--output", str(log)]
