@@ -19,7 +19,8 @@ from qrobot.arcl.motion import Motion
 from qrobot.arcl.segment_time import segment_time
 from qrobot.arcl.trans import Trans
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
+from qrobot.fences.fence_set import FenceSet
 from qrobot.motion import Blend, EventKind, Generator, MotionEvent, MoveRequest, Output, Termination, whole_samples
 from qrobot.units import S_PER_MS
 
@@ -33,12 +34,14 @@ _ERRORS: Final = {
     Termination.UNREACHABLE: ArclEvent.EVENT_REACH,
     Termination.SINGULAR: ArclEvent.EVENT_SINGULAR,
     Termination.TOO_FAST: ArclEvent.EVENT_FAST,
+    Termination.FENCE: ArclEvent.EVENT_LIMIT,
 }
-_REASONS: Final = {
+_REASONS: Final[dict[Termination, tuple[type[MotionError], str]]] = {
     Termination.JOINT_LIMIT: (JointLimit, "a joint would leave its range"),
     Termination.UNREACHABLE: (Unreachable, "out of the arm's reach"),
     Termination.SINGULAR: (Singular, "too close to a singularity"),
     Termination.TOO_FAST: (MotionError, "a joint would be too fast"),
+    Termination.FENCE: (FenceCrossed, "too near a fence"),
 }
 
 
@@ -69,12 +72,22 @@ class MotionQueue:
         period_s: sample period.
         q: where it stands. Shape (n,).
         reporter: is told what happens.
+        fences: that the arm keeps off, None for none.
     """
 
-    def __init__(self, kinematics: ManipulatorKinematics, period_s: float, q: Floats, reporter: MotionReporter) -> None:
+    def __init__(
+        self,
+        kinematics: ManipulatorKinematics,
+        period_s: float,
+        q: Floats,
+        reporter: MotionReporter,
+        fences: FenceSet | None = None,
+    ) -> None:
         self._kinematics = kinematics
         self._period_s = period_s
-        self._engine = Generator(kinematics.limits, period_s, np.array(q), blend=Blend.ZERO_JERK, kinematics=kinematics)
+        self._engine = Generator(
+            kinematics.limits, period_s, np.array(q), blend=Blend.ZERO_JERK, kinematics=kinematics, fences=fences
+        )
         self._reporter = reporter
         self._waiting: deque[Motion] = deque()
         self._open: dict[MoveRequest, Motion] = {}
@@ -230,7 +243,12 @@ class MotionQueue:
 
 
 def _event_of(error: MotionError) -> ArclEvent:
-    kinds = {JointLimit: ArclEvent.EVENT_LIMIT, Unreachable: ArclEvent.EVENT_REACH, Singular: ArclEvent.EVENT_SINGULAR}
+    kinds = {
+        JointLimit: ArclEvent.EVENT_LIMIT,
+        Unreachable: ArclEvent.EVENT_REACH,
+        Singular: ArclEvent.EVENT_SINGULAR,
+        FenceCrossed: ArclEvent.EVENT_LIMIT,
+    }
     return kinds.get(type(error), ArclEvent.EVENT_ERROR)
 
 

@@ -24,6 +24,7 @@ from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault
+from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
 from qrobot.units import MM_PER_M, S_PER_MS
 
@@ -53,7 +54,8 @@ class ArclRobot:
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
         q = ami.open()
-        self._motions = MotionQueue(aki, ami.period_s, q, self)
+        fences = fences_for(robot.name)
+        self._motions = MotionQueue(aki, ami.period_s, q, self, None if fences is None else fences.seen_from(aki.zero))
         ami.start(self._sample)
 
     # -------------------------------------------------------------------------------------------------- positions

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qrobot.arrays import Words
 from qrobot.cli.console import note
@@ -18,6 +21,9 @@ from qrobot.servo.laws.file import is_file_law, load_law, split_name
 from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import COUNTED_ONLY, Overrun, ServoSettings
 from qrobot.units import MM_PER_M
+
+if TYPE_CHECKING:
+    from qrobot.fences.fence_set import FenceSet
 
 DEFAULT_DEPLOYMENT = "emulator"
 REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person within reach
@@ -84,6 +90,27 @@ def card_of_arm(arm: DeployedArm, read_only: bool = False) -> Words:
     if transport is None:
         return make_card(NO_CARD)
     return make_card(REAL_CARD, transport.base, revision_of_arm(arm), transport.read_only or read_only)
+
+
+def fences_of_arm(arm: DeployedArm) -> FenceSet | None:
+    """The fences of an arm, None for none. Raises ConfigError when its robot file tells no body."""
+    if arm.fences is None:
+        return None
+    from qrobot.fences.fence_set import fences_of  # kernels
+
+    return fences_of(arm, robot_of_arm(arm))
+
+
+@contextmanager
+def inside_fences(arm: DeployedArm) -> Iterator[None]:
+    """Motions of programs in this block keep off the fences of an arm. Raises what `fences_of_arm` does."""
+    if arm.fences is None:
+        yield
+        return
+    from qrobot.fences.in_force import use_fences
+
+    with use_fences(fences_of_arm(arm)):
+        yield
 
 
 def servo_settings(

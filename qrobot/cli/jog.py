@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import out
 from qrobot.errors import ConfigError
 
@@ -48,7 +48,8 @@ def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str
     if offline:
         robot = robot_of_arm(chosen)
         factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
-    with single_keys("jog") as keys, open_channel(factory, chosen.robot, PERIOD_MS) as channel:
+    keys_of = single_keys("jog")
+    with keys_of as keys, inside_fences(chosen), open_channel(factory, chosen.robot, PERIOD_MS) as channel:
         out.print(KEYS, markup=False)
         HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True)).run()
 

@@ -6,7 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, controlled_robot, robot_of_arm, servo_settings
+from qrobot.cli.arms import (
+    DEFAULT_DEPLOYMENT,
+    choose_arm,
+    controlled_robot,
+    inside_fences,
+    robot_of_arm,
+    servo_settings,
+)
 from qrobot.cli.console import note, out, write_json
 from qrobot.cli.option_types import OutputFile, SmoothOption
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, US_PER_MS
@@ -78,7 +85,8 @@ def replay(
         return
     setpoints.check(motion_limits(robot_of_arm(chosen)), str(file))
     factory = _lockstep_links(chosen, setpoints.period_us) if lockstep else _bridge_links(chosen)
-    with open_channel(factory, chosen.robot, setpoints.period_us / US_PER_MS) as channel:
+    period_ms = setpoints.period_us / US_PER_MS
+    with inside_fences(chosen), open_channel(factory, chosen.robot, period_ms) as channel:
         if approach:
             channel.move(Position("first setpoint", setpoints.q[0]))
             channel.waitfor(channel.completed)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
 from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
@@ -109,6 +109,10 @@ def run(
         with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen))):
             return perform_on_bridge()
 
+    def perform_inside_fences() -> int:
+        with inside_fences(chosen):
+            return perform()
+
     def perform_on_bridge() -> int:
         if not lockstep:
             _tell_scene(program)
@@ -119,7 +123,7 @@ def run(
             partial(run_virtual, start=start, output=output), deployment, log
         )
 
-    return _told(perform, traceback)
+    return _told(perform_inside_fences, traceback)
 
 
 def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool) -> None:

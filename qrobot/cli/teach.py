@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import out
 from qrobot.cli.option_types import OutputFile
 from qrobot.errors import ConfigError
@@ -57,7 +57,7 @@ def teach(
     if offline:
         robot = robot_of_arm(chosen)
         factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
-    with open_channel(factory, chosen.robot) as channel:
+    with inside_fences(chosen), open_channel(factory, chosen.robot) as channel:
         teacher = Teacher(channel, taught)
         for line in lines:
             if answer := teacher.obey(line):

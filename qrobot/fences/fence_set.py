@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Final
 
@@ -76,6 +77,7 @@ class FenceSet:
         tool: a capsule fixed to the last link, None for none.
 
     Attributes:
+        robot: name in the robot file.
         words: see `fences.table`. Shape (N_WORDS,).
         margins: of each row of distances, m. Shape (m + 1,).
 
@@ -99,6 +101,8 @@ class FenceSet:
         self.bodies = tuple(capsule.name for capsule in capsules)
         self.names = (*(fence.name for fence in fences), ITSELF)
         self.fences = tuple(fences)
+        self.robot = robot.name
+        self._zero = np.zeros(robot.n)
         self.margins = np.array([*(fence.margin_m for fence in fences), self_margin])
         self.words = np.zeros(N_WORDS)
         self._put_arm(robot, capsules)
@@ -137,11 +141,18 @@ class FenceSet:
         for k, pair in enumerate(apart):
             self.words[PAIRS + 2 * k :][:2] = [self.bodies.index(name) for name in pair]
 
+    def seen_from(self, zero: Floats) -> FenceSet:
+        """The same fences for joint positions that are zero at `zero` (n,) of the robot file."""
+        twin = copy(self)
+        twin._zero = zero
+        twin._work, twin._rows, twin._nearest = np.zeros(N_WORK), np.zeros(N_ROWS), np.zeros(N_ROWS)
+        return twin
+
     # ----------------------------------------------------------------------------------------------------- distances
 
     def distances(self, q: Floats) -> Floats:
         """Distance from each fence at `q` (n,), then from itself, m; inf where there is none. Shape (m + 1,)."""
-        n_rows = clearances(np.array(q, dtype=np.float64), self.words, self._work, self._rows, self._nearest)
+        n_rows = clearances(q + self._zero, self.words, self._work, self._rows, self._nearest)
         return self._rows[:n_rows].copy()
 
     def slack(self, q: Floats) -> Floats:
@@ -219,6 +230,16 @@ class FenceSet:
                 continue
             at, q, slack = share, there, self.check(there, floor, what, share)
             ahead.pop()
+
+    def clear_share(self, start: Floats, goal: Floats) -> float:
+        """Share of the joint motion from `start` to `goal` that keeps off the fences, 1 for all of it. Shapes (n,)."""
+        way = goal - start
+        try:
+            self.check_path(lambda share, _: start + share * way, start, "")
+        except FenceCrossed as error:
+            back_off = 2.0 * RESOLUTION_M / float(np.abs(way) @ self._reach)
+            return max(0.0, error.share - back_off)
+        return 1.0
 
     def _left(self, q: Floats, floor: Floats) -> float:
         return float((self.slack(q) - floor).min())

@@ -1,4 +1,4 @@
-"""The fences round the arm of the program that runs: put in force by whoever starts it."""
+"""The fences round the arms of the program that runs: put in force by whoever starts it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _fences: ContextVar[FenceSet | None] = ContextVar("fences", default=None)
 
 @contextmanager
 def use_fences(fences: FenceSet | None) -> Iterator[None]:
-    """Arms that are taken in this block keep within these fences."""
+    """Arms of that robot that are taken in this block keep within these fences."""
     token = _fences.set(fences)
     try:
         yield
@@ -21,6 +21,7 @@ def use_fences(fences: FenceSet | None) -> Iterator[None]:
         _fences.reset(token)
 
 
-def fences_in_force() -> FenceSet | None:
-    """The fences for an arm that is taken now; None for none."""
-    return _fences.get()
+def fences_for(robot: str) -> FenceSet | None:
+    """The fences for an arm that is taken now, by the name in its robot file; None for none."""
+    fences = _fences.get()
+    return fences if fences is not None and fences.robot == robot else None

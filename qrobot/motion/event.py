@@ -20,6 +20,7 @@ class Termination(IntEnum):
     TOO_FAST = -6  # a joint would have passed its speed or acceleration, as when a frame jumps
     FORCE_LIMIT = -7  # the arm exerted more than its motion allows
     MOTION_LIMIT = -8  # the controlled frame was pushed farther off than its motion allows
+    FENCE = -9  # the arm would have come too near a fence
 
 
 class EventKind(Enum):

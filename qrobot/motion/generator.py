@@ -21,12 +21,14 @@ from __future__ import annotations
 from copy import deepcopy
 
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
+from qrobot.fences.fence_set import FenceSet
 from qrobot.motion.event import Termination
 from qrobot.motion.path.blend import Blend, Correction
 from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path_piece import BlendSettings
 from qrobot.motion.path.phase import Phase
+from qrobot.motion.planning.fence_check import FenceCheck
 from qrobot.motion.planning.planner import Planner
 from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
 from qrobot.motion.request import MoveRequest
@@ -53,6 +55,7 @@ class Generator:
         queue_size: how many requests may wait.
         kinematics: of the arm; without them only joint positions can be gone to.
         correction: polynomial that fades out a velocity the transition did not expect.
+        fences: that the arm keeps off, None for none.
     """
 
     def __init__(
@@ -65,11 +68,13 @@ class Generator:
         queue_size: int = QUEUE_SIZE,
         kinematics: ArmKinematics | None = None,
         correction: Correction = Correction.SMOOTH,
+        fences: FenceSet | None = None,
     ) -> None:
         self.period_s = period_s
         self._limits, self._kinematics = limits, kinematics
         self._settings = BlendSettings(period_s, blend, correction)
-        self._planner = Planner(limits, self._settings, kinematics)
+        self._fences = None if fences is None else FenceCheck(fences)
+        self._planner = Planner(limits, self._settings, kinematics, self._fences)
         self._queue = RequestQueue(queue_size)
         self._trajectory = TrajectoryState(q, tick, self._settings, limits)
         self._override = FULL_SPEED
@@ -142,6 +147,7 @@ class Generator:
         Raises:
             JointLimit: the goal, or a Cartesian way there, is outside the joints' range.
             Unreachable, Singular: no configuration, or not this one, reaches the goal or a place on the way.
+            FenceCrossed: the way leads too near a fence.
             MotionError: the arm cannot do it in that time, or the queue is full.
         """
         start, near = self._sequencer.last_end(), self._trajectory.newest
@@ -203,7 +209,9 @@ class Generator:
         if moving or not self._path.coordinates.fixed:
             what = ", ".join(moving) or "the goal that is followed"
             raise MotionError(f"the path to {what} cannot be planned before it runs: the goal moves, or complies")
-        shared = [JOINTS, self._limits, self._kinematics, *requests, *(request.target for request in requests)]
+        fences = None if self._fences is None else self._fences.fences
+        targets = (request.target for request in requests)
+        shared = [JOINTS, self._limits, self._kinematics, fences, *requests, *targets]
         twin = deepcopy(self, {id(thing): thing for thing in shared})
         twin.override = FULL_SPEED
         twin._trajectory.override.jump(FULL_SPEED)
@@ -270,7 +278,25 @@ class Generator:
             return self._abort_now(reason(error))
         if not self._trajectory.on_joint_path and (code := self._judge(q)) is not Termination.NONE:
             return self._abort_now(code)
+        if self._fences is not None and self._enters_fence(self._fences, q):
+            return self._abort_now(Termination.FENCE)
         return q
+
+    def _enters_fence(self, fences: FenceCheck, q: Floats) -> bool:
+        """The setpoint `q` (n,) leads too near a fence; a stop under way is the best that can be done already."""
+        if self.stopping:
+            return False
+        try:
+            if self._path.coordinates.fixed:
+                fences.judge(q)
+            else:
+                points = self._trajectory.setpoints_with(q)
+                fences.judge_stop(points, self.period_s, self._limits, self._settings.blend)
+        except FenceCrossed:
+            return True
+        if not self.busy:
+            fences.rests_at(q)
+        return False
 
     def _abort_now(self, code: int) -> Floats:
         self.abort(code)

@@ -119,6 +119,14 @@ class Channel(MotionParameters):
             raise MotionError(f"position {name}: {self.robot.name} has {self.robot.n} joints, not {len(degs)}")
         return Position(name, np.array(numbers(f"position {name}", *degs)) * self._radians)
 
+    def clear_share(self, start: Floats, goal: Floats) -> float:
+        """Share of the joint motion from `start` to `goal`, degrees or mm, before it would come too near a fence.
+
+        1 without fences. Shapes (n,).
+        """
+        fences = self._task.fences
+        return 1.0 if fences is None else fences.clear_share(start * self._radians, goal * self._radians)
+
     def pose(self, name: str) -> Position:
         """The pose of that name in the robot's file, always the same descriptor. Raises ConfigError: there is none."""
         if name not in self._poses:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkError
+from qrobot.fences.in_force import fences_for
 from qrobot.model.arm import Arm
 from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
 from qrobot.rccl.arguments import sample_period_us
@@ -25,13 +26,14 @@ def open_channel(
     """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
     period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
     arm = load_robot(robot)
+    fences = fences_for(arm.name)
     _warm_up(arm, blend)
     link = factory(hello_for(arm.name, period_us))
     try:
         welcome = link.open()
         _check_robot(arm, welcome)
         trace = add_trace(traces, arm, welcome.period_us)
-        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace)
+        task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace, fences)
         return Channel(arm, link, task, traces).start()
     except BaseException as error:
         link.close(str(error))

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, Generic, TypeVar
 
+from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.motion import Termination
 from qrobot.rccl.arguments import small_move
@@ -66,7 +67,7 @@ class HeldMotion(Generic[HeldT]):
         """
         with self._brought_to_rest():
             goal, arm = self._arm.joints, self._arm
-            goal[joint] = self._end_of(joint, goal[joint], way, step)
+            goal[joint] = self._before_fences(goal, joint, self._end_of(joint, goal[joint], way, step))
             arm.setmode("joint")
             arm.setjvel(self._joint_speed(share, [joint]))
             self._follow(arm.jposition(f"joint {joint + 1}", goal.tolist()))
@@ -140,6 +141,12 @@ class HeldMotion(Generic[HeldT]):
             return float(end)
         goal = place + way * step * per_unit
         return float(min(goal, max(place, high)) if way > 0.0 else max(goal, min(place, low)))
+
+    def _before_fences(self, start: Floats, joint: int, end: float) -> float:
+        """Where a joint that is turned from `start` (n,) towards `end` has to stay before a fence; degrees or mm."""
+        goal = start.copy()
+        goal[joint] = end
+        return float(start[joint] + self._arm.clear_share(start, goal) * (end - start[joint]))
 
     def _go_straight(self, share: float) -> None:
         self._arm.setmode("cartesian")

@@ -21,7 +21,13 @@ from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import reason_of
 
-_FAILURES: Final = {Termination.JOINT_LIMIT, Termination.UNREACHABLE, Termination.SINGULAR, Termination.TOO_FAST}
+_FAILURES: Final = {
+    Termination.JOINT_LIMIT,
+    Termination.UNREACHABLE,
+    Termination.SINGULAR,
+    Termination.TOO_FAST,
+    Termination.FENCE,
+}
 
 
 class OpenMotions:

@@ -21,6 +21,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.model.arm import Arm
 from qrobot.motion import (
     FULL_SPEED,
@@ -82,6 +83,7 @@ class TrajectoryTask:
         timing: the time that functional transforms take.
         override: the program's speed override, 0 to 1; that of the operator counts besides.
         paused: the program wants its motions to stand still on their path.
+        fences: that the arm keeps off, None for none.
         each_sample: called at each sample once the command is made up, before it goes out.
     """
 
@@ -92,6 +94,7 @@ class TrajectoryTask:
         clear_fault: bool = False,
         blend: Blend = Blend.QUARTIC,
         trace: Trace | None = None,
+        fences: FenceSet | None = None,
     ) -> None:
         self.how: RobotState | None = None
         self.chg = Chg(robot.n)
@@ -105,6 +108,7 @@ class TrajectoryTask:
         arm = Arm(robot)
         self._kinematics = kinematics_of(arm)
         self._blend = blend
+        self.fences = fences
         self.motions = OpenMotions(arm)
         self._load = Payload(0.0)
         self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
@@ -175,6 +179,7 @@ class TrajectoryTask:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
         setpoints.check(self._limits, label)
         self._check_start(setpoints.q[0], label)
+        self._check_fences(setpoints.q, label)
         self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
@@ -185,6 +190,14 @@ class TrajectoryTask:
             far = f"{away[j]:.4g} {'m' if self._limits.prismatic[j] else 'rad'}"
             where = f"joint {j + 1} ({self._limits.names[j]}) stands {far} away"
             raise MotionError(f"{label}: does not begin where the arm is: {where}; move there first")
+
+    def _check_fences(self, q: Floats, label: str) -> None:
+        """Raise FenceCrossed when one of the setpoints (k, n) is too near a fence."""
+        if self.fences is None:
+            return
+        floor = self.fences.floor(q[0])
+        for number, row in enumerate(q):
+            self.fences.check(row, floor, label, number / len(q))
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
@@ -296,4 +309,6 @@ class TrajectoryTask:
         """A generator that is at rest at `q`, and plans within the speeds that the servo allows now."""
         if self.how is not None:
             self._limits = self._full_limits.slowed(self.how.speed_limit)
-        self._generator = Generator(self._limits, self.period_s, q, self.tick, self._blend, kinematics=self._kinematics)
+        self._generator = Generator(
+            self._limits, self.period_s, q, self.tick, self._blend, kinematics=self._kinematics, fences=self.fences
+        )

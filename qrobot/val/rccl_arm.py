@@ -20,6 +20,7 @@ _WORDS: Final = {
     Termination.UNREACHABLE: "out of reach",
     Termination.SINGULAR: "too near a singular place",
     Termination.TOO_FAST: "a joint would be too fast",
+    Termination.FENCE: "too near a fence",
 }
 
 

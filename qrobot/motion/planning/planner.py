@@ -16,6 +16,7 @@ from qrobot.motion.path.coordinates import JOINTS, measured
 from qrobot.motion.path.path_piece import BlendSettings, PathPiece, piece_from_state, piece_joining_line
 from qrobot.motion.path.segment import Schedule, Segment
 from qrobot.motion.path.setpoint_history import History, motion_of
+from qrobot.motion.planning.fence_check import FenceCheck
 from qrobot.motion.planning.geometric_path import GeometricPath, plan_geometric_path, segment_of
 from qrobot.motion.planning.joint_stop import all_can_stop
 from qrobot.motion.planning.queued_motion import NO_FOLLOWER, Following, QueuedMotion, prepare_motion
@@ -67,16 +68,24 @@ class Planner:
         limits: of the arm.
         settings: of the pieces.
         kinematics: kinematics, None when they are not known.
+        fences: judge of ways by fences, None for an arm without.
 
     Attributes:
         scheduler: of times.
     """
 
-    def __init__(self, limits: MotionLimits, settings: BlendSettings, kinematics: ArmKinematics | None) -> None:
+    def __init__(
+        self,
+        limits: MotionLimits,
+        settings: BlendSettings,
+        kinematics: ArmKinematics | None,
+        fences: FenceCheck | None = None,
+    ) -> None:
         self.scheduler = Scheduler(limits, settings.period_s, settings.blend)
         self._limits = limits
         self._settings = settings
         self._kinematics = kinematics
+        self._fences = fences
 
     def prepare(self, request: MoveRequest, start: Floats | None, near: Floats, tick: int) -> QueuedMotion:
         """Judge a request as a motion from rest at `start` (n,) to rest, as far as both are known.
@@ -89,6 +98,7 @@ class Planner:
 
         Raises:
             JointLimit, Unreachable, Singular: the goal, or the way there, is not for this arm.
+            FenceCrossed: the way leads too near a fence.
             MotionError: the arm cannot do it in that time.
         """
         what = f"move to {request.name}"
@@ -103,6 +113,8 @@ class Planner:
         with _naming(what):
             geometry = self.plan_geometry(queued, start)
         self.scheduler.check(request, geometry)
+        if self._fences is not None and queued.fixed:
+            self._fences.check_way(geometry, start, what)
         return replace(queued, asks=self.scheduler.alone(request, geometry))
 
     def plan_geometry(self, queued: QueuedMotion, via: Floats) -> GeometricPath:
@@ -132,7 +144,8 @@ class Planner:
             schedule = self.scheduler.plan(queued.request, geometry, v, least, bounds.most, bounds.following, rest)
             segment = self.segment(queued, geometry, schedule, clock + schedule.transition)
             if self._fits(segment, state, clock, points[-1][1]):
-                return SegmentEntry(segment, state)
+                entry = SegmentEntry(segment, state)
+                return entry if bounds.at_any_rate or self.is_clear(entry, clock, points[-1][1]) else None
             least = rest = int(_LONGER * max(schedule.transition, schedule.resting)) + 1
         return SegmentEntry(segment, state) if bounds.at_any_rate and segment is not None else None
 
@@ -140,7 +153,25 @@ class Planner:
         """Plan the way out of a joint path, at `state` (3, n), into that of `queued`; None when no such way is safe."""
         plan_geometry = partial(self.plan_geometry, queued)
         segment = replan(queued.request, plan_geometry, state, clock, self.scheduler, self._settings, following)
-        return None if segment is None else SegmentEntry(segment, state)
+        entry = None if segment is None else SegmentEntry(segment, state)
+        return entry if entry is not None and self.is_clear(entry, clock, state[0]) else None
+
+    def is_clear(self, entry: SegmentEntry, begin: float, near: Floats) -> bool:
+        """True when the arm, about at `near` (n,), keeps off its fences on this way, entered at path time `begin`.
+
+        Always so without fences, and where the goal moves: its setpoints are judged one by one.
+        """
+        segment = entry.segment
+        if self._fences is None or not segment.coordinates.fixed:
+            return True
+        piece = piece_joining_line(
+            entry.state, segment.via, segment.begin, segment.velocity, begin, 2.0 * segment.schedule.transition,
+            self._settings.period_s,
+        )  # fmt: skip
+        try:
+            return self._fences.is_clear(segment, piece, self._settings, near)
+        except MotionError:  # the turn leads where the straight lines do not
+            return False
 
     def ahead(self, request: MoveRequest, points: History) -> Floats:
         """Joints half a transition later, at their present speed: the via point of a replanned path.

@@ -190,19 +190,22 @@ class Sequencer:
     def _enter_transition(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
         """Enter the transition to `queued` now; False when there turned out to be no way."""
         if transition.geometry.coordinates is JOINTS and segment.coordinates is JOINTS:
-            self._enter_on_time(segment, queued, transition)
-            return True
+            return self._enter_on_time(segment, queued, transition)
         bounds = TransitionBounds(transition.schedule.transition, following=self._asked_behind())
         on_time = None
         if segment.coordinates.fixed and queued.fixed and not self._trajectory.on_the_clock:
             on_time = segment.end - transition.schedule.transition  # which no sample meets at another speed
         return self._enter_from_state(queued, self._trajectory.goal_joints(), bounds, Termination.COMPLETED, on_time)
 
-    def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> None:
-        """Enter one joint path from another as if on time, whichever samples were left out."""
+    def _enter_on_time(self, segment: Segment, queued: QueuedMotion, transition: ViaTransition) -> bool:
+        """Enter one joint path from another as if on time, whichever samples were left out; False for a fence."""
         begin = segment.end - transition.schedule.transition
         there = self._planner.segment(queued, transition.geometry, transition.schedule, segment.end)
-        self._enter(SegmentEntry(there, self._path.state(begin)), begin, Termination.COMPLETED)
+        entry = SegmentEntry(there, self._path.state(begin))
+        if not self._planner.is_clear(entry, begin, entry.state[0]):
+            return False
+        self._enter(entry, begin, Termination.COMPLETED)
+        return True
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Enter the transition to rest, once it is time for it."""

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
+from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
 from qrobot.motion.event import Termination
 from qrobot.motion.path.blend import PEAK, Blend
 from qrobot.motion.path.setpoint_history import History, parabola, rows_of, spacing
@@ -22,6 +22,7 @@ _REASONS: Final[dict[type[MotionError], Termination]] = {
     JointLimit: Termination.JOINT_LIMIT,
     Unreachable: Termination.UNREACHABLE,
     Singular: Termination.SINGULAR,
+    FenceCrossed: Termination.FENCE,
 }
 
 

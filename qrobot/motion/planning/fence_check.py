@@ -1,0 +1,90 @@
+"""The way of an arm against its fences: when a motion is asked for, when it turns into another, and at each sample.
+
+A request is judged as a motion from rest to rest on its straight line. A transition leaves that line, so it is looked
+at before it is entered; where it would come too near a fence it is not made, and the arm comes to rest at the via point
+first. Of what nobody can know beforehand, a goal that moves or complies, each setpoint is looked at, and where a stop
+of the joints that began with it would end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import FenceCrossed
+from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
+from qrobot.motion.path.blend import PEAK, Blend
+from qrobot.motion.path.path_piece import BlendSettings, PathPiece
+from qrobot.motion.path.segment import Segment
+from qrobot.motion.path.setpoint_history import History, motion_of
+from qrobot.motion.planning.geometric_path import GeometricPath
+from qrobot.motion.world.limits import MotionLimits
+
+STOP_PROBES: Final = np.linspace(0.0, 1.0, 4)  # [A] of the way of a stop
+WHAT: Final = "the motion"
+
+
+@dataclass(eq=False)
+class FenceCheck:
+    """Judge of one arm's motions by its fences.
+
+    Attributes:
+        fences: of the arm.
+        floor: slack that a motion from where the arm rested last has to keep; None before it has rested.
+    """
+
+    fences: FenceSet
+    floor: Floats | None = field(default=None)
+
+    def check_way(self, geometry: GeometricPath, start: Floats, what: str) -> None:
+        """Raise FenceCrossed when the line from the joint positions `start` (n,) comes too near a fence."""
+        coordinates, via, target = geometry.coordinates, geometry.via, geometry.target
+
+        def joints_at(share: float, near: Floats) -> Floats:
+            return coordinates.solve_at(via + share * (target - via), near)
+
+        self.fences.check_path(joints_at, start, what)
+
+    def is_clear(self, segment: Segment, piece: PathPiece, settings: BlendSettings, near: Floats) -> bool:
+        """The transition `piece` into `segment`, in its coordinates, and what follows on its line keep off all fences.
+
+        Raises what the coordinates raise: Unreachable, JointLimit or Singular.
+        """
+        end = max(piece.end, segment.end)
+
+        def joints_at(share: float, near: Floats) -> Floats:
+            state = piece.state(piece.start + share * (end - piece.start), settings)
+            return segment.coordinates.solve_at(state[0], near)
+
+        try:
+            self.fences.check_path(joints_at, joints_at(0.0, near), WHAT)
+        except FenceCrossed:
+            return False
+        return True
+
+    def rests_at(self, q: Floats) -> None:
+        """Remember how near the arm is at rest at `q` (n,): it may stay there, and leave."""
+        self.floor = self.fences.floor(q)
+
+    def judge(self, q: Floats) -> None:
+        """Raise FenceCrossed when a setpoint (n,) of a way that was looked at is too near a fence after all."""
+        self.fences.check(q, self._allowed(q), WHAT, 1.0)
+
+    def judge_stop(self, points: History, period_s: float, limits: MotionLimits, blend: Blend) -> None:
+        """Raise FenceCrossed when a stop of the joints from the newest of some setpoints would end too near a fence."""
+        q, v, _ = motion_of(points, period_s)
+        seconds = PEAK[blend] * float((np.abs(v) / limits.a_stop).max())
+        for share in STOP_PROBES:
+            there = q + v * (share * (0.5 * seconds + period_s))
+            self.fences.check(there, self._allowed(q), WHAT, 1.0)
+
+    def _allowed(self, q: Floats) -> Floats:
+        """The floor, with room for what may happen between two places that were looked at."""
+        if self.floor is None:
+            self.rests_at(q)
+        assert self.floor is not None
+        allowed: Floats = self.floor - RESOLUTION_M
+        return allowed

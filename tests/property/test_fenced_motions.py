@@ -1,0 +1,164 @@
+"""Motions and fences: no sample is nearer than the margin, what touches no fence keeps every bit, and a refusal moves
+nothing."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from qrobot.arrays import Floats
+from qrobot.config import load_robot
+from qrobot.config.fences import Fence
+from qrobot.errors import FenceCrossed, MotionError
+from qrobot.fences.fence_set import RESOLUTION_M, FenceSet
+from qrobot.model.arm import Arm
+from qrobot.motion import (
+    Generator,
+    JointSpeed,
+    MoveRequest,
+    Termination,
+    kinematics_of,
+    motion_limits,
+)
+from tests.support import fences as slowly
+
+ROBOT = load_robot("puma560")
+ARM = Arm(ROBOT)
+LIMITS = motion_limits(ROBOT)
+PARK = ROBOT.poses["park"]
+SLACK = RESOLUTION_M + 1e-3  # of places between those that were looked at, and of the slow oracle
+
+far = st.floats(0.0, 1.0)
+goals = st.lists(st.tuples(far, far, far, far, far, far), min_size=1, max_size=3)
+
+
+def near_park(shares: tuple[float, ...]) -> Floats:
+    """A pose within some 60 degrees of park, inside the range."""
+    step = (np.array(shares) - 0.5) * np.radians([150.0, 90.0, 90.0, 90.0, 90.0, 90.0])
+    return np.clip(PARK + step, ROBOT.limits.q_min + 0.05, ROBOT.limits.q_max - 0.05)
+
+
+@st.composite
+def fence_near_the_hand(draw: st.DrawFn) -> Fence:
+    """A box, a cylinder or a plane to keep out of, or a box to stay in; where the hand gets to from park."""
+    x, y, z = (draw(st.floats(-0.5, 0.5)) for _ in range(3))
+    kind = draw(st.sampled_from(["box", "cylinder", "plane", "room"]))
+    hand = ARM.flange(PARK)[:3, 3]
+    if kind == "room":
+        size = tuple(0.6 + abs(value) for value in (x, y, z))
+        return Fence(name="room", shape="box", keep="in", bodies="tool", position_m=tuple(hand), size_m=size)
+    if kind == "plane":
+        place = (hand[0] + 0.08 + 0.3 * abs(x), 0.0, 0.0)
+        return Fence(name="plane", shape="plane", bodies="tool", position_m=place, rpy_deg=(0.0, -90.0, 0.0))
+    sizes = {"box": {"size_m": (0.2, 0.2, 0.2)}, "cylinder": {"radius_m": 0.1, "length_m": 0.3}}[kind]
+    place = (hand[0] + x, hand[1] + y, hand[2] + z)
+    return Fence(name=kind, shape=kind, position_m=place, rpy_deg=(90 * x, 0.0, 90 * y), bodies="all", **sizes)
+
+
+@cache
+def kinematics() -> object:
+    """Of the arm, once."""
+    return kinematics_of(ARM)
+
+
+def generator(fences: FenceSet | None, q: Floats = PARK) -> Generator:
+    """A generator at rest."""
+    return Generator(LIMITS, 0.028, np.array(q), kinematics=kinematics(), fences=fences)
+
+
+def distances_by_hand(fence: Fence, q: Floats) -> float:
+    """Distance of the arm from a fence with few points of each capsule."""
+    wanted = {"all": (True, False), "tool": (True,), "links": (False,)}[fence.bodies]
+    found = []
+    for capsule in ROBOT.shape.capsules:
+        if (capsule.link == ROBOT.n) in wanted:
+            away = slowly.outside(fence, slowly.axis_points(ROBOT, capsule, q, 100))
+            found.append((-away.max() if fence.keep == "in" else away.min()) - capsule.radius_m)
+    return float(min(found))
+
+
+def perform(motion: Generator, asked: list[Floats], interrupt_at: int) -> tuple[list[Floats], int]:
+    """Samples of a motion through all goals that are not refused, skipped at one sample; and how many were refused."""
+    refused = 0
+    for number, goal in enumerate(asked):
+        try:
+            motion.push(MoveRequest(f"goal {number}", goal, JointSpeed(1.0)))
+        except FenceCrossed:
+            refused += 1
+        except MotionError:
+            pass
+    samples, tick = [], 0
+    while motion.busy or motion.has_events:
+        tick += 1
+        samples.append(motion.update(tick).q)
+        if tick == interrupt_at:
+            motion.skip(7)
+    return samples, refused
+
+
+@settings(max_examples=15)
+@given(fence_near_the_hand(), goals, st.integers(1, 60))
+def test_no_sample_of_any_motion_is_nearer_to_a_fence_than_its_margin(
+    fence: Fence, shares: list[tuple[float, ...]], interrupt_at: int
+) -> None:
+    assume(distances_by_hand(fence, PARK) > fence.margin_m + 0.001)
+    asked = [near_park(each) for each in shares]
+    samples, refused = perform(generator(FenceSet(ROBOT, [fence])), asked, interrupt_at)
+    nearest = min([distances_by_hand(fence, q) for q in samples], default=1.0)
+    assert nearest >= fence.margin_m - SLACK
+    if all(distances_by_hand(fence, PARK + s * (asked[0] - PARK)) < fence.margin_m - SLACK for s in (1.0,)):
+        assert refused > 0
+
+
+@settings(max_examples=6)
+@given(goals, st.integers(1, 60))
+def test_a_fence_that_is_not_touched_changes_no_bit(shares: list[tuple[float, ...]], interrupt_at: int) -> None:
+    asked = [near_park(each) for each in shares]
+    far_away = FenceSet(ROBOT, [Fence(name="far", shape="box", size_m=(0.1, 0.1, 0.1), position_m=(5.0, 0.0, 0.0))])
+    free, _ = perform(generator(None), asked, interrupt_at)
+    fenced, refused = perform(generator(far_away), asked, interrupt_at)
+    assert refused == 0
+    assert np.array(free).tobytes() == np.array(fenced).tobytes()
+
+
+def wall_ahead(distance_m: float, margin_m: float = 0.02) -> FenceSet:
+    """A plane across x, so far ahead of the flange at park."""
+    _, start, end, radius = FenceSet(ROBOT, [], self_collision=True).capsules_at(PARK)[-1]
+    place = (max(start[0], end[0]) + radius + distance_m, 0.0, 0.0)
+    fence = Fence(name="window", shape="plane", position_m=place, rpy_deg=(0.0, -90.0, 0.0), margin_m=margin_m,
+                  bodies="tool")  # fmt: skip
+    return FenceSet(ROBOT, [fence])
+
+
+def test_a_refusal_names_fence_body_depth_and_place_and_moves_nothing() -> None:
+    fences = wall_ahead(0.2)
+    motion = generator(fences)
+    goal = PARK + np.radians([0.0, 30.0, -60.0, 0.0, 0.0, 0.0])
+    sentence = r"move to reach: flange would be .* fence 'window' after \d+ % of the way"
+    with pytest.raises(FenceCrossed, match=sentence) as told:
+        motion.push(MoveRequest("reach", goal, JointSpeed(1.0)))
+    error = told.value
+    assert (error.fence, error.body) == ("window", "flange")
+    assert 0.0 < error.depth_m < 0.01
+    there = fences.slack(PARK + error.share * (goal - PARK))[0]
+    assert there == pytest.approx(-error.depth_m, abs=1e-9)
+    assert not motion.busy
+    assert not motion.update(1).moving
+    assert (motion.update(2).q == PARK).all()
+
+
+def test_an_arm_that_stands_too_near_may_leave_and_come_no_nearer() -> None:
+    motion = generator(wall_ahead(0.0))  # on its surface, 20 mm inside the margin
+    turn = np.radians([0.0, 10.0, -20.0, 0.0, 0.0, 0.0])
+    with pytest.raises(FenceCrossed):
+        motion.push(MoveRequest("further", PARK + turn, JointSpeed(1.0)))
+    motion.push(MoveRequest("back", PARK - turn, JointSpeed(1.0)))
+    tick, codes = 0, []
+    while motion.busy or motion.has_events:
+        tick += 1
+        codes += [event.code for event in motion.update(tick).events if event.request is not None]
+    assert codes[-1] == Termination.COMPLETED
