@@ -286,6 +286,9 @@ class Generator:
         """The setpoint `q` (n,) leads too near a fence; a stop under way is the best that can be done already."""
         if self.stopping:
             return False
+        if self._path.coordinates.fixed and not self.busy:
+            fences.rests_at(q)
+            return False
         try:
             if self._path.coordinates.fixed:
                 fences.judge(q)
@@ -294,8 +297,6 @@ class Generator:
                 fences.judge_stop(points, self.period_s, self._limits, self._settings.blend)
         except FenceCrossed:
             return True
-        if not self.busy:
-            fences.rests_at(q)
         return False
 
     def _abort_now(self, code: int) -> Floats:

@@ -71,7 +71,7 @@ class FenceCheck:
 
     def judge(self, q: Floats) -> None:
         """Raise FenceCrossed when a setpoint (n,) of a way that was looked at is too near a fence after all."""
-        self.fences.check(q, self._allowed(q), WHAT, 1.0)
+        self.fences.check(q, self._kept(q) - RESOLUTION_M, WHAT, 1.0)  # between two places that were looked at
 
     def judge_stop(self, points: History, period_s: float, limits: MotionLimits, blend: Blend) -> None:
         """Raise FenceCrossed when a stop of the joints from the newest of some setpoints would end too near a fence."""
@@ -79,12 +79,10 @@ class FenceCheck:
         seconds = PEAK[blend] * float((np.abs(v) / limits.a_stop).max())
         for share in STOP_PROBES:
             there = q + v * (share * (0.5 * seconds + period_s))
-            self.fences.check(there, self._allowed(q), WHAT, 1.0)
+            self.fences.check(there, self._kept(q), WHAT, 1.0)
 
-    def _allowed(self, q: Floats) -> Floats:
-        """The floor, with room for what may happen between two places that were looked at."""
+    def _kept(self, q: Floats) -> Floats:
+        """The floor; that of `q` (n,) before the arm has rested anywhere."""
         if self.floor is None:
             self.rests_at(q)
-        assert self.floor is not None
-        allowed: Floats = self.floor - RESOLUTION_M
-        return allowed
+        return self.fences.floor(q) if self.floor is None else self.floor
