@@ -143,7 +143,7 @@ class HeldMotion(Generic[HeldT]):
         return float(min(goal, max(place, high)) if way > 0.0 else max(goal, min(place, low)))
 
     def _before_fences(self, start: Floats, joint: int, end: float) -> float:
-        """Where a joint that is turned from `start` (n,) towards `end` has to stay before a fence; degrees or mm."""
+        """The furthest place of a joint turned from `start` (n,) towards `end`, before any fence; degrees or mm."""
         goal = start.copy()
         goal[joint] = end
         return float(start[joint] + self._arm.clear_share(start, goal) * (end - start[joint]))
