@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import ProgramError
+from qrobot.errors import JointLimit, MotionError, ProgramError, Unreachable
 from qrobot.model.branch import Branch, branch_of
 from qrobot.val.arm import Destination, ValArm
 from qrobot.val.parser import parse_variable
@@ -181,12 +181,25 @@ class Machine:
             name, robot_pose, self.space.T_last_tool, q if robot_pose is None else None, straight, share, mm_s, letters
         )
         if not self.switches["DRY.RUN"]:
-            self.arm.move(destination)
+            self._move(destination)
         self._dest = pose
         self._branch = branch_of(letters) if letters else self._branch
         if q is not None:
             self._branch = self.space.branch(q)
         self.next_speed, self.words = None, ""
+
+    def _move(self, destination: Destination) -> None:
+        """Queue a motion. Raises MotionError, with the configuration that would get there."""
+        try:
+            self.arm.move(destination)
+        except (JointLimit, Unreachable) as error:
+            now = self.space.branch(self.arm.q) if self._branch is None else self._branch
+            goal = destination.T_robot_tool
+            branch = branch_of(destination.letters, now)
+            words = "" if goal is None else self.space.other_words(goal, self.arm.q, branch)
+            if not words:
+                raise
+            raise MotionError(f"{error}; {words} before a MOVE gets there") from error
 
     def _letters(self, straight: bool) -> str:
         if not self.words:

@@ -70,13 +70,14 @@ class _Finder:
         try:
             self._match(at, line.action)
         except ProgramError as error:
-            self.errors.append(ProgramError(error.what, line.line, 1))
+            self.errors.append(ProgramError(error.what, line.line, line.column))
 
     def finish(self, program: ValProgram) -> None:
         """Tell what is still open, and labels that are nowhere."""
         for structure in self._open:
-            wanted, line = _LIKELY.get(structure.word, "END"), program.lines[structure.at].line
-            self.errors.append(ProgramError(f"expected {wanted} for this {structure.word}; .END comes first", line, 1))
+            wanted, begun = _LIKELY.get(structure.word, "END"), program.lines[structure.at]
+            what = f"expected {wanted} for this {structure.word}; .END comes first"
+            self.errors.append(ProgramError(what, begun.line, begun.column))
         for line_ in program.lines:
             action = line_.action
             if isinstance(action, Goto) and action.label not in self.labels:

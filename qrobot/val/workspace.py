@@ -14,6 +14,7 @@ from qrobot.model.branch import Branch
 from qrobot.model.transform import inverse, rot_z, transform
 from qrobot.val.values import JointLocation, Transformation
 
+_WORDS: Final = {"r": "RIGHTY", "l": "LEFTY", "u": "ABOVE", "d": "BELOW", "n": "NOFLIP", "f": "FLIP"}
 _AXES: Final = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
 
 
@@ -60,6 +61,24 @@ class Workspace:
         except MotionError:
             return False
 
+    def other_words(self, T: Floats, q: Floats, branch: Branch) -> str:
+        """The fewest words of a configuration in which the arm reaches a pose, as "LEFTY FLIP".
+
+        Args:
+            T: pose of the tool in the robot's base frame, shape (4, 4).
+            q: joint positions now, shape (n,).
+            branch: the configuration that does not get there.
+
+        Returns:
+            empty when no other one does, or when the arm has none.
+        """
+        try:
+            ways = self.arm.inverses(T @ inverse(self.T_last_tool), q)
+        except MotionError:
+            return ""
+        words = [_words_between(branch, way) for way in ways if way != branch]
+        return " ".join(sorted(words, key=len)[0]) if words else ""
+
     def branch(self, q: Floats) -> Branch:
         """The configuration at joint positions `q` (n,); RUN for an arm that has none."""
         try:
@@ -70,6 +89,11 @@ class Workspace:
     def move_base(self, dx: float, dy: float, dz: float, rotation: float) -> None:
         """The robot stands `dx`, `dy`, `dz` (m) away, turned by `rotation` (rad) about z."""
         self.base = transform(rot_z(rotation), np.array([dx, dy, dz]))
+
+
+def _words_between(old: Branch, new: Branch) -> list[str]:
+    """VAL's words for what differs."""
+    return [_WORDS[letter] for before, letter in zip(old.letters, new.letters, strict=True) if letter != before]
 
 
 def aligned(T: Floats) -> Floats:

@@ -43,7 +43,8 @@ def test_the_examples_have_no_mistakes(file) -> None:
         ("    SIGNAL 17", 5, "there is no signal 17"),
         ("MOVE nowhere", 6, "nowhere has no value"),
         ("  x = 3 + count[2]", 11, "count has no value"),
-        ("WHILE TRUE DO", 1, "expected END for this WHILE"),
+        ("10 UNTIL TRUE", 4, "UNTIL without DO"),
+        ("  WHILE TRUE DO", 3, "expected END for this WHILE"),
         ("MOVE near far", 11, "'far' stands there"),
     ],
 )

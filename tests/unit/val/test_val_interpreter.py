@@ -166,6 +166,17 @@ def test_a_configuration_is_taken_with_the_next_motion(words: str) -> None:
         assert run.machine.space.branch(run.machine.arm.q).letters == letters
 
 
+def test_a_place_that_another_configuration_reaches_is_told_with_its_words() -> None:
+    places = ".LOCATIONS\nd 500 100 -150 90 90 0\n.END"
+    with interpreter(main_program("READY", "MOVE d", rest=places)) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        words = run.message.partition("; ")[2].removesuffix(" before a MOVE gets there").split()
+        assert words
+        assert set(words) <= {"LEFTY", "BELOW", "FLIP"}
+    with interpreter(main_program("READY", *words, "MOVE d", rest=places)) as (run, _):
+        assert run.execute("main") is RunState.COMPLETED, run.message
+
+
 def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
     program = main_program("MOVE a", "MOVES far", "MOVE b", "BREAK", 'TYPE "end"', rest=PLACES)
     with interpreter(program) as (run, typed):
