@@ -249,7 +249,7 @@ def the_arm_is_seen_where_its_kinematics_says(page: Page) -> None:
 def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:
     own, evil = f"http://{pendant.host}", "http://evil.example"
     polling = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
-    for path in ("/", polling):
+    for path in ("/", polling, "/ask/programs?arm=0"):
         assert pendant.status_of(path, Cookie=pendant.cookie, Origin=own) != 403
         assert pendant.status_of(path, Cookie=pendant.cookie, Origin=evil) == 403
         assert pendant.status_of(path, Cookie=pendant.cookie, Host="evil.example") == 403
