@@ -192,6 +192,26 @@ def _listed(name: str, text: str, count: int) -> tuple[float, ...]:
 
 
 @app.command
+def collision(
+    *,
+    threshold: GainsOption | None = None,
+    reaction: Literal["stop", "comply"] = "stop",
+    where: Where | None = None,
+) -> int:
+    """Tell collisions sooner than the robot file does, and choose what follows them; in force until the servo ends.
+
+    Parameters
+    ----------
+    threshold
+        Torque that nobody commanded, N m (N), one a joint, at most `unexplained_torque` of the robot file; left out,
+        that counts.
+    reaction
+        stop: on the path, held where the arm got to. comply: and then soft for two seconds, before it is held.
+    """
+    return _do(where, lambda servo: servo.change_collision(threshold or (), reaction))
+
+
+@app.command
 def pause(*, where: Where | None = None) -> int:
     """Let motions stand still on their path until `qrobot ctl resume`. Anybody may.
 

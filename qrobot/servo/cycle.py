@@ -23,7 +23,7 @@ from qrobot.servo.modes import gives_torque
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.protection import check_inputs, check_reference
 from qrobot.servo.stages.binary_outputs import settle_outputs
-from qrobot.servo.stages.collision_stop import give_way
+from qrobot.servo.stages.collision_stop import complies, give_way, take_collision
 from qrobot.servo.stages.dropout_hold import hold_through_dropout
 from qrobot.servo.stages.guiding import lead_by_hand
 from qrobot.servo.stages.inputs import estimate, read
@@ -60,6 +60,7 @@ def cycle(params: ServoParameters, state: ServoState, mail: Any, now_ns: int, la
     check_inputs(params, state, mail, now_ns)
     handle_requests(params, state, mail, now_ns)
     take_override(state, mail)
+    take_collision(state, mail)
     carry_payload(params, state, mail)
     update_reference(params, state, mail, now_ns)
     hold_through_dropout(state)
@@ -116,8 +117,8 @@ def update_reference(params: ServoParameters, state: ServoState, mail: Any, now_
         while frame_is_over(state):
             shift_extrapolated(state.knots)
         follow_path(params, state, state.rate_slope)
-        give_way(params, state)
-        if left == 0.0:
+        give_way(params, state, left)
+        if left == 0.0 and not complies(state, now_ns):
             finish_stop(state)
 
 

@@ -157,11 +157,15 @@ def watch_motors(params: ServoParameters, state: ServoState) -> None:
 
 @lean_kernel
 def set_thresholds(params: ServoParameters, state: ServoState) -> None:
-    """Bound of the torque that nobody commanded: the robot file's, and more for an arm that gives way to a hand."""
+    """Bound of the torque that nobody commanded: the robot file's, less if asked, more for an arm that gives way."""
     compliant = gives_way(state)
     for j in range(state.q.size):
-        usual = params.watch.unexplained[j]
-        state.watch.threshold[j] = max(usual, COMPLIANT_PUSH * params.tau_max[j]) if compliant else usual
+        usual, asked = params.watch.unexplained[j], state.watch.asked[j]
+        if compliant:
+            usual = max(usual, COMPLIANT_PUSH * params.tau_max[j])
+        elif asked > 0.0 and params.position_drives == 0:
+            usual = min(usual, asked)
+        state.watch.threshold[j] = usual
 
 
 @lean_kernel
@@ -321,6 +325,8 @@ def _name_push(params: ServoParameters, state: ServoState, j: int) -> None:
         still_s, still_s * abs(watch.v_moving[j]) / limits.unit_per_count[j], limits.impossible[j],
         watch.work < 0.0, watch.along[j] >= limits.proof[j],
     )  # fmt: skip
+    if code != 0 and abs(push) <= limits.unexplained[j] + watch.allowed[j]:
+        code = COLLISION  # only a lower threshold was asked for: nothing more is known to be wrong
     if code == ENC_STUCK and pot_is_watching(state, j):
         return  # a matter of the potentiometer, see `_watch_encoder`
     if code == RUNAWAY:

@@ -59,6 +59,9 @@ class WatchState:
     expected: Any  # momentum the torques account for, N m s (N s)
     push: Any  # torque nobody commanded, N m (N)
     threshold: Any  # of that torque, N m (N): beyond it something is wrong, or in the way
+    asked: Any  # threshold that a program wants, 0 for none
+    met: Any  # where the joint was when it began to give way softly
+    soft: Any  # 1: it gives way softly, int64
     over_s: Any  # for how long it has been above its threshold
     counts: Any  # encoder counts at the last sample, int64
     counts_on: Any  # encoder counts when power came on, int64
@@ -89,6 +92,7 @@ class WatchState:
     slow_row: int = 0  # cycles in a row that took longer than their period
     heavy_row: int = 0  # cycles in a row that took longer than half of it
     losses_told: int = 0  # of remote modules, up to the last cycle
+    reaction: int = 0  # to a collision, see `servo.stages.collision_stop`
     yields: int = 0  # 1: the stop going on ends where the arm is, not where its reference is
     unpowered_s: float = 0.0  # time since power was last wanted
     sample_s: float = 0.0  # between the newest two samples of the encoders
@@ -144,7 +148,8 @@ def make_watch_state(n: int) -> WatchState:
 
     return WatchState(
         load=vector(), expected=vector(), push=vector(),
-        threshold=vector(), over_s=vector(), step=integers(n), along=integers(n),
+        threshold=vector(), asked=vector(), met=vector(), soft=integers(n),
+        over_s=vector(), step=integers(n), along=integers(n),
         counts=integers(n), counts_on=integers(n), still_s=vector(), v_moving=vector(),
         travel=integers(n), going=integers(n), slid=vector(), missing_v=vector(), missing=vector(), q_ref_then=vector(),
         swept_then=vector(), bend=vector(), jolt=vector(), v_ref_before=vector(), inertial=vector(),

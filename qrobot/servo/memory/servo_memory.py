@@ -23,6 +23,7 @@ import numpy as np
 
 from qrobot.arrays import Floats, Words
 from qrobot.errors import ConfigError, LinkError
+from qrobot.hwif.registers import N_ENCODERS
 from qrobot.printable import printable
 from qrobot.realtime.shared_memory import MAGIC_VALUE, SegmentHeader, SharedMemory
 from qrobot.realtime.structure import (
@@ -118,6 +119,8 @@ class CommandBlock:
     payload_mass: float = number()  # kg
     payload_centre: Floats = floats(3)  # m, in the frame of the flange
     payload_inertia: Floats = floats(6)  # kg m2, about that centre: xx yy zz xy xz yz
+    collision_thresholds: Floats = floats(N_ENCODERS)  # N m (N) of a torque nobody commanded; 0 for the robot file's
+    collision_reaction: int = word()  # 0: stop, 1: give way for a while, then hold
     program_signals: Floats = floats(N_SIGNALS)  # numbers that the program tells; NaN for none
     names_told: int = word()  # raised when the names behind have changed
     signal_names: bytes = text(SIGNAL_NAME_BYTES)  # of the program's numbers, a blank between two

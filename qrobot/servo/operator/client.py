@@ -13,6 +13,7 @@ from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.servo.operator.messages import (
     MAX_LINE_BYTES,
     Calibrate,
+    ChangeCollision,
     ChangeGains,
     ChangeLaw,
     ChangeOverride,
@@ -150,6 +151,14 @@ class ServoClient:
             return self._ask(make_request(ChangeLaw, name=name, settings=dict(settings or {})))
         finally:
             self._socket.settimeout(patience_s)
+
+    def change_collision(self, thresholds: Sequence[float] = (), reaction: str = "stop") -> ServoStatus:
+        """Tell collisions sooner, N m (N) of each joint, and choose what follows: "stop" or "comply".
+
+        Needs no authority, so a program may say it of the arm that it commands. Without thresholds those of the robot
+        file count. Raises ConfigError or QRobotError for what cannot be.
+        """
+        return self._ask(make_request(ChangeCollision, thresholds=tuple(thresholds), reaction=reaction))
 
     def change_gains(
         self,

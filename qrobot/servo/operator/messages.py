@@ -110,6 +110,19 @@ class ChangePayload(OperatorMessage):
     inertia: Annotated[tuple[Number, Number, Number, Number, Number, Number], Field(strict=False)] = (0.0,) * 6
 
 
+class ChangeCollision(OperatorMessage):
+    """Tell collisions sooner, and choose what follows them.
+
+    `thresholds` in N m (N), one a joint, at most the robot file's `unexplained_torque`; none at all for that.
+    """
+
+    command: Literal["collision"] = "collision"
+    thresholds: Annotated[
+        tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)
+    ] = ()
+    reaction: Literal["stop", "comply"] = "stop"
+
+
 Gains = Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(max_length=32, strict=False)]
 
 
@@ -138,6 +151,7 @@ OperatorRequest = Annotated[
     | ChangeGains
     | ZeroForce
     | ChangeOverride
+    | ChangeCollision
     | ChangePayload
     | PauseRequest
     | ResumeRequest,

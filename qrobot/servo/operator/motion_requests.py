@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
-from qrobot.errors import QRobotError
+from qrobot.config import Robot
+from qrobot.errors import ConfigError, QRobotError
 from qrobot.servo.memory.mailbox import ServoMailbox
-from qrobot.servo.operator.messages import ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
+from qrobot.servo.operator.messages import ChangeCollision, ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
 from qrobot.servo.payload import PayloadJudge
 from qrobot.wire import Payload
+
+REACTIONS: Final = ("stop", "comply")  # by their numbers in the servo memory
 
 
 def set_speed(
@@ -35,3 +39,19 @@ def set_payload(
     x, y, z = payload.centre
     say(f"payload {payload.mass:g} kg at {x:g}, {y:g}, {z:g} m from the flange")
     return lambda: mailbox.snapshot().payload_mass == payload.mass
+
+
+def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot, say: Callable[[str], None]) -> None:
+    """Hand thresholds and reaction to the servo. Raises ConfigError for thresholds that would tell of less."""
+    most, asked = robot.guard.unexplained_torque_or_default, request.thresholds
+    if asked and len(asked) != robot.n:
+        raise ConfigError(f"{len(asked)} thresholds for {robot.n} joints")
+    for j, (threshold, allowed) in enumerate(zip(asked, most.tolist(), strict=False)):
+        if threshold > allowed:
+            raise ConfigError(
+                f"threshold of joint {j + 1}: {threshold:g} is more than unexplained_torque of the robot file, "
+                f"{allowed:g}; collisions can only be told sooner"
+            )
+    mailbox.request_collision(asked, REACTIONS.index(request.reaction))
+    told = " ".join(f"{threshold:g}" for threshold in asked) or "of the robot file"
+    say(f"collisions: thresholds {told}, then {request.reaction}")

@@ -49,6 +49,7 @@ from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.operator.gain_rows import Matrix, changed_gains
 from qrobot.servo.operator.messages import (
     Calibrate,
+    ChangeCollision,
     ChangeGains,
     ChangeLaw,
     ChangeOverride,
@@ -67,7 +68,7 @@ from qrobot.servo.operator.messages import (
     decode_request,
     encode,
 )
-from qrobot.servo.operator.motion_requests import set_payload, set_speed
+from qrobot.servo.operator.motion_requests import set_collision, set_payload, set_speed
 from qrobot.servo.operator.sockets import OperatorConnection
 from qrobot.servo.payload import PayloadJudge
 from qrobot.servo.settings import ServoSettings
@@ -161,6 +162,9 @@ class Controls:
                 return partial(self._replying, self._told_by_loop)
             case PowerOff():
                 mailbox.request_power_off()
+                return partial(self._replying, self._told_by_loop)
+            case ChangeCollision():
+                set_collision(mailbox, request, self._servo.robot, self._servo.say)
                 return partial(self._replying, self._told_by_loop)
             case ChangeOverride() | PauseRequest() | ResumeRequest():
                 set_speed(mailbox, request, self._servo.say)

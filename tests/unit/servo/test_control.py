@@ -185,6 +185,21 @@ def test_an_impedance_in_force_takes_other_settings_and_keeps_those_not_named(
     client.change_law("qrobot")
 
 
+def test_collisions_can_be_told_sooner_and_never_later_without_authority(servo: Bench, client: ServoClient) -> None:
+    asked = (0.5 * servo.robot.guard.unexplained_torque_or_default).tolist()
+    client.change_collision(asked, "comply")
+    command = servo.bench.mailbox.memory.command
+    assert command.collision_thresholds[: servo.robot.n].tolist() == asked
+    assert command.collision_reaction == 1
+    with pytest.raises(QRobotError, match="threshold of joint 1: 1000 is more than unexplained_torque"):
+        client.change_collision([1000.0, *asked[1:]])
+    with pytest.raises(QRobotError, match="2 thresholds for 6 joints"):
+        client.change_collision([1.0, 2.0])
+    client.change_collision()
+    assert not command.collision_thresholds.any()
+    assert command.collision_reaction == 0
+
+
 def test_a_change_is_in_the_journal_with_the_cycle_it_came_in(servo: Bench, client: ServoClient) -> None:
     journal = JournalReader(servo.bench.mailbox.words, journal_base(servo.robot.n), servo.robot.n)
     client.power_on()
