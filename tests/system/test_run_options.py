@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.config import load_robot
+from qrobot.exchange.robot_document import robot_document, robot_text
 from qrobot.log.read import read_log
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -17,6 +20,13 @@ from qrobot import rccl
 with rccl.control("puma560", period_ms=28) as arm:
     arm.move(arm.pose("park"))
     arm.waitfor(arm.completed)
+"""
+ARM_OF_ITS_OWN = """
+[[arm]]
+name = "bent"
+robot = "bent.toml"
+board = { kind = "emulator", start_pose = "park" }
+bridge = { host = "127.0.0.1", port = 5600 }
 """
 LAW = """
 from qrobot.servo.laws.law import law
@@ -127,3 +137,18 @@ def test_an_error_of_ours_names_the_line_of_the_program(here: Path, capsys: pyte
 def test_a_star_import_gives_the_names_of_the_library(here: Path) -> None:
     (here / "star.py").write_text("from qrobot.rccl import *\nassert callable(control)\n")
     assert run("--offline", "star.py") == 0
+
+
+def test_an_arm_without_a_closed_form_traces_the_box_as_a_puma_does(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = robot_text(robot_document(load_robot("puma560"))).replace('family = "puma"', 'family = "generic"')
+    text = text.replace('name = "puma560"', 'name = "bent"').replace("-90.0, 0.0, 90.0", "-80.0, 0.0, 90.0", 1)
+    (here / "bent.toml").write_text(text)
+    (here / "arms.toml").write_text(ARM_OF_ITS_OWN)
+    (here / "box.py").write_text((EXAMPLES / "12_box.py").read_text().replace('"puma560"', '"bent.toml"'))
+    assert load_robot("bent.toml").geometry.alpha_rad[1] == pytest.approx(np.radians(-80.0))
+    assert run("--lockstep", "--deployment", "arms.toml", "--output", "box", "box.py") == 0
+    told = re.search(r"at most ([0-9.]+) mm off", capsys.readouterr().err)
+    assert told is not None
+    assert float(told[1]) < 2.0

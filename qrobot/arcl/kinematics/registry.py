@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
-from qrobot.arcl.kinematics.closed_form import file_kinematics, puma_kinematics, without_ranges
 from qrobot.arcl.kinematics.interface import ManipulatorKinematics
+from qrobot.arcl.kinematics.robot_file import file_kinematics, puma_kinematics, without_ranges
 from qrobot.config import Robot, load_robot
 from qrobot.errors import ConfigError
 
 KinematicsMaker: TypeAlias = Callable[[Robot], ManipulatorKinematics]
 
-_MAKERS: Final[dict[str, KinematicsMaker]] = {"puma": puma_kinematics, "stanford": file_kinematics}
+_MAKERS: Final[dict[str, KinematicsMaker]] = {
+    "puma": puma_kinematics,
+    "stanford": file_kinematics,
+    "generic": file_kinematics,
+}
 
 
 def register_kinematics(name: str, maker: KinematicsMaker) -> None:

@@ -11,6 +11,7 @@ from qrobot.model.arm import SINGULAR, Arm
 from qrobot.model.branch import Branch
 from qrobot.model.closed_form import CLOSED_FORMS
 from qrobot.model.puma import InverseStatus
+from qrobot.motion.world.numerical_kinematics import FEWEST_JOINTS, NumericalKinematics
 
 NEAR_SINGULAR: Final = (
     0.08  # smallest singular value of the Jacobian (m, rad); about 0.3 in the middle of the workspace
@@ -76,5 +77,7 @@ class ClosedFormKinematics:
 
 
 def kinematics_of(arm: Arm) -> ArmKinematics | None:
-    """The closed form for `arm`, None when there is none."""
-    return ClosedFormKinematics(arm) if arm.robot.geometry.family in CLOSED_FORMS else None
+    """The closed form for `arm`, or a numerical inverse; None for an arm that cannot take any pose."""
+    if arm.robot.geometry.family in CLOSED_FORMS:
+        return ClosedFormKinematics(arm)
+    return NumericalKinematics(arm) if arm.robot.n >= FEWEST_JOINTS else None

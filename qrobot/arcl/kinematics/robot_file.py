@@ -1,4 +1,4 @@
-"""Kinematics of a robot file whose arm has an inverse in closed form: the PUMA family and the Stanford arm.
+"""Kinematics of a robot file: the PUMA family and the Stanford arm in closed form, any other arm by steps.
 
 The PUMA stands in Paul's convention, as ARCL's programs see it: READY is (0, 90, -90, 0, 0, 0) degrees with T6 upright
 at x 20.3 mm, and its "zero angle position is a righty" (the comment of Corke's Puma560 model: "Paul's value of link
@@ -18,7 +18,6 @@ from qrobot.config import Robot
 from qrobot.errors import ConfigError, JointLimit, Singular, Unreachable
 from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
-from qrobot.model.closed_form import CLOSED_FORMS
 from qrobot.model.paul import PAUL_OFFSET, T_PAUL_VAL
 from qrobot.model.transform import inverse
 from qrobot.motion import ArmKinematics, kinematics_of, motion_limits
@@ -36,7 +35,7 @@ class RobotFileKinematics:
         T_base_file: pose of the robot file's base frame in this layer's. Shape (4, 4).
 
     Raises:
-        ConfigError: the arm has no inverse in closed form.
+        ConfigError: the arm has fewer joints than a pose needs.
     """
 
     def __init__(self, robot: Robot, zero: Floats, T_base_file: Floats) -> None:
@@ -106,8 +105,7 @@ def without_ranges(robot: Robot) -> Robot:
 
 def _engine_kinematics(arm: Arm) -> ArmKinematics:
     if (found := kinematics_of(arm)) is None:
-        families = ", ".join(CLOSED_FORMS)
-        raise ConfigError(f"{arm.robot.name}: ARCL needs an inverse in closed form, which families {families} have")
+        raise ConfigError(f"{arm.robot.name}: ARCL moves arms that can take any pose, with six joints or more")
     return found
 
 
