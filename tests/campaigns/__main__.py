@@ -5,6 +5,7 @@
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
     deaths      a servo that dies after any of its stores, by every cause and over every way to the board
+    val_lines   100,000 spoilt lines of VAL II: each is read, or refused with line and column
 
 Ends with 0 when nothing went wrong.
 """
@@ -15,16 +16,17 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, deaths, encoders, quiet, stops
+from tests.campaigns import calibration, deaths, encoders, quiet, stops, val_lines
 
 HOUR_S = 3600.0
 STOPS = 300
+SPOILT_LINES = 100_000
 
 
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration", "deaths"])
+    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration", "deaths", "val_lines"])
     name = parser.parse_args().name
     if name == "quiet":
         wrong = quiet.campaign(HOUR_S)
@@ -34,6 +36,8 @@ def main() -> int:
         wrong = calibration.campaign()
     elif name == "deaths":
         wrong = deaths.campaign()
+    elif name == "val_lines":
+        wrong = val_lines.campaign(SPOILT_LINES)
     else:
         wrong = sum(stops.campaign(STOPS, form) for form in FORMS)
     return 1 if wrong else 0

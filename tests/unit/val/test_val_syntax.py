@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import random
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,54 +13,7 @@ from qrobot.val.printer import print_line
 from qrobot.val.source import print_source, read_source
 from qrobot.val.structure import jumps_of
 from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED
-
-LINES = (
-    "10 MOVE a:b[i,2] ; to the part",
-    "APPROS #p, 50",
-    "x = -3+4*SIN(2) MOD 7",
-    "SET #a = HERE",
-    "SET a = SHIFT(b:c BY 1,,-3)",
-    "SET a = SCALE(b BY .5)",
-    "SET f = FRAME(o,x,y,p):INVERSE(TRANS(1,2,3,90))",
-    "SPEED 50 MMPS ALWAYS",
-    "BASE ,,300",
-    "TOOL",
-    "IF SIG(1001,-2) AND (x<>3 OR NOT y) GOTO 10",
-    "IF x THEN",
-    "ELSE",
-    "WHILE x >= 1 DO",
-    "DO",
-    "UNTIL SIG(-1001)",
-    "FOR i = 1 TO 10 STEP -2",
-    "CASE x OF",
-    "VALUE 1, -2.5:",
-    "ANY",
-    "END",
-    "CALL p",
-    "CALL q(a, , 3)",
-    "RETURN",
-    "REACT 1001, p",
-    "REACTI -1001, stop.it, 3",
-    "REACTE recover",
-    "IGNORE 1001",
-    "LOCK 3",
-    'TYPE /C1, "x; y", /F8.2, x, /X2',
-    'PROMPT "how many? ", n[2]',
-    "DECOMPOSE x[] = a",
-    "TIMER 1 = 0",
-    "PARAMETER HAND.TIME = 0.2",
-    "ENABLE CP, DRY.RUN",
-    "DISABLE MESSAGES",
-    "SIGNAL 1, -2, 2001",
-    "NOFLIP ALWAYS",
-    "COARSE 50 ALWAYS",
-    "PCEXECUTE watch, -1",
-    "WAIT TIMER(1) > 2.5E-1",
-    "DRIVE 1, -20, 50",
-    "; nothing but words",
-    "100",
-    "",
-)
+from tests.support.val_lines import LINES, spoil_lines
 
 
 @pytest.mark.parametrize("text", LINES)
@@ -234,47 +185,8 @@ def test_structures_that_do_not_match_are_told(lines: str, said: str) -> None:
     assert any(said in str(error) for error in jumps_of(program)[1])
 
 
-PIECES = [
-    "MOVE ",
-    "#",
-    "(",
-    ")",
-    "[",
-    ",",
-    ":",
-    "=",
-    "==",
-    "1e9",
-    '"',
-    ";",
-    "NOT ",
-    "\x00",
-    "é",
-    ".",
-    " TO ",
-    "/I3",
-    "-",
-]
-
-
-def mutated(text: str, rng: random.Random) -> str:
-    for _ in range(rng.randint(1, 3)):
-        at = rng.randint(0, len(text))
-        cut = rng.randint(0, 4)
-        text = text[:at] + rng.choice([*PIECES, "", chr(rng.randint(1, 300))]) + text[at + cut :]
-    return text
-
-
 def test_three_thousand_spoilt_lines_are_read_or_refused_with_their_column() -> None:
-    rng = random.Random(17)
-    refused = read = 0
-    for number in range(3000):
-        text = mutated(rng.choice(LINES), rng)
-        try:
-            line = parse_line(text, number + 1)
-        except ProgramError as error:
-            refused += error.line == number + 1 and 1 <= error.column <= len(text) + 1 and error.what != ""
-        else:
-            read += parse_line(print_line(line), number + 1) == line
+    refused, read, wrong = spoil_lines(3000, seed=17)
+    assert wrong == []
     assert refused + read == 3000
     assert 500 < refused < 2800
