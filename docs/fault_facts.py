@@ -149,6 +149,10 @@ FACTS: Final = {
         "the cycle in which the reference or the measured motion is too fast",
         "tests/unit/servo/test_reduced_speed.py::test_a_fast_program_is_stopped_on_its_path_before_the_tool_is_faster",
     ),
+    F.FENCE: Fact(
+        "the last cycle in which a stop ends before the fence",
+        "tests/unit/servo/test_fence_watch.py::test_setpoints_into_a_fence_are_stopped_before_it",
+    ),
     F.RATE: Fact(
         "the servo does not start on a real board; with an emulated one it is told",
         "tests/unit/servo/test_rate_test.py::test_a_rate_that_is_not_kept_is_told_with_one_that_would_be",

@@ -59,6 +59,7 @@ class FaultCode(IntEnum):
     FOLLOWING = 66
     # 67 was reserved and never raised: not to be used for anything else
     T1_LIMIT = 52
+    FENCE = 79
     # calibration, beside 5, 6 and 7
     CAL_BLOCKED = 70
     CAL_ROOM = 71
@@ -80,6 +81,7 @@ class Quantity(Enum):
     POSITION = "position"
     SPEED = "speed"
     TOOL_SPEED = "tool speed"
+    DISTANCE = "distance"
     TORQUE = "torque"
     CYCLES = "cycles"
     SECONDS = "seconds"
@@ -102,6 +104,7 @@ _QUANTITY: dict[FaultCode, Quantity] = {
     FaultCode.LAW_SLOW: Quantity.SECONDS,
     FaultCode.OVERRUN: Quantity.CYCLES,
     FaultCode.T1_LIMIT: Quantity.TOOL_SPEED,
+    FaultCode.FENCE: Quantity.DISTANCE,
     FaultCode.HOLD_TO_RUN: Quantity.SECONDS,
     FaultCode.PAGEFAULT: Quantity.FAULTS,
 }
@@ -214,6 +217,10 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
     FaultCode.T1_LIMIT: (
         "the tool would move faster than the reduced speed allows",
         "lower the speed of the program, lead the arm more slowly, or start the servo without reduced speed",
+    ),
+    FaultCode.FENCE: (
+        "the arm would enter a fence of the deployment file",
+        "move away from it, and correct the program, or the fence in the deployment file",
     ),
     FaultCode.CAL_BLOCKED: (
         "a joint needed too much torque to creep",

@@ -146,6 +146,7 @@ def servo_settings(
         overrun=overrun_of(arm),
         calibration=calibration_of_arm(arm),
         pots=arm.board.pots,
+        fences=fences_of_arm(arm),
     )
 
 

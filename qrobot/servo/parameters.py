@@ -12,6 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from qrobot.config import Robot
+from qrobot.fences.gate import GATE
+from qrobot.fences.table import N_WORDS
 from qrobot.hwif.registers import STATUS_CALIBRATED, STATUS_J6_OVERFLOW
 from qrobot.model.dynamics import DynamicsParams, FrictionParams, dynamics_params, friction_params
 from qrobot.model.transmission import TransmissionParams, transmission_params
@@ -108,6 +110,8 @@ class ServoParameters(NamedTuple):
     load_patience: int
     watch: WatchParams
     outputs: OutputParams
+    fence_gate: int  # address of the kernel that judges fences, see `fences.gate`; 0 for none
+    fence_words: Any  # see `fences.table`
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -179,6 +183,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             load_patience=max(ADC_PATIENCE_CYCLES, math.ceil(LOAD_PATIENCE_NS / settings.period_ns)),
             watch=watch_params(robot, settings),
             outputs=output_params(settings.outputs),
+            fence_gate=0 if settings.fences is None else GATE.address,
+            fence_words=np.zeros(N_WORDS) if settings.fences is None else np.array(settings.fences.words),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

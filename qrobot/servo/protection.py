@@ -11,6 +11,7 @@ category in `qrobot.faultcodes`. The guardian stands beside the cycle, a process
 | the time of the cycle  | `watch_timing`, called where time is taken     | `checks.timing_checks`                |
 | image, estop, guardian | `watch_surroundings`                           | `stages.mode_machine`                 |
 | encoders, speed, range | `watch_arm`                                    | `checks.limit_checks`, `lost_counts`  |
+| fences                 | `watch_fences`                                 | `fences.gate`                         |
 | motors, load, contact  | `watch_motors`                                 | `checks.motor_fault_diagnosis`        |
 | encoders that stand    | `watch_motors`                                 | `checks.dead_encoder`                 |
 | brakes                 | `watch_brakes`                                 | `checks.fault_monitors`               |
@@ -27,6 +28,7 @@ from typing import Any
 
 from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors
+from qrobot.servo.checks.fence_watch import watch_fences
 from qrobot.servo.checks.hold_to_run import watch_key
 from qrobot.servo.checks.reduced_speed import watch_tool
 from qrobot.servo.parameters import ServoParameters
@@ -40,6 +42,7 @@ def check_inputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     """Judge what the board says, and what the arm did under the torque of the cycles before."""
     watch_surroundings(params, state, mail, now_ns)
     watch_arm(params, state)
+    watch_fences(params, state)
     watch_motors(params, state)
     watch_brakes(params, state, now_ns)
     watch_modules(state)

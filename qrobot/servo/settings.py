@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from qrobot.config import Robot
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.errors import ConfigError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.registers import N_ADCS
 from qrobot.servo.calibration.table import CalibrationTable
 from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_form
@@ -77,6 +78,7 @@ class ServoSettings:
         outputs: lines that programs may switch.
         calibration: the arm's table; without one it cannot be calibrated.
         pots: the arm has potentiometers. Without a table they watch over encoders that have died, and nothing else.
+        fences: that the arm is stopped before; None for none.
     """
 
     rate_hz: float = 1000.0
@@ -104,6 +106,7 @@ class ServoSettings:
     outputs: tuple[OutputWire, ...] = ()
     calibration: CalibrationTable | None = None
     pots: bool = True
+    fences: FenceSet | None = None
 
     def __post_init__(self) -> None:
         if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:

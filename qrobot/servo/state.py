@@ -8,6 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from qrobot.faultcodes import NO_JOINT
+from qrobot.fences.gate import N_VERDICT
+from qrobot.fences.table import N_ROWS, N_WORK
 from qrobot.hwif.image import make_image
 from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import N_ADCS
@@ -82,6 +84,10 @@ class ServoState:
     ops: Any  # (MAX_OPS, 3)
     signals: Any  # (8,) numbers that the law tells
     program_signals: Any  # (8,) numbers that the program tells, NaN for none
+    fence_work: Any  # of `fences.gate`, as the next three
+    fence_rows: Any
+    fence_place: Any
+    fence_verdict: Any
     payload: Any  # (10,) in force: mass, first moments, inertia in the last frame, see `servo.stages.payload`
     payload_before: Any  # the one that it goes over from
     payload_goal: Any  # the one that it goes over to
@@ -197,5 +203,7 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         program_signals=np.full(N_SIGNALS, np.nan), payload=np.zeros(N_PAYLOAD),
         payload_before=np.zeros(N_PAYLOAD), payload_goal=np.zeros(N_PAYLOAD), payload_next=np.zeros(N_PAYLOAD),
         model=params.dynamics, speed_limit=params.speed_share, tool_speed_limit=params.tool_speed,
+        fence_work=np.zeros(N_WORK), fence_rows=np.zeros(3 * N_ROWS), fence_place=vector(),
+        fence_verdict=np.zeros(N_VERDICT),
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

@@ -36,6 +36,7 @@ _CATEGORY: Final[dict[FaultCode, StopCategory]] = {
     FaultCode.PAGEFAULT: StopCategory.CATEGORY_2,
     FaultCode.HOLD_TO_RUN: StopCategory.CATEGORY_2,
     FaultCode.T1_LIMIT: StopCategory.CATEGORY_2,
+    FaultCode.FENCE: StopCategory.CATEGORY_2,
 }
 
 
