@@ -87,6 +87,8 @@ def demo(
     for path in _draw(results, out_dir):
         out.print(f"figure {path}")
     out.print(f"logs   {out_dir}  (look at one with `qrobot log info FILE`)")
+    if results:
+        out.print(f"replay qrobot pendant --show --log {results[0].log.path}", soft_wrap=True)
     if json is not None:
         write_json(_summary(results, verdicts), json)
     return SUCCESS if all(verdict.holds for verdict in verdicts) else FAILURE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
@@ -18,6 +18,7 @@ from qrobot.config.deployment import DeployedArm, deployment_path, load_deployme
 
 if TYPE_CHECKING:
     from qrobot.pendant.floor import DriveFloor
+    from qrobot.pendant.log_shelf import LogShelf
     from qrobot.pendant.program_runner import ProgramRunner
 
 DEFAULT_PORT: Final = 8560
@@ -31,6 +32,7 @@ def pendant(
     port: PortOption = DEFAULT_PORT,
     taught: OutputFile = Path("taught.db"),
     programs: Path | None = None,
+    log: Path | None = None,
     show: bool = False,
 ) -> None:
     """Serve a page that shows the arms of a deployment live, and drives them: jog, power, places, curves, programs.
@@ -54,6 +56,8 @@ def pendant(
         File of places by name, as `qrobot teach` has it.
     programs
         Folder of programs (.py, .c, .v2) that pages list and start; pages start no others.
+    log
+        Replay this log, without an arm: the page has the tab of logs alone.
     show
         Open the page in the browser of this machine.
     """
@@ -70,19 +74,22 @@ def pendant(
     def runner_of(name: str) -> ProgramRunner:
         return ProgramRunner(name, folder, str(deployment_path(deployment).resolve()), floor.changed)
 
-    for each in _arms(deployment, arm):
+    arms = () if log is not None else _arms(deployment, arm)
+    for each in arms:
         _add_station(floor, each, taught, runner_of(each.name))
+    shelf = _shelf_of_arms(arms) if log is None else _shelf_of(log)
     listener = open_port(port)
     address = address_of(listener, token)
 
     def began() -> None:
         out.print(address, soft_wrap=True)
-        note(f"open it in a browser; Ctrl-C ends. Arms: {', '.join(each.arm.name for each in floor.arms)}")
+        shown = f"It replays {log}" if log else f"Arms: {', '.join(each.name for each in arms)}"
+        note(f"open it in a browser; Ctrl-C ends. {shown}")
         if show:
             webbrowser.open(entry.as_uri())
 
     with entry_file(address) as entry:
-        serve(make_app(floor, token), listener, began)
+        serve(make_app(floor, token, shelf), listener, began)
 
 
 @contextmanager
@@ -92,6 +99,22 @@ def entry_file(address: str) -> Iterator[Path]:
         page = Path(folder, "pendant.html")
         page.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">\n')
         yield page
+
+
+def _shelf_of_arms(arms: Iterable[DeployedArm]) -> LogShelf:
+    """The logs of some arms."""
+    from qrobot.pendant.log_shelf import LogShelf
+
+    return LogShelf([Path(arm.log.directory) for arm in arms if arm.log.directory])
+
+
+def _shelf_of(log: Path) -> LogShelf:
+    """The log that is to be replayed. Raises LogError: it cannot be opened."""
+    from qrobot.log.windows import LogWindows
+    from qrobot.pendant.log_shelf import LogShelf
+
+    LogWindows(log)
+    return LogShelf(files=[log])
 
 
 def _arms(deployment: str, arm: str | None) -> tuple[DeployedArm, ...]:

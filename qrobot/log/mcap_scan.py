@@ -11,7 +11,7 @@ import contextlib
 import io
 import mmap
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -74,16 +74,56 @@ class Contents:
     layout: TelemetryLayout | None = None
 
 
+class PartScan:
+    """One file, record by record.
+
+    Args:
+        path: of the file.
+
+    Attributes:
+        found: what was read so far; whoever takes rows out of it keeps memory small.
+        at: offset of the next record, None when there is none.
+
+    Raises:
+        LogError: it cannot be read, or is no MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.found, self._data = Contents(), _map_file(path)
+        self.at: int | None = len(MAGIC)
+
+    @property
+    def share(self) -> float:
+        """Share of the file that was read."""
+        return 1.0 if self.at is None else self.at / len(self._data)
+
+    def step(self) -> bool:
+        """Take the next record; False when there is none. Raises LogError: its rows are not those of its header."""
+        if self.at is None or self.found.ended:
+            return False
+        self.at = _take_next(self.found, self._data, self.at)
+        return True
+
+    def rows_at(self, at: int) -> list[Rows]:
+        """Rows, once more, of a chunk that was read, at offset `at`; none when it cannot be read any more."""
+        again = replace(self.found, rows=[], laws=[], damage=[], topics=dict(self.found.topics))
+        try:
+            record = record_at(self._data, at)
+            _take_record(again, record.opcode, record.body)
+        except _DAMAGE:
+            return []
+        return again.rows
+
+
 def scan_file(path: Path) -> Contents:
     """Contents of one file: every whole chunk of it.
 
     Raises LogError when it cannot be read, is no MCAP file, or its rows are not those of its header.
     """
-    found, data = Contents(), _map_file(path)
-    at: int | None = len(MAGIC)
-    while at is not None and not found.ended:
-        at = _take_next(found, data, at)
-    return found
+    scan = PartScan(path)
+    while scan.step():
+        pass
+    return scan.found
 
 
 def _take_next(found: Contents, data: memoryview, at: int) -> int | None:

@@ -20,6 +20,9 @@ from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
 from qrobot.pendant.live_socket import serve_page
+from qrobot.pendant.log_queries import add_log_queries
+from qrobot.pendant.log_reader import LogReader
+from qrobot.pendant.log_shelf import LogShelf
 from qrobot.pendant.pages import add_pages
 from qrobot.pendant.queries import add_queries
 
@@ -30,15 +33,17 @@ LIVE_PATH: Final = "/live"
 CLOSED_WHILE_LOADED: Final = "No response returned."  # of Starlette's BaseHTTPMiddleware
 
 
-def make_app(floor: DriveFloor, token: str) -> Gate:
+def make_app(floor: DriveFloor, token: str, logs: LogShelf | None = None) -> Gate:
     """Everything that answers, behind the gate. Once a process: NiceGUI has one application."""
-    app = FastAPI(openapi_url=None, lifespan=partial(_watch_arms, floor))
+    reader = LogReader()
+    app = FastAPI(openapi_url=None, lifespan=partial(_watch_arms, floor, reader))
 
     async def live(websocket: WebSocket) -> None:
         await serve_page(floor, websocket)
 
     app.add_api_websocket_route(LIVE_PATH, live)
     add_queries(app, floor)
+    add_log_queries(app, logs or LogShelf(), reader)
     add_pages(app)
     return Gate(app, token)
 
@@ -99,10 +104,11 @@ class _Server(uvicorn.Server):
 
 
 @asynccontextmanager
-async def _watch_arms(floor: DriveFloor, _app: FastAPI) -> AsyncIterator[None]:
+async def _watch_arms(floor: DriveFloor, reader: LogReader, _app: FastAPI) -> AsyncIterator[None]:
     """Watch every arm while the server runs; at its end arms that are under command are brought to rest."""
     for arm in floor.arms:
         arm.worker.start()  # it takes seconds
+    reader.start()
     tasks = [asyncio.create_task(arm.watch.run()) for arm in floor.arms]
     tasks.append(asyncio.create_task(_look_at_lease(floor)))
     try:
@@ -112,6 +118,7 @@ async def _watch_arms(floor: DriveFloor, _app: FastAPI) -> AsyncIterator[None]:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.to_thread(_close_all, floor.arms)
+        await asyncio.to_thread(reader.close)
 
 
 async def _look_at_lease(floor: DriveFloor) -> None:

@@ -161,6 +161,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         assert page.driver.current_url.startswith(f"http://{pendant.host}/#")  # the token has left the address
         the_arm_is_seen_where_its_kinematics_says(page)
         every_tab_opens(page)
+        a_log_is_opened_while_it_is_written(page)
         page.drive()
         press_until_it_moves(page, arm)
         page.let_go()
@@ -230,6 +231,16 @@ def every_tab_opens(page: Page) -> None:
     assert complaints == []
     asked = page.run("return performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)")
     assert set(asked) == {page.run("return location.host")}
+
+
+def a_log_is_opened_while_it_is_written(page: Page) -> None:
+    page.click("tab-logs")
+    wait_until(lambda: page.driver.find_elements("css selector", ".pane-logs .entry[data-name]"), "the logs are listed")
+    page.driver.find_element("css selector", ".pane-logs .entry[data-name]").click()
+    wait_until(lambda: "1000 Hz" in page.driver.find_element("id", "log-about").text, "the log is open")
+    assert len(page.driver.find_elements("css selector", ".pane-logs .uplot")) == 2  # error and position
+    assert not page.driver.find_element("id", "log-problem").is_displayed()
+    page.click("tab-drive")
 
 
 def the_arm_is_seen_where_its_kinematics_says(page: Page) -> None:

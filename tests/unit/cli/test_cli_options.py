@@ -31,6 +31,7 @@ READ: Final = {
     "FILES",
     "--loaded",
     "--dynamic",
+    "--log",
     "--programs",
     "--then",
 } | {

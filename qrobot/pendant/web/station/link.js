@@ -1,4 +1,5 @@
 // The connection of this page to the pendant: samples of the arms, what has changed, and what is asked for.
+import { setAttribute } from "./dom.js";
 
 const HEAD_BYTES = 24;
 const BEAT_MS = 50; // a button that is held is told of so often; see held_press.py
@@ -51,9 +52,10 @@ class Link extends EventTarget {
       this.presses = 0;
       this.words = { modes: message.modes, codes: message.codes };
       this.arms = message.arms.map((facts) => ({ facts, state: null, at: -Infinity, history: [] }));
-      this.chosen = Math.min(this.chosen, this.arms.length - 1);
+      this.chosen = Math.max(0, Math.min(this.chosen, this.arms.length - 1));
       this.open = true;
-      this.tell("hello");
+      setAttribute(document.body, "data-no-arms", !this.arms.length);
+      this.tell(this.arms.length ? "hello" : "no arms");
     } else {
       this.status = message;
       this.tell("status");

@@ -1,11 +1,10 @@
 // The tab Scope: curves of the joints as they come, at the rate of the samples.
+import { COLOURS, DASHES, boxes, lengthOrAngle, saveFile, spread } from "./curves.js";
 import { el, setText } from "./dom.js";
 import { link } from "./link.js";
 import { shown, unit } from "./kinematics.js";
 
 const REFRESH_MS = 80;
-const COLOURS = ["#1f6fb2", "#d1601f", "#2b8a4a", "#a03a8c", "#7a5c1e", "#3c4a5c"];
-const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [5, 5], [1, 2]]; // no curve is told from others by colour alone
 const QUANTITIES = {
   error: ["tracking error", (f, s, j) => shown(f, j, s.setpoint[j] - s.q[j]), (f) => lengthOrAngle(f)],
   position: ["position", (f, s, j) => shown(f, j, s.q[j]), (f) => lengthOrAngle(f)],
@@ -13,10 +12,6 @@ const QUANTITIES = {
   velocity: ["velocity", (f, s, j) => shown(f, j, s.v[j]), (f) => `${lengthOrAngle(f)}/s`],
   torque: ["torque", (f, s, j) => s.tau[j], (f) => (f.prismatic.some(Boolean) ? "N m, N" : "N m")],
 };
-
-function lengthOrAngle(facts) {
-  return facts.prismatic.some(Boolean) ? "°, mm" : "°";
-}
 
 export function makeScope(root) {
   const plots = el("div", { class: "plots" });
@@ -95,25 +90,10 @@ export function makeScope(root) {
   }).observe(plots);
 }
 
-// Ends of an axis: some room at both sides, and never so near that noise fills the picture.
-function spread(low, high) {
-  if (low === null || high === null) return [-1, 1];
-  const room = Math.max(0.08 * (high - low), 0.02);
-  return [low - room, high + room];
-}
-
-function boxes(entries, changed) {
-  const made = entries.map(([key, title, on]) => ({ key, box: el("input", { type: "checkbox", checked: on, onchange: () => changed() }), title }));
-  return { elements: made.map(({ box, title }) => el("label", {}, box, ` ${title}`)), chosen: () => made.filter(({ box }) => box.checked).map(({ key }) => key) };
-}
-
 function exportCsv(states) {
   const { facts } = link.arm;
   const columns = ["q", "setpoint", "v", "tau"];
   const head = ["t_s", ...columns.flatMap((column) => facts.joints.map((name) => `${column}_${name}`)), "mode", "event"];
   const lines = states.map((s) => [s.t, ...columns.flatMap((column) => [...s[column]]), link.modeOf(s), s.event].join(","));
-  const blob = new Blob([[head.join(","), ...lines].join("\n") + "\n"], { type: "text/csv" });
-  const anchor = el("a", { href: URL.createObjectURL(blob), download: `${facts.name}-scope.csv` });
-  anchor.click();
-  URL.revokeObjectURL(anchor.href);
+  saveFile([head.join(","), ...lines].join("\n") + "\n", `${facts.name}-scope.csv`);
 }
