@@ -85,6 +85,21 @@ def _look(T: Floats, p: KinematicsParams, per_length: float, q: Floats, room: Sc
     if sine > _NO_TURN:
         for i in range(3, 6):
             error[i] *= math.atan2(sine, cosine) / sine
+    elif cosine < 0.0:
+        _half_turn(T, now, error)
+
+
+@lean_kernel
+def _half_turn(T: Floats, now: Floats, error: Floats) -> None:
+    """Fill in the turn (entries 3 to 5 of `error`) when it is half a turn, whose axis no sine tells."""
+    widest = 0
+    for i in range(1, 3):
+        if _turned(T, now, i, i) > _turned(T, now, widest, widest):
+            widest = i
+    length = math.sqrt(0.5 * (1.0 + _turned(T, now, widest, widest)))
+    for i in range(3):
+        product = 0.5 * (_turned(T, now, i, widest) + (1.0 if i == widest else 0.0))
+        error[3 + i] = math.pi * product / length
 
 
 @lean_kernel

@@ -101,6 +101,24 @@ def test_a_small_way_gives_a_small_step(seed, shares, off) -> None:
     assert found == pytest.approx(q + 1e-3 * off, abs=ROUNDING)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_goal_half_a_turn_away_is_reached_or_told_and_never_taken_for_reached(axis: int) -> None:
+    """At half a turn the sine of the angle is zero, as it is at the goal."""
+    arm, numerical = packaged("puma560")
+    free, turn = np.radians([10.0, -60.0, 150.0, 20.0, 40.0, 30.0]), -np.eye(4)
+    turn[axis, axis] = turn[3, 3] = 1.0
+    goal = arm.forward(free) @ turn
+    reached = 0
+    for near in (free, np.array(arm.robot.poses["ready"])):
+        try:
+            found = numerical.inverse(goal, Branch.RUN, near, singular=True)
+        except JointLimit:
+            continue
+        assert numerical.forward(found) == pytest.approx(goal, abs=ROUNDING)
+        reached += 1
+    assert reached == 2 or axis != 2  # the last joint alone takes half a turn about its axis
+
+
 def test_what_cannot_be_is_told_for_what_it_is() -> None:
     arm, numerical = packaged("puma560")
     park = np.array(arm.robot.poses["park"])
