@@ -54,12 +54,13 @@ def serial_chain(tree: UrdfTree, tip: str | None = None) -> SerialChain:
     """The chain from the root to `tip`, or to the only link that carries no other.
 
     Raises:
-        ConfigError: no such link, several tips to choose from, or no joint moves.
+        ConfigError: no such link, several tips to choose from, no joint moves, or one of them follows another.
     """
     joints = _joints_to(tree, _tip(tree, tip))
     if not any(joint.moves for joint in joints):
         raise ConfigError(f"{tree.name}: no joint moves between {tree.root!r} and the tip")
     chain_names = {joint.name for joint in joints}
+    _refuse_mimics(tree, joints)
     first = next(number for number, joint in enumerate(joints) if joint.moves)
     T_root_base = np.linalg.multi_dot([np.eye(4), *(joint.T_parent_child for joint in joints[:first]), np.eye(4)])
     links: list[ChainLink] = []
@@ -73,6 +74,16 @@ def serial_chain(tree: UrdfTree, tip: str | None = None) -> SerialChain:
             place = inverse(turn)
     stiffened = tuple(j.name for j in tree.joints if j.moves and j.name not in chain_names)
     return SerialChain(tree.name, T_root_base, tuple(links), place, stiffened)
+
+
+def _refuse_mimics(tree: UrdfTree, joints: list[UrdfJoint]) -> None:
+    """Raise ConfigError for a joint of the chain that has no motor of its own; a gripper's fingers do no harm."""
+    for joint in joints:
+        if joint.moves and joint.follows:
+            raise ConfigError(
+                f"{tree.name}: joint {joint.name!r} follows joint {joint.follows!r} (<mimic>); each joint of a"
+                " serial arm has a motor of its own: choose a --tip before it, or make it fixed"
+            )
 
 
 def _tip(tree: UrdfTree, tip: str | None) -> str:

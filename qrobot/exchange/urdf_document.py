@@ -45,6 +45,7 @@ class UrdfJoint:
         lower, upper: rad (m); None where the file gives no range.
         velocity, effort: rad/s (m/s), N·m (N); None where the file gives none.
         damping, friction: N·m·s/rad (N·s/m), N·m (N).
+        follows: the joint that it is geared to (`<mimic>`); empty for none.
     """
 
     name: str
@@ -59,6 +60,7 @@ class UrdfJoint:
     effort: float | None = None
     damping: float = 0.0
     friction: float = 0.0
+    follows: str = ""
 
     @property
     def moves(self) -> bool:
@@ -175,7 +177,7 @@ def _joint(joint: Element, path: Path) -> UrdfJoint:
     axis = np.array([1.0, 0.0, 0.0]) if (given := joint.find("axis")) is None else _vector(given, "xyz", path, where)
     if kind in MOVING and not (length := float(np.linalg.norm(axis))) > 0.0:
         raise ConfigError(f"{path}: {where}: its axis has no direction")
-    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    limit, dynamics, mimic = joint.find("limit"), joint.find("dynamics"), joint.find("mimic")
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -189,6 +191,7 @@ def _joint(joint: Element, path: Path) -> UrdfJoint:
         effort=_optional(limit, "effort", path, where),
         damping=_optional(dynamics, "damping", path, where) or 0.0,
         friction=_optional(dynamics, "friction", path, where) or 0.0,
+        follows="" if mimic is None else mimic.get("joint", "another"),
     )
 
 

@@ -229,6 +229,7 @@ PLAIN: Final = (
         ('<link name="a"/>', '<link name=""/>', "has no name"),
         ('<link name="c"/>', '<link name="c"><inertial><mass value="-1"/></inertial></link>', "below zero|missing"),
         ('name="j" type="revolute"', 'name="j" type="fixed"', "no joint moves"),
+        ("</joint>", '<mimic joint="k"/></joint>', "'j' follows joint 'k'.*--tip"),
         (
             '<robot name="r">',
             '<robot name="r"><xacro:property xmlns:xacro="http://www.ros.org/wiki/xacro" name="p"/>',
