@@ -31,7 +31,7 @@ READ: Final = {
     "FILES",
     "--loaded",
     "--dynamic",
-    "--log",
+    "pendant --log",
     "--programs",
     "--then",
 } | {
@@ -42,7 +42,7 @@ READ: Final = {
     "--load",
     "--with",
 }
-"""Paths that a command reads."""
+"""Paths that a command reads; by command and name where another command writes one of that name."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--deployment": ("nowhere", "/", "/dev/null", "missing.toml", ""),
     "--arm": ("nobody", "", "../x"),
@@ -135,10 +135,14 @@ def all_options(app: App = APP, path: tuple[str, ...] = ()) -> Iterator[Option]:
             yield Option(path, argument, tuple(arguments))
 
 
+def is_read(option: Option) -> bool:
+    return option.name in READ or str(option) in READ
+
+
 OPTIONS: Final = tuple(all_options())
 NUMERIC: Final = tuple(option for option in OPTIONS if {int, float} & option.kinds)
 PATHS: Final = tuple(option for option in OPTIONS if Path in option.kinds)
-WRITTEN: Final = tuple(option for option in PATHS if option.name not in READ)
+WRITTEN: Final = tuple(option for option in PATHS if not is_read(option))
 WORDED: Final = tuple(
     option for option in OPTIONS if str in option.kinds and (*option.command, option.name) not in FREE
 )
@@ -232,7 +236,7 @@ def test_a_path_that_leads_nowhere_is_refused(
 ) -> None:
     rubbish = tmp_path / "rubbish.mcap"
     rubbish.write_bytes(bytes(range(256)) * 8)
-    if option.name in READ:
+    if is_read(option):
         empty = ["/dev/null"] if option.name != "--script" else []  # a script without a command is one
         for value in ("missing", "/", *empty, str(rubbish), str(rubbish / "x"), "n" * 300, ""):
             refused(capsys, option.tokens(value), 1, 2)
