@@ -137,6 +137,9 @@ def test_what_cannot_be_is_told_for_what_it_is() -> None:
     assert numerical.forward(numerical.inverse(arm.forward(straight), Branch.RUN, straight, True)) == pytest.approx(
         arm.forward(straight), abs=ROUNDING
     )
+    for bad in (np.full((4, 4), np.nan), arm.forward(park) @ np.diag([1.0, 1.0, -1.0, 1.0])):
+        with pytest.raises(MotionError, match="not a rigid transform"):
+            numerical.inverse(bad, Branch.RUN, park, True)
     with pytest.raises(MotionError, match="configuration 'lun': robot 'puma560' has no letters"):
         numerical.inverse(arm.forward(park), Branch.LEFT, park)
 

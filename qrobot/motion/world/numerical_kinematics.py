@@ -16,6 +16,7 @@ from qrobot.errors import JointLimit, MotionError, Singular, Unreachable
 from qrobot.model.arm import Arm
 from qrobot.model.branch import Branch
 from qrobot.model.numerical_inverse import approach, scratch_for
+from qrobot.model.transform import is_transform
 from qrobot.units import MM_PER_M
 
 FEWEST_JOINTS: Final = 6  # of an arm that can take any pose
@@ -49,12 +50,18 @@ class NumericalKinematics:
         return Branch.RUN
 
     def inverse(self, T: Floats, branch: Branch, near: Floats, singular: bool = False) -> Floats:
-        """See `ArmKinematics.inverse`. Raises MotionError when a configuration is asked for by its letters."""
+        """See `ArmKinematics.inverse`.
+
+        Raises:
+            MotionError: a configuration is asked for by its letters, or `T` is no rigid transform.
+        """
         if branch != Branch.RUN:
             raise MotionError(
                 f"configuration {Branch(branch).letters!r}: robot {self._arm.robot.name!r} has no letters for its "
                 "configurations; leave them out, and the one nearest to where the arm stands is taken"
             )
+        if not is_transform(T):  # every search would end at its first step, at a pose that is another
+            raise MotionError("the pose is not a rigid transform: its rotation must be orthonormal and right-handed")
         q = self._solution(T, np.array(near), STARTS if singular else 0)
         if not singular and self._least_singular_value(q) < _SINGULAR:
             raise Singular(f"{_where(T)}: some motion of T6 would need joints without bound")
