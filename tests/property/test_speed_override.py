@@ -165,6 +165,32 @@ def test_a_skip_while_paused_goes_on_to_the_next_motion_when_it_is_resumed() -> 
     assert outputs[-1].q == pytest.approx([-1.5, -0.4])
 
 
+def mixed_program(gen: Generator, random: Random) -> None:
+    """To joint positions, along a straight line and back again."""
+    gen.push(MoveRequest("joints", PARK + 0.3 * random.random(), SpeedShare(random.uniform(0.2, 0.8)), 0.1))
+    x, y, z, turn = (random.uniform(-0.1, 0.1) for _ in range(4))
+    place = at_park(shift(x, y, z, turn)).goal()
+    gen.push(MoveRequest("line", place, SpeedShare(random.uniform(0.2, 0.5)), mode=MotionMode.CARTESIAN))
+    gen.push(MoveRequest("back", PARK, SpeedShare(random.uniform(0.2, 0.5)), 0.1))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 12, 68, 108, 110, 119, 128])  # all but two were a sample late once
+def test_after_a_pause_the_path_turns_round_every_via_point_where_it_would_have(seed: int) -> None:
+    """Path time is whole but for rounding when the speed is full again: no transition may begin a sample late."""
+    random, gen = Random(seed), puma_generator()
+    mixed_program(gen, random)
+    begin, end = random.randint(2, 20), random.randint(21, 120)
+    plan = gen.plan()
+    nominal = plan.table(np.linspace(0.0, plan.duration_s, 10_000))[:, 0]
+    coarseness = np.abs(np.diff(nominal, axis=0)).max()
+
+    def at_tick(tick: int) -> None:
+        gen.override = 0.0 if begin <= tick < end else 1.0
+
+    for output in run(gen, at_tick):
+        assert np.abs(nominal - output.q).max(axis=1).min() <= coarseness
+
+
 class Operator:
     """Someone who pushes motions, skips, stops and changes the speed of a PUMA whenever a seed says so."""
 

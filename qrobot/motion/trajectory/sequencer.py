@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion.event import Termination
@@ -20,6 +22,8 @@ from qrobot.motion.trajectory.speed_override import FULL_SPEED
 from qrobot.motion.trajectory.trajectory_state import TrajectoryState
 from qrobot.motion.trajectory.via_point import ViaPlanner, ViaTransition
 from qrobot.motion.world.limits import MotionLimits
+
+_ROUNDING: Final = 1e-6  # samples
 
 
 class Sequencer:
@@ -118,7 +122,7 @@ class Sequencer:
 
     def pass_via_points(self) -> None:
         """Report the request whose via point is passed by now."""
-        if self._passing is not None and self._trajectory.clock >= self._passing.middle:
+        if self._passing is not None and self._is_time(self._passing.middle):
             self._pass_via_point()
 
     def output(self, q: Floats) -> Output:
@@ -132,6 +136,10 @@ class Sequencer:
         return Output(q, self.serving, self._scal(), events, self.busy, passing.segment.request, passed)
 
     # ------------------------------------------------------------------------------------- from segment to segment
+
+    def _is_time(self, clock: float) -> bool:
+        """Path time has come to `clock`, rounding apart: after another speed it is whole to 1e-10 of a sample only."""
+        return self._trajectory.clock >= clock - _ROUNDING
 
     def _advance_segment(self) -> bool:
         """Begin the next piece of path if its time has come."""
@@ -166,12 +174,12 @@ class Sequencer:
         if self.stopping or queued is None or not self._can_begin(queued):
             return self._approach_rest(segment)
         if queued.here and not segment.coordinates.fixed:
-            return self._trajectory.clock >= segment.rest_begin and self._begin_here()
+            return self._is_time(segment.rest_begin) and self._begin_here()
         # where HERE stands still the arm comes to rest anyhow
         transition = None if queued.here else self._transition_to(segment, queued)
         if transition is None:
             return self._approach_rest(segment)
-        if self._trajectory.clock < segment.end - transition.schedule.transition:
+        if not self._is_time(segment.end - transition.schedule.transition):
             return False
         return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
 
@@ -209,14 +217,14 @@ class Sequencer:
 
     def _approach_rest(self, segment: Segment) -> bool:
         """Enter the transition to rest, once it is time for it."""
-        if self._trajectory.clock < segment.rest_begin:
+        if not self._is_time(segment.rest_begin):
             return False
         self._trajectory.approach_rest(segment)
         return True
 
     def _arrive(self, segment: Segment) -> bool:
         """Stand exactly at the target once the transition to rest is over."""
-        if self._trajectory.clock < self._path.piece.end:
+        if not self._is_time(self._path.piece.end):
             return False
         self._pass_via_point()  # that before it, when samples were left out
         self._trajectory.hold(segment.target)
