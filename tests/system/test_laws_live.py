@@ -87,6 +87,7 @@ def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_an
         with pytest.raises(QRobotError, match="does not run"):
             visitor.clear()
     servo = arm.running()["servo"]
+    wait_until(lambda: not real_time_threads(servo), "the loop leaves the processor to others")
     os.kill(servo, signal.SIGTERM)
     wait_until(lambda: "servo" not in arm.running(), "the servo is left where it hangs")
     assert "is left where it hangs" in arm.said("servo")
@@ -94,6 +95,12 @@ def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_an
     arm.processes.start("servo")
     with arm.swinging(0.3):
         assert arm.mode is Mode.TRACKING
+
+
+def real_time_threads(process: int) -> list[int]:
+    """Threads under SCHED_FIFO; there are none where that is not allowed."""
+    threads = [int(entry) for entry in os.listdir(f"/proc/{process}/task")]
+    return [each for each in threads if os.sched_getscheduler(each) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO]
 
 
 def safe_ns(arm: RunningArm) -> int:

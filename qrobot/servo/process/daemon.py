@@ -60,6 +60,7 @@ from qrobot.servo.operator.requests import Controls
 from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.process.loop import ENDED, run
+from qrobot.servo.process.loop_priority import LoopPriority
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
 from qrobot.servo.process.rate_trial import first_margin, has_fifo, run_alone, spin_share
 from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
@@ -397,6 +398,7 @@ class _Running:
     def __init__(self, process: ServoProcess, thread: threading.Thread) -> None:
         self._process, self._thread = process, thread
         self._beat, self._patience = 0, Deadline(HUNG_S)
+        self._priority = LoopPriority(thread.native_id or 0, process.say)
 
     def goes_on(self) -> bool:
         """Wait a moment for the end of the loop; False once it has come.
@@ -405,6 +407,7 @@ class _Running:
         """
         front = self._process.memory.front
         self._thread.join(POLL_S)
+        self._priority.look(int(front.heartbeat.t_ns))
         if self._beat != front.heartbeat.t_ns or not front.command.shutdown:
             self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:

@@ -1,0 +1,69 @@
+"""A loop that runs no cycle has no real-time priority, until it runs cycles again."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from qrobot.servo.process.loop_priority import PATIENT_LOOKS, LoopPriority
+
+THREAD = 4711
+FIFO = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+ORDINARY = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK
+
+
+class FakeScheduler:
+    """The system's, of one thread."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, policy: int, priority: int) -> None:
+        self.now, self.refuses = (policy, priority), False
+        monkeypatch.setattr(os, "sched_getscheduler", lambda thread: self.now[0] if thread == THREAD else 0)
+        monkeypatch.setattr(os, "sched_getparam", lambda _thread: os.sched_param(self.now[1]))
+        monkeypatch.setattr(os, "sched_setscheduler", self._set)
+
+    def _set(self, thread: int, policy: int, param: os.sched_param) -> None:
+        assert thread == THREAD
+        if self.refuses:
+            raise PermissionError(1, "Operation not permitted")
+        self.now = policy, param.sched_priority
+
+
+def look(priority: LoopPriority, beat: int, times: int) -> None:
+    for _ in range(times):
+        priority.look(beat)
+
+
+def test_a_loop_that_hangs_is_an_ordinary_thread_until_it_runs_cycles_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), LoopPriority(THREAD, said.append)
+    for beat in range(5 * PATIENT_LOOKS):
+        priority.look(beat)
+    look(priority, 1000, PATIENT_LOOKS)
+    assert (scheduler.now, said) == ((FIFO, 80), [])
+    priority.look(1000)
+    assert scheduler.now == (ORDINARY, 0)
+    look(priority, 1000, 5 * PATIENT_LOOKS)
+    assert len(said) == 1
+    priority.look(1001)
+    assert scheduler.now == (FIFO, 80)
+    assert "runs again, at its real-time priority" in said[1]
+    look(priority, 1001, PATIENT_LOOKS)
+    assert scheduler.now == (ORDINARY, 0)
+
+
+def test_a_priority_that_cannot_be_given_back_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), LoopPriority(THREAD, said.append)
+    look(priority, 1, PATIENT_LOOKS + 1)
+    scheduler.refuses = True
+    priority.look(2)
+    assert "without a real-time priority" in said[-1]
+    assert "start the servo anew" in said[-1]
+
+
+def test_an_ordinary_thread_stays_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    scheduler, priority = FakeScheduler(monkeypatch, os.SCHED_OTHER, 0), LoopPriority(THREAD, said.append)
+    look(priority, 1, 5 * PATIENT_LOOKS)
+    assert (scheduler.now, said) == ((os.SCHED_OTHER, 0), [])
