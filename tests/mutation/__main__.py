@@ -46,7 +46,7 @@ def become(module: ModuleType, mutant: Mutant) -> None:
     for name, value in namespace.items():
         mine = vars(module).get(name)
         if isinstance(mine, FunctionType) and mine.__module__ == module.__name__:
-            mine.__code__ = value.__code__
+            mine.__code__, mine.__defaults__ = value.__code__, value.__defaults__
         elif name.strip("_").isupper():
             setattr(module, name, value)
 

@@ -19,7 +19,9 @@ FOLDER = ROOT / "docs" / "tutorials"
 INDEX = (FOLDER / "index.md").read_text()
 PAGES = [FOLDER / f"{name}.md" for name in INDEX.partition(":maxdepth: 1")[2].split() if name != "```"]
 COURSE = PAGES[:7]  # the others stand alone
-GUIDES = [ROOT / "docs" / "how-to" / "slow-down-and-pause.md"]  # that have an example of their own
+GUIDES = [  # that have an example of their own
+    ROOT / "docs" / "how-to" / f"{name}.md" for name in ("slow-down-and-pause", "lead-the-arm-by-hand")
+]
 EXAMPLES = {str(path.relative_to(ROOT / "examples")): path.read_text() for path in (ROOT / "examples").rglob("*.py")}
 
 

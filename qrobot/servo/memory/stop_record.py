@@ -25,6 +25,7 @@ _UNITS: Final = {
     Quantity.SPEED: ("rad/s", "m/s"),
     Quantity.TOOL_SPEED: ("m/s", "m/s"),
     Quantity.TORQUE: ("N m", "N"),
+    Quantity.DISTANCE: ("m", "m"),
     Quantity.CYCLES: ("cycles", "cycles"),
     Quantity.SECONDS: ("s", "s"),
     Quantity.FAULTS: ("page faults", "page faults"),
