@@ -165,6 +165,24 @@ def test_a_skip_while_paused_goes_on_to_the_next_motion_when_it_is_resumed() -> 
     assert outputs[-1].q == pytest.approx([-1.5, -0.4])
 
 
+@pytest.mark.parametrize("factor", [0.0, 0.25])
+def test_what_waits_for_the_end_of_a_joint_stop_begins_at_the_override_and_not_at_all_in_a_pause(factor: float) -> None:
+    gen = generator()
+    gen.push(MoveRequest("cut", np.array([2.5, 0.4]), SpeedShare(1.0)))
+    rates = []
+    for tick in range(1, 100):
+        if tick == 15:
+            gen.abort(7)
+        if tick == 16:
+            gen.override = factor
+            gen.push(MoveRequest("next", np.array([-1.5, -0.4]), SpeedShare(1.0)))
+        output = gen.update(tick)
+        if tick > 15 and gen.phase is not Phase.JOINT_STOP:
+            rates.append((gen.rate, tuple(output.q)))
+    assert {rate for rate, _ in rates} == {factor}
+    assert (len({q for _, q in rates}) == 1) == (factor == 0.0)
+
+
 def mixed_program(gen: Generator, random: Random) -> None:
     """To joint positions, along a straight line and back again."""
     gen.push(MoveRequest("joints", PARK + 0.3 * random.random(), SpeedShare(random.uniform(0.2, 0.8)), 0.1))

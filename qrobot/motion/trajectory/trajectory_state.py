@@ -57,6 +57,7 @@ class TrajectoryState:
         self.tick = tick
         self.clock = 0.0
         self.override = SpeedOverride(limits, settings.period_s)
+        self._wanted = FULL_SPEED
         self._settings = settings
         self._given = Given(tick, 0.0, 1.0, 0.0)
         self._lags = deque([0.0], maxlen=DEPTH)  # of path time behind the newest samples, this one included
@@ -149,6 +150,7 @@ class TrajectoryState:
         """
         if tick <= self.tick:
             raise MotionError(f"sample {tick} asked for after sample {self.tick}")
+        self._wanted = wanted
         if self._path_stop is not None:
             self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
         elif self.path.phase in (Phase.JOINT_STOP, Phase.RESTING):
@@ -175,6 +177,8 @@ class TrajectoryState:
 
     def hold(self, x: Floats) -> None:
         """Stand at `x` (m,), in the coordinates of the path."""
+        if self.path.phase is Phase.JOINT_STOP:
+            self.override.jump(self._wanted)  # what waits may begin in this very sample, unless there is a pause
         self.path.hold(x, self.clock)
         self._path_stop = None
         self._lags.clear()  # what was before rest counts no more
