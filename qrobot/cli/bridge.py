@@ -29,7 +29,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.mailbox_port import ServoPort, warm_up
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
-    from qrobot.realtime.setup import set_fifo
+    from qrobot.realtime.setup import freeze_garbage, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.commander_lock import Authority
     from qrobot.servo.payload import PayloadJudge
@@ -40,6 +40,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     settings = BridgeSettings(choice.host, choice.port if port is None else port, round(choice.period_ms * 1000))
     warm_up()
+    freeze_garbage()  # a search among all modules' objects would hold up frames
     await_turn()
     run_bridge(
         ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),

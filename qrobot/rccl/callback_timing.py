@@ -1,4 +1,4 @@
-"""The time slot of functional transforms: who takes longer than a sample (Hayward & Paul 1986, section 3.1)."""
+"""The time slot of a sample: what of a program takes longer (Hayward & Paul 1986, section 3.1)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from weakref import WeakSet
 
 from qrobot.motion import Equation
 from qrobot.rccl.transforms import Transform
+from qrobot.realtime.interpreter import InterpreterShare
 
 
 class CallbackTiming:
@@ -13,9 +14,13 @@ class CallbackTiming:
 
     Args:
         period_ms: sample period.
+
+    Attributes:
+        share: of the interpreter with the thread that answers samples, None where they need no thread.
     """
 
     def __init__(self, period_ms: float) -> None:
+        self.share: InterpreterShare | None = None
         self._period_ms = period_ms
         self._watched: WeakSet[Transform] = WeakSet()
 
@@ -30,6 +35,7 @@ class CallbackTiming:
         return {trsf.name: trsf.longest_ms for trsf in self._watched if trsf.longest_ms > self._period_ms}
 
     def complaint(self) -> str:
-        """Remark for a stop that slow functions may have caused; empty when none is too slow."""
+        """Remark for a stop that the program itself may have caused; empty when nothing of it took too long."""
+        garbage = "" if self.share is None else self.share.complaint(self._period_ms)
         slow = ", ".join(f"{name} took {ms:.0f} ms" for name, ms in self.overruns.items())
-        return f"; the sample period is {self._period_ms:g} ms, and the function of {slow}" if slow else ""
+        return (f"; the sample period is {self._period_ms:g} ms, and the function of {slow}" if slow else "") + garbage

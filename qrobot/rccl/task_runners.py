@@ -7,24 +7,22 @@ waits for, none is left behind.
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import ClassVar, Final, Protocol
 from weakref import WeakSet
 
 from qrobot.errors import LinkLost, MotionError
 from qrobot.rccl.task import TaskPhase, TrajectoryTask
 from qrobot.rci import Link
-from qrobot.realtime.setup import favoured_thread, set_fifo
+from qrobot.realtime.interpreter import InterpreterShare
+from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S
 from qrobot.wire import Command
 
 _PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 _LOOK_S: Final = 0.5  # a waiting program looks up so often
-# How long a program that computes keeps the interpreter when its thread has a sample to make, which asks several times.
-_TURN_S: Final = 0.0005
 _NO_WAIT: Final = "a function that is called at each sample must not wait: let it signal an event the program waits for"
 
 
@@ -134,15 +132,12 @@ class ThreadRunner:
         self._sampled = threading.Condition()
         self._over = False
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
-        self._favour = ExitStack()
+        self._share = InterpreterShare()
+        task.timing.share = self._share
 
     def start(self) -> None:
-        """Start the thread. From now on it gets its turn within half a millisecond whenever the program computes.
-
-        The program's own thread, which keeps the interpreter for as long, waits for few others meanwhile.
-        """
-        sys.setswitchinterval(min(_TURN_S, sys.getswitchinterval()))
-        self._favour.enter_context(favoured_thread())
+        """Start the thread, which has the interpreter when a sample is due."""
+        self._share.begin()
         self._thread.start()
 
     def lock(self) -> AbstractContextManager[object]:
@@ -165,7 +160,7 @@ class ThreadRunner:
         """Wait for the thread, which closes the link after its sample."""
         self._over = True
         self._thread.join()
-        self._favour.close()
+        self._share.end()
 
     def _run(self) -> None:
         set_fifo(_PRIORITY)

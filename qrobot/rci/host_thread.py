@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any, Final
@@ -13,12 +12,11 @@ from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_loop import Order, ProcessorLoop
+from qrobot.realtime.interpreter import InterpreterShare
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S
 
 PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
-# How long a program that computes keeps the interpreter when a task is due, which asks several times.
-SWITCH_S: Final = 0.0005
 WATCH_S: Final = 0.005  # [A] between two looks at how long tasks have been running
 PATIENCE_S: Final = 1.0  # [A] with a task that was told to end and is inside a library that knows no exceptions
 
@@ -39,7 +37,8 @@ class HostThread:
         self._thread = threading.Thread(target=self._run, name=f"rci-{name}", daemon=True)
         self._hung = False
         self._why = ""  # it runs no task any more
-        sys.setswitchinterval(min(SWITCH_S, sys.getswitchinterval()))
+        self._share = InterpreterShare()
+        self._share.begin()
         self._thread.start()
 
     def _run(self) -> None:
@@ -110,6 +109,7 @@ class HostThread:
             self.end_rogues(self._clock.now_ns())
         if not self._thread.is_alive():
             self._loop.close()
+        self._share.end()
 
 
 def refuse_start(order: str, why: str) -> None:

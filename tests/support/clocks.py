@@ -35,6 +35,7 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/rccl_bridge/server.py": "its loop owns a clock; a session is told the time, and tests make it patient",
     "qrobot/rci/tcp.py": "a program on a real socket lives on the wall clock; its motion goes by the states it gets",
     "qrobot/rccl/transforms.py": "tells how long a function of a program took, and decides nothing by it",
+    "qrobot/realtime/interpreter.py": "tells how long a search for garbage took, and decides nothing by it",
     "qrobot/rig/lockstep.py": "tells how much faster than real time a rig ran, and decides nothing by it",
     "qrobot/rig/experiment.py": "tells how long an experiment took, and decides nothing by it",
     "qrobot/rig/deployed.py": "remembers when it asked for a guardian, to tell it from its predecessor",

@@ -27,6 +27,7 @@ from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, hello_for
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
+from qrobot.realtime.interpreter import InterpreterShare
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_MS, US_PER_MS
 from qrobot.wire import Command, RobotState, Welcome
@@ -68,6 +69,7 @@ class BridgeMachine:
         self._left_out = 0
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="arcl-trajectory", daemon=True)
+        self._share = InterpreterShare()
 
     def open(self) -> Floats:
         """See `RobotMachine.open`. Raises LinkError, ServoFault, MotionError: the arm cannot be taken."""
@@ -76,11 +78,13 @@ class BridgeMachine:
             if self.virtual_time:
                 shared_time.join(self)
             else:
+                self._share.begin()
                 self._thread.start()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
             self.stream = open_stream(self._settings, self.name, self.period_s * 1e3)
         except BaseException as error:
             shared_time.leave(self)
+            self._share.end()
             self._link.close(str(error))
             raise
         return np.array(self._td.chg.setpoints) - self._settings.zero
@@ -139,6 +143,7 @@ class BridgeMachine:
             shared_time.leave(self)
             if self._thread.is_alive():
                 self._thread.join()
+            self._share.end()
             self._link.close("program ended")
             if self.stream is not None:
                 self.stream.close(self.treal())
