@@ -14,6 +14,7 @@ from qrobot.arcl.attributes import Attribute, attribute_values
 from qrobot.arcl.joint_units import units_of
 from qrobot.arcl.kinematics import ManipulatorKinematics, kinematics
 from qrobot.arcl.machine import MachineSettings, machine
+from qrobot.arcl.machine.registry import EMULATED
 from qrobot.arcl.motion import Motion
 from qrobot.arcl.opened import forget, newest, open_robots, remember
 from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
@@ -54,7 +55,7 @@ def arcl_open(*attributes: Any) -> ArclRobot:
         arm, aki.zero, _period(one.get(Attribute.ARCL_PERIOD)), _stream(one, arm), Path(sys.argv[0] or "python").name,
         Attribute.ARCL_CLEAR in given, None if start is None else _start(start, arm, aki),
     )  # fmt: skip
-    if layer != "offline":  # no sample may wait for the compiler
+    if layer not in EMULATED:  # no sample may wait for the compiler
         warm_up(arm.n, Blend.ZERO_JERK)
         warm_up_cartesian(aki.limits, aki, arm.poses["park"] - aki.zero, Blend.ZERO_JERK)
     rp = ArclRobot(arm, aki, machine(layer, settings))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from math import inf
 from typing import Any, Final
 
@@ -46,7 +47,7 @@ class ArclRobot:
 
     def __init__(self, robot: Robot, aki: ManipulatorKinematics, ami: RobotMachine) -> None:
         self.name = robot.name
-        self.aki, self.ami = aki, ami
+        self.aki, self.ami = _on_machine(aki, ami), ami
         self._robot = robot
         self._units = units_of(robot)
         self._options = MotionOptions()
@@ -55,7 +56,8 @@ class ArclRobot:
         self._ticks = 0
         q = ami.open()
         fences = fences_for(robot.name)
-        self._motions = MotionQueue(aki, ami.period_s, q, self, None if fences is None else fences.seen_from(aki.zero))
+        fences = None if fences is None else fences.seen_from(aki.zero)
+        self._motions = MotionQueue(self.aki, ami.period_s, q, self, fences)
         ami.start(self._sample)
 
     # -------------------------------------------------------------------------------------------------- positions
@@ -335,6 +337,15 @@ class ArclRobot:
             say(line)
         if self.ami.stream is not None:
             self.ami.stream.text(kind, line, self.treal)
+
+
+def _on_machine(aki: ManipulatorKinematics, ami: RobotMachine) -> ManipulatorKinematics:
+    """The kinematics of an arm with the limits that it has on a machine."""
+    if (narrowed := ami.narrow(aki.limits)) is aki.limits:
+        return aki
+    aki = copy(aki)
+    aki.limits = narrowed
+    return aki
 
 
 def _grip_value(command: Grip, value: object) -> float:

@@ -9,6 +9,7 @@ what the program asked for, or follows from the speed that it asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from qrobot.motion import (
 from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS
 
 _NOWHERE: Final = 1e-9  # rad or m; rounding
+_ROUNDING: Final = 1e-6  # of a sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +51,16 @@ class SegmentTime:
     def samples(self, displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
         """Samples from corner to corner; with the transitions at both ends it comes to rest after 2 Ta more."""
         whole = self.tseg.samples(displacement, limits, period_s) + 1
-        if not self.to_rest:
-            return whole
-        stays = float(np.abs(displacement.joints).max()) <= _NOWHERE
-        return max(1, whole - (1 if stays else 2) * whole_samples(self.transition_s, period_s))
+        if self.to_rest:
+            stays = float(np.abs(displacement.joints).max()) <= _NOWHERE
+            whole -= (1 if stays else 2) * whole_samples(self.transition_s, period_s)
+        return max(1, whole, _fewest_samples(displacement, limits, period_s))
+
+
+def _fewest_samples(displacement: Displacement, limits: MotionLimits, period_s: float) -> int:
+    """Samples in which no joint is faster on the straight part of its way than it may be."""
+    seconds = float((np.abs(displacement.joints) / limits.v_max).max())
+    return ceil(seconds / period_s - _ROUNDING)
 
 
 @dataclass(frozen=True, eq=False)

@@ -647,9 +647,9 @@ def test_a_time_too_short_is_as_long_as_the_arm_needs_and_an_error_only_with_a_t
     short = move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1, 0)
     arcl_wait(rp)
     assert short.code == EVENT_DONE
-    assert ami_treal() > 500.0
+    assert 500.0 < ami_treal() < 1500.0
     first = move(rp, joint_pos(rp, "park", PARK), MOV_TACC, 0, MOV_TIME, 1, 0)
     move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1, 0)
-    with pytest.raises(MotionError, match=r"give it \d+ ms or more"):
+    with pytest.raises(MotionError, match=r"give the transition \d+ ms or more"):
         arcl_wait(rp)
     assert first.code == EVENT_ERROR

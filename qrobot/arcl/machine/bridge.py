@@ -22,6 +22,7 @@ from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, LinkLost, MotionError
+from qrobot.motion import MotionLimits
 from qrobot.rci.descriptor import HOST, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, hello_for
@@ -88,6 +89,10 @@ class BridgeMachine:
             self._link.close(str(error))
             raise
         return np.array(self._td.chg.setpoints) - self._settings.zero
+
+    def narrow(self, limits: MotionLimits) -> MotionLimits:
+        """See `RobotMachine.narrow`: the servo has those of the robot file."""
+        return limits
 
     def start(self, cycle: SetpointCycle) -> None:
         """See `RobotMachine.start`."""

@@ -15,6 +15,7 @@ from typing import Protocol, TypeAlias
 from qrobot.arcl.stream import StreamWriter
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.motion import MotionLimits
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +88,9 @@ class RobotMachine(Protocol):
 
     def open(self) -> Floats:
         """Take the arm. Gives the joint positions at which it is held. Shape (n,). Raises what a link raises."""
+
+    def narrow(self, limits: MotionLimits) -> MotionLimits:
+        """The limits that motions have on this machine, of an arm whose joints have `limits`: those, or narrower."""
 
     def start(self, cycle: SetpointCycle) -> None:
         """Call `cycle` once per sample from now on, and deliver what it gives."""

@@ -1,0 +1,182 @@
+"""Machines whose arm is emulated inside the program, on virtual time: it passes while somebody waits.
+
+One thread does it all, the same way every time; several machines share one time. What the arm is, such a machine is
+told: one that follows exactly (`offline`), one of velocity amplifiers (`position_loops`), one that is ceded (`ceded`)
+or one of stepping motors (`stepper`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from typing import Final, Protocol
+
+import numpy as np
+
+from qrobot.arcl.machine import shared_time
+from qrobot.arcl.machine.digital import set_bits
+from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
+from qrobot.arcl.machine.stream_start import open_stream
+from qrobot.arcl.stream import RecordKind
+from qrobot.arcl.trace import done_line
+from qrobot.arrays import Floats
+from qrobot.errors import MotionError
+from qrobot.motion import MotionLimits
+from qrobot.units import MM_PER_M
+
+START_POSE: Final = "park"
+_LONGEST_MS: Final = 100.0
+
+
+class EmulatedArm(Protocol):
+    """An arm inside the program; joint positions as in `MachineSettings`, shape (n,), rad (m on a sliding joint).
+
+    Attributes:
+        measures: it has encoders, so that what it measures goes into the stream.
+    """
+
+    measures: bool
+
+    def take(self) -> Floats:
+        """Take the arm; the joint positions where it stands. Raises what a link raises."""
+
+    def follow(self, q: Floats) -> None:
+        """Go to `q` within one sample. Raises ServoFault or LinkError: it cannot, and control of the arm is lost."""
+
+    def read(self) -> tuple[Floats, Floats]:
+        """Joint positions and velocities as they are measured now."""
+
+    def narrow(self, limits: MotionLimits) -> MotionLimits:
+        """The limits that motions have on this arm; no wider than those of its joints."""
+
+    def leave(self) -> None:
+        """Let go of the arm; a second call does nothing."""
+
+
+class EmulatedMachine:
+    """See `RobotMachine`.
+
+    Args:
+        name: of the layer, for the stream and the last line.
+        settings: what it is made with.
+        period_ms: sample period where the settings name none.
+        make: makes the arm, from the sample period in s.
+
+    Raises:
+        MotionError: no such sample period. ConfigError: the stream cannot be written.
+    """
+
+    virtual_time = True
+
+    def __init__(
+        self, name: str, settings: MachineSettings, period_ms: float, make: Callable[[float], EmulatedArm]
+    ) -> None:
+        self.name = name
+        self._period_ms = _checked(period_ms if settings.period_ms is None else settings.period_ms)
+        self.period_s = self._period_ms / MM_PER_M
+        self.sample: MachineSample | None = None
+        self.sampling = False
+        self.error: BaseException | None = None
+        self.arm = make(self.period_s)
+        self._ticks = 0
+        self._hand = self._outputs = 0
+        self._cycle: SetpointCycle | None = None
+        self.stream = open_stream(settings, name, self._period_ms)
+
+    def open(self) -> Floats:
+        """See `RobotMachine.open`: it stands at its start."""
+        return self.arm.take()
+
+    def narrow(self, limits: MotionLimits) -> MotionLimits:
+        """See `RobotMachine.narrow`."""
+        return self.arm.narrow(limits)
+
+    def start(self, cycle: SetpointCycle) -> None:
+        """See `RobotMachine.start`: time passes from now on, beside that of the program's other machines."""
+        self._cycle = cycle
+        shared_time.join(self)
+
+    def treal(self) -> float:
+        """See `RobotMachine.treal`."""
+        return 0.0 if self.sample is None else self.sample.t_ms
+
+    def lock(self) -> AbstractContextManager[object]:
+        """See `RobotMachine.lock`: nobody else is there."""
+        if self.error is not None:
+            raise self.error
+        return nullcontext()
+
+    def wait(self, predicate: Callable[[], bool]) -> None:
+        """See `RobotMachine.wait`."""
+        shared_time.wait(self, predicate)
+
+    def grip(self, command: int, value: float) -> None:
+        """See `RobotMachine.grip`: any command goes into the stream."""
+        self._write(RecordKind.GRIPPER, [command, value])
+        self._hand = command
+
+    def write_outputs(self, first: int, count: int, value: int) -> None:
+        """See `RobotMachine.write_outputs`."""
+        self._outputs = set_bits(self._outputs, first, count, value)
+        self._write(RecordKind.OUTPUT, [first, count, value])
+
+    def close(self, power_off: bool) -> None:  # noqa: ARG002 (there is no power)
+        """See `RobotMachine.close`."""
+        shared_time.leave(self)
+        self.arm.leave()
+        if self.stream is not None:
+            self.stream.close(self.treal())
+
+    def farewell(self) -> str:
+        """See `RobotMachine.farewell`."""
+        return done_line(self.name, self.treal() / 1e3)
+
+    @property
+    def elapsed_ms(self) -> float:
+        """See `SteppedMachine.elapsed_ms`."""
+        return self._ticks * self._period_ms
+
+    def step(self) -> None:
+        """See `SteppedMachine.step`."""
+        self.sampling = True
+        try:
+            self._exchange()
+        except BaseException as error:
+            self.error = error
+            self.arm.leave()
+        finally:
+            self.sampling = False
+
+    def _exchange(self) -> None:
+        """Ask for the setpoints of one sample and bring them to the arm."""
+        assert self._cycle is not None  # it runs only from `start` on
+        self.sample = self._measured()
+        q = np.array(self._cycle(self.sample), dtype=np.float64)
+        self.arm.follow(q)
+        reached = self._measured()
+        self.sample = replace(self.sample, q=reached.q, v=reached.v)
+        if self.arm.measures:
+            self._write(RecordKind.MEASURED, reached.q)
+        self._write(RecordKind.JOINTS, q)
+        self._ticks += 1
+
+    def _measured(self) -> MachineSample:
+        q, v = self.arm.read()
+        return MachineSample(self.elapsed_ms, q.copy(), v.copy(), np.full_like(q, np.nan), 0, self._outputs, self._hand)
+
+    def _write(self, kind: RecordKind, values: Floats | list[float]) -> None:
+        if self.stream is not None:
+            self.stream.numbers(kind, np.asarray(values, dtype=np.float64), self.treal())
+
+
+def start_of(settings: MachineSettings) -> Floats:
+    """Joint positions at which an arm that is made with these settings stands. Shape (n,)."""
+    pose = settings.robot.poses[START_POSE] - settings.zero
+    return np.array(pose if settings.start is None else settings.start, dtype=np.float64)
+
+
+def _checked(period_ms: float) -> float:
+    if not 1.0 <= period_ms <= _LONGEST_MS:
+        raise MotionError(f"a sample period of {period_ms:g} ms; 1 to {_LONGEST_MS:g} ms are possible")
+    return period_ms
