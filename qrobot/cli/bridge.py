@@ -36,12 +36,12 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
 
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
-    set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     settings = BridgeSettings(choice.host, choice.port if port is None else port, round(choice.period_ms * 1000))
     warm_up()
     freeze_garbage()  # a search among all modules' objects would hold up frames
     await_turn()
+    set_fifo(PRIORITY)  # frames keep their beat beside busy ordinary programs; refused without the right to it
     run_bridge(
         ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
         settings,

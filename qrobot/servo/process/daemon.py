@@ -62,7 +62,7 @@ from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.process.loop import ENDED, run
 from qrobot.servo.process.loop_priority import LoopPriority
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
-from qrobot.servo.process.rate_trial import first_margin, has_fifo, run_alone, spin_share
+from qrobot.servo.process.rate_trial import RateTrial, first_margin, has_fifo, spin_share
 from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
 from qrobot.servo.state import ServoState, make_state
 
@@ -115,10 +115,11 @@ class ServoProcess:
         try:
             if self.card[CARD_KIND] == REAL_CARD:  # ports are granted to a thread
                 require_ports(int(self.card[CARD_BASE]))
+            trial = RateTrial(self.robot, self.settings, self.law)  # before this thread keeps others from running
             with hold_dma_latency() as idle:
                 self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
                 insist_on(self.steps, self.require_realtime, self.report)
-                self._insist_on_the_rate()
+                self._insist_on_the_rate(trial.window)
                 self.faults.begin(threading.get_native_id())
                 self.memory.front.info.ready = 1
                 while self._run_once() != ENDED:
@@ -131,9 +132,9 @@ class ServoProcess:
         memories = mailbox.memory, mailbox.ring, self.board.memory, self.card
         return int(run(self.params, self.state, *memories, first_margin(self.settings), BOARD_AWAY_NS))
 
-    def _insist_on_the_rate(self) -> None:
+    def _insist_on_the_rate(self, run_window: Callable[[], Rows]) -> None:
         """Let the loop run by itself for a moment. Raises QRobotError on a real board whose rate is not kept."""
-        pace = judge_pace(self._run_alone, self.settings.rate_hz)
+        pace = judge_pace(run_window, self.settings.rate_hz)
         budget = judge_budget(self._spin_share(), throttled_to()) if self._has_fifo() else None
         judged = [(RATE, pace)] + ([(RT_BUDGET, budget)] if budget else [])
         for code, step in judged:
@@ -142,9 +143,6 @@ class ServoProcess:
             lateness_stops = self.settings.overrun != COUNTED_ONLY
             if not step.ok and (lateness_stops or self.require_realtime) and not self.settings.unchecked_rate:
                 raise QRobotError(_complaint(code, step))
-
-    def _run_alone(self) -> Rows:
-        return run_alone(self.robot, self.settings, self.law)
 
     def _spin_share(self) -> float:
         return spin_share(self.settings)

@@ -25,17 +25,29 @@ from qrobot.servo.settings import ServoSettings
 from qrobot.servo.state import make_state
 
 
-def run_alone(robot: Robot, settings: ServoSettings, law: Law) -> Rows:
-    """Telemetry of the loop for one window of the self-test, oldest row first."""
-    n, period_ns = robot.n, settings.period_ns
-    rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
-    words = local_servo_memory(robot.name, law_label(settings.law), n, period_ns, rows)
-    words += 0  # touches every page: the loop shall not wait for them
-    params = servo_parameters(robot, replace(settings, board_slips=False))  # here is no board to wait for
-    state, mailbox = make_state(params, law), ServoMailbox(words)
-    memories = mailbox.memory, mailbox.ring, local_board_memory(), make_card(NO_CARD)
-    run(params, state, *memories, first_margin(settings), WINDOW_NS)
-    return TelemetryReader(words, mailbox.info.telemetry_base, mailbox.info.telemetry_capacity, n).read(rows)
+class RateTrial:
+    """The loop on memory of its own, which is made before the loop's thread has any priority.
+
+    To make it takes some ten milliseconds of Python, longer than the servo of another arm on the same processor can be
+    kept waiting.
+    """
+
+    def __init__(self, robot: Robot, settings: ServoSettings, law: Law) -> None:
+        n, period_ns = robot.n, settings.period_ns
+        self._rows = 1 << (2 * WINDOW_NS // period_ns).bit_length()
+        words = local_servo_memory(robot.name, law_label(settings.law), n, period_ns, self._rows)
+        words += 0  # touches every page: the loop shall not wait for them
+        self._params = servo_parameters(robot, replace(settings, board_slips=False))  # here is no board to wait for
+        self._state, mailbox = make_state(self._params, law), ServoMailbox(words)
+        self._memories = mailbox.memory, mailbox.ring, local_board_memory(), make_card(NO_CARD)
+        self._margin_ns = first_margin(settings)
+        base, capacity = mailbox.info.telemetry_base, mailbox.info.telemetry_capacity
+        self._reader = TelemetryReader(words, base, capacity, n)
+
+    def window(self) -> Rows:
+        """Let the loop run for one window of the self-test: its telemetry, oldest row first."""
+        run(self._params, self._state, *self._memories, self._margin_ns, WINDOW_NS)
+        return self._reader.read(self._rows)
 
 
 def first_margin(settings: ServoSettings) -> int:
@@ -61,9 +73,10 @@ def try_rate(robot: Robot, settings: ServoSettings, law: Law) -> list[SetupStep]
     judged: list[SetupStep] = []
 
     def attempt() -> None:
+        trial = RateTrial(robot, settings, law)
         with hold_dma_latency():
             steps = prepare_loop_thread(settings.cpu, settings.priority)
-            judged.append(judge_pace(lambda: run_alone(robot, settings, law), settings.rate_hz))
+            judged.append(judge_pace(trial.window, settings.rate_hz))
             if has_fifo(steps):
                 judged.append(judge_budget(spin_share(settings), throttled_to()))
 

@@ -31,6 +31,7 @@ from qrobot.hwif.registers import (
 from qrobot.modecodes import Mode
 from qrobot.realtime.structure import view_words
 from qrobot.servo.memory.servo_memory import create_servo_memory, servo_front
+from qrobot.servo.process import guardian as guardian_module
 from qrobot.servo.process.guardian import (
     LOOKS_PER_TIMEOUT,
     N_OWN,
@@ -317,3 +318,12 @@ def test_a_board_that_takes_nothing_does_not_make_the_guardian_forget() -> None:
     bench.deaf = False
     sleep(bench, 0.02)
     assert bench.safe
+
+
+def test_what_takes_long_is_done_before_other_servos_are_kept_from_running(monkeypatch) -> None:
+    order: list[str] = []
+    for step in ("lock_memory", "tighten_timers", "set_fifo"):
+        monkeypatch.setattr(guardian_module, step, lambda *_, name=step: order.append(name))
+    guardian_module.prepare()
+    assert order[-1] == "set_fifo"
+    assert "lock_memory" in order

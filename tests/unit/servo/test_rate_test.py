@@ -173,30 +173,33 @@ def starting(require_realtime: bool = False, fifo: bool = False, **choices: obje
         said=said,
         report=said.append,
         require_realtime=require_realtime,
-        _run_alone=lambda: window(cost_ns=900_000),
         _has_fifo=lambda: fifo,
         _spin_share=lambda: 0.95,
     )
 
 
+def slow_window() -> Rows:
+    """Telemetry of cycles that take nine tenths of their period."""
+    return window(cost_ns=900_000)
+
+
 @pytest.mark.parametrize("choices", [{}, {"overrun": COUNTED_ONLY, "require_realtime": True}])
 def test_a_real_board_or_whoever_requires_real_time_gets_no_loop_that_is_too_slow(choices: dict[str, object]) -> None:
     with pytest.raises(QRobotError, match=r"^RATE: 1000 Hz: .*this machine would keep 500 Hz"):
-        ServoProcess._insist_on_the_rate(starting(**choices))  # type: ignore[arg-type]
+        ServoProcess._insist_on_the_rate(starting(**choices), slow_window)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("choices", [{"overrun": COUNTED_ONLY}, {"unchecked_rate": True}])
 def test_an_emulated_arm_and_whoever_signs_are_told(choices: dict[str, object]) -> None:
     process = starting(**choices)  # type: ignore[arg-type]
-    ServoProcess._insist_on_the_rate(process)  # type: ignore[arg-type]
+    ServoProcess._insist_on_the_rate(process, slow_window)  # type: ignore[arg-type]
     assert [line[:5] for line in process.said] == ["RATE:"]
     assert [(step.name, step.ok) for step in process.steps] == [("rate", False)]
 
 
 def test_a_loop_that_spins_more_than_its_share_is_refused_under_a_real_time_scheduler_only() -> None:
     process = starting(fifo=True)
-    process._run_alone = window
     with pytest.raises(QRobotError, match=r"^RT_BUDGET: .*sched_rt_runtime_us"):
-        ServoProcess._insist_on_the_rate(process)  # type: ignore[arg-type]
+        ServoProcess._insist_on_the_rate(process, window)  # type: ignore[arg-type]
     process._has_fifo = lambda: False
-    ServoProcess._insist_on_the_rate(process)  # type: ignore[arg-type]
+    ServoProcess._insist_on_the_rate(process, window)  # type: ignore[arg-type]
