@@ -29,7 +29,7 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     from qrobot.rccl_bridge.mailbox_port import ServoPort, warm_up
     from qrobot.rccl_bridge.server import run_bridge
     from qrobot.rccl_bridge.settings import BridgeSettings
-    from qrobot.realtime.setup import freeze_garbage, set_fifo
+    from qrobot.realtime.setup import freeze_garbage, leave_fifo, set_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.memory.commander_lock import Authority
     from qrobot.servo.payload import PayloadJudge
@@ -48,3 +48,4 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
         lambda host, number: note(f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}"),
         Authority(chosen.name),
     )
+    leave_fifo()

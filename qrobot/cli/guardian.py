@@ -27,7 +27,7 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
     linger
         Seconds to wait for a dead servo to be restarted.
     """
-    from qrobot.realtime.setup import insist_on
+    from qrobot.realtime.setup import insist_on, leave_fifo
     from qrobot.realtime.startup_order import await_turn
     from qrobot.servo.process.guardian import Guardian, prepare, warm_up
 
@@ -50,4 +50,5 @@ def guardian(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, li
         raise
     note(f"guardian of {chosen.name} acts {chosen.servo.guardian_timeout_ms:g} ms after the servo's last heartbeat")
     watcher.run(linger)
+    leave_fifo()
     watcher.close()

@@ -79,6 +79,13 @@ def _enter_fifo(priority: int) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
+def leave_fifo() -> None:
+    """Make the calling thread an ordinary one: to end a process takes longer than others can be kept from running."""
+    with suppress(OSError):
+        kept = os.sched_getscheduler(0) & os.SCHED_RESET_ON_FORK  # which only root may clear
+        os.sched_setscheduler(0, os.SCHED_OTHER | kept, os.sched_param(0))
+
+
 @contextmanager
 def favoured_thread(niceness: int = FAVOURED_NICENESS) -> Iterator[None]:
     """Let the calling thread stay an ordinary one, but wait for few others, where that is allowed.

@@ -34,7 +34,7 @@ from qrobot.modecodes import Mode
 from qrobot.realtime.deadline import Deadline
 from qrobot.realtime.machine import throttled_to
 from qrobot.realtime.page_faults import FaultWatch
-from qrobot.realtime.setup import SetupStep, hold_dma_latency, insist_on, prepare_loop_thread
+from qrobot.realtime.setup import SetupStep, hold_dma_latency, insist_on, leave_fifo, prepare_loop_thread
 from qrobot.realtime.shared_memory import segment_path
 from qrobot.realtime.signals import interrupted_by_sigterm
 from qrobot.realtime.startup_order import await_turn, turn_is_awaited
@@ -126,6 +126,8 @@ class ServoProcess:
                     self._find_board_again()
         except BaseException as error:  # the thread's only way to tell the main one
             self.error = error
+        finally:
+            leave_fifo()
 
     def _run_once(self) -> int:
         mailbox = self.mailbox

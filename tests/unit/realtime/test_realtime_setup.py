@@ -39,6 +39,8 @@ def loop():
     found["other_cpus"] = sorted(os.sched_getaffinity(other.native_id))
     found["policy"] = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     found["observed"] = [asdict(step) for step in machine.observe_process(os.getpid())]
+    setup.leave_fifo()
+    found["left"] = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 
 allowed = sorted(os.sched_getaffinity(0))
 thread = threading.Thread(target=loop)
@@ -75,6 +77,7 @@ def test_a_prepared_thread_has_the_last_cpu_for_itself_and_every_refusal_comes_w
 def test_what_a_step_reports_is_what_the_kernel_says() -> None:
     found = probe()
     assert named(found["steps"], "scheduler")["ok"] == (found["policy"] == found["fifo"])
+    assert found["left"] == os.SCHED_OTHER
     for name in ("scheduler", "memory"):
         assert named(found["observed"], name)["ok"] == named(found["steps"], name)["ok"]
 
