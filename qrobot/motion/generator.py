@@ -28,6 +28,7 @@ from qrobot.motion.path.blend import Blend, Correction
 from qrobot.motion.path.coordinates import JOINTS
 from qrobot.motion.path.path_piece import BlendSettings
 from qrobot.motion.path.phase import Phase
+from qrobot.motion.path.setpoint_history import History
 from qrobot.motion.planning.fence_check import FenceCheck
 from qrobot.motion.planning.planner import Planner
 from qrobot.motion.planning.request_queue import QUEUE_SIZE, RequestQueue
@@ -138,8 +139,8 @@ class Generator:
 
     @property
     def rate(self) -> float:
-        """Rate of path time at the newest sample, 1 for the speed as programmed."""
-        return self._trajectory.override.rate
+        """Rate of path time at the newest sample: 1 for the speed as programmed, and in a stop of the joints."""
+        return self._trajectory.rate
 
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
@@ -242,14 +243,10 @@ class Generator:
             MotionError: it is not later than the sample before.
             Exception: whatever a functional transform or a monitor raised.
         """
-        self._trajectory.advance(tick, standing, self._rate_wanted())
+        self._trajectory.advance(tick, standing, self._override)
         self._sample_goals()
         self._ask_monitor()
         return self._sequencer.output(self._give_setpoint())
-
-    def _rate_wanted(self) -> float:
-        """The override; full speed with a goal that moves or complies, which knows no other."""
-        return self._override if self._path.coordinates.fixed else FULL_SPEED
 
     def _sample_goals(self) -> None:
         """Evaluate the goals that move: of the present segment, and of the request that comes next."""
@@ -304,8 +301,13 @@ class Generator:
         return self._trajectory.setpoint()
 
     def _judge(self, q: Floats) -> Termination:
-        """Fault of the setpoint `q` (n,)."""
-        code = judge_next(self._trajectory.setpoints_with(q), self.period_s, self._limits, self._settings.blend)
+        """Fault of the setpoint `q` (n,); that a change of speed adds to what the path asks for is none."""
+        code = self._judge_points(self._trajectory.setpoints_with(q))
+        if code is Termination.TOO_FAST and self._path.coordinates.fixed and not self._trajectory.at_full_speed:
+            code = self._judge_points(self._trajectory.points_at(self._trajectory.clock))
         if code is not Termination.TOO_FAST or self._kinematics is None:
             return code
         return Termination.SINGULAR if self._kinematics.near_singular(self._trajectory.newest) else code
+
+    def _judge_points(self, points: History) -> Termination:
+        return judge_next(points, self.period_s, self._limits, self._settings.blend)

@@ -18,7 +18,7 @@ from qrobot.motion.path.phase import Phase
 from qrobot.motion.trajectory.speed_override import SHARE, SpeedOverride
 from tests.support.motion import LIMITS, PERIOD_S, ended, generator, run
 from tests.support.puma import LIMITS as ARM_LIMITS
-from tests.support.puma import PARK, arm, at_park, puma_generator, shift
+from tests.support.puma import PARK, Conveyor, arm, at_park, puma_generator, shift
 
 DONE = (int(Termination.COMPLETED),)
 PLACES = st.lists(
@@ -163,6 +163,82 @@ def test_a_skip_while_paused_goes_on_to_the_next_motion_when_it_is_resumed() -> 
     assert ended(outputs) == [("0", 3), ("1", int(Termination.COMPLETED))]
     assert np.ptp([output.q for output in outputs[100:295]], axis=0).max() == 0.0
     assert outputs[-1].q == pytest.approx([-1.5, -0.4])
+
+
+@pytest.mark.parametrize("skipped_after", range(29, 33))  # the samples round that in which the rate becomes 0
+def test_a_skip_of_a_line_as_a_pause_begins_turns_into_the_next_one_in_whichever_sample(skipped_after: int) -> None:
+    gen = puma_generator()
+    for k, place in enumerate(((0.1, 0.05, 0.05), (-0.1, 0.1, 0.0))):
+        gen.push(MoveRequest(f"{k}", at_park(shift(*place)).goal(), SpeedShare(0.15), mode=MotionMode.CARTESIAN))
+    for tick in range(1, 14 + skipped_after):
+        gen.override = float(tick < 12)
+        if tick == 12 + skipped_after:
+            gen.skip(3)
+        output = gen.update(tick)
+    assert gen.rate < 0.01
+    assert output.request is not None
+    assert (output.request.name, gen.phase) == ("1", Phase.MOVING)
+
+
+@pytest.mark.parametrize("begin", [2, 3])
+def test_a_pause_aborts_no_line_that_the_arm_can_just_follow(begin: int) -> None:
+    gen = puma_generator()
+    for name, place, transition_s in (
+        ("0", (-0.00434, -0.26151, -0.24653, -1.4057), 0.2),
+        ("1", (-0.00533, 0.23501, 0.02657, 1.08245), None),
+    ):
+        goal = at_park(shift(*place)).goal()
+        gen.push(MoveRequest(name, goal, SpeedShare(1.0), transition_s, mode=MotionMode.CARTESIAN))
+
+    def at_tick(tick: int) -> None:
+        gen.override = float(not begin <= tick < 72)
+
+    assert [code for _, code in ended(list(run(gen, at_tick)))] == 2 * [int(Termination.COMPLETED)]
+
+
+def test_a_belt_is_left_when_the_pause_is_over_and_followed_until_then() -> None:
+    gen, belt = puma_generator(), Conveyor(lambda t: (0.05 * t, 0.0, 0.0, 0.0))
+    gen.push(MoveRequest("belt", at_park(belt.trsf).goal(), SpeedShare(0.3), mode=MotionMode.CARTESIAN))
+    away, begun = MoveRequest("away", PARK + 0.1, SpeedShare(0.3)), {}
+    path = [PARK, PARK]
+    for tick in range(1, 260):
+        belt.tick = tick
+        if tick == 90:  # it follows
+            gen.override = 0.0
+            gen.push(away)
+        if tick == 130:
+            gen.override = 0.4
+        output = gen.update(tick)
+        path.append(output.q)
+        for event in output.events:
+            begun.setdefault((event.request.name if event.request else "", event.kind.name), tick)
+        if tick in (89, 129):
+            assert gen.state()[1].any()
+    assert begun["away", "BEGUN"] == 130
+    assert gen.rate == 0.4
+    steps = np.abs(np.diff(path, n=2, axis=0)) / PERIOD_S**2
+    assert (steps <= ARM_LIMITS.a_max).all()
+    assert path[-1] == pytest.approx(PARK + 0.1)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1.5])
+def test_a_path_stop_takes_over_the_acceleration_of_a_change_of_speed(seconds: float) -> None:
+    for at in range(12, 46, 3):
+        gen, path = generator(), [np.zeros(2)]
+        joint_program(gen, [(2.5, 0.4, None)])
+        for tick in range(1, 160):
+            gen.override = 0.05 if 10 <= tick < 30 else 0.9
+            if tick == at:
+                before = gen.state(), gen.rate
+                gen.stop(seconds)
+                assert gen.state() == pytest.approx(before[0], abs=ROUNDING)
+                assert gen.rate == pytest.approx(before[1])
+            gen.update(tick)
+            assert -ROUNDING <= gen.rate <= 1.0 + ROUNDING
+            assert LIMITS.allow(gen.state())
+            path.append(gen.state()[0])
+        assert (np.diff(path, axis=0) >= -ROUNDING).all()  # never back
+        assert (gen.rate, gen.phase) == (0.9, Phase.RESTING)
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.25])

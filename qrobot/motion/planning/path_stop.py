@@ -4,11 +4,14 @@ Over D samples the rate r of path time falls from r0, 1 at full speed, to 0 as r
 time advances by
 
     s(t) = r0 (t - D beta(h))        s(D) = r0 D/2        dr/dt = -r0 beta''(h)/D
+
+A slope p that the rate has at its begin fades out in F samples: r is larger by p F g(t/F), g = h - 2 h^2 + h^3. F is so
+short that r stays from 0 to 1; g is never more than PEAK_G, at h = 1/3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,6 +23,8 @@ from qrobot.motion.planning.timing import Scheduler
 _PROBES: Final = np.linspace(0.0, 1.0, 33)
 _LONGER: Final = 1.15
 _LONGEST_S: Final = 10.0
+_PEAK_G: Final = 4.0 / 27.0
+_HALF: Final = 0.5  # of the stop, at most, for the slope to fade: half of the rate is left there
 
 
 @dataclass(frozen=True)
@@ -31,27 +36,45 @@ class PathStop:
         length: D, samples.
         blend: shape of the rate.
         rate: at its begin.
+        slope: of the rate at its begin, per sample.
     """
 
     clock: float
     length: float
     blend: Blend
     rate: float = 1.0
+    slope: float = 0.0
 
     def at(self, elapsed: float) -> tuple[float, float, float]:
         """(path time, r, dr/dt per sample), `elapsed` samples after the stop began."""
         b, b1, b2 = beta(int(self.blend), elapsed / self.length)
         if self.rate == 1.0:  # to the last bit what it always was
             return self.clock + elapsed - self.length * b, 1.0 - b1, -b2 / self.length
+        more, more1, more2 = self._fading_slope(elapsed)
         return (
-            self.clock + self.rate * (elapsed - self.length * b),
-            self.rate * (1.0 - b1),
-            -self.rate * b2 / self.length,
+            self.clock + self.rate * (elapsed - self.length * b) + more,
+            self.rate * (1.0 - b1) + more1,
+            -self.rate * b2 / self.length + more2,
         )
 
+    def _fading_slope(self, elapsed: float) -> tuple[float, float, float]:
+        """Path time, rate and its slope that the slope at the begin adds."""
+        room = _HALF * self.rate if self.slope < 0.0 else 1.0 - self.rate
+        if self.slope == 0.0 or not room > 0.0:
+            return 0.0, 0.0, 0.0
+        fading = min(_HALF * self.length, room / (_PEAK_G * abs(self.slope)))
+        h = min(elapsed / fading, 1.0)
+        p, pf = self.slope, self.slope * fading
+        passed = pf * fading * h * h * (0.5 + h * (0.25 * h - 2.0 / 3.0))
+        return passed, pf * h * (1.0 + h * (h - 2.0)), p * (1.0 + h * (3.0 * h - 4.0))
 
-def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Scheduler, rate: float = 1.0) -> PathStop:
-    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead; path time passes at `rate`.
+
+def plan_path_stop(
+    path: Path, clock: float, seconds: float, scheduler: Scheduler, rate: float = 1.0, slope: float = 0.0
+) -> PathStop:
+    """The shortest stop, of at least `seconds`, that keeps the limits on the path ahead.
+
+    Path time passes at `rate`, which changes by `slope` per sample.
 
     On a straight line it decelerates with a_stop; where the path itself accelerates it takes longer.
     """
@@ -61,10 +84,9 @@ def plan_path_stop(path: Path, clock: float, seconds: float, scheduler: Schedule
         speed = np.maximum(speed, np.abs(path.segment.velocity))
     shortest = PEAK[blend] * float((rate * speed / limits.a_stop).max())
     length = max(1.0, seconds / period_s, shortest / period_s)
-    while (
-        not _fits(path_stop := PathStop(clock, length, blend, rate), path, scheduler) and length * period_s < _LONGEST_S
-    ):
-        length *= _LONGER
+    path_stop = PathStop(clock, length, blend, rate, slope)
+    while not _fits(path_stop, path, scheduler) and path_stop.length * period_s < _LONGEST_S:
+        path_stop = replace(path_stop, length=_LONGER * path_stop.length)
     return path_stop
 
 

@@ -155,7 +155,7 @@ class Sequencer:
     def _start(self) -> bool:
         """Enter the oldest request from rest, or from the goal that is being followed."""
         queued = self._queue.peek()
-        if queued is None or not queued.settled or self._trajectory.paused:
+        if queued is None or not queued.settled or self._trajectory.held:
             return False
         if queued.here:
             return self._begin_here()
@@ -184,7 +184,12 @@ class Sequencer:
         return self._enter_transition(segment, queued, transition) or self._approach_rest(segment)
 
     def _can_begin(self, queued: QueuedMotion) -> bool:
-        """True when `queued` may follow in motion: it is known where its goal goes, and at what speed to meet it."""
+        """True when `queued` may follow in motion: it is known where its goal goes, and at what speed to meet it.
+
+        In a pause a goal that moves is not left.
+        """
+        if self._trajectory.held and not self._path.coordinates.fixed:
+            return False
         return queued.settled and (queued.fixed or self._trajectory.override.full)
 
     def _transition_to(self, segment: Segment, queued: QueuedMotion) -> ViaTransition | None:

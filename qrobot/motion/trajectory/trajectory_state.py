@@ -7,7 +7,7 @@ on the path, where it slows down and stands still (path_stop.py).
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
@@ -25,6 +25,8 @@ from qrobot.motion.planning.timing import Scheduler
 from qrobot.motion.trajectory.planned_path import PathSample
 from qrobot.motion.trajectory.speed_override import FULL_SPEED, SpeedOverride
 from qrobot.motion.world.limits import MotionLimits
+
+_LEAST_STEP: Final = 1e-4  # samples of path time, between places that tell a velocity and an acceleration
 
 
 class Given(NamedTuple):
@@ -57,7 +59,7 @@ class TrajectoryState:
         self.tick = tick
         self.clock = 0.0
         self.override = SpeedOverride(limits, settings.period_s)
-        self._wanted = FULL_SPEED
+        self._asked = FULL_SPEED
         self._settings = settings
         self._given = Given(tick, 0.0, 1.0, 0.0)
         self._lags = deque([0.0], maxlen=DEPTH)  # of path time behind the newest samples, this one included
@@ -68,6 +70,11 @@ class TrajectoryState:
         self._standing: Floats | None = None
 
     # ------------------------------------------------------------------------------------------------ what there is
+
+    @property
+    def _wanted(self) -> float:
+        """The override; full speed with a goal that moves or complies, which knows no other."""
+        return self._asked if self.path.coordinates.fixed else FULL_SPEED
 
     @property
     def newest(self) -> Floats:
@@ -87,14 +94,31 @@ class TrajectoryState:
         return self.path.phase is Phase.JOINT_STOP and self.clock >= self.path.piece.end
 
     @property
+    def at_full_speed(self) -> bool:
+        """Path time passes as the clock does, and did so at the newest samples."""
+        return self.override.full and len(set(self._lags)) <= 1
+
+    @property
     def on_the_clock(self) -> bool:
         """Path time passes as the clock does, did so at the newest samples, and is whole at each of them."""
-        return self.override.full and len(set(self._lags)) <= 1 and all(lag.is_integer() for lag in self._lags)
+        return self.at_full_speed and all(lag.is_integer() for lag in self._lags)
 
     @property
     def paused(self) -> bool:
         """Path time stands still because that was asked for."""
         return self.override.rate == 0.0
+
+    @property
+    def rate(self) -> float:
+        """Rate of path time at the newest sample: 1 for the speed as programmed, and in a stop of the joints."""
+        if self._path_stop is not None:
+            return self._path_stop.at(self.tick - self._path_stop_tick)[1]
+        return FULL_SPEED if self.path.phase is Phase.JOINT_STOP else self.override.rate
+
+    @property
+    def held(self) -> bool:
+        """True while no segment may begin: in a pause, also in one that has to follow a goal that moves."""
+        return self.paused or (self._asked == 0.0 and not self.path.coordinates.fixed)
 
     def state(self) -> Floats:
         """Position, velocity and acceleration of the setpoints at the newest sample. Shape (3, n), SI units.
@@ -116,20 +140,24 @@ class TrajectoryState:
         return self.path.goal_joints(self.newest)
 
     def points(self) -> History:
-        """Positions of the arm at the newest samples, this one included; at another speed, by path time."""
-        points = self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
-        if self.override.full or len(self._lags) < len(points):
-            return points
-        lags = list(self._lags)[-len(points) :]
-        return [(tick - lag, q) for lag, (tick, q) in zip(lags, points, strict=True)]
+        """Positions of the arm at the newest samples, this one included; at another speed, by path time.
+
+        In a pause there is one, which tells of no velocity.
+        """
+        if self.override.full or not self.path.coordinates.fixed:
+            return self._newest_points()
+        return self._newest_points()[-1:] if self.paused else self.points_at(self.clock)
 
     def points_at(self, clock: float) -> History:
         """Positions of the arm at path time `clock`, on the present piece, and a sample or less of it before."""
         step = min(1.0, 0.5 * (clock - self.path.piece.start))
-        if not step > 0.0:
-            return self.points()
+        if not step > _LEAST_STEP:
+            return self._newest_points()
         solve, moments = self.path.coordinates.solve_at, (clock - 2.0 * step, clock - step, clock)
         return [(moment, solve(self.path.state(moment)[0], self.newest)) for moment in moments]
+
+    def _newest_points(self) -> History:
+        return self._actual.with_now(self.tick, true_joints(self.setpoint(), self._standing))
 
     def setpoints_with(self, q: Floats) -> History:
         """The newest setpoints, as if `q` (n,) were that of this sample."""
@@ -143,14 +171,15 @@ class TrajectoryState:
 
     # ------------------------------------------------------------------------------------------ once per sample
 
-    def advance(self, tick: int, standing: Floats | None, wanted: float = FULL_SPEED) -> None:
-        """Time has come to sample `tick`; `standing` as in `Generator.update`, `wanted` rate of path time.
+    def advance(self, tick: int, standing: Floats | None, asked: float = FULL_SPEED) -> None:
+        """Time has come to sample `tick`; `standing` as in `Generator.update`, `asked` the override.
 
         Raises MotionError: it is not later than the sample before.
         """
         if tick <= self.tick:
             raise MotionError(f"sample {tick} asked for after sample {self.tick}")
-        self._wanted = wanted
+        self._asked = asked
+        wanted = self._wanted
         if self._path_stop is not None:
             self.clock = self._path_stop.at(tick - self._path_stop_tick)[0]
         elif self.path.phase in (Phase.JOINT_STOP, Phase.RESTING):
@@ -177,7 +206,7 @@ class TrajectoryState:
 
     def hold(self, x: Floats) -> None:
         """Stand at `x` (m,), in the coordinates of the path."""
-        if self.path.phase is Phase.JOINT_STOP:
+        if self.path.phase.stopping:
             self.override.jump(self._wanted)  # what waits may begin in this very sample, unless there is a pause
         self.path.hold(x, self.clock)
         self._path_stop = None
@@ -191,7 +220,8 @@ class TrajectoryState:
         """Begin to stop in at least `seconds` on the path of `segment`, the present one."""
         if not self.path.phase.ending and self.clock > segment.rest_begin:
             self.approach_rest(segment)
-        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, self.override.rate)
+        rate, slope = self.override.rate, self.override.slope
+        self._path_stop = plan_path_stop(self.path, self.clock, seconds, scheduler, rate, slope)
         self._path_stop_tick = self.tick
         self.path.begin_path_stop()
 
