@@ -11,6 +11,7 @@ from rich.table import Table
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm, whole_law_name
 from qrobot.cli.console import SUCCESS, note, out, plain_table, print_table, write_json
+from qrobot.cli.fence_table import fence_table
 from qrobot.cli.option_types import GainsOption, Indexes, LoadKg, Percent, Seconds
 from qrobot.config import Robot
 from qrobot.config.scene import FORCE_AXES
@@ -49,7 +50,7 @@ class Where:
         arm
             Which arm of the file; may be left out when there is only one.
         json
-            Print the servo's whole status as JSON.
+            Print the servo's answer as JSON, its whole status or what was asked for.
         """
         self.deployment, self.arm, self.json = deployment, arm, json
 
@@ -127,6 +128,27 @@ def _joints(robot: Robot, now: ServoStatus) -> Table:
         units = "m, m/s, N" if slides else "rad, rad/s, N m"
         table.add_row(name, units, *(f"{number:.4g}" for number in numbers))
     return table
+
+
+@app.command
+def fences(*, where: Where | None = None) -> int:
+    """Tell which fences the servo guards, and which part of the arm is how far from which. Needs no authority.
+
+    The one that is next to stop a motion comes first. Programs keep the margin; the servo stops the arm where it could
+    not come to rest before the fence itself. Below zero the arm is inside. Fences are told in the deployment file, and
+    a change of it counts from the next start of the servo. The surfaces of the arm are the capsules of its robot file.
+    """
+    where = where or Where()
+    with ServoClient(choose_arm(where.deployment, where.arm).name) as servo:
+        now, found = servo.status(), servo.fences()
+    if where.json:
+        write_json({"arm": now.arm, "calibrated": now.calibrated, "fences": [fence.model_dump() for fence in found]})
+        return SUCCESS
+    known = "" if now.calibrated else "; not calibrated: distances are of a position that may be wrong"
+    out.print(f"{now.arm}: {len(found) or 'no'} fences in force{known}", soft_wrap=True)
+    if found:
+        print_table(fence_table(found))
+    return SUCCESS
 
 
 @app.command

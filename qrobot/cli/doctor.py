@@ -11,6 +11,7 @@ from rich.text import Text
 
 from qrobot.cli.checks import Finding, Weight, all_findings, running_servos
 from qrobot.cli.console import FAILURE, SUCCESS, note, out, print_table, write_json
+from qrobot.cli.fence_check import look_at_fences
 from qrobot.realtime.runtime_folder import runtime_path
 from qrobot.realtime.setup import SetupStep
 
@@ -21,7 +22,7 @@ MARKS = {Weight.NEEDED: ("✘", "bold red"), Weight.TIMING: ("!", "yellow"), Wei
 
 
 def doctor(deployment: str = "emulator", *, rate: bool = False, json: bool = False) -> int:
-    """Look at this machine: software, shared memory, ports, and what real time needs.
+    """Look at this machine: software, shared memory, ports, what real time needs, and at the fences of each arm.
 
     With --rate the servo's loop also runs here for some seconds, without a board, and it is told whether this machine
     keeps the rate of each arm, and which it would keep. That is not done beside a running arm.
@@ -42,7 +43,8 @@ def doctor(deployment: str = "emulator", *, rate: bool = False, json: bool = Fal
     arms = load_deployment(deployment).arm
     ports = {arm.name: (arm.bridge.host, arm.bridge.port) for arm in arms}
     bases = [arm.board.port.base for arm in arms if arm.board.port is not None]
-    findings = [*all_findings(ports, bases), *(_rates(arms) if rate else ())]
+    fences = [finding for arm in arms for finding in look_at_fences(arm)]
+    findings = [*all_findings(ports, bases), *fences, *(_rates(arms) if rate else ())]
     usable = not any(finding.prevents_running for finding in findings)
     if json:
         write_json({"usable": usable, "findings": [_plain(finding) for finding in findings]})

@@ -86,13 +86,16 @@ def place_capsules(q: Floats, words: Floats, work: Floats) -> None:
 
 @lean_kernel
 def shape_row(words: Floats, work: Floats, k: int, rows: Floats, capsules: Floats) -> None:
-    """Distance of the arm from shape `k`, and the capsule that is nearest, into row `k`."""
+    """Distance of what moves of the arm from shape `k`, and the capsule that is nearest, into row `k`.
+
+    The base stands still, perhaps inside a fence: it would hide how far off the others are.
+    """
     at = SHAPES + SHAPE_WORDS * k
     kind, bodies = int(words[at]), int(words[at + 2])
     half = (words[at + 4], words[at + 5], words[at + 6])
     for i in range(int(words[N_CAPSULES])):
         of_tool = words[CAPSULES + CAPSULE_WORDS * i + 8] != 0.0
-        if (bodies & (TOOL if of_tool else LINKS)) == 0:
+        if words[CAPSULES + CAPSULE_WORDS * i] == 0.0 or (bodies & (TOOL if of_tool else LINKS)) == 0:
             continue
         a, b = in_shape(words, at, end_of(work, i, 0)), in_shape(words, at, end_of(work, i, 3))
         radius = radius_of(words, i)

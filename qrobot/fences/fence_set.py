@@ -80,6 +80,7 @@ class FenceSet:
         robot: name in the robot file.
         words: see `fences.table`. Shape (N_WORDS,).
         margins: of each row of distances, m. Shape (m + 1,).
+        self_collision: the arm keeps off its own body.
 
     Raises:
         ConfigError: the robot file tells no body, or there are too many of something.
@@ -102,6 +103,7 @@ class FenceSet:
         self.names = (*(fence.name for fence in fences), ITSELF)
         self.fences = tuple(fences)
         self.robot = robot.name
+        self.self_collision = self_collision
         self._zero = np.zeros(robot.n)
         self.margins = np.array([*(fence.margin_m for fence in fences), self_margin])
         self.words = np.zeros(N_WORDS)
@@ -143,8 +145,13 @@ class FenceSet:
 
     def seen_from(self, zero: Floats) -> FenceSet:
         """The same fences for joint positions that are zero at `zero` (n,) of the robot file."""
-        twin = copy(self)
+        twin = self.for_one_thread()
         twin._zero = zero
+        return twin
+
+    def for_one_thread(self) -> FenceSet:
+        """The same fences with numbers of their own to work on: one set must not be asked by two threads at once."""
+        twin = copy(self)
         twin._work, twin._rows, twin._nearest = np.zeros(N_WORK), np.zeros(N_ROWS), np.zeros(N_ROWS)
         return twin
 

@@ -75,7 +75,7 @@ def distances_by_hand(fence: Fence, q: Floats) -> float:
     wanted = {"all": (True, False), "tool": (True,), "links": (False,)}[fence.bodies]
     found = []
     for capsule in ROBOT.shape.capsules:
-        if (capsule.link == ROBOT.n) in wanted:
+        if capsule.link > 0 and (capsule.link == ROBOT.n) in wanted:
             away = slowly.outside(fence, slowly.axis_points(ROBOT, capsule, q, 100))
             found.append((-away.max() if fence.keep == "in" else away.min()) - capsule.radius_m)
     return float(min(found))
@@ -149,6 +149,16 @@ def test_a_refusal_names_fence_body_depth_and_place_and_moves_nothing() -> None:
     assert not motion.busy
     assert not motion.update(1).moving
     assert (motion.update(2).q == PARK).all()
+
+
+def test_a_fence_in_which_the_base_stands_is_one_for_all_that_moves() -> None:
+    ground = Fence(name="ground", shape="plane", position_m=(0.0, 0.0, -0.4))
+    fences = FenceSet(ROBOT, [ground])
+    assert slowly.distance(ROBOT, ROBOT.shape.capsules[0], ground, PARK) < -0.2
+    down = PARK + np.radians([0.0, 45.0, 0.0, 0.0, 0.0, 0.0])
+    assert -0.2 < distances_by_hand(ground, down) < 0.0 < distances_by_hand(ground, PARK)
+    with pytest.raises(FenceCrossed, match="fence 'ground'"):
+        generator(fences).push(MoveRequest("down", down, JointSpeed(1.0)))
 
 
 def test_an_arm_that_stands_too_near_may_leave_and_come_no_nearer() -> None:

@@ -19,10 +19,13 @@ from qrobot.servo.operator.messages import (
     ChangeOverride,
     ChangePayload,
     Clear,
+    FencesRequest,
+    FenceStatus,
     OperatorRequest,
     PauseRequest,
     PowerOff,
     PowerOn,
+    Reply,
     ResumeRequest,
     ServoStatus,
     StatusRequest,
@@ -77,6 +80,10 @@ class ServoClient:
     def status(self) -> ServoStatus:
         """Status of the servo."""
         return self._ask(StatusRequest())
+
+    def fences(self) -> tuple[FenceStatus, ...]:
+        """Fences that the servo guards, and how far off each is; none at all for an arm without fences."""
+        return self._reply(FencesRequest()).fences or ()
 
     def power_on(self, patience_s: float = POWER_PATIENCE_S) -> ServoStatus:
         """Ask for arm power and wait until the arm is held. Raises QRobotError with what prevents it."""
@@ -195,6 +202,13 @@ class ServoClient:
         self.close()
 
     def _ask(self, request: OperatorRequest) -> ServoStatus:
+        reply = self._reply(request)
+        if reply.status is None:
+            raise QRobotError(f"the servo of {self.arm} tells no status")
+        return reply.status
+
+    def _reply(self, request: OperatorRequest) -> Reply:
+        """Reply to a request that was done. Raises QRobotError with the servo's words for one that was refused."""
         try:
             self._socket.sendall(encode(request))
             reply = decode_reply(self._line())
@@ -202,9 +216,9 @@ class ServoClient:
             raise LinkTimeout(f"the servo of {self.arm} does not answer") from None
         except OSError:
             raise LinkLost(f"the servo of {self.arm} has gone") from None
-        if not reply.ok or reply.status is None:
+        if not reply.ok:
             raise QRobotError(reply.error)
-        return reply.status
+        return reply
 
     def _line(self) -> bytes:
         while b"\n" not in self._unread:

@@ -31,6 +31,12 @@ class StatusRequest(OperatorMessage):
     command: Literal["status"] = "status"
 
 
+class FencesRequest(OperatorMessage):
+    """Tell which fences are in force, and how far off they are. Anybody may ask."""
+
+    command: Literal["fences"] = "fences"
+
+
 class StopRequest(OperatorMessage):
     """Stop on the path and hold. Anybody may."""
 
@@ -142,6 +148,7 @@ class ChangeGains(OperatorMessage):
 
 OperatorRequest = Annotated[
     StatusRequest
+    | FencesRequest
     | StopRequest
     | PowerOff
     | PowerOn
@@ -239,12 +246,35 @@ class ServoStatus(OperatorMessage):
     board: BoardStatus
 
 
+class FenceStatus(OperatorMessage):
+    """One fence of an arm, and how far off it is where the arm was measured last.
+
+    Attributes:
+        name: of the fence; `itself` for the arm's own body.
+        shape: box, cylinder or plane; `capsules` for the arm's own body.
+        keep: out or in.
+        bodies: links, tool or all.
+        body: the capsule of the arm that is nearest.
+        distance_m: of that capsule, below zero when the fence is entered.
+        margin_m: distance that motions keep.
+    """
+
+    name: str
+    shape: str
+    keep: str
+    bodies: str
+    body: str
+    distance_m: float
+    margin_m: float
+
+
 class Reply(OperatorMessage):
     """Outcome of a request."""
 
     ok: bool
     error: str = ""
     status: ServoStatus | None = None
+    fences: Annotated[tuple[FenceStatus, ...], Field(strict=False)] | None = None
 
 
 def make_request(kind: type[RequestT], **values: Any) -> RequestT:

@@ -45,6 +45,7 @@ from qrobot.servo.memory.servo_memory import describe_law, journal_base
 from qrobot.servo.memory.stop_record import Incident
 from qrobot.servo.modes import mode_name
 from qrobot.servo.operator.board_status import board_status
+from qrobot.servo.operator.fence_status import fence_status
 from qrobot.servo.operator.force_zero import zero_force
 from qrobot.servo.operator.gain_rows import Matrix, changed_gains
 from qrobot.servo.operator.messages import (
@@ -55,6 +56,7 @@ from qrobot.servo.operator.messages import (
     ChangeOverride,
     ChangePayload,
     Clear,
+    FencesRequest,
     OperatorRequest,
     PauseRequest,
     PowerOff,
@@ -138,7 +140,7 @@ class Controls:
         self._judge = PayloadJudge(servo.robot)
         self._names_told = 0
         self._note_law()
-        self.status()  # compiles, or loads, what a request must not wait for
+        self._told(), self._told_fences()  # compiles, or loads, what a request must not wait for
 
     def answer(self, visitor: OperatorConnection, line: bytes) -> bytes:
         """The reply to a request line; whatever is wrong with it becomes a reply too."""
@@ -155,8 +157,8 @@ class Controls:
     def _begin(self, visitor: OperatorConnection, line: bytes) -> bytes | Callable[[], bytes]:
         mailbox = self._servo.mailbox
         match request := decode_request(line):
-            case StatusRequest():
-                return partial(self._replying, self._told)
+            case StatusRequest() | FencesRequest():
+                return partial(self._replying, self._told if request.command == "status" else self._told_fences)
             case StopRequest():
                 mailbox.request_stop()
                 return partial(self._replying, self._told_by_loop)
@@ -193,6 +195,10 @@ class Controls:
 
     def _told(self) -> bytes:
         return encode(Reply(ok=True, status=self.status()))
+
+    def _told_fences(self) -> bytes:
+        servo = self._servo
+        return encode(Reply(ok=True, fences=fence_status(servo.settings.fences, servo.mailbox.snapshot().q)))
 
     def _told_by_loop(self) -> bytes:
         """Status of the servo once its loop has seen the request, or the guardian has taken its place."""
@@ -410,17 +416,9 @@ class Controls:
         servo, swap = self._servo, self._servo.swap
         kp, kv, inertia = (_floats(swap.gains[row]) for row in (KP, KV, M0))
         t_ns, tick, label = int(swap.done_t_ns), int(swap.done_tick), law_label(servo.law_name)
-        entry = LawInForce(
-            t_ns,
-            tick,
-            label,
-            settings_text(servo.law.chosen),
-            kp,
-            kv,
-            inertia,
-            " ".join(servo.law.signals),
-            " ".join(servo.mailbox.signal_names()),
-        )
+        settings = settings_text(servo.law.chosen)
+        signals, program = " ".join(servo.law.signals), " ".join(servo.mailbox.signal_names())
+        entry = LawInForce(t_ns, tick, label, settings, kp, kv, inertia, signals, program)
         write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
 
 

@@ -11,6 +11,7 @@ import pytest
 from qrobot.cli.console import run_app
 from qrobot.cli.ctl import _lines_line
 from qrobot.cli.main import make_app
+from qrobot.servo.operator.messages import FenceStatus
 
 
 @pytest.mark.parametrize(
@@ -37,9 +38,17 @@ class Servo:
     def __exit__(self, *_: object) -> None:
         pass
 
+    def fences(self) -> tuple[FenceStatus, ...]:
+        row = {"body": "wrist", "margin_m": 0.02, "bodies": "all"}
+        return (
+            FenceStatus(name="cell", shape="cylinder", keep="in", distance_m=0.3, **row),
+            FenceStatus(name="bench", shape="box", keep="out", distance_m=-0.0123, **row),
+            FenceStatus(name="itself", shape="capsules", keep="out", distance_m=0.01, **row),
+        )
+
     def status(self) -> SimpleNamespace:
         gains = {"kp": [3510.25, *range(5)], "kv": [234.0, *range(5)], "inertia": [3.9, *range(5)]}
-        return SimpleNamespace(arm=self.arm, law="qrobot", **gains)
+        return SimpleNamespace(arm=self.arm, law="qrobot", calibrated=True, **gains)
 
 
 def test_gains_alone_shows_those_in_force(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,6 +58,26 @@ def test_gains_alone_shows_those_in_force(monkeypatch: pytest.MonkeyPatch, capsy
     assert "waist 3510.25 234 3.9 N m/rad, N m s/rad, kg m^2" in " ".join(told.split())
     assert run_app(make_app(), ["ctl", "gains", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kp"][0] == 3510.25
+
+
+def test_fences_are_told_with_the_one_that_is_nearest_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qrobot.cli.ctl.ServoClient", Servo)
+    assert run_app(make_app(), ["ctl", "fences"]) == 0
+    head, _, *rows = (" ".join(line.split()) for line in capsys.readouterr().out.splitlines())
+    assert head == "puma560: 3 fences in force"
+    assert rows == [
+        "bench all of the arm keeps out of a box wrist -12 20 ENTERED: motions may leave, and go no deeper",
+        "itself parts of the arm keep apart wrist 10 20 within the margin: motions may leave, and come no nearer",
+        "cell all of the arm stays in a cylinder wrist 300 20",
+    ]
+    assert run_app(make_app(), ["ctl", "fences", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [fence["distance_m"] for fence in told["fences"]] == [0.3, -0.0123, 0.01]
+    monkeypatch.setattr(Servo, "fences", lambda _: ())
+    assert run_app(make_app(), ["ctl", "fences"]) == 0
+    assert capsys.readouterr().out == "puma560: no fences in force\n"
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1"])

@@ -25,7 +25,7 @@ def test_json_lists_every_finding_and_each_that_is_not_ok_has_a_remedy(capsys: p
     report = json.loads(capsys.readouterr().out)
     assert status == (0 if report["usable"] else 1)
     assert {finding["group"] for finding in report["findings"]} == {
-        "software", "shared memory", "network", "real time", "machine",
+        "software", "shared memory", "network", "real time", "machine", "fences",
     }  # fmt: skip
     for finding in report["findings"]:
         assert finding["ok"] or finding["remedy"]
@@ -47,6 +47,29 @@ def test_only_what_prevents_running_gives_status_1(
     lack = Finding("x", SetupStep("thing", False, "gone", "get one"), weight)
     monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [lack])
     assert run_app(make_app(), ["doctor", "--json"]) == status
+
+
+@pytest.mark.parametrize(
+    ("robot", "status", "told"),
+    [
+        ("puma560", 0, ["floor (plane, keep out), its own body", "pose ready", "past fence low", "move the fence"]),
+        ("stanford", 1, ["stanford has no [shape]", "tell the arm's body in the robot file"]),
+    ],
+)
+def test_fences_that_cannot_be_and_poses_past_one_are_told(
+    robot: str, status: int, told: list[str], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    file = tmp_path / "cell.toml"
+    file.write_text(
+        f'[[arm]]\nname = "one"\nrobot = "{robot}"\nbridge = {{ port = 5600 }}\n[arm.fences]\nscene = true\n'
+        'self_collision = true\n[arm.board.scene]\nkind = "floor"\n'
+        '[[arm.fences.shape]]\nname = "low"\nshape = "plane"\nrpy_deg = [0, 180, 0]\nposition_m = [0, 0, 0.8]\n'
+    )
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [])
+    assert run_app(make_app(), ["doctor", str(file)]) == status
+    text = capsys.readouterr().out
+    assert [words for words in told if words not in text] == []
 
 
 def test_the_ports_of_the_deployment_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,8 +39,9 @@ def test_scene_tool_and_the_arm_itself_become_fences(tmp_path: Path) -> None:
     assert fences.names == ("bench", "floor", "furniture", "itself")
     assert fences.bodies[-1] == "tool"
     park = {each.fence: each for each in fences.nearness(robot.poses["park"])}
-    column = robot.shape.capsules[0]
-    assert park["floor"].distance == pytest.approx(robot.geometry.base_height_m + column.from_m[2] - column.radius_m)
+    moving = fences.capsules_at(robot.poses["park"])[1:]  # behind the column
+    lowest = min(min(start[2], end[2]) - radius for _, start, end, radius in moving)
+    assert park["floor"].distance == pytest.approx(robot.geometry.base_height_m + lowest)
     assert park["itself"].distance > 0.0
     name, flange, tip, radius = fences.capsules_at(robot.poses["park"])[-1]
     assert (name, radius) == ("tool", 0.02)

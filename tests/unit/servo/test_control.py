@@ -8,7 +8,7 @@ import socket
 import threading
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 import pytest
 
 from qrobot.config import Robot, load_robot
+from qrobot.config.fences import Fence
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
 from qrobot.faultcodes import FaultCode
+from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.board_memory import local_board_memory, publish_image
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.modecodes import Mode
@@ -127,6 +129,22 @@ def client(servo: Bench) -> Iterator[ServoClient]:
     with ServoClient(servo.arm) as connection:
         yield connection
         connection.power_off()
+
+
+def test_the_servo_tells_the_fences_that_it_guards_and_their_distances(
+    servo: Bench, client: ServoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert client.fences() == ()
+    wall = Fence(name="wall", shape="plane", position_m=(1.0, 0.0, 0.0), rpy_deg=(0.0, -90.0, 0.0), bodies="tool")
+    fences = FenceSet(servo.robot, [wall], self_collision=True, self_margin=0.01)
+    monkeypatch.setattr(servo.bench, "settings", replace(servo.settings, fences=fences))
+    plane, itself = client.fences()
+    q = np.array(client.status().q)
+    (_, start, end, radius) = fences.capsules_at(q)[-1]
+    assert plane.distance_m == pytest.approx(1.0 - max(start[0], end[0]) - radius, abs=1e-12)
+    assert (plane.name, plane.body, plane.shape, plane.margin_m) == ("wall", "flange", "plane", 0.02)
+    assert (itself.name, itself.shape, itself.margin_m) == ("itself", "capsules", 0.01)
+    assert itself.distance_m == fences.distances(q)[1]
 
 
 def test_the_status_tells_how_the_board_is_reached(servo: Bench, client: ServoClient) -> None:

@@ -1,0 +1,48 @@
+"""Look of `qrobot doctor` at the fences of a deployment: whether they can be in force, and which poses they forbid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+from qrobot.cli.arms import fences_of_arm, robot_of_arm
+from qrobot.cli.checks import Finding, Weight
+from qrobot.config import Robot
+from qrobot.errors import ConfigError
+from qrobot.realtime.setup import SetupStep
+from qrobot.units import MM_PER_M
+
+if TYPE_CHECKING:
+    from qrobot.config.deployment import DeployedArm
+    from qrobot.fences.fence_set import FenceSet
+
+GROUP: Final = "fences"
+
+
+def look_at_fences(arm: DeployedArm) -> Iterator[Finding]:
+    """One finding for the fences of an arm, and one for each pose of its robot file that they forbid."""
+    try:
+        fences = fences_of_arm(arm)
+    except ConfigError as error:
+        remedy = "tell the arm's body in the robot file, as docs/how-to/keep-inside-fences.md says, or leave fences out"
+        yield Finding(GROUP, SetupStep(arm.name, False, str(error), remedy), Weight.NEEDED)
+        return
+    yield Finding(GROUP, SetupStep(arm.name, True, "none" if fences is None else _listed(fences)), Weight.OPTIONAL)
+    if fences is not None:
+        steps = _forbidden_poses(robot_of_arm(arm), fences)
+        yield from (Finding(GROUP, step, Weight.OPTIONAL) for step in steps)
+
+
+def _listed(fences: FenceSet) -> str:
+    shapes = [f"{fence.name} ({fence.shape}, keep {fence.keep})" for fence in fences.fences]
+    return ", ".join([*shapes, *(["its own body"] if fences.self_collision else [])])
+
+
+def _forbidden_poses(robot: Robot, fences: FenceSet) -> Iterator[SetupStep]:
+    """Poses of the robot file at which a part of the arm is past a fence: the servo stops whoever moves there."""
+    for pose, q in robot.poses.items():
+        worst = min(fences.nearness(q), key=lambda near: near.distance)
+        if worst.distance < 0.0:
+            detail = f"{worst.body} is {-worst.distance * MM_PER_M:.0f} mm past fence {worst.fence}"
+            remedy = "move the fence, or never ask for that pose"
+            yield SetupStep(f"pose {pose}", False, detail, remedy)
