@@ -132,6 +132,7 @@ class MotionQueue:
         self._dequeue(seen)
         self._take_skip()
         self._bind()
+        self._engine.override = seen.override
         output = self._engine.update(self._tick)
         for event in output.events:
             self._told(event, seen)

@@ -200,7 +200,7 @@ def _serve(interpreter: Interpreter) -> int:
 def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) -> int:
     from qrobot.val.interpreter import RunState
 
-    interpreter.machine.monitor_speed = speed
+    interpreter.machine.arm.override = speed
     state = interpreter.execute(program, cycles)
     while state is RunState.PAUSED:
         _ask(f"{interpreter.message}; return goes on ")

@@ -291,9 +291,8 @@ class TrajectoryTask:
         self.motions.update_progress(output)
 
     def _override_in_force(self, how: RobotState) -> float:
-        """Product of the program's override and the operator's, as far as the generator goes; 0 for either's pause."""
-        operator = how.override if 0.0 <= how.override <= FULL_SPEED else FULL_SPEED  # NaN, and what is beyond
-        return 0.0 if self.paused or how.paused else self.override * operator
+        """Product of the program's override and the operator's; 0 for either's pause."""
+        return 0.0 if self.paused else self.override * how.motion_override
 
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()

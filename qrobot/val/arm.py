@@ -39,9 +39,11 @@ class ValArm(Protocol):
 
     Attributes:
         robot: the arm.
+        override: per cent of their speed at which motions go, those under way too; above 0, up to 100.
     """
 
     robot: Robot
+    override: float
 
     @property
     def time_s(self) -> float:

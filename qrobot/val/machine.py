@@ -40,6 +40,7 @@ class Machine:
 
     def __init__(self, arm: ValArm, say: Callable[[str], None], ask: Callable[[str], str]) -> None:
         self.arm = arm
+        self.arm.override = DEFAULT_MONITOR_SPEED
         self.robot = arm.robot
         self.say = say
         self.ask = ask
@@ -48,7 +49,6 @@ class Machine:
         self.values: dict[CellKey, ValValue] = {}
         self.switches = {switch: switch in ("CP", "MESSAGES") for switch in SWITCHES}
         self.hand_time_s = DEFAULT_HAND_TIME_S
-        self.monitor_speed = DEFAULT_MONITOR_SPEED
         self.hand_at_next: bool | None = None
         self._internal: set[int] = set()
         self._timers: dict[int, float] = {}
@@ -133,7 +133,7 @@ class Machine:
         if name == "TIMER":
             return self.arm.time_s - self._timers.get(_timer(arguments[0]), 0.0)
         if name == "SPEED":
-            return self.monitor_speed if arguments[:1] == [1.0] else self.speed
+            return self.arm.override if arguments[:1] == [1.0] else self.speed
         self._random = (self._random * _MULTIPLIER + _INCREMENT) % (1 << _BITS)
         return (self._random >> 11) / float(1 << 53)
 
@@ -174,8 +174,8 @@ class Machine:
         pose = self.pose_of(location)
         q = location.q if isinstance(location, JointLocation) else None
         fastest = STRAIGHT_SHARE if straight else 1.0
-        share = fastest * min(max(self.monitor_speed / 100.0 * (1.0 if in_mm_s else speed / 100.0), 1e-3), 1.0)
-        mm_s = speed * self.monitor_speed / 100.0 if in_mm_s else None
+        share = fastest * min(max(1.0 if in_mm_s else speed / 100.0, 1e-3), 1.0)
+        mm_s = speed if in_mm_s else None
         robot_pose = None if q is not None and not straight else self.space.robot_pose(pose)
         destination = Destination(
             name, robot_pose, self.space.T_last_tool, q if robot_pose is None else None, straight, share, mm_s, letters

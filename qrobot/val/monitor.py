@@ -204,7 +204,7 @@ class ValMonitor:
             speed = 0.0
         if not 0.0 < speed <= 100.0:
             raise ProgramError("expected SPEED and a number above 0 and up to 100")
-        self._machine.monitor_speed = speed
+        self._machine.arm.override = speed
         return ""
 
     def _signals(self) -> str:

@@ -45,6 +45,7 @@ class RcclArm:
         self._failure = ""
         self._rest_since_s: float | None = None
         self._stopped: list[Destination] = []
+        self._override = 100.0
 
     @property
     def time_s(self) -> float:
@@ -79,6 +80,17 @@ class RcclArm:
         elif self._rest_since_s is None:
             self._rest_since_s = self.time_s
         return self._rest_since_s is not None and self.time_s - self._rest_since_s >= SETTLING_S
+
+    @property
+    def override(self) -> float:
+        """See `ValArm`."""
+        return self._override
+
+    @override.setter
+    def override(self, percent: float) -> None:
+        """Raises MotionError: that is no percentage."""
+        self._channel.override(percent)
+        self._override = percent
 
     def move(self, destination: Destination) -> None:
         """See `ValArm`."""

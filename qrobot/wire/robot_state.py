@@ -115,6 +115,12 @@ class StateTable(Generic[VectorT]):
         """The operator wants motions to stand still on their path."""
         return bool(self.flags & RobotFlag.PAUSED)
 
+    @property
+    def motion_override(self) -> float:
+        """The operator's override as generators take it: 0 to 1, 0 in a pause; one that cannot be counts as 1."""
+        override = self.override if 0.0 <= self.override <= 1.0 else 1.0  # NaN, and what is beyond
+        return 0.0 if self.paused else override
+
 
 def again(table: type[StateTable[Any]], name: str, default: Any) -> Any:
     """A line of a table once more, with a default."""

@@ -34,7 +34,7 @@ def interpreter(text: str = "", *answers: str) -> Iterator[tuple[Interpreter, Ty
     typed = Typed(*answers)
     with open_channel(OfflineLink, "puma560") as channel:
         run = Interpreter(RcclArm(channel), typed.append, typed.ask)
-        run.machine.monitor_speed = 100.0
+        run.machine.arm.override = 100.0
         run.machine.load(source)
         yield run, typed
 

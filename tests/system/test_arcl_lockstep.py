@@ -134,6 +134,31 @@ def test_the_same_program_asks_for_the_same_setpoints_off_line_and_of_an_arm(tmp
     assert np.abs(asked[:n] - alone[:n]).max() < 1e-9
 
 
+def test_the_operator_slows_a_motion_down_and_holds_it_on_its_path() -> None:
+    with arms() as (rig,):
+        rp, held = arcl_open(0), set()
+        goal = joint_pos(rp, "away", AWAY)
+        rig.mailbox.request_override(0.5)
+        move(rp, goal, MOV_TIME, 800, 0)
+        begin = ami_treal()
+
+        def done() -> bool:
+            ms = ami_treal() - begin
+            rig.mailbox.request_pause(600.0 <= ms < 1800.0)
+            if 1500.0 < ms < 1800.0:
+                held.add(tuple(rp.ami.sample.q.round(4)))
+            return not rp.busy
+
+        arcl_wait(rp, done)
+        seconds = (ami_treal() - begin) / 1e3
+        assert np.degrees(rp.ami.sample.q) == pytest.approx(AWAY, abs=0.5)
+        arcl_close(rp)
+        assert not rig.rows()["fault"].any()
+    assert 1 <= len(held) <= 3  # but for the last steps of the encoders
+    assert next(iter(held))[0] == pytest.approx(np.radians(10.0), abs=np.radians(8.0))
+    assert seconds == pytest.approx(2 * 0.8 + 1.2, abs=0.4)
+
+
 def test_the_hand_closes_and_knows_no_positions() -> None:
     with arms():
         rp = arcl_open(0)

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot.cli.val import check, run
+from qrobot.rccl.connect import open_channel
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.rccl_arm import RcclArm
+from qrobot.val.source import read_source
+from tests.support.puma import ROBOT
 from tests.support.val_runs import EXAMPLES, main_program
 
 
@@ -20,6 +28,28 @@ from tests.support.val_runs import EXAMPLES, main_program
 def test_an_example_runs_on_the_emulated_arm(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(EXAMPLES / f"{name}.v2", lockstep=True, speed=100.0) == 0
     assert said in capsys.readouterr().out
+
+
+def test_the_operator_holds_a_program_on_its_path() -> None:
+    """`qrobot ctl pause` and `resume`."""
+    rig, held = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)), []
+    with open_channel(lambda hello: link_factory(rig, 28_000, hello), "puma560") as channel:
+        arm = RcclArm(channel)
+        interpreter = Interpreter(arm)
+        interpreter.machine.load(read_source(main_program("DRIVE 1, 30, 100"))[0])
+        sample, begin = arm.sample, arm.time_s
+
+        def look() -> None:
+            sample()
+            seconds = arm.time_s - begin
+            rig.mailbox.request_pause(0.4 <= seconds < 2.4)
+            held.extend([arm.q[0]] if 1.9 < seconds < 2.4 else [])
+
+        arm.sample = look
+        assert interpreter.execute("main") is RunState.COMPLETED, interpreter.message
+        assert arm.time_s - begin > 2.6
+        assert np.degrees(arm.q[0] - held[0]) > 1.0
+    assert np.ptp(held) < 1e-3
 
 
 def test_nothing_moves_when_the_file_has_a_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,6 +28,7 @@ class MachineSample:
         inputs, outputs: binary lines, line 1 in bit 0.
         hand: as commanded.
         left_out: samples before this one that were never heard of.
+        override: share of the programmed speed that the operator wants, 0 to 1; 0 in a pause.
     """
 
     t_ms: float
@@ -38,6 +39,7 @@ class MachineSample:
     outputs: int = 0
     hand: int = 0
     left_out: int = 0
+    override: float = 1.0
 
 
 SetpointCycle: TypeAlias = Callable[[MachineSample], Floats]

@@ -147,11 +147,30 @@ def test_monitor_speed_is_a_factor_of_every_speed() -> None:
     for speed in (100.0, 25.0):
         with interpreter(main_program("MOVE a", "BREAK", "TIMER 1 = 0", "SPEED 200 MMPS", "MOVES b", "BREAK",
                                       "x = TIMER(1)", rest=PLACES)) as (run, _):  # fmt: skip
-            run.machine.monitor_speed = speed
+            run.machine.arm.override = speed
             run.execute("main")
             times.append(run.machine.values["x", ()])
     assert 1.5 < times[0] < 2.5
-    assert 2.9 < times[1] / times[0] < 4.2
+    assert 3.5 < times[1] / times[0] < 4.2  # but for the rest behind a motion
+
+
+def test_monitor_speed_acts_on_the_line_under_way_which_stays_straight() -> None:
+    with interpreter(main_program("MOVES b", rest=PLACES)) as (run, _):
+        arm, line = run.machine.arm, []
+        run.do("MOVE a")
+        sample, begin = arm.sample, arm.time_s
+
+        def look() -> None:
+            sample()
+            if arm.override == 20.0 or run.machine.frame("here")[1, 3] < 0.140:
+                line.append(run.machine.frame("here")[:3, 3])
+                arm.override = 20.0
+
+        arm.sample = look
+        assert run.execute("main") is RunState.COMPLETED
+    assert np.ptp(np.array(line)[:, [0, 2]], axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert line[-1] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
+    assert arm.time_s - begin > 2.0
 
 
 @pytest.mark.parametrize(
