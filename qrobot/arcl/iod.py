@@ -1,4 +1,7 @@
-"""IO descriptors: one or more contiguous binary lines, read or written as a number (Corke & Kirkham, section 2.8)."""
+"""IO descriptors: contiguous binary lines, or an analogue channel, as a number (Corke & Kirkham, section 2.8).
+
+Lines are described by their numbers, or by a name of the deployment file; analogue channels by names alone.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +23,33 @@ class LineDirection(Enum):
 
 IOD_IN: Final = LineDirection.IN
 IOD_OUT: Final = LineDirection.OUT
+FIRST_LINE: Final = 1  # of a program: input 0 of the board
 
 
 @dataclass(frozen=True, eq=False)
 class IOD:
-    """A group of lines of one robot.
+    """A group of lines, or an analogue channel, of one robot.
 
     Attributes:
         rp: the robot.
         direction: inputs or outputs.
         first: number of the first line, from 1; it is bit 0 of the value.
-        count: how many there are.
+        count: how many there are; 0 for an analogue channel.
+        name: in the deployment file; empty for none.
+        channel: of the converter, for an analogue one.
+        per_volt, zero_v: its value is (volts - zero_v) x per_volt.
+        unit: of that value.
     """
 
     rp: ArclRobot
     direction: LineDirection
     first: int
     count: int
+    name: str = ""
+    channel: int = -1
+    per_volt: float = 1.0
+    zero_v: float = 0.0
+    unit: str = ""
 
 
 def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1) -> IOD:
@@ -49,15 +62,46 @@ def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1)
     return IOD(rp, direction, first, count)
 
 
+def named_iod(rp: ArclRobot, name: str) -> IOD:
+    """What has that name in the deployment file: lines or an analogue channel. Raises ConfigError: there is none."""
+    if not isinstance(rp, ArclRobot):
+        raise MotionError(f"named_iod: a robot is needed, from arcl_open, not {rp!r}")
+    if not isinstance(name, str):
+        raise MotionError(f"named_iod: a name of the deployment file is needed, not {name!r}")
+    signal = rp.signal(name)
+    if signal.analog is not None:
+        return IOD(rp, IOD_IN, 0, 0, name, signal.analog, signal.per_volt, signal.zero_v, signal.unit)
+    if signal.outputs is not None:
+        first, last = signal.outputs
+        return IOD(rp, IOD_OUT, first, last - first + 1, name)
+    first, last = signal.inputs or (0, 0)  # one of the three is given
+    return IOD(rp, IOD_IN, first + FIRST_LINE, last - first + 1, name)
+
+
+def iod_value(iod: IOD) -> float:
+    """The value at the newest sample, of an analogue channel in its unit; NaN where it has none now."""
+    if _iod("iod_value", iod).channel < 0:
+        return float(iod_read(iod))
+    volts = float(iod.rp.sensors[iod.channel])
+    return (volts - iod.zero_v) * iod.per_volt
+
+
 def iod_read(iod: IOD) -> int:
-    """The value of the lines at the newest sample; of outputs what is in force, which a stop may have changed."""
-    inputs, outputs = _iod("iod_read", iod).rp.lines
+    """The value of the lines at the newest sample; of outputs what is in force, which a stop may have changed.
+
+    Raises MotionError: it is an analogue channel.
+    """
+    if _iod("iod_read", iod).channel >= 0:
+        raise MotionError(f"iod_read: {iod.name} is an analogue channel, in {iod.unit}: iod_value reads it")
+    inputs, outputs = iod.rp.lines
     return get_bits(inputs if iod.direction is IOD_IN else outputs, iod.first, iod.count)
 
 
 def iod_write(iod: IOD, value: int) -> None:
     """Switch the lines, now. Raises MotionError: they are inputs, or have too few bits for the value."""
-    if _iod("iod_write", iod).direction is IOD_IN:
+    if _iod("iod_write", iod).channel >= 0:
+        raise MotionError(f"iod_write: {iod.name} is an analogue input")
+    if iod.direction is IOD_IN:
         raise MotionError(f"iod_write: lines {iod.first} to {iod.first + iod.count - 1} are inputs")
     if isinstance(value, bool) or not isinstance(value, int):
         raise MotionError(f"iod_write: a whole number is needed, not {value!r}")
@@ -67,5 +111,5 @@ def iod_write(iod: IOD, value: int) -> None:
 
 def _iod(call: str, given: object) -> IOD:
     if not isinstance(given, IOD):
-        raise MotionError(f"{call}: an IO descriptor is needed, from new_iod, not {given!r}")
+        raise MotionError(f"{call}: an IO descriptor is needed, from new_iod or named_iod, not {given!r}")
     return given

@@ -24,9 +24,11 @@ from qrobot.arcl.trace import exec_line, request_line
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
 from qrobot.config import Robot
+from qrobot.config.signals import NamedSignal
 from qrobot.errors import ConfigError, LinkError, MotionError, QRobotError, ServoFault
 from qrobot.fences.in_force import fences_for
 from qrobot.motion import Trsf, whole_samples
+from qrobot.rci.machine_choice import machine_choice
 from qrobot.units import MM_PER_M, S_PER_MS
 
 STOP_MS: Final = 300.0  # Tseg of STOP in Figure 5
@@ -198,6 +200,26 @@ class ArclRobot:
     def lines(self) -> tuple[int, int]:
         """Inputs and outputs as they were at the newest sample, line 1 in bit 0."""
         return self._seen.inputs, self._seen.outputs
+
+    @property
+    def sensors(self) -> Floats:
+        """Volts at the channels of the converter at the newest sample, NaN where not known. Shape (8,)."""
+        return self._seen.sensors
+
+    def signal(self, name: str) -> NamedSignal:
+        """What has that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
+        choice = machine_choice()
+        known = {
+            each.name: each for each in choice.signals if choice.robot is not None and choice.robot.name == self.name
+        }
+        if name in known:
+            return known[name]
+        if not known:
+            raise ConfigError(
+                f"{self.name} has no signal {name!r}, nor any other: name them by [[arm.signals]] of the deployment "
+                "file, and start the program with `qrobot run`"
+            )
+        raise ConfigError(f"{self.name} has no signal {name!r}; it has {', '.join(sorted(known))}")
 
     # ------------------------------------------------------------------------------------------------------- end
 

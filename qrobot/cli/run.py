@@ -104,9 +104,9 @@ def run(
     def perform() -> int:
         if offline:
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
-            with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen))):
+            with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen), chosen.named_signals)):
                 return run_virtual(offline_links(chosen), start, folder, ideal=True)
-        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen))):
+        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen), chosen.named_signals)):
             return perform_on_bridge()
 
     def perform_inside_fences() -> int:

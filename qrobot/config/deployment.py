@@ -22,6 +22,7 @@ from qrobot.config.modbus import ModbusTransport
 from qrobot.config.modbus_io import ModbusIo
 from qrobot.config.outputs import BoardOutput, OutputLine
 from qrobot.config.scene import ForceSensor, Scene
+from qrobot.config.signals import NamedSignal
 from qrobot.config.transport import PortTransport
 
 FIRST_PORT = 1024
@@ -227,6 +228,23 @@ class DeployedArm(Table):
     bridge: BridgeChoice
     log: LogChoice = LogChoice()
     fences: FencesChoice | None = None
+    signals: tuple[NamedSignal, ...] = Field(default=(), strict=False)
+
+    @model_validator(mode="after")
+    def _has_what_its_signals_name(self) -> DeployedArm:
+        names = [each.name for each in self.named_signals]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"two signals or outputs have the same name {twice[0]!r}")
+        there = {each.output for each in self.board.lines}
+        for each in self.signals:
+            first, last = each.outputs or (1, 0)
+            if missing := set(range(first, last + 1)) - there:
+                raise ValueError(
+                    f"signal {each.name!r}: the arm has no output {min(missing)}; see [[arm.board.outputs]]"
+                )
+            if each.analog is not None and each.analog not in self.servo.sensor_channels:
+                raise ValueError(f"signal {each.name!r}: channel {each.analog} is not in servo.sensor_channels")
+        return self
 
     @model_validator(mode="after")
     def _is_patient_with_its_transport(self) -> DeployedArm:
@@ -244,6 +262,14 @@ class DeployedArm(Table):
         if given and self.board.position_drives:
             raise ValueError(f"servo.{min(given)} means nothing to drives in position mode: leave it out")
         return self
+
+    @property
+    def named_signals(self) -> tuple[NamedSignal, ...]:
+        """Everything that has a name for programs: `signals`, and each output that has one of its own."""
+        own = (
+            NamedSignal(name=each.name, outputs=(each.output, each.output)) for each in self.board.lines if each.name
+        )
+        return (*self.signals, *own)
 
 
 class Deployment(Table):

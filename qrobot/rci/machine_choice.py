@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qrobot.config import Robot
+from qrobot.config.signals import NamedSignal
 
 
 @dataclass(frozen=True)
@@ -19,11 +20,13 @@ class MachineChoice:
         ami: name of the machine layer.
         stream: folder for diagnostic streams, one for each robot that is opened.
         robot: taken in place of the packaged one of its name.
+        signals: of that robot, by their names.
     """
 
     ami: str = ""
     stream: Path | None = None
     robot: Robot | None = None
+    signals: tuple[NamedSignal, ...] = ()
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)

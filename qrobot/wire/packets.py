@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from qrobot.wire.robot_state import StateTable, again
-from qrobot.wire.vocabulary import N_SIGNALS, ClientRole
+from qrobot.wire.vocabulary import N_SENSORS, N_SIGNALS, ClientRole
 
 Values: TypeAlias = tuple[float, ...]
 
@@ -90,6 +90,7 @@ class RobotState(StateTable[Values]):
     """One sample of the robot as packets carry it, see `wire.robot_state`."""
 
     force: Values = again(StateTable, "force", (0.0,) * 6)
+    sensors: Values = again(StateTable, "sensors", (0.0,) * N_SENSORS)
 
     @property
     def n(self) -> int:

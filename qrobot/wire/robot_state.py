@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeVar
 
 from qrobot.faultcodes import NO_JOINT
-from qrobot.wire.vocabulary import RobotFlag
+from qrobot.wire.vocabulary import N_SENSORS, RobotFlag
 
 VectorT = TypeVar("VectorT")
 
@@ -84,6 +84,13 @@ class StateTable(Generic[VectorT]):
     )
     override: float = told("d", "-", "operator's speed override, 0 to 1; 1 is the speed as programmed", default=1.0)
     payload_mass: float = told("d", "kg", "mass of the payload that the servo reckons with", default=0.0)
+
+    sensors: VectorT = told(
+        "d",
+        "V",
+        "at the channels of the board's converter that the servo samples; NaN where one does not answer",
+        N_SENSORS,
+    )
 
     @property
     def powered(self) -> bool:

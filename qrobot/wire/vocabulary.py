@@ -19,6 +19,7 @@ LARGEST_SETPOINT: Final = 1e6
 # Of the operator's speed override: faster than programmed a motion would have to be planned anew.
 LARGEST_OVERRIDE: Final = 1.0
 
+N_SENSORS: Final = 8  # channels of the board's converter
 N_SIGNALS: Final = 8  # numbers that a program tells beside its setpoints
 LONGEST_SIGNAL: Final = 31  # bytes of the name of one
 SIGNAL_NAME_BYTES: Final = 256  # of all names, a blank between two

@@ -59,10 +59,12 @@ from qrobot.arcl import (
     fkine,
     gripper,
     iod_read,
+    iod_value,
     iod_write,
     joint_pos,
     makeposition,
     move,
+    named_iod,
     new_iod,
     new_sem,
     new_trans,
@@ -629,6 +631,9 @@ def test_what_the_last_call_back_raises_is_raised_once_and_then_the_arm_is_given
         (lambda rp: move(rp, robot_pos(rp, "park"), MOV_TACC, 1e9, 0), "at most 60000 ms"),
         (lambda rp: new_iod(rp, IOD_OUT, "a", 1), "numbers of lines"),
         (lambda rp: new_iod(rp, IOD_OUT, 1, 1.5), "numbers of lines"),
+        (lambda rp: named_iod(rp, 5), "named_iod: a name of the deployment file"),
+        (lambda _: named_iod(5, "lamps"), "named_iod: a robot"),
+        (lambda _: iod_value(5), "iod_value: an IO descriptor"),
         (lambda _: arcl_open(ARCL_AMI, "offline", ARCL_ROBOT, 5), "ARCL_ROBOT: a name"),
         (lambda _: arcl_open(ARCL_AMI, "offline", ARCL_PERIOD, "x"), "ARCL_PERIOD: a number"),
         (lambda _: offline(start=(999.0, 0.0, 0.0, 0.0, 0.0, 0.0)), r"ARCL_START: joint 1 \(waist\)"),
@@ -638,6 +643,8 @@ def test_an_argument_that_cannot_be_is_told_by_the_call_that_got_it(call, error:
     rp = offline()
     with pytest.raises(MotionError, match=error):
         call(rp)
+    with pytest.raises(ConfigError, match=r"no signal 'lamps', nor any other: name them by \[\[arm.signals\]\]"):
+        named_iod(rp, "lamps")
     gripper(rp, GRIP_OPEN, 0)
     arcl_close(rp)
 

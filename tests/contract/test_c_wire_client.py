@@ -215,7 +215,7 @@ def told(event: WireEvent) -> str:
                 robot.outputs,
             )  # fmt: skip
             numbers = robot.speed_limit, robot.tool_speed_limit, robot.override, robot.payload_mass
-            vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force, *numbers)
+            vectors = (*robot.q, *robot.v, *robot.tau, *robot.q_setpoint, *robot.force, *numbers, *robot.sensors)
             return f"state {' '.join(str(int(x)) for x in head)} {doubles(vectors)}"
         case WireError():
             word = "warning" if not event.fatal else "refused" if event.code else "over"

@@ -29,11 +29,14 @@ from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.switches import Switches, switches
 from qrobot.arcl.trans import new_trans_value
 from qrobot.c_transport.program import run_served
+from qrobot.config import load_robot
+from qrobot.config.signals import NamedSignal
 from qrobot.model.transform import rpy, transform
 from qrobot.rccl.c.program import rccl_dispatcher
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 
 EXAMPLES = Path(__file__).parents[2] / "examples/arcl"
+SIGNALS = (NamedSignal(name="lamps", outputs=(3, 4)), NamedSignal(name="pressure", analog=6, per_volt=2.0, unit="bar"))
 PARK = (0.0, 90.0, -90.0, 0.0, 90.0, 0.0)  # degrees
 
 
@@ -87,7 +90,7 @@ def run_example(name: str, folder: Path, *arguments: str, ami: str = "offline") 
 def run_c(program: Path, folder: Path, *arguments: str) -> int:
     """A program in C off line, with its streams in a folder; its exit status."""
     try:
-        with use_machine(MachineChoice("offline", folder)):
+        with use_machine(MachineChoice("offline", folder, load_robot("puma560"), SIGNALS)):
             return run_served(program, arguments, [rccl_dispatcher(), ArclDispatcher])
     finally:
         forget_programs()

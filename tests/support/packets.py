@@ -47,7 +47,7 @@ def robot_states(n: int) -> st.SearchStrategy[RobotState]:
         RobotState, t_ns=T_NS, mode=U8, q=vector, v=vector, tau=vector, q_setpoint=vector, fault=U16, event=U16,
         event_joint=st.integers(-1, 31), flags=st.integers(0, 0xFF), late_cycles=U32, missed_frames=U32,
         inputs=U32, hand=U8, force=vectors(6), outputs=U16,
-        speed_limit=NUMBERS, tool_speed_limit=NUMBERS, override=NUMBERS, payload_mass=NUMBERS,
+        speed_limit=NUMBERS, tool_speed_limit=NUMBERS, override=NUMBERS, payload_mass=NUMBERS, sensors=vectors(8),
     )  # fmt: skip
 
 

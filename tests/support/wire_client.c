@@ -34,6 +34,7 @@ static void print_state(const struct qrobot_state *state)
     print_doubles(&state->tool_speed_limit, 1);
     print_doubles(&state->override, 1);
     print_doubles(&state->payload_mass, 1);
+    print_doubles(state->sensors, 8);
     putchar('\n');
 }
 

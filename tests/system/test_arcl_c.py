@@ -64,7 +64,7 @@ def test_every_call_gives_what_it_should_and_valgrind_finds_nothing(tmp_path: Pa
     assert run_c(under_valgrind(program), tmp_path, "+nolim", str(tmp_path / "table"), "word") == 0, FOUND
     said = capfd.readouterr().out
     assert "WRONG" not in said
-    assert said.count("as it should be") == 18
+    assert said.count("as it should be") == 19
     assert said.endswith("all calls made\n")
 
 
@@ -105,6 +105,8 @@ int main(int argc, char **argv)
     case 20: return arcl_open(ARCL_ROBOT, "nobody", 0) ? 0 : 7;
     case 21: diff_in(t, NULL); break;
     case 22: move(); break;
+    case 23: named_iod(rp, "presure"); break;
+    case 24: iod_read(named_iod(rp, "pressure")); break;
     }
     return 0;
 }
@@ -133,6 +135,8 @@ TOLD = {
     "u": "nobody",
     "v": "diff_in: a null pointer",
     "w": "move: 0 values; from 2",
+    "x": "puma560 has no signal 'presure'; it has lamps, pressure",
+    "y": "pressure is an analogue channel, in bar: iod_value reads it",
 }
 
 

@@ -35,16 +35,19 @@ from qrobot.arcl import (
     arcl_wait,
     gripper,
     iod_read,
+    iod_value,
     iod_write,
     joint_pos,
     move,
+    named_iod,
     new_iod,
     stop,
 )
 from qrobot.arcl.stream import RecordKind, Stream, read_stream
-from qrobot.errors import LinkBusy, LinkError, MotionError, ServoFault
+from qrobot.cli.arms import choose_arm, servo_settings
+from qrobot.errors import ConfigError, LinkBusy, LinkError, MotionError, ServoFault
+from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
-from qrobot.servo.output_lines import OutputWire
 from qrobot.servo.settings import ServoSettings
 from tests.support.arcl import at, forget_programs, run_example
 from tests.support.puma import ROBOT
@@ -170,18 +173,46 @@ def test_the_hand_closes_and_knows_no_positions() -> None:
             gripper(rp, GRIP_CLOSE_BY, 40.0)
 
 
-def test_groups_of_lines_reach_the_board_and_come_from_it() -> None:
-    wires = (OutputWire(1, "grip", bit=4), OutputWire(2, "glue", bit=5))
-    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0, outputs=wires))
-    with rci.use(partial(link_factory, rig, SAMPLE_US)):
+NAMED = """
+[[arm]]
+name = "arm"
+robot = "puma560"
+bridge = { port = 5600 }
+servo = { sensor_channels = [6] }
+signals = [
+  { name = "lamps", outputs = [1, 2] },
+  { name = "switches", inputs = [1, 3] },
+  { name = "pressure", analog = 6, per_volt = 2.0, zero_v = 0.5, unit = "bar" },
+]
+board = { outputs = [{ output = 1, name = "grip", bit = 4 }, { output = 2, name = "glue", bit = 5 }] }
+"""
+
+
+def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_name(tmp_path: Path) -> None:
+    (tmp_path / "here.toml").write_text(NAMED)
+    arm = choose_arm(str(tmp_path / "here.toml"), None)
+    rig = LockstepRig(ROBOT, servo_settings(arm))
+    chosen = use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals))
+    with chosen, rci.use(partial(link_factory, rig, SAMPLE_US)):
         rp = arcl_open(0)
         out, switches = new_iod(rp, IOD_OUT, 1, 2), new_iod(rp, IOD_IN, 2, 3)
-        iod_write(out, 0b11)
+        iod_write(named_iod(rp, "lamps"), 0b11)
         rig.board.panel.inputs = 0b1010
+        rig.board.panel.analog[6] = 2_500_000  # microvolts
         end = ami_treal() + 300
         arcl_wait(rp, lambda: ami_treal() > end)
         assert (iod_read(out), iod_read(switches)) == (0b11, 0b101)
+        assert iod_read(named_iod(rp, "switches")) == 0b101
+        assert (iod_read(named_iod(rp, "glue")), iod_value(named_iod(rp, "glue"))) == (1, 1.0)
         assert rig.board.panel.discrete & 0x30 == 0x30
+        pressure = named_iod(rp, "pressure")
+        assert (iod_value(pressure), pressure.unit) == (pytest.approx(4.0, abs=0.02), "bar")
+        with pytest.raises(MotionError, match="pressure is an analogue channel, in bar: iod_value reads it"):
+            iod_read(pressure)
+        with pytest.raises(MotionError, match="pressure is an analogue input"):
+            iod_write(pressure, 1)
+        with pytest.raises(ConfigError, match=r"no signal 'presure'; it has glue, grip, lamps, pressure, switches"):
+            named_iod(rp, "presure")
         arcl_close(rp)
 
 

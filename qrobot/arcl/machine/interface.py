@@ -8,14 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeAlias
+
+import numpy as np
 
 from qrobot.arcl.stream import StreamWriter
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.motion import MotionLimits
+from qrobot.wire.vocabulary import N_SENSORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,7 @@ class MachineSample:
         hand: as commanded.
         left_out: samples before this one that were never heard of.
         override: share of the programmed speed that the operator wants, 0 to 1; 0 in a pause.
+        sensors: volts at the channels of the converter; NaN where not known. Shape (8,).
     """
 
     t_ms: float
@@ -40,6 +45,7 @@ class MachineSample:
     hand: int = 0
     left_out: int = 0
     override: float = 1.0
+    sensors: Floats = field(default_factory=partial(np.full, N_SENSORS, np.nan))
 
 
 SetpointCycle: TypeAlias = Callable[[MachineSample], Floats]

@@ -141,7 +141,8 @@ enum {
 #define QROBOT_AT_STATE_TOOL_SPEED_LIMIT(n) (112 + 32 * (size_t)(n))
 #define QROBOT_AT_STATE_OVERRIDE(n) (120 + 32 * (size_t)(n))
 #define QROBOT_AT_STATE_PAYLOAD_MASS(n) (128 + 32 * (size_t)(n))
-#define QROBOT_STATE_BYTES(n) ((136 + 32 * (size_t)(n) + 3) / 4 * 4 + 4)
+#define QROBOT_AT_STATE_SENSORS(n) (136 + 32 * (size_t)(n))
+#define QROBOT_STATE_BYTES(n) ((200 + 32 * (size_t)(n) + 3) / 4 * 4 + 4)
 enum {
     QROBOT_AT_ERROR_CODE = 24, QROBOT_AT_ERROR_FATAL = 26, QROBOT_AT_ERROR_TEXT = 28
 };
@@ -292,6 +293,7 @@ struct qrobot_state {
     double tool_speed_limit; /* m/s: most of the tool's tip; 0 where the limits of the joints are the only ones */
     double override; /* operator's speed override, 0 to 1; 1 is the speed as programmed */
     double payload_mass; /* kg: mass of the payload that the servo reckons with */
+    double sensors[8]; /* V: at the channels of the board's converter that the servo samples; NaN where one does not answer */
     /* end */
 };
 
@@ -659,6 +661,7 @@ static inline void qrw_decode_state(const unsigned char *frame, struct qrobot_st
     qrw_get_doubles(frame + QROBOT_AT_STATE_TOOL_SPEED_LIMIT(n), 1, &state->tool_speed_limit);
     qrw_get_doubles(frame + QROBOT_AT_STATE_OVERRIDE(n), 1, &state->override);
     qrw_get_doubles(frame + QROBOT_AT_STATE_PAYLOAD_MASS(n), 1, &state->payload_mass);
+    qrw_get_doubles(frame + QROBOT_AT_STATE_SENSORS(n), 8, state->sensors);
     /* end */
 }
 

@@ -79,7 +79,7 @@ def test_a_new_line_is_in_every_derivation() -> None:
         Field("doors", "H", "bits", "safety doors that are open"),
     )
     page = field_table(Layout(STATE.kind, STATE.name, STATE.sender, STATE.meaning, fields))
-    assert "| 136 + 32n | `double[n]` | temperature | °C | of the motors |" in page
+    assert "| 200 + 32n | `double[n]` | temperature | °C | of the motors |" in page
     assert "    double temperature[QROBOT_MAX_JOINTS]; /* °C: of the motors */" in list(state_members(fields))
     assert "    state->doors = (uint32_t)qrw_get(frame + QROBOT_AT_STATE_DOORS(n), 2);" in list(state_reads(fields))
 
@@ -109,7 +109,7 @@ def test_snapshot_and_packet_have_the_fields_of_the_table_and_the_snapshot_two_m
 
 
 def test_the_operators_status_has_what_the_state_has_under_the_same_names() -> None:
-    elsewhere = {"t_ns", "flags", "q_setpoint", "force", "setpoint_seq"}  # flags by name; the others are for the log
+    elsewhere = {"t_ns", "flags", "q_setpoint", "force", "sensors", "setpoint_seq"}  # flags by name; others are logged
     assert {row.name for row in ROWS} - elsewhere <= set(ServoStatus.model_fields)
 
 

@@ -215,7 +215,9 @@ int arcl_errproc(int (*function)(Event, ROBOT *, const char *)); /* a null point
 Trans *where(ROBOT *rp);
 
 IOD *new_iod(ROBOT *rp, int direction, int first, int count);
+IOD *named_iod(ROBOT *rp, const char *name); /* lines or an analogue channel, by its name in the deployment file */
 long iod_read(IOD *iod);
+double iod_value(IOD *iod); /* in the unit of the deployment file; NaN: there is none now */
 int iod_write(IOD *iod, long value);
 
 Semaphore *new_sem(const char *name);

@@ -226,6 +226,16 @@ API IOD *new_iod(ROBOT *rp, int direction, int first, int count)
     return made("new_iod", "", LIST(arcl_object(rp), arcl_integer(direction), arcl_integer(first), arcl_integer(count)));
 }
 
+API IOD *named_iod(ROBOT *rp, const char *name)
+{
+    return made("named_iod", "", LIST(arcl_object(rp), N(name)));
+}
+
+API double iod_value(IOD *iod)
+{
+    return arcl_call("iod_value", NULL, LIST(arcl_object(iod))).numbers[0];
+}
+
 API long iod_read(IOD *iod)
 {
     return (long) arcl_call("iod_read", NULL, LIST(arcl_object(iod))).numbers[0];
