@@ -63,7 +63,7 @@ def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1)
 
 
 def named_iod(rp: ArclRobot, name: str) -> IOD:
-    """What has that name in the deployment file: lines or an analogue channel. Raises ConfigError: there is none."""
+    """Lines, or an analogue channel, that have that name in the deployment file. Raises ConfigError: none has it."""
     if not isinstance(rp, ArclRobot):
         raise MotionError(f"named_iod: a robot is needed, from arcl_open, not {rp!r}")
     if not isinstance(name, str):

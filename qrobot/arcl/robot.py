@@ -207,7 +207,7 @@ class ArclRobot:
         return self._seen.sensors
 
     def signal(self, name: str) -> NamedSignal:
-        """What has that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
+        """The signal of that name in the deployment file. Raises ConfigError: there is none; tells which there are."""
         choice = machine_choice()
         known = {
             each.name: each for each in choice.signals if choice.robot is not None and choice.robot.name == self.name
