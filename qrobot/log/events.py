@@ -10,9 +10,11 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from qrobot.arrays import Floats
 from qrobot.faultcodes import FaultCode, explain
 from qrobot.log.read import Log
 from qrobot.servo.memory.law_history import LawInForce
+from qrobot.servo.memory.telemetry import Rows
 from qrobot.servo.modes import mode_name
 
 LogEventKind = Literal["law", "gains", "fault", "mode"]
@@ -49,8 +51,16 @@ class LogEvent:
 
 def log_events(log: Log) -> list[LogEvent]:
     """Everything that happened in a log. Of one cycle: laws and gains, then faults, then the mode they led to."""
-    events = [*_law_events(log), *_fault_events(log), *_mode_events(log)]
+    events = [*_law_events(log), *row_events(log.rows, log.time_s)]
     return sorted(events, key=lambda event: event.tick)
+
+
+def row_events(rows: Rows, t_s: Floats) -> list[LogEvent]:
+    """Faults and modes of rows, shape (m,), with their times; those of a cycle as `log_events` has them.
+
+    A fault that stands at the first row is told there.
+    """
+    return sorted([*_fault_events(rows, t_s), *_mode_events(rows, t_s)], key=lambda event: event.tick)
 
 
 def _law_events(log: Log) -> Iterator[LogEvent]:
@@ -74,18 +84,18 @@ def _listed(row: tuple[float, ...]) -> str:
     return " ".join(f"{value:g}" for value in row)
 
 
-def _fault_events(log: Log) -> Iterator[LogEvent]:
-    for k in _changes(log.rows["fault"], first=0):
-        if code := int(log.rows["fault"][k]):
-            text = explain(code, int(log.rows["event_joint"][k]))
-            yield LogEvent(log.time_s[k].item(), int(log.rows["tick"][k]), "fault", _code_name(code), text)
+def _fault_events(rows: Rows, t_s: Floats) -> Iterator[LogEvent]:
+    for k in _changes(rows["fault"], first=0):
+        if code := int(rows["fault"][k]):
+            text = explain(code, int(rows["event_joint"][k]))
+            yield LogEvent(t_s[k].item(), int(rows["tick"][k]), "fault", _code_name(code), text)
 
 
-def _mode_events(log: Log) -> Iterator[LogEvent]:
-    modes = log.rows["mode"]
+def _mode_events(rows: Rows, t_s: Floats) -> Iterator[LogEvent]:
+    modes = rows["mode"]
     for k in _changes(modes, first=modes[:1]):
         before, after = mode_name(int(modes[k - 1])), mode_name(int(modes[k]))
-        yield LogEvent(log.time_s[k].item(), int(log.rows["tick"][k]), "mode", after, f"{before} -> {after}")
+        yield LogEvent(t_s[k].item(), int(rows["tick"][k]), "mode", after, f"{before} -> {after}")
 
 
 def _changes(column: NDArray[np.int64], first: Any) -> NDArray[np.int64]:

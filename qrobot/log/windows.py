@@ -122,11 +122,11 @@ class LogWindows:
         chosen = self._chunks_of(begin_s, end_s)
         if sum(chunk.rows for chunk in chosen) <= EXACT_ROWS:
             rows = self._rows_of(chosen, begin_s, end_s)
-            values = _values(rows)
-            return _thinned(Curves(self._time_s(rows), values, values, values), begin_s, end_s, points)
+            values = quantities_of(rows)
+            return thinned(Curves(self._time_s(rows), values, values, values), begin_s, end_s, points)
         t_s = np.array([chunk.begin_s for chunk in chosen])
         stacked = [np.array([getattr(chunk, name) for chunk in chosen]) for name in ("low", "high", "first")]
-        return _thinned(Curves(t_s, *stacked), begin_s, end_s, points)
+        return thinned(Curves(t_s, *stacked), begin_s, end_s, points)
 
     def rows(self, begin_s: float, end_s: float) -> Rows:
         """Rows from `begin_s` to `end_s`, shape (m,). Raises LogError: they are too many at a time."""
@@ -167,7 +167,7 @@ class LogWindows:
 
     def _note_place(self, at: int, blocks: Sequence[Rows]) -> None:
         rows = self.header.layout.complete(np.concatenate(blocks))
-        values = _values(rows)
+        values = quantities_of(rows)
         ranges = (values.min(axis=0), values.max(axis=0), values[0])
         begin_s = float(self._time_s(rows[:1])[0])
         self._chunks.append(_ChunkPlace(len(self._parts) - 1, at, rows.size, begin_s, *ranges))
@@ -189,12 +189,12 @@ class LogWindows:
         return np.asarray((rows["t_ns"] - origin) / NS_PER_S, dtype=np.float64)
 
 
-def _values(rows: Rows) -> Floats:
-    """Quantities of rows, shape (m, 5n)."""
+def quantities_of(rows: Rows) -> Floats:
+    """QUANTITIES of rows, one after the other, SI units. Shape (m, 5n)."""
     return np.concatenate([rows["q_ref"] - rows["q"], rows["q"], rows["q_ref"], rows["v"], rows["tau"]], axis=1)
 
 
-def _thinned(curves: Curves, begin_s: float, end_s: float, points: int) -> Curves:
+def thinned(curves: Curves, begin_s: float, end_s: float, points: int) -> Curves:
     """The same with at most `points` instants, each with the range of those up to the next one."""
     if curves.t_s.size <= points:
         return curves

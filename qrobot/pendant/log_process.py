@@ -1,21 +1,15 @@
 """Reads logs for pages, in a process of low priority: what is heavy must not keep the pendant from a stop.
 
-Each line on its input is a request as JSON; each answer is the lengths of a JSON object and of the bytes behind it, and
-both. Between requests it reads on in the logs that are open. It ends with its input. A file that is cut off while it is
-mapped kills a process (SIGBUS): this one, and the pendant begins another.
+Between requests it reads on in the logs that are open. A file that is cut off while it is mapped kills a process
+(SIGBUS): this one, and the pendant begins another.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import select
 import struct
-import sys
 from collections.abc import Callable
-from io import RawIOBase
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -26,15 +20,13 @@ from qrobot.log.animation import robot_of_log
 from qrobot.log.flight import incidents_of
 from qrobot.log.windows import QUANTITIES, LogWindows
 from qrobot.model.arm_shape import NO_TOOL
+from qrobot.pendant.answering import ProcessAnswer, serve_answers
+from qrobot.pendant.curve_bytes import CSV_NAMES, curve_bytes, cycles_csv
 from qrobot.pendant.frames import arm_facts
-from qrobot.servo.modes import mode_name
 from qrobot.units import NS_PER_S
 
-NICE: Final = 10
 MOST_OPEN: Final = 4
 MOST_EVENTS: Final = 1000  # that a page lists
-ANSWER_HEAD: Final = struct.Struct("<II")
-LogAnswer = tuple[dict[str, Any], bytes]
 
 
 class OpenLogs:
@@ -44,9 +36,9 @@ class OpenLogs:
         self._open: dict[Path, LogWindows] = {}
         self._broken: dict[Path, str] = {}  # why one is not read on
 
-    def answer(self, request: dict[str, Any]) -> LogAnswer:
+    def answer(self, request: dict[str, Any]) -> ProcessAnswer:
         """Answer to a request, or why there is none."""
-        asks: dict[str, Callable[..., LogAnswer]] = {
+        asks: dict[str, Callable[..., ProcessAnswer]] = {
             "glance": self._glance, "open": self._begin, "facts": self._facts, "curves": self._curves, "csv": self._csv
         }  # fmt: skip
         try:
@@ -65,10 +57,10 @@ class OpenLogs:
                 del self._open[path]
         return False
 
-    def _glance(self, paths: list[str]) -> LogAnswer:
+    def _glance(self, paths: list[str]) -> ProcessAnswer:
         return {"seconds": [_seconds_of(Path(path)) for path in paths]}, b""
 
-    def _begin(self, path: str) -> LogAnswer:
+    def _begin(self, path: str) -> ProcessAnswer:
         """Open it anew: it may have grown."""
         for known in (self._open, self._broken):
             known.pop(Path(path), None)
@@ -87,30 +79,24 @@ class OpenLogs:
             facts["why"] = str(error)
         return facts, b""
 
-    def _facts(self, path: str) -> LogAnswer:
+    def _facts(self, path: str) -> ProcessAnswer:
         log = self._of(path)
         events = log.events
         told = [{"t": e.t_s, "kind": e.kind, "short": e.short, "text": e.text} for e in events[:MOST_EVENTS]]
         return {"share": log.share, "end": log.end_s, "damaged": log.damaged, "whole": log.whole,
                 "events": told, "more": len(events) - len(told)}, b""  # fmt: skip
 
-    def _curves(self, path: str, begin: float, end: float, points: int) -> LogAnswer:
+    def _curves(self, path: str, begin: float, end: float, points: int) -> ProcessAnswer:
         curves = self._of(path).curves(begin, end, points)
-        values = np.concatenate([curves.low, curves.high, curves.first]).astype("<f4")
-        return {"instants": curves.t_s.size}, curves.t_s.astype("<f8").tobytes() + values.tobytes()
+        return {"instants": curves.t_s.size}, curve_bytes(curves)
 
-    def _csv(self, path: str, begin: float, end: float) -> LogAnswer:
+    def _csv(self, path: str, begin: float, end: float) -> ProcessAnswer:
         log = self._of(path)
         rows, joints = log.rows(begin, end), log.header.joint_names
-        names = ("q_ref", "q", "v", "tau")
-        head = ["t_s", *(f"{name}_{joint}" for name in names for joint in joints), "mode", "fault"]
         first_ns = int(log.log.rows["t_ns"][0]) if rows.size else 0
-        lines = [",".join(head)]
-        for row in rows:
-            numbers = [repr(float(value)) for name in names for value in row[name]]
-            t_s = (int(row["t_ns"]) - first_ns) / NS_PER_S
-            lines.append(",".join([repr(t_s), *numbers, mode_name(int(row["mode"])), str(int(row["fault"]))]))
-        return {}, ("\n".join(lines) + "\n").encode()
+        values = np.concatenate([rows[name] for name in CSV_NAMES], axis=1)
+        t_s = (rows["t_ns"] - first_ns) / NS_PER_S
+        return {}, cycles_csv(joints, t_s, values, rows["mode"], rows["fault"])
 
     def _of(self, path: str) -> LogWindows:
         log = self._open.get(Path(path))
@@ -134,21 +120,5 @@ def _seconds_of(path: Path) -> float | None:
     return (end_ns - begin_ns) / NS_PER_S
 
 
-def serve(requests: RawIOBase, answers: BinaryIO, logs: OpenLogs) -> None:
-    """LogAnswer until the input ends."""
-    while True:
-        while logs.read_on() and not select.select([requests], [], [], 0)[0]:  # at least a piece between two requests
-            pass
-        line = requests.readline()
-        if not line:
-            return
-        told, data = logs.answer(json.loads(line))
-        head = json.dumps(told).encode()
-        answers.write(ANSWER_HEAD.pack(len(head), len(data)) + head + data)
-        answers.flush()
-
-
 if __name__ == "__main__":
-    os.nice(NICE)
-    with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as requests:  # select sees what no buffer holds
-        serve(requests, sys.stdout.buffer, OpenLogs())
+    serve_answers(OpenLogs())

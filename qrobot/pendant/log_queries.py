@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from qrobot.errors import QRobotError
-from qrobot.pendant.log_reader import LogReader
+from qrobot.pendant.answering_process import AnsweringProcess
 from qrobot.pendant.log_shelf import LogShelf
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 MOST_POINTS: Final = 4000
 
 
-def add_log_queries(app: FastAPI, shelf: LogShelf, reader: LogReader) -> None:
+def add_log_queries(app: FastAPI, shelf: LogShelf, reader: AnsweringProcess) -> None:
     """Answer pages with an application of FastAPI."""
     from fastapi import HTTPException, Response
 

@@ -16,6 +16,7 @@ from nicegui.element import Element
 
 WEB: Final = Path(__file__).parent / "web"
 TITLE: Final = "QRobot pendant"
+RECONNECT_S: Final = 60.0  # [A] a page that was away for longer is loaded again, and loses what it shows
 
 
 def _three() -> Path:
@@ -55,4 +56,12 @@ def add_pages(app: FastAPI) -> None:
     from fastapi.staticfiles import StaticFiles
 
     app.mount("/pendant-web", StaticFiles(directory=WEB / "vendor"))
-    ui.run_with(app, root=_page, title=TITLE, dark=None, show_welcome_message=False, tailwind=False)
+    ui.run_with(
+        app,
+        root=_page,
+        title=TITLE,
+        dark=None,
+        reconnect_timeout=RECONNECT_S,
+        show_welcome_message=False,
+        tailwind=False,
+    )

@@ -16,15 +16,16 @@ from fastapi import FastAPI
 from starlette.websockets import WebSocket
 
 from qrobot.errors import LinkBusy
+from qrobot.pendant.answering_process import LOGS, SCOPE, AnsweringProcess
 from qrobot.pendant.arm_station import ArmStation
 from qrobot.pendant.floor import DriveFloor
 from qrobot.pendant.gate import TOKEN_PARAMETER, Gate
 from qrobot.pendant.live_socket import serve_page
 from qrobot.pendant.log_queries import add_log_queries
-from qrobot.pendant.log_reader import LogReader
 from qrobot.pendant.log_shelf import LogShelf
 from qrobot.pendant.pages import add_pages
 from qrobot.pendant.queries import add_queries
+from qrobot.pendant.scope_queries import add_scope_queries
 
 LOOPBACK: Final = "127.0.0.1"  # nothing is encrypted: from elsewhere through a tunnel
 TOKEN_BYTES: Final = 24
@@ -35,8 +36,8 @@ CLOSED_WHILE_LOADED: Final = "No response returned."  # of Starlette's BaseHTTPM
 
 def make_app(floor: DriveFloor, token: str, logs: LogShelf | None = None) -> Gate:
     """Everything that answers, behind the gate. Once a process: NiceGUI has one application."""
-    reader = LogReader()
-    app = FastAPI(openapi_url=None, lifespan=partial(_watch_arms, floor, reader))
+    reader, scope = AnsweringProcess(*LOGS), AnsweringProcess(*SCOPE)
+    app = FastAPI(openapi_url=None, lifespan=partial(_watch_arms, floor, reader, scope))
 
     async def live(websocket: WebSocket) -> None:
         await serve_page(floor, websocket)
@@ -44,6 +45,7 @@ def make_app(floor: DriveFloor, token: str, logs: LogShelf | None = None) -> Gat
     app.add_api_websocket_route(LIVE_PATH, live)
     add_queries(app, floor)
     add_log_queries(app, logs or LogShelf(), reader)
+    add_scope_queries(app, floor, scope)
     add_pages(app)
     return Gate(app, token)
 
@@ -104,7 +106,9 @@ class _Server(uvicorn.Server):
 
 
 @asynccontextmanager
-async def _watch_arms(floor: DriveFloor, reader: LogReader, _app: FastAPI) -> AsyncIterator[None]:
+async def _watch_arms(
+    floor: DriveFloor, reader: AnsweringProcess, scope: AnsweringProcess, _app: FastAPI
+) -> AsyncIterator[None]:
     """Watch every arm while the server runs; at its end arms that are under command are brought to rest."""
     for arm in floor.arms:
         arm.worker.start()  # it takes seconds
@@ -118,7 +122,8 @@ async def _watch_arms(floor: DriveFloor, reader: LogReader, _app: FastAPI) -> As
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.to_thread(_close_all, floor.arms)
-        await asyncio.to_thread(reader.close)
+        for process in (reader, scope):
+            await asyncio.to_thread(process.close)
 
 
 async def _look_at_lease(floor: DriveFloor) -> None:

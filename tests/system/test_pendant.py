@@ -84,6 +84,10 @@ class Page:
         wait_until(lambda: self.driver.find_element("id", identity).is_enabled(), identity)
         self.driver.find_element("id", identity).click()
 
+    def choose_option(self, identity: str, value: str) -> None:
+        element = f"document.getElementById('{identity}')"
+        self.run(f"{element}.value = '{value}'; {element}.dispatchEvent(new Event('change'))")
+
     def drive(self) -> None:
         """Take the lease and the arm."""
         self.click("drive")
@@ -163,9 +167,11 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         every_tab_opens(page)
         a_log_is_opened_while_it_is_written(page)
         page.drive()
+        the_scope_waits_for_a_motion(page)
         press_until_it_moves(page, arm)
         page.let_go()
         wait_until(lambda: is_at_rest(arm), "at rest once it is let go")
+        every_cycle_of_the_motion_is_kept(page)
 
         watcher = Page(other, pendant.address)
         assert not watcher.run("return pendant.driving")
@@ -231,6 +237,24 @@ def every_tab_opens(page: Page) -> None:
     assert complaints == []
     asked = page.run("return performance.getEntriesByType('resource').map((entry) => new URL(entry.name).host)")
     assert set(asked) == {page.run("return location.host")}
+
+
+def the_scope_waits_for_a_motion(page: Page) -> None:
+    page.click("tab-scope")
+    page.choose_option("scope-source", "ring")
+    wait_until(lambda: page.shows("#scope-about", "cycles"), "every cycle is shown")
+    page.choose_option("trigger", "velocity")
+    page.run("document.getElementById('trigger-level').value = '1'")
+    page.click("trigger-arm")
+    page.click("tab-drive")
+
+
+def every_cycle_of_the_motion_is_kept(page: Page) -> None:
+    page.click("tab-scope")
+    wait_until(lambda: page.shows("#trigger-told", "triggered"), "the trigger has seen the motion")
+    wait_until(lambda: page.shows("#freeze", "Go on"), "it is frozen")
+    assert not page.driver.find_element("id", "scope-problem").is_displayed()
+    page.click("tab-drive")
 
 
 def a_log_is_opened_while_it_is_written(page: Page) -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from qrobot.errors import LogError
 from qrobot.log.record import write_log
+from qrobot.pendant.answering_process import LOGS, AnsweringProcess
 from qrobot.pendant.log_process import OpenLogs
-from qrobot.pendant.log_reader import LogReader
 from qrobot.pendant.log_shelf import LogShelf
 from tests.support.log_samples import make_header, make_rows
 
@@ -86,7 +86,7 @@ def test_a_log_that_is_foreign_vanished_or_not_open_is_an_error_that_says_what_t
 
 @pytest.mark.realtime
 def test_a_file_cut_off_while_it_is_open_costs_an_answer_and_no_more(path: Path) -> None:
-    reader = LogReader()
+    reader = AnsweringProcess(*LOGS)
     good = path.with_name("good.mcap")
     good.write_bytes(path.read_bytes())
     try:

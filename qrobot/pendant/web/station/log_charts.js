@@ -1,10 +1,9 @@
 // Curves of one or two logs below each other, with events, a line at the instant shown, and a window that is drawn with the mouse.
 import { el } from "./dom.js";
 import { shown } from "./kinematics.js";
-import { COLOURS, DASHES, lengthOrAngle, spread } from "./curves.js";
+import { COLOURS, DASHES, drawEvents, lengthOrAngle, spread } from "./curves.js";
 
 const HEIGHT = 190;
-export const MARKS = { fault: "▲", mode: "●", law: "◆", gains: "◇" }; // no event is told from others by colour alone
 
 export class LogCharts {
   constructor(root, onWindow, onInstant) {
@@ -34,7 +33,7 @@ export class LogCharts {
         axes: [{ label: "s", labelSize: 18 }, { size: 64 }],
         series: [{ label: "s", value: (_, v) => (v == null ? "—" : v.toFixed(4)) }, ...series],
         hooks: {
-          draw: [(u) => this.drawEvents(u, entry)],
+          draw: [(u) => drawEvents(u, entry.log.status.events, entry.shift)],
           setSelect: [(u) => {
             if (u.select.width > 4) this.onWindow(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
             u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
@@ -47,29 +46,6 @@ export class LogCharts {
     plot.over.append(head);
     plot.over.addEventListener("click", () => plot.cursor.left >= 0 && this.onInstant(plot.posToVal(plot.cursor.left, "x")));
     return { plot, box, head, entry, quantity, joints: joints.filter((j) => j < entry.log.n) };
-  }
-
-  drawEvents(u, { log, shift }) {
-    const { ctx, bbox } = u;
-    ctx.save();
-    ctx.font = `${Math.round(11 * devicePixelRatio)}px sans-serif`;
-    ctx.textAlign = "left";
-    ctx.setLineDash([3, 4]);
-    let clear = -Infinity; // where the newest word ends
-    for (const event of log.status.events) {
-      const x = Math.round(u.valToPos(event.t - shift, "x", true));
-      if (x < bbox.left || x > bbox.left + bbox.width) continue;
-      ctx.strokeStyle = ctx.fillStyle = event.kind === "fault" ? "#b3261e" : "#5a6877";
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
-      if (x < clear) continue;
-      const word = `${MARKS[event.kind] ?? "●"} ${event.short}`;
-      ctx.fillText(word, x + 3, bbox.top + 12 * devicePixelRatio);
-      clear = x + ctx.measureText(word).width + 8;
-    }
-    ctx.restore();
   }
 
   draw(begin, end, instant) {

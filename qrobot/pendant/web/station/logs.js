@@ -1,8 +1,8 @@
 // The tab Logs: those of the deployment, one of them or two side by side, in three dimensions and as curves.
 import { ask } from "./ask.js";
-import { boxes, saveFile } from "./curves.js";
+import { MARKS, boxes, saveFile } from "./curves.js";
 import { el, setAttribute, setText } from "./dom.js";
-import { LogCharts, MARKS } from "./log_charts.js";
+import { LogCharts } from "./log_charts.js";
 import { OpenLog } from "./open_log.js";
 import { View } from "./view3d.js";
 

@@ -1,4 +1,4 @@
-"""The pendant's end of the process that reads logs (`log_process`): begun when it is needed, and anew when it died."""
+"""The pendant's end of a process that answers questions (`answering`): begun when needed, and anew when it died."""
 
 from __future__ import annotations
 
@@ -11,27 +11,39 @@ import time
 from typing import Any, Final
 
 from qrobot.errors import LogError
-from qrobot.pendant.log_process import ANSWER_HEAD, LogAnswer
+from qrobot.pendant.answering import ANSWER_HEAD, ProcessAnswer
 
 PATIENCE_S: Final = 30.0
 
 
-class LogReader:
-    """Asks one question at a time; others wait. Not for the thread of the server's loop."""
+LOGS: Final = (
+    "qrobot.pendant.log_process",
+    "the log could not be read: was the file cut off while it was open? Open it again",
+)
+SCOPE: Final = "qrobot.pendant.scope_process", "the cycles of the servo could not be read: look again"
 
-    def __init__(self) -> None:
+
+class AnsweringProcess:
+    """Asks one question at a time; others wait. Not for the thread of the server's loop.
+
+    Args:
+        module: that the process runs.
+        sorry: why there is no answer when the process has died or is silent.
+    """
+
+    def __init__(self, module: str, sorry: str) -> None:
+        self._module, self._sorry = module, sorry
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
 
-    def ask(self, **request: Any) -> LogAnswer:
-        """Answer of `OpenLogs`. Raises LogError: it has none, or it ended or was silent at this question."""
+    def ask(self, **request: Any) -> ProcessAnswer:
+        """Answer of the process. Raises LogError: it has none, or it ended or was silent at this question."""
         with self._lock:
             try:
                 told, data = self._exchange(json.dumps(request).encode() + b"\n")
             except (OSError, EOFError):
                 self._end()
-                why = "the log could not be read: was the file cut off while it was open?"
-                raise LogError(f"{why} Open it again") from None
+                raise LogError(self._sorry) from None
         if "error" in told:
             raise LogError(told["error"])
         return told, data
@@ -46,7 +58,7 @@ class LogReader:
         with self._lock:
             self._end()
 
-    def _exchange(self, request: bytes) -> LogAnswer:
+    def _exchange(self, request: bytes) -> ProcessAnswer:
         process = self._running()
         assert process.stdin is not None
         process.stdin.write(request)
@@ -69,7 +81,7 @@ class LogReader:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
-            command = [sys.executable, "-m", "qrobot.pendant.log_process"]
+            command = [sys.executable, "-m", self._module]
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
         return self._process
 
