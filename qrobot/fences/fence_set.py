@@ -13,10 +13,10 @@ from qrobot.arrays import Floats
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.fences import MOST_SHAPES, Fence
 from qrobot.config.robot import Robot
-from qrobot.config.scene import Scene
-from qrobot.config.shape import MOST_CAPSULES, Capsule
+from qrobot.config.shape import Capsule
 from qrobot.errors import ConfigError, FenceCrossed
 from qrobot.fences.clearance import clearances
+from qrobot.fences.deployed import deployed_shapes, tool_capsule
 from qrobot.fences.distance import BOX, CYLINDER, PLANE
 from qrobot.fences.table import (
     CAPSULE_WORDS,
@@ -47,7 +47,6 @@ RESOLUTION_M: Final = 0.002  # [A] no body moves further between two places of a
 SLACK_M: Final = 1e-4  # [A] a fence this much nearer than the margin counts as not nearer
 _KINDS: Final = {"plane": PLANE, "box": BOX, "cylinder": CYLINDER}
 _BODIES: Final = {"all": LINKS | TOOL, "links": LINKS, "tool": TOOL}
-_TABLE_M: Final = (0.6, 1.0, 0.04)  # of the emulated table top, see `sim_board.mujoco_scene`
 
 
 @dataclass(frozen=True)
@@ -282,43 +281,7 @@ def fences_of(arm: DeployedArm, robot: Robot) -> FenceSet | None:
     Raises:
         ConfigError: the robot file tells no body of the arm.
     """
-    chosen = arm.fences
-    if chosen is None:
+    chosen, fences = arm.fences, deployed_shapes(arm, robot)
+    if chosen is None or not (fences or chosen.self_collision):
         return None
-    fences = (*chosen.shape, *(_scene_fences(arm.board.scene, robot) if chosen.scene else ()))
-    if not fences and not chosen.self_collision:
-        return None
-    tool = _tool(arm, robot, chosen.tool_radius_m)
-    return FenceSet(robot, fences, chosen.self_collision, chosen.self_margin_m, tool)
-
-
-def _tool(arm: DeployedArm, robot: Robot, radius_m: float) -> Capsule | None:
-    """The tool as a capsule of the last link, from the flange to the tip."""
-    if robot.shape is None or not any(arm.servo.tool_mm) or len(robot.shape.capsules) >= MOST_CAPSULES:
-        return None
-    flange = robot.geometry.flange_m
-    x, y, z = (value / MM_PER_M for value in arm.servo.tool_mm)
-    ends = {"from_m": (0.0, 0.0, flange), "to_m": (x, y, z + flange)}
-    return Capsule(name="tool", link=robot.n, radius_m=radius_m, **ends)
-
-
-def _scene_fences(scene: Scene, robot: Robot) -> list[Fence]:
-    """Floor and furniture of the emulated arm's surroundings, as shapes to keep out of."""
-    if scene.kind == "empty":
-        return []
-    fences = [Fence(name="floor", shape="plane", position_m=(0.0, 0.0, -robot.geometry.base_height_m), bodies="all")]
-    size = _furniture_size(scene)
-    if size is not None:
-        x, y, z = scene.position_m
-        fences.append(Fence(name="furniture", shape="box", size_m=size, position_m=(x, y, z - size[2] / 2)))
-    return fences
-
-
-def _furniture_size(scene: Scene) -> tuple[float, float, float] | None:
-    """Edges of a box around what stands there, its top at the scene's position; None for a bare floor."""
-    if scene.kind == "table":
-        return _TABLE_M
-    if scene.kind == "floor":
-        return None
-    reach = scene.tool.radius_m + scene.clearance_m + 0.06 + (scene.crank_radius_m if scene.kind == "crank" else 0.0)
-    return 2 * reach, 2 * reach, scene.depth_m + 0.02
+    return FenceSet(robot, fences, chosen.self_collision, chosen.self_margin_m, tool_capsule(arm, robot))

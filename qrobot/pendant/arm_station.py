@@ -16,6 +16,7 @@ from qrobot.errors import MotionError
 from qrobot.model.arm_shape import link_frames
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
+from qrobot.pendant.fence_facts import fence_facts
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.procedure_messages import PageProcedureStart
@@ -62,7 +63,7 @@ class ArmStation:
         programs: ProgramRunner | None = None,
     ) -> None:
         self.arm, self.robot = arm, robot
-        self.facts = arm_facts(arm.name, robot, tool_m)
+        self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(arm, robot)}
         self.requests = ServoRequests(arm.name, self.tell)
         self.watch = ArmWatch(arm, self._hear, on_change)
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)

@@ -19,6 +19,8 @@ from selenium.webdriver.common.keys import Keys
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from qrobot.config import load_deployment, load_robot
+from qrobot.fences.fence_set import fences_of
 from qrobot.modecodes import Mode
 from qrobot.pendant.gate import cookie_name
 from tests.support.browser import open_browser
@@ -38,12 +40,26 @@ TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
 
 
+FENCES = """
+[arm.fences]
+self_collision = true
+shape = [
+  { name = "bench", shape = "box", size_m = [0.6, 1.2, 0.1], position_m = [0.6, 0.0, -0.35], rpy_deg = [20, 5, 0] },
+  { name = "pole", shape = "cylinder", radius_m = 0.1, length_m = 0.6, position_m = [0.4, 0.5, 0.2], bodies = "links" },
+  { name = "cell", shape = "box", keep = "in", bodies = "tool", size_m = [1.6, 1.8, 2.4] },
+  { name = "window", shape = "plane", position_m = [0.9, 0.0, 0.0], rpy_deg = [0, -90, 0] },
+]
+"""
+
+
 class Pendant:
-    """`qrobot pendant` of one arm, and what its address tells."""
+    """`qrobot pendant` of one arm, with fences that its servo does not know, and what its address tells."""
 
     def __init__(self, arm: RunningArm, folder: Path) -> None:
+        self.deployment = folder / "fenced.toml"
+        self.deployment.write_text(Path(arm.deployment).read_text() + FENCES)
         self.process = qrobot(
-            "pendant", "--deployment", arm.deployment, "--arm", arm.name, "--port", "0", "--taught", folder / "t.db",
+            "pendant", "--deployment", self.deployment, "--arm", arm.name, "--port", "0", "--taught", folder / "t.db",
             "--programs", EXAMPLES, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         assert self.process.stdout is not None
@@ -164,6 +180,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         page = Page(driver, pendant.address)
         assert page.driver.current_url.startswith(f"http://{pendant.host}/#")  # the token has left the address
         the_arm_is_seen_where_its_kinematics_says(page)
+        the_page_knows_how_far_off_each_fence_is(page, pendant)
         every_tab_opens(page)
         a_log_is_opened_while_it_is_written(page)
         page.drive()
@@ -279,6 +296,20 @@ def the_arm_is_seen_where_its_kinematics_says(page: Page) -> None:
     assert rows.size > 10
     height, width = off.shape
     assert np.hypot(columns.mean() - x * width, rows.mean() - y * height) < AROUND_PX
+
+
+def the_page_knows_how_far_off_each_fence_is(page: Page, pendant: Pendant) -> None:
+    """To a millimetre, for it looks at points of the arm; and it says which is the first."""
+    robot = load_robot("puma560")
+    fences = fences_of(load_deployment(pendant.deployment).arm[0], robot)
+    assert fences is not None
+    for q in robot.poses.values():
+        near = {each.fence: each for each in fences.nearness(q)}
+        asked = f"return pendant.view.figures[0].fences.nearness({q.tolist()})"
+        for told in page.run(asked):
+            assert told["distance"] == pytest.approx(near[told["fence"]].distance, abs=1e-3)
+        assert len(near) == 5
+    assert page.shows(".scene .nearest", "mm off")
 
 
 def test_a_foreign_page_or_host_or_no_token_is_refused_by_page_socket_io_and_live_socket(pendant: Pendant) -> None:

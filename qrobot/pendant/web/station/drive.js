@@ -25,7 +25,7 @@ export function makeDrive(root) {
   const side = el("section", { class: "side" });
   root.append(scene, side);
   const view = new View(scene);
-  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool"));
+  scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · glass: keep out · cage: stay in"));
   link.view = view;
 
   const speed = select("speed of the jog", SHARES, "0.5");

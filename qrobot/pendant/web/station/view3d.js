@@ -1,6 +1,7 @@
 // The arms in three dimensions: as measured, their setpoints as ghosts, and the way their tools have come.
 import { THREE, OrbitControls } from "nicegui-scene";
-import { el } from "./dom.js";
+import { el, setText } from "./dom.js";
+import { FenceFigures } from "./fences.js";
 import { linkFrame, tip } from "./kinematics.js";
 
 const TRAIL = 1100; // samples, half a minute
@@ -15,6 +16,7 @@ class ArmFigure {
     this.solid = this.build((part) => new THREE.MeshStandardMaterial({ color: part.joint ? JOINT : LINK, roughness: 0.6 }));
     this.ghost = this.build(() => new THREE.MeshBasicMaterial({ color: GHOST, wireframe: true, transparent: true, opacity: 0.18 }));
     this.solid[facts.joints.length].add(marker(facts));
+    this.fences = facts.fences ? new FenceFigures(facts, this.root, this.solid) : null; // a log knows none
     this.points = new Float32Array(3 * TRAIL);
     this.count = 0;
     this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACE }));
@@ -43,6 +45,7 @@ class ArmFigure {
   show(state, follow = true) {
     this.pose(this.solid, state.q);
     this.pose(this.ghost, state.setpoint);
+    this.q = state.q;
     if (follow) this.extend(tip(this.facts, state.q));
   }
 
@@ -99,7 +102,8 @@ export class View {
   constructor(element) {
     this.element = element;
     this.canvas = el("canvas", { "aria-label": "the arms in three dimensions; drag to turn, pinch or wheel to come nearer", tabindex: "-1" });
-    element.append(this.canvas);
+    this.nearest = el("p", { class: "legend nearest", role: "status" });
+    element.append(this.canvas, this.nearest);
     this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new THREE.Scene();
@@ -146,7 +150,18 @@ export class View {
 
   draw() {
     this.due = false;
+    this.tellFences();
     this.renderer.render(this.scene, this.camera);
+  }
+
+  tellFences() {
+    for (const figure of this.figures) if (figure.q) figure.fences?.show(figure.q);
+    const lines = this.figures.filter((figure) => figure.fences?.told).map((figure) => {
+      const whose = this.figures.length > 1 ? `${figure.facts.name}: ` : "";
+      return whose + figure.fences.told;
+    });
+    setText(this.nearest, lines.join(" · "));
+    this.nearest.hidden = !lines.length;
   }
 
   // Where a point of an arm's base frame is on the canvas, as shares of its width and height from the top left.
