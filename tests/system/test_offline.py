@@ -13,8 +13,9 @@ from qrobot import rccl
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.cli.motion_figures import farthest_off, path_of
-from qrobot.config import load_robot
+from qrobot.config import load_deployment, load_robot
 from qrobot.errors import MotionError
+from qrobot.fences.fence_set import fences_of
 from qrobot.motion import Termination, motion_limits
 from qrobot.rccl.offline import OfflineLink
 from qrobot.rccl.setpoints import Setpoints, read_setpoints, write_setpoints
@@ -94,6 +95,21 @@ def test_recordings_of_a_hand_are_played_smoothed_and_joined(tmp_path: Path, cap
     assert len(both.q) > 1.8 * len(swing.q)
     assert qrobot("replay", str(once), "--then", str(tmp_path / "none.csv")) == 1
     assert "cannot read" in capsys.readouterr().err
+
+
+def test_a_fence_refuses_a_motion_and_ends_one_whose_goal_sinks_into_it(tmp_path: Path, capsys) -> None:
+    cell = EXAMPLES / "19_fences.toml"
+    words = ("--offline", "--deployment", str(cell), "--output", str(tmp_path), str(EXAMPLES / "19_fences.py"))
+    assert qrobot("run", *words) == 0
+    said = capsys.readouterr().out
+    assert "refused: wrist would come" in said
+    assert "FENCE: stopped before the bench" in said
+    assert [request["name"] for request in requests(tmp_path)] == ["OVER", "LIFT", "LIFT", "OVER"]
+    fences = fences_of(load_deployment(cell).arm[0], ROBOT)
+    assert fences is not None
+    bench, cell_wall, _ = np.array([fences.distances(q) for q in read_setpoints(tmp_path / "setpoints.csv").q]).T
+    assert 0.018 < bench.min() < 0.024
+    assert cell_wall.min() > 0.05
 
 
 def test_a_replay_in_lockstep_follows_the_file(tmp_path: Path, capsys) -> None:
