@@ -91,6 +91,7 @@ from qrobot.arcl.program import (
     move,
     robot_pos,
     stop,
+    teach,
     where,
 )
 from qrobot.arcl.quaternions import (
@@ -255,6 +256,7 @@ __all__ = [
     "sym_load",
     "sym_lookup",
     "sym_names",
+    "teach",
     "trans_assign",
     "trans_invert",
     "trans_mult",

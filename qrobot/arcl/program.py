@@ -194,6 +194,11 @@ def gripper(rp: ArclRobot, command: int, value: float | None = None) -> None:
     _opened("gripper", rp).gripper(command, value)
 
 
+def teach(rp: ArclRobot, function: Callable[..., object]) -> int:
+    """Let a person move the arm by its teach pendant; `function(T6, rp)` at each ENTER. See `ArclRobot.teach`."""
+    return _opened("teach", rp).teach(function)
+
+
 def fkine(rp: ArclRobot, degs: Sequence[float], name: str = "T6") -> Trans:
     """T6 at joint positions, degrees (mm); see `ArclRobot.fkine`."""
     return _opened("fkine", rp).fkine(degs, name)

@@ -20,6 +20,7 @@ from qrobot.arcl.positions import Pos, joints_of
 from qrobot.arcl.standstill import Standstill
 from qrobot.arcl.stream import RecordKind
 from qrobot.arcl.switches import say, switches
+from qrobot.arcl.teaching import Teaching
 from qrobot.arcl.trace import exec_line, request_line
 from qrobot.arcl.trans import Trans, new_trans_value
 from qrobot.arrays import Floats
@@ -56,11 +57,14 @@ class ArclRobot:
         self._error: QRobotError | None = None
         self._closed = self._loss_told = self._given_up = False
         self._ticks = 0
-        q = ami.open()
-        fences = fences_for(robot.name)
-        fences = None if fences is None else fences.seen_from(aki.zero)
-        self._motions = MotionQueue(self.aki, ami.period_s, q, self, fences)
-        ami.start(self._sample)
+        self._begin_at(ami.open())
+
+    def _begin_at(self, q: Floats) -> None:
+        """Begin to move the arm from where it is held."""
+        fences = fences_for(self.name)
+        fences = None if fences is None else fences.seen_from(self.aki.zero)
+        self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences)
+        self.ami.start(self._sample)
 
     # -------------------------------------------------------------------------------------------------- positions
 
@@ -180,6 +184,35 @@ class ArclRobot:
         except (LinkError, ServoFault) as error:
             self._tell_loss(error)
             raise
+
+    # ---------------------------------------------------------------------------------------------------- teaching
+
+    def teach(self, function: Callable[..., object]) -> int:
+        """Wait until all motions are done, and let a person move the arm by its teach pendant until he has done.
+
+        Args:
+            function: called with T6, a transform of its own each time, and the robot at each press of ENTER, with the
+                arm at rest; MOVE_STOP ends it. It must not move the arm.
+
+        Returns:
+            How many presses there were.
+
+        Raises:
+            ConfigError: there is no pendant, or nobody can use it.
+            MotionError: a motion could not be done, or the machine has no arm to move.
+            LinkError, ServoFault: the arm is lost.
+            Exception: what `function` raises; the robot has the arm again then.
+        """
+        if not callable(function):
+            raise MotionError(f"teach: a function is needed, not {function!r}")
+        if (pendant := machine_choice().pendant) is None:
+            raise ConfigError("teach: there is no teach pendant; start the program with `qrobot run` in a terminal")
+        self.wait()
+        teaching = Teaching(self, function)
+        self._begin_at(self.ami.lend(lambda links: teaching.give(pendant, links, self._robot)))
+        before = self.ami.sample
+        self.ami.wait(lambda: self.ami.sample is not before)
+        return teaching.end()
 
     # --------------------------------------------------------------------------------------------- hand and lines
 

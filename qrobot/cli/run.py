@@ -96,6 +96,7 @@ def run(
     emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
     given = [f"--{name}" for name, value in emulated.items() if value is not None]
     _check(program, given, lockstep, offline)
+    from qrobot.cli.teach_pendant import terminal_pendant
     from qrobot.rci.machine_choice import MachineChoice, use_machine
 
     chosen = choose_arm(deployment, arm)
@@ -104,9 +105,11 @@ def run(
     def perform() -> int:
         if offline:
             folder = output or checked_folder(Path("out") / "offline" / program.stem)
-            with use_machine(MachineChoice("offline", folder, robot_of_arm(chosen), chosen.named_signals)):
+            with use_machine(
+                MachineChoice("offline", folder, robot_of_arm(chosen), chosen.named_signals, terminal_pendant)
+            ):
                 return run_virtual(offline_links(chosen), start, folder, ideal=True)
-        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen), chosen.named_signals)):
+        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen), chosen.named_signals, terminal_pendant)):
             return perform_on_bridge()
 
     def perform_inside_fences() -> int:

@@ -17,7 +17,7 @@ from qrobot.wire import Welcome
 
 def open_channel(
     factory: LinkFactory,
-    robot: str,
+    robot: str | Robot,
     period_ms: float | None = None,
     clear_fault: bool = False,
     blend: Blend = Blend.QUARTIC,
@@ -25,7 +25,7 @@ def open_channel(
 ) -> Channel:
     """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
     period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
-    arm = load_robot(robot)
+    arm = load_robot(robot) if isinstance(robot, str) else robot
     fences = fences_for(arm.name)
     _warm_up(arm, blend)
     link = factory(hello_for(arm.name, period_us))

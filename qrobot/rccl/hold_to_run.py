@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from qrobot.errors import LinkError, QRobotError, ServoFault
@@ -14,13 +14,15 @@ from qrobot.rccl.jog import measure, place
 PLUS, MINUS = ".", ","  # neighbours on every keyboard
 AXES: Final = {"x": "dx", "y": "dy", "z": "dz", "u": "rx", "v": "ry", "w": "rz"}
 SPEEDS: Final = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-KEYS: Final = """\
+MOVING_KEYS: Final = """\
 1 2 ...     choose a joint
 x y z       choose an axis to move along; u v w to turn about it
 b t         axes of the base; of the last link
 . ,         HOLD to move one way; the other way
-f s         faster; slower
-q           quit"""
+f s         faster; slower"""
+KEYS: Final = f"{MOVING_KEYS}\nq           quit"
+
+NO_OTHERS: Final[Mapping[str, Callable[[], object]]] = {}
 
 
 class HeldJog:
@@ -30,10 +32,17 @@ class HeldJog:
         arm: under control, at rest, with a sample period of 60 ms at most. Its stream moves by a key from now on.
         read_keys: what has been typed since it was asked last; called at each sample, it must not wait.
         tell: takes a line for people.
+        others: what other keys do, with the arm at rest; true ends it.
     """
 
-    def __init__(self, arm: Channel, read_keys: Callable[[], str], tell: Callable[[str], None]) -> None:
-        self._arm, self._read_keys, self._tell = arm, read_keys, tell
+    def __init__(
+        self,
+        arm: Channel,
+        read_keys: Callable[[], str],
+        tell: Callable[[str], None],
+        others: Mapping[str, Callable[[], object]] = NO_OTHERS,
+    ) -> None:
+        self._arm, self._read_keys, self._tell, self._others = arm, read_keys, tell, others
         self._keys = HeldKey()
         self._joint, self._axis, self._in_base, self._speed = 0, "", True, SPEEDS.index(1.0)
         self._motion = HeldMotion(arm, self._held_key)
@@ -54,9 +63,10 @@ class HeldJog:
         """Wait for a key and do what it says; False for the one that ends."""
         self._arm.waitas(lambda: self._keys.pressed or self._motion.held)
         while self._keys.pressed:
-            if (key := self._keys.pressed.pop(0)) == "q":
+            if (key := self._keys.pressed.pop(0)) == "q" or (key in self._others and self._others[key]()):
                 return False
-            self._choose(key)
+            if key not in self._others:
+                self._choose(key)
         if self._motion.held:
             self._move(1.0 if self._motion.held == PLUS else -1.0)
         return True

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.config.signals import NamedSignal
+from qrobot.rci.link import LinkFactory
+
+
+class TeachPendant(Protocol):
+    """A teach pendant: lets a person move an arm until he has done."""
+
+    def __call__(self, links: LinkFactory, robot: Robot, learn: Callable[[Floats], bool]) -> None:
+        """Take the arm, and let go of it again.
+
+        Args:
+            links: ways to the arm, which nobody else commands meanwhile.
+            robot: the arm.
+            learn: called with the joint positions, shape (n,), at each press of the key ENTER; true ends it.
+
+        Raises:
+            ConfigError: nobody can use it, for example without a terminal.
+            LinkError, ServoFault: the arm cannot be taken, or is lost.
+        """
 
 
 @dataclass(frozen=True)
@@ -21,12 +41,14 @@ class MachineChoice:
         stream: folder for diagnostic streams, one for each robot that is opened.
         robot: taken in place of the packaged one of its name.
         signals: of that robot, by their names.
+        pendant: with which a person may move an arm that a program lends; None for none.
     """
 
     ami: str = ""
     stream: Path | None = None
     robot: Robot | None = None
     signals: tuple[NamedSignal, ...] = ()
+    pendant: TeachPendant | None = None
 
 
 _choice: ContextVar[MachineChoice] = ContextVar("machine_choice", default=MachineChoice())  # noqa: B039 (immutable)

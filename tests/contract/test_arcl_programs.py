@@ -75,11 +75,13 @@ from qrobot.arcl import (
     sem_pend,
     sem_take,
     stop,
+    teach,
     where,
 )
 from qrobot.arcl.standstill import HELD_S
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, Unreachable
+from qrobot.rci.machine_choice import MachineChoice, use_machine
 from tests.support.arcl import PARK, at, forget_programs, offline, recorded
 
 AWAY = (30.0, 80.0, -110.0, 10.0, 70.0, -20.0)
@@ -631,6 +633,7 @@ def test_what_the_last_call_back_raises_is_raised_once_and_then_the_arm_is_given
         (lambda rp: move(rp, robot_pos(rp, "park"), MOV_TACC, 1e9, 0), "at most 60000 ms"),
         (lambda rp: new_iod(rp, IOD_OUT, "a", 1), "numbers of lines"),
         (lambda rp: new_iod(rp, IOD_OUT, 1, 1.5), "numbers of lines"),
+        (lambda rp: teach(rp, 5), "teach: a function is needed"),
         (lambda rp: named_iod(rp, 5), "named_iod: a name of the deployment file"),
         (lambda _: named_iod(5, "lamps"), "named_iod: a robot"),
         (lambda _: iod_value(5), "iod_value: an IO descriptor"),
@@ -645,6 +648,11 @@ def test_an_argument_that_cannot_be_is_told_by_the_call_that_got_it(call, error:
         call(rp)
     with pytest.raises(ConfigError, match=r"no signal 'lamps', nor any other: name them by \[\[arm.signals\]\]"):
         named_iod(rp, "lamps")
+    with pytest.raises(ConfigError, match="no teach pendant; start the program with `qrobot run`"):
+        teach(rp, print)
+    pendant = use_machine(MachineChoice("offline", None, None, (), print))
+    with pendant, pytest.raises(MotionError, match="inside the program, and no teach pendant reaches it"):
+        teach(rp, print)
     gripper(rp, GRIP_OPEN, 0)
     arcl_close(rp)
 

@@ -33,7 +33,7 @@ from qrobot.config import load_robot
 from qrobot.config.signals import NamedSignal
 from qrobot.model.transform import rpy, transform
 from qrobot.rccl.c.program import rccl_dispatcher
-from qrobot.rci.machine_choice import MachineChoice, use_machine
+from qrobot.rci.machine_choice import MachineChoice, TeachPendant, use_machine
 
 EXAMPLES = Path(__file__).parents[2] / "examples/arcl"
 SIGNALS = (NamedSignal(name="lamps", outputs=(3, 4)), NamedSignal(name="pressure", analog=6, per_volt=2.0, unit="bar"))
@@ -74,12 +74,14 @@ def recorded(rp: ArclRobot) -> Iterator[list[np.ndarray]]:
     rp.ami._cycle = sample
 
 
-def run_example(name: str, folder: Path, *arguments: str, ami: str = "offline") -> None:
+def run_example(
+    name: str, folder: Path, *arguments: str, ami: str = "offline", pendant: TeachPendant | None = None
+) -> None:
     """An example as it is, with its streams in a folder."""
     argv = sys.argv
     sys.argv = [str(EXAMPLES / name), *arguments]
     try:
-        with use_machine(MachineChoice(ami, folder)):
+        with use_machine(MachineChoice(ami, folder, pendant=pendant)):
             runpy.run_path(str(EXAMPLES / name), run_name="__main__")
     finally:
         sys.argv = argv

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from qrobot.arcl import (
     ARCL_ROBOT,
     ARCL_START,
     ARCL_STREAM,
+    EQ,
     EVENT_FAULT,
     GRIP_CLOSE,
     GRIP_CLOSE_BY,
@@ -27,6 +29,10 @@ from qrobot.arcl import (
     MOV_SHARE,
     MOV_TIME,
     MOV_TRAJ,
+    MOVE_STOP,
+    OK,
+    T6,
+    TL,
     TRAJ_CART,
     ami_treal,
     arcl_close,
@@ -38,17 +44,24 @@ from qrobot.arcl import (
     iod_value,
     iod_write,
     joint_pos,
+    makeposition,
     move,
     named_iod,
     new_iod,
     stop,
+    sym_delete,
+    sym_enter,
+    sym_lookup,
+    teach,
 )
-from qrobot.arcl.stream import RecordKind, Stream, read_stream
+from qrobot.arcl.stream import RecordKind, Stream, cartesian_table, read_stream
 from qrobot.cli.arms import choose_arm, servo_settings
+from qrobot.cli.teach_pendant import teach_by_keys, terminal_pendant
 from qrobot.errors import ConfigError, LinkBusy, LinkError, MotionError, ServoFault
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
 from tests.support.arcl import at, forget_programs, run_example
 from tests.support.puma import ROBOT
 
@@ -214,6 +227,89 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
         with pytest.raises(ConfigError, match=r"no signal 'presure'; it has glue, grip, lamps, pressure, switches"):
             named_iod(rp, "presure")
         arcl_close(rp)
+
+
+def keys_of_a_terminal(*typed: tuple[float, str]) -> Callable[[], str]:
+    """Keys at their times, ms, of a pendant that reads them once per sample of 28 ms."""
+    samples, left = count(), sorted(typed)
+
+    def read() -> str:
+        now_ms = next(samples) * 28.0
+        came = [key for t_ms, key in left if t_ms <= now_ms]
+        del left[: len(came)]
+        return "".join(came)
+
+    return read
+
+
+HELD = [(500.0, "."), *((800.0 + 33.0 * k, ".") for k in range(40))]
+
+
+def test_a_person_teaches_places_by_the_pendant_and_the_program_goes_on_from_where_the_arm_is(tmp_path: Path) -> None:
+    taught, told = [], []
+
+    def learn(T6, rp):
+        taught.append((T6, rp.name))
+        return MOVE_STOP if len(taught) == 2 else OK
+
+    keys = keys_of_a_terminal((0.0, "3"), *HELD, (2900.0, "\n"), (3400.0, "?"), (3900.0, "\n"), (9e3, "q"))
+    pendant = partial(teach_by_keys, read_keys=keys, tell=told.append)
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
+    chosen = use_machine(MachineChoice("bridge", None, ROBOT, (), pendant))
+    with chosen, rci.use(partial(link_factory, rig, SAMPLE_US)):
+        rp = arcl_open(ARCL_STREAM, str(tmp_path / "taught.arcl"))
+        move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1500, 0)
+        assert teach(rp, learn) == 2
+        moved = rp.joints - AWAY
+        assert 3.0 < moved[2] < 15.0  # 0.1 rad/s for a second
+        assert np.abs(np.delete(moved, 2)).max() < 0.2
+        first, second = (T6.value for T6, _ in taught)
+        assert np.allclose(first, rp.fkine(rp.joints).value, atol=1e-3)
+        assert np.allclose(first, second, atol=1e-4)
+        sym_enter(taught[0][0])
+        move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 1500, 0)
+        move(rp, makeposition(T6, EQ, sym_lookup("T1"), TL, T6), MOV_TIME, 1500, 0)
+        arcl_wait(rp)
+        end = ami_treal() + 300
+        arcl_wait(rp, lambda: ami_treal() > end)
+        assert np.allclose(rp.where().value, first, atol=1e-3)
+        nobody = use_machine(MachineChoice("bridge", None, ROBOT, (), terminal_pendant))
+        with nobody, pytest.raises(ConfigError, match="needs a terminal"):
+            teach(rp, learn)
+        move(rp, joint_pos(rp, "away", AWAY), MOV_TIME, 500, 0)  # the program has the arm again
+        arcl_close(rp)
+        assert not rig.rows()["fault"].any()
+    assert [line for line in told if line.startswith("error")] == []
+    assert "ENTER       take where the arm is" in told[0]
+    stream = read_stream(tmp_path / "taught.arcl")
+    times, _ = stream.table(RecordKind.JOINTS, 6)
+    assert not stream.damage
+    assert (np.diff(times) > 0.0).all()
+
+
+def test_places_that_were_taught_in_one_run_are_gone_through_in_the_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = keys_of_a_terminal((0.0, "\n"), (50.0, "2"), *HELD, (2900.0, "\n"), (3400.0, "q"))
+    pendant = partial(teach_by_keys, read_keys=keys, tell=lambda _: None)
+    program, places = "../24_teach_and_replay.py", str(tmp_path / "places.db")
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=500.0), Emulator(ROBOT, physics="rigid"))
+    with rci.use(partial(link_factory, rig, SAMPLE_US)):
+        run_example(program, tmp_path, places, ami="bridge", pendant=pendant)
+        assert not rig.rows()["fault"].any()
+    said = capsys.readouterr().out
+    taught = [tuple(map(float, each)) for each in re.findall(r"T\d: x (\S+) y (\S+) z (\S+) mm", said)]
+    assert len(taught) == 2
+    assert np.linalg.norm(np.subtract(*taught)) > 20.0
+    assert said.endswith("at T1\nat T2\n")
+    sym_delete("T1")
+    sym_delete("T2")
+    run_example(program, tmp_path / "again", places)
+    assert "at T1\nat T2\n" in capsys.readouterr().out
+    path = cartesian_table(read_stream(tmp_path / "again" / "puma560.arcl"))
+    there = np.column_stack([path[f"{axis}_mm"] for axis in "xyz"])
+    for place in taught:
+        assert np.linalg.norm(there - place, axis=1).min() < 25.0  # passed on the way, rounded
 
 
 def test_a_fault_of_the_servo_is_told_to_the_handler_and_raised_in_the_program() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -25,7 +26,7 @@ from qrobot.errors import LinkError, LinkLost, MotionError
 from qrobot.motion import MotionLimits
 from qrobot.rci.descriptor import HOST, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
-from qrobot.rci.link import Link, hello_for
+from qrobot.rci.link import Link, LinkFactory, hello_for
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.realtime.interpreter import InterpreterShare
@@ -59,7 +60,8 @@ class BridgeMachine:
         self.sampling = False
         self._settings = settings
         self._hello = hello_for(settings.robot.name, _period_us(settings.period_ms))
-        self._link: Link = environment().links(KnownRobot(settings.robot.name, settings.robot.name), self._hello)
+        self._links = partial(environment().links, KnownRobot(settings.robot.name, settings.robot.name))
+        self._link: Link = self._links(self._hello)
         self.virtual_time = self._link.virtual_time
         self.period_s = 0.0  # as the bridge says when it is greeted
         self._data = RobotData(settings.robot)
@@ -69,11 +71,40 @@ class BridgeMachine:
         self._first_ns: int | None = None
         self._left_out = 0
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._run, name="arcl-trajectory", daemon=True)
+        self._thread = self._new_thread()
         self._share = InterpreterShare()
 
     def open(self) -> Floats:
         """See `RobotMachine.open`. Raises LinkError, ServoFault, MotionError: the arm cannot be taken."""
+        q = self._hold()
+        self.stream = open_stream(self._settings, self.name, self.period_s * 1e3)
+        return q
+
+    def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:
+        """See `RobotMachine.lend`: the stream of setpoints ends, and another one begins."""
+        self._leave(power_off=False, reason="lent")
+        try:
+            borrower(self._links)
+        finally:
+            q = self._take_again()
+        return q
+
+    def _take_again(self) -> Floats:
+        self._cycle = self._command = None
+        self._left_out = 0
+        self._thread = self._new_thread()
+        try:
+            self._link = self._links(self._hello)
+            return self._hold()
+        except BaseException as error:
+            self.error = error
+            raise
+
+    def _new_thread(self) -> threading.Thread:
+        return threading.Thread(target=self._run, name="arcl-trajectory", daemon=True)
+
+    def _hold(self) -> Floats:
+        """Take the arm. Gives the joint positions at which it is held. Shape (n,)."""
         try:
             self._take(self._link.open())
             if self.virtual_time:
@@ -82,7 +113,6 @@ class BridgeMachine:
                 self._share.begin()
                 self._thread.start()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
-            self.stream = open_stream(self._settings, self.name, self.period_s * 1e3)
         except BaseException as error:
             shared_time.leave(self)
             self._share.end()
@@ -140,6 +170,14 @@ class BridgeMachine:
     def close(self, power_off: bool) -> None:
         """See `RobotMachine.close`."""
         try:
+            self._leave(power_off, "program ended")
+        finally:
+            if self.stream is not None:
+                self.stream.close(self.treal())
+
+    def _leave(self, power_off: bool, reason: str) -> None:
+        """End the conversation in good order; the link is closed whatever happens."""
+        try:
             if self.error is None:
                 with self.lock():
                     self._robot.stop(power_off)
@@ -149,9 +187,7 @@ class BridgeMachine:
             if self._thread.is_alive():
                 self._thread.join()
             self._share.end()
-            self._link.close("program ended")
-            if self.stream is not None:
-                self.stream.close(self.treal())
+            self._link.close(reason)
 
     def farewell(self) -> str:
         """See `RobotMachine.farewell`: nothing, the arm has shown what it did."""

@@ -23,6 +23,7 @@ from qrobot.arcl.trace import done_line
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import MotionLimits
+from qrobot.rci.link import LinkFactory
 from qrobot.units import MM_PER_M
 
 START_POSE: Final = "park"
@@ -120,6 +121,13 @@ class EmulatedMachine:
         """See `RobotMachine.write_outputs`."""
         self._outputs = set_bits(self._outputs, first, count, value)
         self._write(RecordKind.OUTPUT, [first, count, value])
+
+    def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:  # noqa: ARG002 (there are no links)
+        """See `RobotMachine.lend`. Raises MotionError, always."""
+        raise MotionError(
+            f"teach: the arm of the machine layer {self.name!r} is inside the program, and no teach pendant reaches "
+            "it; run the program on an arm, or with --lockstep"
+        )
 
     def close(self, power_off: bool) -> None:  # noqa: ARG002 (there is no power)
         """See `RobotMachine.close`."""

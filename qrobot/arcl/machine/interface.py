@@ -19,6 +19,7 @@ from qrobot.arcl.stream import StreamWriter
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.motion import MotionLimits
+from qrobot.rci.link import LinkFactory
 from qrobot.wire.vocabulary import N_SENSORS
 
 
@@ -117,6 +118,13 @@ class RobotMachine(Protocol):
 
     def write_outputs(self, first: int, count: int, value: int) -> None:
         """Switch `count` binary outputs from line `first` on to the bits of `value`. Raises MotionError: no such."""
+
+    def lend(self, borrower: Callable[[LinkFactory], None]) -> Floats:
+        """Let go of the arm, which is at rest, until `borrower` has done with links to it, and take it again.
+
+        What `start` was given is called no more. Gives the joint positions at which the arm is held then. Shape (n,).
+        Raises what `borrower` and `open` raise; MotionError: there is no arm that somebody else could move.
+        """
 
     def close(self, power_off: bool) -> None:
         """Let go of the arm, which is at rest. A second call does nothing."""
