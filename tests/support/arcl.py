@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import runpy
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,29 @@ def run_example(
             arcl_close(rp)
 
 
-def run_c(program: Path, folder: Path, *arguments: str) -> int:
+def keys_of_a_terminal(*typed: tuple[float, str]) -> Callable[[], str]:
+    """Keys at their times, ms, of a pendant that reads them once per sample of 28 ms."""
+    samples, left = count(), sorted(typed)
+
+    def read() -> str:
+        now_ms = next(samples) * 28.0
+        came = [key for t_ms, key in left if t_ms <= now_ms]
+        del left[: len(came)]
+        return "".join(came)
+
+    return read
+
+
+HELD = [(500.0, "."), *((800.0 + 33.0 * k, ".") for k in range(40))]
+"""A key that is held for a second and a half: of the jog's two, the one that moves onwards."""
+
+
+def run_c(
+    program: Path, folder: Path, *arguments: str, ami: str = "offline", pendant: TeachPendant | None = None
+) -> int:
     """A program in C off line, with its streams in a folder; its exit status."""
     try:
-        with use_machine(MachineChoice("offline", folder, load_robot("puma560"), SIGNALS)):
+        with use_machine(MachineChoice(ami, folder, load_robot("puma560"), SIGNALS, pendant)):
             return run_served(program, arguments, [rccl_dispatcher(), ArclDispatcher])
     finally:
         forget_programs()

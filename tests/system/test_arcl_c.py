@@ -5,19 +5,25 @@ from __future__ import annotations
 import re
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from qrobot import arcl
+from qrobot import arcl, rci
 from qrobot.arcl.attributes import Attribute
 from qrobot.arcl.c.calls import CALLS
 from qrobot.arcl.events import ArclEvent, Grip
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.cli import toolchain
-from tests.support.arcl import EXAMPLES, forget_programs, run_c, run_example
+from qrobot.cli.teach_pendant import teach_by_keys
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from tests.support.arcl import EXAMPLES, HELD, forget_programs, keys_of_a_terminal, run_c, run_example
 from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
+from tests.support.puma import ROBOT
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 HEADER = (toolchain.ARCL_INCLUDE / "arcl.h").read_text()
@@ -151,6 +157,46 @@ def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wrong_input_ends_the_program_with_what_is_wrong(mistake: str, wrong: Path, tmp_path: Path, capfd) -> None:
     assert run_c(wrong, tmp_path, mistake) == (7 if mistake == "u" else 1)
     assert TOLD[mistake] in capfd.readouterr().err
+
+
+TAUGHT = """\
+#include <arcl.h>
+#include <stdio.h>
+static int learn(Trans *t6, ROBOT *rp)
+{
+    static int count;
+    Trans *place = new_trans(count++ ? "second" : "first", VARB);
+    sym_enter(trans_assign(place, t6));
+    printf("%s: %.1f %.1f %.1f\\n", rp->name, t6->t_p.x, t6->t_p.y, t6->t_p.z);
+    return OK;
+}
+int main(int argc, char **argv)
+{
+    ROBOT *rp = arcl_open(ARCL_ARGCV, argc, argv, 0);
+    printf("%d presses\\n", teach(rp, learn));
+    move(rp, makeposition(T6, EQ, sym_lookup("first"), TL, T6), 0);
+    arcl_close(rp);
+    return teach(rp, NULL);
+}
+"""
+
+
+def test_a_program_in_c_is_taught_by_the_pendant(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "taught.c").write_text(TAUGHT)
+    program = compiled(tmp_path / "taught.c", tmp_path)
+    keys = keys_of_a_terminal((0.0, "\n"), (50.0, "2"), *HELD, (2900.0, "\n"), (3400.0, "q"))
+    pendant = partial(teach_by_keys, read_keys=keys, tell=lambda _: None)
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=500.0), Emulator(ROBOT, physics="rigid"))
+    with rci.use(partial(link_factory, rig, 28_000)):
+        assert run_c(program, tmp_path, ami="bridge", pendant=pendant) == 1
+    said = capfd.readouterr()
+    assert re.findall(r"^(\S+: |\d presses)", said.out, re.MULTILINE) == ["puma560: ", "puma560: ", "2 presses"]
+    places = [
+        [float(word) for word in line.split()[1:]] for line in said.out.splitlines() if line.startswith("puma560")
+    ]
+    assert np.linalg.norm(np.subtract(*places)) > 20.0
+    assert "teach: a null pointer was given" in said.err
+    assert not rig.rows()["fault"].any()
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +61,7 @@ from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.arcl import at, forget_programs, run_example
+from tests.support.arcl import HELD, at, forget_programs, keys_of_a_terminal, run_example
 from tests.support.puma import ROBOT
 
 SAMPLE_US = 28_000
@@ -227,22 +226,6 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
         with pytest.raises(ConfigError, match=r"no signal 'presure'; it has glue, grip, lamps, pressure, switches"):
             named_iod(rp, "presure")
         arcl_close(rp)
-
-
-def keys_of_a_terminal(*typed: tuple[float, str]) -> Callable[[], str]:
-    """Keys at their times, ms, of a pendant that reads them once per sample of 28 ms."""
-    samples, left = count(), sorted(typed)
-
-    def read() -> str:
-        now_ms = next(samples) * 28.0
-        came = [key for t_ms, key in left if t_ms <= now_ms]
-        del left[: len(came)]
-        return "".join(came)
-
-    return read
-
-
-HELD = [(500.0, "."), *((800.0 + 33.0 * k, ".") for k in range(40))]
 
 
 def test_a_person_teaches_places_by_the_pendant_and_the_program_goes_on_from_where_the_arm_is(tmp_path: Path) -> None:

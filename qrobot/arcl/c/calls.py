@@ -140,6 +140,18 @@ def _robot_pos(objects: ObjectTable, place: int, given: CallValues) -> None:
     objects.put(place, arcl.robot_pos(rp, _name("robot_pos", name), *tool))
 
 
+def _teach(objects: ObjectTable, place: int, given: CallValues) -> CallMessage:
+    """`function` of the program is called with the transform at `place`, which has the value of T6 then."""
+    rp, function = given
+    shared = objects.put_trans(place, arcl.new_trans("T6", arcl.VARB))
+
+    def learn(T6: Trans, rp: ArclRobot) -> Any:
+        shared.value = T6.value
+        return function(shared, rp)
+
+    return _numbers([arcl.teach(rp, learn if callable(function) else function)])
+
+
 def _name(call: str, given: Any) -> str:
     if not isinstance(given, str):
         raise MotionError(f"{call}: a name is needed behind the robot, not {given!r}")
@@ -210,7 +222,7 @@ def check_values(call: str, given: CallValues) -> None:
         raise MotionError(f"{call}: a null pointer was given")
 
 
-WAITING: Final = frozenset({"arcl_open", "arcl_close", "arcl_wait", "sem_pend"})
+WAITING: Final = frozenset({"arcl_open", "arcl_close", "arcl_wait", "sem_pend", "teach"})
 """Calls that let samples pass, or take or release an arm: no function that is called at a sample may ask them."""
 LISTS: Final = {
     "arcl_open": (0, inf),
@@ -236,6 +248,7 @@ CALLS: Final[dict[str, CHandler]] = {
     "move": _move,
     "stop": _plain(arcl.stop),
     "gripper": _plain(arcl.gripper),
+    "teach": _teach,
     "where": _gives_trans(arcl.where),
     "makeposition": _gives_object(arcl.makeposition),
     "joint_pos": _joint_pos,

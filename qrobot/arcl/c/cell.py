@@ -23,7 +23,7 @@ _TIME: Final = 8 * _WORDS
 _TEXT: Final = _TIME + 8
 _FEEDBACK: Final = _TEXT + TEXT
 _JOINTS: Final = 32
-_OF_TRANSFORM, _OF_EVENT, _OF_END, _OF_FEEDBACK, _OF_ERROR, _OF_PREDICATE = range(1, 7)
+_OF_TRANSFORM, _OF_EVENT, _OF_END, _OF_FEEDBACK, _OF_ERROR, _OF_PREDICATE, _OF_PLACE = range(1, 8)
 _NOWHERE: Final = -1
 
 
@@ -70,16 +70,20 @@ class FunctionCell:
             case (MotionFeedback() as told,):
                 self._show(told)
                 return _OF_FEEDBACK, 0, 0
-            case (Trans() as trans, motion):
-                return _OF_TRANSFORM, self._objects.place_of(trans), self._motion(motion)
-            case (ArclRobot() as robot, Motion() as motion):
-                return _OF_END, self._objects.place_of(robot), self._motion(motion)
+            case (Trans() | ArclRobot() as first, second):
+                return self._of_objects(first, second)
             case (ArclEvent() as event, robot):
                 return _OF_EVENT, int(event), self._objects.place_of(robot)
             case (event, robot, error):
                 self._say(str(error))
                 return _OF_ERROR, int(event), self._objects.place_of(robot)
         raise TypeError(f"no function of C is called with {given!r}")
+
+    def _of_objects(self, first: Trans | ArclRobot, second: Motion | ArclRobot | None) -> tuple[int, int, int]:
+        place = self._objects.place_of(first)
+        if isinstance(second, ArclRobot):
+            return _OF_PLACE, place, self._objects.place_of(second)
+        return _OF_TRANSFORM if isinstance(first, Trans) else _OF_END, place, self._motion(second)
 
     def _motion(self, motion: Motion | None) -> int:
         return _NOWHERE if motion is None else self._objects.place_of(motion)

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from qrobot.arcl.motion import Motion
 from qrobot.arcl.trans import Trans
-from qrobot.arrays import Floats
 from qrobot.c_transport.memory import ProgramMemory, SharedPose
+from qrobot.c_transport.shared_value import SharedValue
 from qrobot.errors import MotionError
 from qrobot.motion import TransformKind
 
@@ -16,7 +16,7 @@ _T0: Final = 8  # of a motion
 _CODE: Final = 16
 
 
-class CTrans(Trans):
+class CTrans(SharedValue, Trans):
     """A transform whose value is what the program's fields say.
 
     Args:
@@ -27,25 +27,6 @@ class CTrans(Trans):
     def __init__(self, name: str, kind: TransformKind, pose: SharedPose, function: Any = None) -> None:
         self._pose = pose
         super().__init__(name, kind, function=function)
-
-    @property
-    def value(self) -> Floats:
-        """The newest value. Shape (4, 4)."""
-        return self._pose.value
-
-    @value.setter
-    def value(self, value: Floats) -> None:
-        self._pose.value = value
-
-    def part(self) -> None:
-        """The program frees its memory: keep the value, and call its function no more."""
-        self._pose.part()
-        if self._function is not None:
-            self._function = _leave_it
-
-
-def _leave_it(_: object) -> None:
-    pass
 
 
 class ObjectTable:

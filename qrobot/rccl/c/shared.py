@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from qrobot.arrays import Floats
 from qrobot.c_transport.memory import Ints32, Reals, SharedPose
+from qrobot.c_transport.shared_value import SharedValue
 from qrobot.motion import TransformKind
 from qrobot.rccl.event import Event
 from qrobot.rccl.position import Position, Target
@@ -29,7 +29,7 @@ CHG: Final = np.dtype(
 """`struct rccl_chg` of rccl.h."""
 
 
-class SharedTransform(Transform):
+class SharedTransform(SharedValue, Transform):
     """A transform whose value is what the program's fields say.
 
     Args:
@@ -42,25 +42,6 @@ class SharedTransform(Transform):
     def __init__(self, name: str, kind: TransformKind, fields: Reals, function: Function | None = None) -> None:
         self._pose = SharedPose(fields)
         super().__init__(name, kind, function=function)
-
-    @property
-    def value(self) -> Floats:
-        """The newest value. Shape (4, 4)."""
-        return self._pose.value
-
-    @value.setter
-    def value(self, value: Floats) -> None:
-        self._pose.value = value
-
-    def part(self) -> None:
-        """The program frees its memory: keep the value for motions under way."""
-        self._pose.part()
-        if self._function is not None:
-            self._function = _leave_it
-
-
-def _leave_it(_: object) -> None:
-    pass
 
 
 class SharedEvent(Event):

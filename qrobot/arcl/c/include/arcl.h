@@ -214,6 +214,10 @@ void arcl_skip(ROBOT *rp);
 int arcl_errproc(int (*function)(Event, ROBOT *, const char *)); /* a null pointer: ARCL decides again */
 Trans *where(ROBOT *rp);
 
+/* `teach`: a person moves the arm; the function gets T6 at each ENTER, good until it returns, and ends it by MOVE_STOP.
+ * Gives how often that was. */
+int arcl_teach(ROBOT *rp, int (*function)(Trans *, ROBOT *));
+
 IOD *new_iod(ROBOT *rp, int direction, int first, int count);
 IOD *named_iod(ROBOT *rp, const char *name); /* lines or an analogue channel, by its name in the deployment file */
 long iod_read(IOD *iod);
@@ -271,6 +275,7 @@ template <class... A> Pos *joint_pos(ROBOT *rp, A... a) { return arcl_lists::cal
 template <class... A> Pos *robot_pos(ROBOT *rp, A... a) { return arcl_lists::call(arcl_list_robot_pos, rp, a...); }
 template <class... A> void arcl_wait(ROBOT *rp, A... a) { arcl_lists::call(arcl_list_wait, rp, a...); }
 template <class... A> double ami_treal(A... a) { return arcl_lists::call(arcl_list_treal, a...); }
+inline int teach(ROBOT *rp, int (*function)(Trans *, ROBOT *)) { return arcl_teach(rp, function); }
 template <class... A> arcl_value arcl_joints(A... a)
 {
     const double numbers[] = {(double) a...};
@@ -291,6 +296,7 @@ template <class... A> arcl_value arcl_joints(A... a)
 #define robot_pos(...) arcl_list_robot_pos(ARCL_LIST(__VA_ARGS__))
 #define arcl_wait(...) arcl_list_wait(ARCL_LIST(__VA_ARGS__))
 #define ami_treal(...) arcl_list_treal(ARCL_LIST(__VA_ARGS__))
+#define teach(...) arcl_teach(__VA_ARGS__)
 #define arcl_joints(...)                                                                                            \
     arcl_joints_value((int) (sizeof((double[]) {__VA_ARGS__}) / sizeof(double)), ((double[]) {__VA_ARGS__}))
 

@@ -15,7 +15,7 @@ struct cell {
     Feedback feedback;
 };
 
-enum form { OF_TRANSFORM = 1, OF_EVENT, OF_END, OF_FEEDBACK, OF_ERROR, OF_PREDICATE };
+enum form { OF_TRANSFORM = 1, OF_EVENT, OF_END, OF_FEEDBACK, OF_ERROR, OF_PREDICATE, OF_PLACE };
 
 SHARED __attribute__((aligned(64))) struct cell arcl_cell = {0};
 
@@ -253,6 +253,8 @@ static int call_function(const struct cell *c)
         return ((int (*)(Event, ROBOT *, const char *)) function)((Event) c->first, object(c->second), text);
     case OF_PREDICATE:
         return ((int (*)(void)) function)();
+    case OF_PLACE:
+        return ((int (*)(Trans *, ROBOT *)) function)(object(c->first), object(c->second));
     }
     return 0;
 }

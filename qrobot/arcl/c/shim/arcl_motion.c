@@ -75,6 +75,14 @@ API int arcl_errproc(int (*function)(Event, ROBOT *, const char *))
     return OK;
 }
 
+API int arcl_teach(ROBOT *rp, int (*function)(Trans *, ROBOT *))
+{
+    Trans *t = arcl_named("T6");
+    int presses = (int) arcl_call("teach", t, LIST(arcl_object(rp), arcl_answering((int (*)()) function))).numbers[0];
+    arcl_free(t);
+    return presses;
+}
+
 API Trans *where(ROBOT *rp)
 {
     Trans *t = arcl_named("HERE");
