@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, SUCCESS, complain, note, out, write_json
 from qrobot.cli.option_types import OutputFolder, OutputLog, Range
 from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
@@ -33,15 +33,15 @@ app = App(name="val", help=HELP, help_format="plaintext", group_commands="Comman
 def check(file: Path, *, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None, json: bool = False) -> int:
     """Look for mistakes in a file before anything moves: status 1 when there are some.
 
-    Structures and labels, programs that are missing, constant places that the arm cannot reach, signals that there are
-    not.
+    Structures and labels, programs that are missing, constant places that the arm cannot reach or that are too near to
+    a fence of the deployment, signals that there are not.
 
     Parameters
     ----------
     file
         Programs and locations (.v2).
     deployment
-        Deployment file, or the name of a packaged one: tells which robot.
+        Deployment file, or the name of a packaged one: tells which robot, and its fences.
     arm
         Which arm of the file; may be left out when there is only one.
     json
@@ -52,7 +52,8 @@ def check(file: Path, *, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None =
     from qrobot.val.check import check_text
     from qrobot.val.source import source_text
 
-    mistakes = check_text(source_text(file), robot_of_arm(choose_arm(deployment, arm)))
+    chosen = choose_arm(deployment, arm)
+    mistakes = check_text(source_text(file), robot_of_arm(chosen), fences_of_arm(chosen))
     if json:
         write_json([asdict(mistake) for mistake in mistakes])
     for mistake in [] if json else mistakes:
@@ -161,17 +162,18 @@ def _perform(
     chosen: DeployedArm, start: Callable[[], int], file: Path, deployment: str, lockstep: bool, offline: bool,
     output: Path | None, log: Path | None,
 ) -> int:  # fmt: skip
-    """Call `start` where the arm is."""
-    if offline:
-        return run_virtual(offline_links(chosen), start, output, ideal=True)
-    if not lockstep:
-        return run_through(bridge_links(chosen), start, output)
-    from qrobot.cli.run_lockstep import LockstepRun
+    """Call `start` where the arm is, inside its fences."""
+    with inside_fences(chosen):
+        if offline:
+            return run_virtual(offline_links(chosen), start, output, ideal=True)
+        if not lockstep:
+            return run_through(bridge_links(chosen), start, output)
+        from qrobot.cli.run_lockstep import LockstepRun
 
-    def perform(factory: LinkFactory) -> int:
-        return run_virtual(factory, start, output)
+        def perform(factory: LinkFactory) -> int:
+            return run_virtual(factory, start, output)
 
-    return LockstepRun(chosen, file).perform(perform, deployment, log)
+        return LockstepRun(chosen, file).perform(perform, deployment, log)
 
 
 def _start(file: Path | None, robot: str, act: Callable[[Interpreter], int]) -> int:

@@ -19,7 +19,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from qrobot.config import load_robot
+from qrobot.config.deployment import DeployedArm
 from qrobot.errors import QRobotError
+from qrobot.fences.fence_set import FenceSet, fences_of
+from qrobot.fences.in_force import use_fences
 from qrobot.pendant.held_press import Press
 from qrobot.pendant.jog_session import JogSession
 from qrobot.rccl.connect import compile_motion
@@ -112,15 +116,26 @@ class JogProcess:
             self._over = True
 
 
-def main(robot: str, host: str, port: str, taught: str) -> None:
-    """Serve the pendant that has started this process."""
+def fences_of_told(arm: DeployedArm) -> FenceSet | None:
+    """Fences of the arm, with what they need compiled; None for none."""
+    robot = load_robot(arm.robot)
+    fences = fences_of(arm, robot)
+    if fences is not None:
+        fences.distances(robot.poses["park"])
+    return fences
+
+
+def main(told: str, taught: str) -> None:
+    """Serve the pendant that has started this process for an arm, `told` as JSON."""
     sys.argv[0] = "qrobot pendant"  # how it greets the bridge
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pendant, whose end ends this
-    link: LinkFactory = lambda hello: TcpLink(hello, (host, int(port)))  # noqa: E731
-    process = JogProcess(robot, link, Path(taught), sys.stdout)
+    arm = DeployedArm.model_validate_json(told)
+    link: LinkFactory = lambda hello: TcpLink(hello, (arm.bridge.host, arm.bridge.port))  # noqa: E731
+    process = JogProcess(arm.robot, link, Path(taught), sys.stdout)
     threading.Thread(target=process.read, args=(sys.stdin,), name="messages", daemon=True).start()
-    compile_motion(robot)
-    process.run()
+    compile_motion(arm.robot)
+    with use_fences(fences_of_told(arm)):
+        process.run()
 
 
 if __name__ == "__main__":

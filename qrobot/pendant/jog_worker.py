@@ -12,7 +12,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from qrobot.config.deployment import DeployedArm
+from qrobot.config.deployment import BoardChoice, DeployedArm, ServoChoice
+
+
+def told_arm(arm: DeployedArm) -> str:
+    """Robot, bridge and fences of an arm as JSON, for the process that moves it."""
+    board, servo = BoardChoice(scene=arm.board.scene), ServoChoice(tool_mm=arm.servo.tool_mm)
+    known = DeployedArm(name=arm.name, robot=arm.robot, bridge=arm.bridge, fences=arm.fences, board=board, servo=servo)
+    return known.model_dump_json(by_alias=True, exclude_unset=True)
 
 
 class JogWorker:
@@ -36,9 +43,7 @@ class JogWorker:
         """Start the process, unless it runs."""
         if self._process is not None and self._process.poll() is None:
             return
-        bridge = self._arm.bridge
-        command = [sys.executable, "-m", "qrobot.pendant.jog_process"]
-        command += [self._arm.robot, bridge.host, str(bridge.port), str(self._taught)]
+        command = [sys.executable, "-m", "qrobot.pendant.jog_process", told_arm(self._arm), str(self._taught)]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert process.stdin is not None
         os.set_blocking(process.stdin.fileno(), False)  # one that hangs must not keep the pendant waiting

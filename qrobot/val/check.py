@@ -1,7 +1,8 @@
 """Mistakes of a program that can be seen before anything moves.
 
 Structures and labels, programs that are called and are not there, constant locations that the arm cannot reach, and
-signals that there are not; names without a value, and process control programs that would move the arm.
+signals that there are not; names without a value, and process control programs that would move the arm. Of an arm with
+fences also constant locations that are too near to one.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import ProgramError, QRobotError
+from qrobot.fences.fence_set import FenceSet
 from qrobot.model.transform import transform
 from qrobot.units import M_PER_MM
 from qrobot.val import tree
 from qrobot.val.beside import beside_programs
 from qrobot.val.evaluate import location_of, number_of
+from qrobot.val.fenced_place import fence_refusal
 from qrobot.val.machine import no_signal
 from qrobot.val.signatures import expressions_in, parts_of
 from qrobot.val.source import SourceFile, read_source
@@ -55,12 +58,12 @@ class ProgramMistake:
     what: str
 
 
-def check_text(text: str, robot: Robot) -> list[ProgramMistake]:
-    """All mistakes of a file's text, for this arm, in the order of lines."""
+def check_text(text: str, robot: Robot, fences: FenceSet | None = None) -> list[ProgramMistake]:
+    """All mistakes of a file's text, for this arm inside its fences, in the order of lines."""
     source, errors = read_source(text)
     found = [ProgramMistake("", error.line, error.column, error.what) for error in errors]
     for program in source.programs.values():
-        mistakes = [*jumps_of(program)[1], *_Checker(source, robot, readable=not errors).look_at(program)]
+        mistakes = [*jumps_of(program)[1], *_Checker(source, robot, not errors, fences).look_at(program)]
         found += [ProgramMistake(program.name, error.line, error.column, error.what) for error in mistakes]
     return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
 
@@ -72,10 +75,12 @@ class _Checker:
         source: the file.
         robot: the arm.
         readable: no line of the file was refused; only then is it known which names have a value.
+        fences: of the arm, None for none.
     """
 
-    def __init__(self, source: SourceFile, robot: Robot, readable: bool) -> None:
+    def __init__(self, source: SourceFile, robot: Robot, readable: bool, fences: FenceSet | None) -> None:
         self.robot = robot
+        self._fences = fences
         self._readable = readable
         self._source = source
         self._space = Workspace(robot)
@@ -154,10 +159,17 @@ class _Checker:
             return  # it is not constant
         if self._frames_move and isinstance(location, Transformation):
             return
+        column = getattr(where, "column", 0) or 1
         if not all(self._space.reaches(place) for place in places):
-            yield ProgramError(
-                f"{action.word}: the arm does not reach this place", column=getattr(where, "column", 0) or 1
-            )
+            yield ProgramError(f"{action.word}: the arm does not reach this place", column=column)
+        elif refusal := self._refusal(places, action.word):
+            yield ProgramError(refusal, column=column)
+
+    def _refusal(self, places: Sequence[Transformation | JointLocation], word: str) -> str:
+        """Reason of the fences against the first place that is too near to one; "" for none."""
+        fences = self._fences
+        refusals = (fence_refusal(fences, self._space, place, word) for place in places) if fences else iter(())
+        return next(filter(None, refusals), "")
 
     def _approached(
         self, action: tree.Instruction, location: Transformation | JointLocation

@@ -51,15 +51,19 @@ class Workspace:
         """A pose in the world as one in the robot's base frame. Shape (4, 4)."""
         return inverse(self.base) @ T
 
-    def reaches(self, location: Transformation | JointLocation) -> bool:
-        """Whether the arm gets there, in any configuration."""
+    def ways_to(self, location: Transformation | JointLocation) -> list[Floats]:
+        """Joint positions (n,) within their range at which the arm is there, one for each configuration."""
         if isinstance(location, JointLocation):
-            return self.arm.limits_passed(location.q) == ""
+            return [] if self.arm.limits_passed(location.q) else [location.q]
         T = self.robot_pose(location.T) @ inverse(self.T_last_tool)
         try:
-            return bool(self.arm.inverses(T, self.arm.robot.poses["park"]))
+            return list(self.arm.inverses(T, self.arm.robot.poses["park"]).values())
         except MotionError:
-            return False
+            return []
+
+    def reaches(self, location: Transformation | JointLocation) -> bool:
+        """Whether the arm gets there, in any configuration."""
+        return bool(self.ways_to(location))
 
     def other_words(self, T: Floats, q: Floats, branch: Branch) -> str:
         """The fewest words of a configuration in which the arm reaches a pose, as "LEFTY FLIP".

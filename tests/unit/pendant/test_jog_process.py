@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from qrobot.config import load_deployment
+from qrobot.config.deployment import DeployedArm
 from qrobot.errors import LinkLost
 from qrobot.pendant import jog_session
-from qrobot.pendant.jog_process import JogProcess
+from qrobot.pendant.jog_process import JogProcess, fences_of_told
+from qrobot.pendant.jog_worker import told_arm
 from tests.support.patience import PATIENCE_S, give_time
 
 ON = '{"do": "on"}'
@@ -54,3 +57,24 @@ def test_a_line_that_cannot_be_obeyed_is_the_end_of_the_process() -> None:
         process.read([ON, "no JSON"])
     process.run()  # does not take the arm, and ends
     assert answers.getvalue().count("opening") == 0
+
+
+DRIVES = """
+board = { kind = 'drives', drives = { mode = 'position', absolute = true, nodes = [1, 2, 3, 4, 5, 6],
+  increments_per_count = [1, 1, 1, 1, 1, 1], counts_at_zero = [0, 0, 0, 0, 0, 0] } }
+servo = { board_timeout_ms = 20 }
+""".replace("\n ", "").strip()
+
+
+@pytest.mark.parametrize("more", ["", "servo = { law = 'pd' }", DRIVES])
+def test_the_process_is_told_robot_bridge_and_fences_of_its_arm(more: str, tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    fences = "[arm.fences]\nself_collision = true\nshape = [{ name = 'floor1', shape = 'plane' }]\n"
+    file.write_text(f'[[arm]]\nname = "one"\nrobot = "puma560"\nbridge = {{ port = 5600 }}\n{more}\n{fences}')
+    arm = load_deployment(file).arm[0]
+    told = DeployedArm.model_validate_json(told_arm(arm))
+    assert (told.robot, told.bridge, told.fences) == (arm.robot, arm.bridge, arm.fences)
+    assert (told.board.scene, told.servo.tool_mm) == (arm.board.scene, arm.servo.tool_mm)
+    found = fences_of_told(told)
+    assert found is not None
+    assert found.names == ("floor1", "itself")

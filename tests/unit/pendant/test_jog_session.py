@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.config.fences import Fence
 from qrobot.errors import LinkLost
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.in_force import use_fences
 from qrobot.model.arm import Arm
 from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
@@ -19,7 +22,7 @@ from qrobot.rccl.held_motion import BRAKE_MS, JOINT_RAD_S, MARGIN
 from qrobot.rccl.offline import OfflineLink
 from qrobot.servo.speed_share import speed_share
 from qrobot.wire import Command, Hello, RobotFlag, State
-from tests.support.puma import ROBOT
+from tests.support.puma import PARK, ROBOT
 
 Deed = tuple[float, Callable[[JogSession], object]]
 Operator = Callable[[float], float]  # the override at a time, s; 0 for a pause
@@ -206,3 +209,28 @@ def test_a_hand_of_an_arm_that_is_lost_is_left_as_it_is(monkeypatch: pytest.Monk
     desk = Desk(tmp_path / "taught.db", (1.0, lambda session: session.hand(True)), (1.5, JogSession.leave))
     assert asked
     assert desk.said == []
+
+
+@pytest.mark.parametrize("press", [TURN, Press(1, "axis", "dy", 1.0, share=2.0)])
+def test_a_held_button_ends_before_a_fence_and_leads_back(press: Press, tmp_path: Path) -> None:
+    _, start, end, radius = FenceSet(ROBOT, []).capsules_at(PARK)[-1]
+    place = (0.0, max(start[1], end[1]) + radius + 0.1, 0.0)
+    wall = Fence(name="wall", shape="plane", bodies="tool", position_m=place, rpy_deg=(0.0, 0.0, 90.0))
+    fences = FenceSet(ROBOT, [wall])
+    back = replace(press, number=2, way=-1.0)
+    with use_fences(fences):
+        desk = Desk(tmp_path / "t.db", *hold(press, 1.0, 9.0), *hold(back, 10.0, 11.0), leave(12.5))
+    distances = [fences.distances(q)[0] for q in desk.q]
+    assert 0.018 < min(distances) < 0.035
+    assert desk.at(9.9) == pytest.approx(desk.at(8.9), abs=1e-9)  # at rest there, with the button down
+    assert distances[-1] > min(distances) + 0.02
+
+
+def test_a_place_past_a_fence_is_not_gone_to_and_the_page_is_told_why(tmp_path: Path) -> None:
+    ceiling = Fence(name="ceiling", shape="plane", position_m=(0.0, 0.0, 0.6), rpy_deg=(0.0, 180.0, 0.0))
+    with use_fences(FenceSet(ROBOT, [ceiling])):
+        desk = Desk(tmp_path / "t.db", *hold(Press(1, "place", "ready", 1.0), 1.0, 2.0), leave(3.0))
+    assert np.ptp(desk.q, axis=0).max() < 1e-9
+    assert len(desk.said) == 1
+    assert "not done: move to ready" in desk.said[0]
+    assert "fence 'ceiling'" in desk.said[0]

@@ -5,7 +5,11 @@ from __future__ import annotations
 import pytest
 
 from qrobot.config import load_robot
+from qrobot.config.fences import Fence
+from qrobot.fences.fence_set import FenceSet
 from qrobot.val.check import check_text
+from qrobot.val.values import transformation
+from qrobot.val.workspace import Workspace
 from tests.support.val_runs import EXAMPLES, main_program
 
 ROBOT = load_robot("puma560")
@@ -79,3 +83,33 @@ def test_names_without_a_value_are_told_once_each_and_when_all_lines_can_be_read
     lines = "MOVE nowhere", "MOVE nowhere"
     assert [mistake.line for mistake in check_text(main_program(*lines), ROBOT)] == [2]
     assert [mistake.line for mistake in check_text(main_program(*lines, "SET nowhere ="), ROBOT)] == [4]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("MOVE low", "MOVE: "),
+        ("APPROS near, -310", "APPROS: "),
+        ("MOVE #down", "MOVE: wrist would be"),
+        ("MOVE near", ""),
+    ],
+)
+def test_a_constant_place_past_a_fence_is_told(line: str, said: str) -> None:
+    bench = FenceSet(ROBOT, [Fence(name="bench", shape="plane", position_m=(0.0, 0.0, -0.3))])
+    places = ".LOCATIONS\nnear 450 0 0 90 90 0\nlow 450 0 -320 90 90 0\n#down 0 30 180 0 45 0\n.END"
+    mistakes = check_text(main_program(line, rest=places), ROBOT, bench)
+    assert bool(mistakes) == bool(said)
+    assert all(said in mistake.what and "fence 'bench'" in mistake.what for mistake in mistakes)
+    assert check_text(main_program(line, rest=places), ROBOT) == []
+
+
+def test_a_place_that_is_free_in_one_configuration_is_no_mistake() -> None:
+    ways = Workspace(ROBOT).ways_to(transformation((500.0, 0.0, 200.0, 45.0, 0.0, 0.0)))
+    elbows = [FenceSet(ROBOT, []).capsules_at(q)[3][1] for q in ways]
+    each = [
+        Fence(name=f"box{k}", shape="box", size_m=(0.02, 0.02, 0.02), position_m=tuple(elbow))
+        for k, elbow in enumerate(elbows)
+    ]
+    program = main_program("MOVE high", rest=".LOCATIONS\nhigh 500 0 200 45 0 0\n.END")
+    assert check_text(program, ROBOT, FenceSet(ROBOT, each[:1])) == []
+    assert len(check_text(program, ROBOT, FenceSet(ROBOT, each))) == 1

@@ -8,7 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qrobot.config import load_robot
+from qrobot.config.fences import Fence
 from qrobot.errors import ProgramError
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.in_force import use_fences
 from qrobot.val.interpreter import RunState
 from qrobot.val.source import print_source, read_source
 from qrobot.val.values import numbers_of, transformation
@@ -317,3 +320,17 @@ def test_what_was_taught_is_stored_and_read_again() -> None:
         assert again.numbers == {"x": 2.5}
         assert again.locations["#p"] == pytest.approx([0, -45, 180, 0, 45, 0])
         assert print_source(again) == text
+
+
+def test_a_motion_into_a_fence_is_refused_in_its_words_and_the_next_one_is_done() -> None:
+    bench = FenceSet(load_robot("puma560"), [Fence(name="bench", shape="plane", position_m=(0.0, 0.0, -0.3))])
+    rest = ".LOCATIONS\na 450 150 0 90 90 0\nlow 450 0 -320 90 90 0\n.END"
+    with use_fences(bench), interpreter(main_program("MOVE low", rest=rest)) as (run, _):
+        stood = run.machine.arm.q
+        assert run.execute("main") is not RunState.COMPLETED
+        assert "would be" in run.message
+        assert "fence 'bench'" in run.message
+        assert run.machine.arm.q == pytest.approx(stood)
+        run.machine.load(read_source(main_program("MOVE a", rest=rest))[0])
+        assert run.execute("main") is RunState.COMPLETED
+        assert bench.distances(run.machine.arm.q)[0] > 0.02
