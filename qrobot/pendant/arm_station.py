@@ -19,6 +19,7 @@ from qrobot.pendant.board_access import BoardAccess
 from qrobot.pendant.fence_facts import fence_facts
 from qrobot.pendant.frames import arm_facts
 from qrobot.pendant.jog_worker import JogWorker
+from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.procedure_messages import PageProcedureStart
 from qrobot.pendant.procedure_runner import LIVE_STEPS, ProcedureRunner
 from qrobot.pendant.program_messages import PageProgramStart
@@ -44,6 +45,7 @@ class ArmStation:
         programs: of the arm.
 
     Attributes:
+        lease: which page drives it.
         worker: the process that moves the arm.
         requests: those that need no session.
         programs: of the arm.
@@ -69,6 +71,7 @@ class ArmStation:
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
         self._on_state, self._on_change = on_state, on_change
         self._newest: State | None = None
+        self.lease = DriverLease()
         self.worker = JogWorker(arm, taught, self.tell)
         self._notice, self._notices = "", 0
         self._commanded = False
@@ -82,6 +85,7 @@ class ArmStation:
         """State of the arm beside its samples, for a page."""
         taught = self.places.numbers()
         return {
+            "driver": self.lease.holder,
             "problem": self.watch.problem,
             "notice": self._notice,
             "notices": self._notices,

@@ -11,7 +11,6 @@ from qrobot.errors import MotionError
 from qrobot.pendant.arm_station import ArmStation, monotonic
 from qrobot.pendant.board_messages import PageBoardForce, PageBoardInject, PageBoardRepair
 from qrobot.pendant.frames import state_frame, vocabulary
-from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.messages import (
     AnyMessage,
     PageAct,
@@ -81,7 +80,7 @@ class DriveFloor:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self.arms: list[ArmStation] = []
-        self._clock, self._lease = clock, DriverLease()
+        self._clock = clock
         self._pages: dict[int, PageView] = {}
         self._last_page = 0
 
@@ -97,7 +96,8 @@ class DriveFloor:
     def leave(self, page: PageView) -> None:
         """A page has gone, whatever the reason: what it held is let go, and it drives no longer."""
         del self._pages[page.number]
-        self._end_driving(page.number)
+        for arm in self.arms:
+            self._end_driving(page, arm)
 
     def hello(self, page: PageView) -> str:
         """First words to a page."""
@@ -108,7 +108,7 @@ class DriveFloor:
         page.status_due = False
         arms = [arm.status for arm in self.arms]
         own = {"notice": page.notice, "notices": page.notices}
-        return json.dumps({"driver": self._lease.holder, "pages": len(self._pages), "arms": arms, **own})
+        return json.dumps({"pages": len(self._pages), "arms": arms, **own})
 
     def changed(self) -> None:
         """Something that pages are told of is another."""
@@ -122,26 +122,46 @@ class DriveFloor:
             page.show(frame)
 
     def look_at_lease(self) -> None:
-        """End the driving of a page that sleeps; to be called each second."""
-        if self._lease.expire(self._clock()):
-            self._release_all(leave=True)
+        """End the driving of pages that sleep; to be called each second."""
+        for arm in self.arms:
+            if arm.lease.expire(self._clock()):
+                self._leave_alone(arm)
 
     # ---------------------------------------------------------------------------------------------------- messages
 
     def obey(self, page: PageView, message: AnyMessage) -> None:
         """Do what a page says, if it may."""
-        self._lease.hear(page.number, self._clock())
+        for arm in self.arms:
+            arm.lease.hear(page.number, self._clock())
+        if self._do_for_anybody(page, message):
+            return
+        if self._of(message).lease.holder == page.number:
+            self._drive(page, message)
+        elif not isinstance(message, PageBeat):
+            page.complain("only the page that drives this arm can do that: press `Drive from here`")
+
+    def _do_for_anybody(self, page: PageView, message: AnyMessage) -> bool:
+        """Do what needs no lease; False when the message is none of that."""
         match message:
             case PageStop():
                 for arm in self.arms:
                     arm.stop()
             case PageTake():
-                self._lease.take(page.number, self._clock())
+                self._of(message).lease.take(page.number, self._clock())
                 self.changed()
             case PageGive():
-                self._end_driving(page.number)
+                self._end_driving(page, self._of(message))
             case PageAlive():
                 pass
+            case PageRelease():
+                self._release_all(page)
+            case _:
+                return self._end_for_anybody(message)
+        return True
+
+    def _end_for_anybody(self, message: AnyMessage) -> bool:
+        """The same of what only makes an arm do less."""
+        match message:
             case PageAct(name=name) if name in ANYBODY:
                 self._of(message).act(name)
             case PageProgramEnd():
@@ -150,21 +170,17 @@ class DriveFloor:
                 self._of(message).procedures.end()
             case PageProgramInterrupt():
                 self._of(message).programs.interrupt()
-            case _ if self._lease.holder != page.number:
-                if not isinstance(message, PageBeat | PageRelease):
-                    page.complain("only the page that drives can do that: press `Drive from here`")
             case _:
-                self._drive(message)
+                return False
+        return True
 
-    def _drive(self, message: Any) -> None:
-        """A message of the page that drives."""
+    def _drive(self, page: PageView, message: Any) -> None:
+        """A message of the page that drives the arm."""
         match message:
             case PagePressed():
-                self._press(message)
+                self._press(page, message)
             case PageBeat(number=number):
                 self._of(message).worker.say(do="beat", number=number)
-            case PageRelease():
-                self._release_all(leave=False)
             case PageAct(name=name):
                 self._of(message).act(name)
             case PageCommand(on=on):
@@ -200,9 +216,9 @@ class DriveFloor:
             case PageProcedureKeep(confirmed=confirmed):
                 arm.tell(f"the model is {arm.procedures.keep(confirmed)}: name it as `model` in [arm.servo]")
 
-    def _press(self, message: PagePressed) -> None:
-        """One arm moves at a time: what was held at another one is let go."""
-        self._release_all(leave=False)
+    def _press(self, page: PageView, message: PagePressed) -> None:
+        """A page moves one arm at a time: what it held at another one is let go."""
+        self._release_all(page)
         self._of(message).worker.say(**message.model_dump(exclude={"arm"}))
 
     def _of(self, message: Any) -> ArmStation:
@@ -211,15 +227,18 @@ class DriveFloor:
         arm: ArmStation = self.arms[message.arm]
         return arm
 
-    def _end_driving(self, page: int) -> None:
-        if self._lease.give(page):
-            self._release_all(leave=True)
+    def _end_driving(self, page: PageView, arm: ArmStation) -> None:
+        if arm.lease.give(page.number):
+            self._leave_alone(arm)
 
-    def _release_all(self, leave: bool) -> None:
-        """Let go of what is held; with `leave` let go of the arms too."""
+    def _leave_alone(self, arm: ArmStation) -> None:
+        """An arm that no page drives any longer."""
+        arm.worker.say(do="release")
+        arm.leave_alone()
+        self.changed()
+
+    def _release_all(self, page: PageView) -> None:
+        """Let go of what a page holds."""
         for arm in self.arms:
-            arm.worker.say(do="release")
-            if leave:
-                arm.leave_alone()
-        if leave:
-            self.changed()
+            if arm.lease.holder == page.number:
+                arm.worker.say(do="release")

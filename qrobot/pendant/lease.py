@@ -1,4 +1,4 @@
-"""One page drives, everybody may look: who has the lease, and how it ends."""
+"""One page drives an arm, everybody may look: who has the lease of it, and how it ends."""
 
 from __future__ import annotations
 

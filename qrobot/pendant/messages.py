@@ -35,15 +35,17 @@ class PageStop(PageMessage):
 
 
 class PageTake(PageMessage):
-    """Drive from this page."""
+    """Drive an arm from this page."""
 
     do: Literal["take"]
+    arm: ArmNumber
 
 
 class PageGive(PageMessage):
-    """Drive no longer."""
+    """Drive an arm no longer."""
 
     do: Literal["give"]
+    arm: ArmNumber
 
 
 class PageAct(PageMessage):

@@ -27,23 +27,29 @@ Q = tuple(ROBOT.poses["end"].tolist())
 
 
 class Floor(DriveFloor):
-    """One arm, whose process and servo are only written down."""
+    """Arms whose processes and servos are only written down; those of the second one by its number."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, arms: int = 1) -> None:
         super().__init__(lambda: self.now_s)
         self.now_s = 0.0
         self.asked: list[Any] = []
-        arm = load_deployment("emulator").arm[0]
-        tell = lambda state: self.sampled(0, state)  # noqa: E731
-        self.station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
-        self.station.worker.say = lambda **message: self.asked.append(message)  # type: ignore[method-assign]
-        self.station.worker.start = lambda: None  # type: ignore[method-assign]
-        self.station.requests.stop = lambda _: self.asked.append("stop")  # type: ignore[method-assign]
-        self.station.requests.act = self.asked.append  # type: ignore[method-assign]
-        self.station.requests.power_off = lambda _: self.asked.append("power off")  # type: ignore[method-assign]
-        self.station.watch.problem = ""
-        self.arms.append(self.station)
+        for number in range(arms):
+            self.arms.append(self.make_station(folder, number))
+        self.station = self.arms[0]
         self.pages = [self.enter(lambda: None), self.enter(lambda: None)]
+
+    def make_station(self, folder: Path, number: int) -> ArmStation:
+        arm = load_deployment("emulator").arm[0]
+        tell = lambda state: self.sampled(number, state)  # noqa: E731
+        ask = lambda what: self.asked.append((number, what) if number else what)  # noqa: E731
+        station = ArmStation(arm, ROBOT, (0.0, 0.0, 0.0), folder / "t.db", tell, self.changed)
+        station.worker.say = lambda **message: ask(message)  # type: ignore[method-assign]
+        station.worker.start = lambda: None  # type: ignore[method-assign]
+        station.requests.stop = lambda _: ask("stop")  # type: ignore[method-assign]
+        station.requests.act = ask  # type: ignore[method-assign]
+        station.requests.power_off = lambda _: ask("power off")  # type: ignore[method-assign]
+        station.watch.problem = ""
+        return station
 
     def says(self, page: int, **message: Any) -> list[Any]:
         """What is asked for when a page (from 0) says this."""
@@ -63,9 +69,9 @@ def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor
     assert "Drive from here" in told[0]["notice"]  # the page that asked, and no other
     assert [each["notices"] for each in told] == [1, 0]
     assert floor.station.status["notices"] == 0
-    floor.says(0, do="take")
-    floor.says(1, do="take")
-    assert json.loads(floor.status(floor.pages[1]))["driver"] == 1
+    floor.says(0, do="take", arm=0)
+    floor.says(1, do="take", arm=0)
+    assert json.loads(floor.status(floor.pages[1]))["arms"][0]["driver"] == 1
     pressed = floor.says(0, **PRESS)
     assert pressed[0] == {"do": "release"}
     assert pressed[1] == {key: value for key, value in PRESS.items() if key != "arm"} | {"in_base": True, "step": 0.0}
@@ -83,11 +89,11 @@ def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor
 
 def test_a_page_that_goes_or_sleeps_lets_go_of_the_arm_and_another_one_may_drive(floor: Floor) -> None:
     given = [{"do": "release"}, {"do": "off"}]
-    floor.says(0, do="take")
+    floor.says(0, do="take", arm=0)
     del floor.asked[:]
     floor.leave(floor.pages[0])
     assert floor.asked == given
-    floor.says(1, do="take")
+    floor.says(1, do="take", arm=0)
     floor.now_s = SILENCE_S
     floor.says(1, do="alive")
     floor.now_s += SILENCE_S
@@ -96,7 +102,38 @@ def test_a_page_that_goes_or_sleeps_lets_go_of_the_arm_and_another_one_may_drive
     floor.now_s += 0.1
     floor.look_at_lease()
     assert floor.asked == given
-    assert json.loads(floor.status(floor.pages[1]))["driver"] is None
+    assert json.loads(floor.status(floor.pages[1]))["arms"][0]["driver"] is None
+
+
+def test_each_of_two_arms_is_driven_by_the_page_that_has_its_lease_and_stop_stops_both(tmp_path: Path) -> None:
+    floor = Floor(tmp_path, arms=2)
+    other = PRESS | {"arm": 1, "number": 7}
+    for page, arm in ((0, 0), (1, 1), (1, 0)):  # the last one in vain
+        floor.says(page, do="take", arm=arm)
+    assert [arm["driver"] for arm in json.loads(floor.status(floor.pages[0]))["arms"]] == [1, 2]
+    assert floor.says(0, **PRESS)[1]["number"] == 1
+    assert [number for number, _ in floor.says(1, **other)] == [1, 1]  # what the first page holds at its arm goes on
+    assert floor.says(0, **other) == floor.says(1, **PRESS) == floor.says(1, do="command", arm=0, on=True) == []
+    assert floor.says(1, do="release") == [(1, {"do": "release"})]
+    stop = ["stop", {"do": "stop"}]
+    assert floor.says(0, do="stop") == [*stop, *((1, each) for each in stop)]
+    given = [{"do": "release"}, {"do": "off"}]
+    assert floor.says(1, do="give", arm=0) == []
+    assert floor.says(1, do="give", arm=1) == [(1, each) for each in given]
+    floor.says(0, do="take", arm=1)
+    floor.leave(floor.pages[0])
+    assert floor.asked == [*given, *((1, each) for each in given)]
+    assert [arm.lease.holder for arm in floor.arms] == [None, None]
+
+
+def test_a_page_of_two_arms_lets_go_of_one_before_it_moves_the_other(tmp_path: Path) -> None:
+    floor = Floor(tmp_path, arms=2)
+    for arm in (0, 1):
+        floor.says(0, do="take", arm=arm)
+    floor.says(0, **PRESS)
+    told = floor.says(0, **PRESS | {"arm": 1, "number": 2})
+    assert told[:2] == [{"do": "release"}, (1, {"do": "release"})]
+    assert told[2][1]["do"] == "press"
 
 
 def test_a_sample_reaches_every_page_as_it_is_and_where_the_arm_is_can_be_recorded(
@@ -111,7 +148,7 @@ def test_a_sample_reaches_every_page_as_it_is_and_where_the_arm_is_can_be_record
     assert HEAD.unpack_from(frame) == (STATE_FRAME, 0, 5, 1, 66, 28, -1, 350, 0x207, 2.5)
     told = struct.unpack_from("<24f", frame, HEAD.size)
     assert told == pytest.approx([*Q, *setpoint, *v, *tau], abs=1e-6)
-    floor.says(0, do="take")
+    floor.says(0, do="take", arm=0)
     floor.says(0, do="record", arm=0, name="HERE")
     assert TransformFile(tmp_path / "t.db").values()["HERE"] == pytest.approx(Arm(ROBOT).forward(np.array(Q)), abs=1e-6)
     assert floor.station.status["places"][-1] == "HERE"
@@ -136,7 +173,7 @@ def test_a_program_moves_the_arm_when_the_page_that_drives_has_confirmed_it_and_
 ) -> None:
     monkeypatch.setattr(floor.station.programs, "start", lambda request: floor.asked.append(request.manner))
     assert floor.says(0, **START) == []
-    floor.says(0, do="take")
+    floor.says(0, do="take", arm=0)
     refusals = [
         ({}, {"confirmed": False}, "confirm"),
         ({"flags": 6}, {}, "power on first"),
@@ -182,7 +219,7 @@ def test_a_program_that_moves_the_arm_is_ended_by_stop_of_any_page_and_paused_wh
     assert floor.says(1, do="stop") == ["stop", {"do": "stop"}, "end"]
     assert floor.says(1, do="program end", arm=0) == ["end"]
     assert floor.says(1, do="program say", arm=0, line="NEXT") == []
-    floor.says(0, do="take")
+    floor.says(0, do="take", arm=0)
     assert floor.says(0, do="program say", arm=0, line="NEXT") == ["NEXT"]
     del floor.asked[:]
     floor.leave(floor.pages[0])
@@ -194,7 +231,7 @@ def test_places_are_edited_by_their_numbers_renamed_and_struck_out(
     floor: Floor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place = {"do": "place", "arm": 0, "name": "A", "numbers": [500, 0, 300, 0, 180, 45]}
-    floor.says(0, do="take")
+    floor.says(0, do="take", arm=0)
     floor.says(0, **place)
     assert floor.station.status["taught"] == {"A": pytest.approx([500, 0, 300, 180, 0, -135])}  # the same orientation
     file = TransformFile(tmp_path / "t.db")

@@ -21,12 +21,12 @@ function watchKeys() {
 
 export function makeBar(root) {
   watchKeys();
-  const arms = el("select", { "aria-label": "arm", onchange: () => { link.release(); link.chosen = arms.selectedIndex; link.tell("chosen"); } });
+  const arms = el("div", { class: "arms", role: "group", "aria-label": "arm", hidden: true });
   const mode = el("span", { class: "chip", id: "mode" });
   const power = el("span", { class: "chip", id: "power" });
   const data = el("span", { class: "chip", id: "data" });
   const driver = el("span", { class: "chip", id: "driver" });
-  const drive = el("button", { id: "drive", onclick: () => link.say({ do: link.driving ? "give" : "take" }) });
+  const drive = el("button", { id: "drive", onclick: () => link.drive() });
   const stop = el("button", { class: "stop", id: "stop", "aria-keyshortcuts": "Escape Space" }, "STOP", el("small", {}, "Esc · Space"));
   stop.addEventListener("pointerdown", () => link.stop());
   stop.addEventListener("click", (event) => event.detail === 0 && link.stop()); // by the keyboard
@@ -37,33 +37,50 @@ export function makeBar(root) {
     fault, notice,
   );
 
-  let seen = -1, own = 0; // notices of the arm, and those for this page alone
+  new ResizeObserver(() => document.body.style.setProperty("--bar", `${root.offsetHeight}px`)).observe(root);
+
+  let seen = [], own = 0, buttons = []; // notices of each arm, and those for this page alone
   const tell = (text) => {
     notice.hidden = !text;
     setText(notice, `ℹ ${text}`);
   };
   const show = () => {
     const arm = link.arm, status = link.armStatus;
-    const others = !link.open ? "—" : link.driving ? "✔ you drive" : link.status?.driver ? `page ${link.status.driver} drives` : "nobody drives";
+    const others = !link.open ? "—" : link.driving ? "✔ you drive" : status?.driver ? `page ${status.driver} drives` : "nobody drives";
     setText(driver, link.open ? `${others} · you are page ${link.page}` : "no pendant");
     setText(drive, link.driving ? "Give up driving" : "Drive from here");
-    drive.disabled = !link.open || (!link.driving && Boolean(link.status?.driver));
+    drive.disabled = !link.open || (!link.driving && Boolean(status?.driver));
     setAttribute(drive, "data-on", link.driving);
     showArm(arm, status);
-    if (status && status.notices !== seen) {
-      if (seen !== -1) tell(status.notice);
-      seen = status.notices;
-    }
+    showArms();
+    link.status?.arms.forEach(({ notices, notice }, k) => {
+      if (seen[k] !== undefined && notices !== seen[k]) tell(link.arms.length > 1 ? `${link.arms[k].facts.name}: ${notice}` : notice);
+      seen[k] = notices;
+    });
     if (link.status && link.status.notices !== own) {
       if (link.status.notices) tell(link.status.notice);
       own = link.status.notices;
     }
   };
 
+  // One button for each arm: which one the page is about, who drives it, and whether something is wrong with it.
+  const showArms = () => {
+    buttons.forEach((button, k) => {
+      const arm = link.arms[k], fresh = link.fresh(arm), holder = link.status?.arms[k].driver;
+      const wrong = !fresh ? "○ " : arm.state.fault ? "✖ " : "";
+      const who = !link.open ? "" : holder === link.page ? "you drive" : holder ? `page ${holder} drives` : "free";
+      setText(button.firstChild, `${wrong}${arm.facts.name}`);
+      setText(button.lastChild, who);
+      setAttribute(button, "aria-pressed", String(k === link.chosen));
+      setAttribute(button, "data-level", !fresh ? "off" : arm.state.fault ? "bad" : "good");
+    });
+  };
+
   const showArm = (arm, status) => {
     const fresh = arm && link.fresh(arm);
     const state = arm?.state;
     setAttribute(document.body, "data-stale", !fresh);
+    setAttribute(document.body, "data-all-stale", !link.arms.some((each) => link.fresh(each)));
     setText(data, fresh ? "● live" : "○ no data");
     setAttribute(data, "data-level", fresh ? "good" : "bad");
     setText(mode, fresh ? link.modeOf(state) : "unknown");
@@ -97,10 +114,10 @@ export function makeBar(root) {
   };
 
   link.addEventListener("hello", () => {
-    seen = -1;
+    seen = [];
     own = 0;
-    arms.replaceChildren(...link.arms.map((arm) => el("option", {}, arm.facts.name)));
-    arms.selectedIndex = link.chosen;
+    buttons = link.arms.map((arm, k) => el("button", { class: "arm", "data-arm": k, onclick: () => link.choose(k) }, el("span", {}, arm.facts.name), el("small", {}, "")));
+    arms.replaceChildren(...buttons);
     arms.hidden = link.arms.length < 2;
     show();
   });

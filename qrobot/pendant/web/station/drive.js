@@ -27,6 +27,7 @@ export function makeDrive(root) {
   const view = new View(scene);
   scene.append(el("p", { class: "legend" }, "solid: measured · orange mesh: setpoint · green line: way of the tool · glass: keep out · cage: stay in"));
   link.view = view;
+  view.onChoose = (k) => link.choose(k);
 
   const speed = select("speed of the jog", SHARES, "0.5");
   const step = select("length of a jog", STEPS, "0");
@@ -57,7 +58,7 @@ export function makeDrive(root) {
   };
 
   const build = () => {
-    view.setArms(link.arms.map((arm) => arm.facts));
+    view.choose(link.chosen);
     const facts = link.arm.facts;
     rows = facts.joints.map((name, j) => jointRow(facts, name, j, askJoint));
     cells = AXES.map(([, title, axisUnit], a) => axisRow(title, axisUnit, a, askAxis));
@@ -66,8 +67,13 @@ export function makeDrive(root) {
     pick(0);
   };
 
+  setInterval(() => link.arms.forEach((arm, k) => view.fade(k, link.arms.length > 1 && !link.fresh(arm))), 200);
+
   let due = false;
-  link.addEventListener("hello", build);
+  link.addEventListener("hello", () => {
+    view.setArms(link.arms.map((arm) => arm.facts));
+    build();
+  });
   link.addEventListener("chosen", build);
   link.addEventListener("sample", () => {
     link.arms.forEach((arm, k) => {

@@ -89,8 +89,17 @@ class Link extends EventTarget {
     return this.status ? this.status.arms[this.chosen] : null;
   }
 
+  // Choose the arm that the page is about; whatever is held is let go.
+  choose(k) {
+    if (k === this.chosen || !this.arms[k]) return;
+    this.release();
+    this.chosen = k;
+    this.tell("chosen");
+  }
+
+  // Whether this page drives the arm that it is about. Each arm has a lease of its own.
   get driving() {
-    return this.open && this.status !== null && this.status.driver === this.page;
+    return this.open && this.armStatus !== null && this.armStatus.driver === this.page;
   }
 
   get ready() {
@@ -111,6 +120,11 @@ class Link extends EventTarget {
     this.release();
     this.say({ do: "stop" });
     this.tell("stop");
+  }
+
+  // Take the lease of the arm, or give it up.
+  drive() {
+    this.say({ do: this.driving ? "give" : "take", arm: this.chosen });
   }
 
   hold(target, name, extra) {

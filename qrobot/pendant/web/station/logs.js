@@ -79,6 +79,7 @@ export function makeLogs(root) {
     setPlaying(false);
     complain("");
     A = await OpenLog.open(name);
+    root.dataset.open = "";
     B = null;
     shift = 0;
     compared.value = "";

@@ -5,7 +5,8 @@ import { FenceFigures } from "./fences.js";
 import { linkFrame, tip } from "./kinematics.js";
 
 const TRAIL = 1100; // samples, half a minute
-const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b;
+const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b, CHOSEN = 0xf0a500, OLD = 0x9aa6b2;
+const TAP_PX = 6;
 const SEPARATION = 1.6; // m between arms that stand side by side
 
 class ArmFigure {
@@ -23,6 +24,35 @@ class ArmFigure {
     this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(this.points, 3));
     this.trail.frustumCulled = false;
     this.root.add(this.trail);
+    this.label = label(facts.name);
+    this.label.position.set(0, 0, 0.06 - facts.base_height);
+    this.ring = ring();
+    this.ring.position.z = 0.004 - facts.base_height;
+    this.root.add(this.label, this.ring);
+    this.choose(false, false);
+    for (const frames of [this.solid, this.ghost]) frames[0].visible = false; // until it was heard where it is
+    this.old = false;
+  }
+
+  // Draw it faintly, without colour: what is shown is old.
+  fade(old) {
+    if (old === this.old) return false;
+    this.old = old;
+    this.solid[0].traverse(({ material }) => {
+      if (!material?.isMeshStandardMaterial) return;
+      material.userData.colour ??= material.color.getHex();
+      material.color.setHex(old ? OLD : material.userData.colour);
+      material.transparent = old;
+      material.opacity = old ? 0.35 : 1;
+      material.needsUpdate = true;
+    });
+    return true;
+  }
+
+  // With several arms each has its name, and the one that the page is about a ring on the floor.
+  choose(chosen, named) {
+    this.label.visible = named;
+    this.ring.visible = named && chosen;
   }
 
   build(material) {
@@ -43,6 +73,7 @@ class ArmFigure {
   }
 
   show(state, follow = true) {
+    for (const frames of [this.solid, this.ghost]) frames[0].visible = true;
     this.pose(this.solid, state.q);
     this.pose(this.ghost, state.setpoint);
     this.q = state.q;
@@ -85,6 +116,23 @@ function marker(facts) {
   return group;
 }
 
+// The name of an arm, in front of its base.
+function label(text) {
+  const canvas = el("canvas", { width: "512", height: "96" });
+  const pen = canvas.getContext("2d");
+  pen.font = "bold 56px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.fillStyle = "#17212c";
+  pen.fillText(text, 256, 66, 500);
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(canvas), depthTest: false }));
+  sprite.scale.set(0.64, 0.12, 1);
+  return sprite;
+}
+
+function ring() {
+  return new THREE.Mesh(new THREE.RingGeometry(0.3, 0.34, 48), new THREE.MeshBasicMaterial({ color: CHOSEN, side: THREE.DoubleSide }));
+}
+
 function scenery(scene) {
   scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
   const sun = new THREE.DirectionalLight(0xffffff, 1.6);
@@ -113,6 +161,8 @@ export class View {
     this.controls = new OrbitControls(this.camera, this.canvas);
     this.controls.addEventListener("change", () => (this.due = true));
     this.figures = [];
+    this.onChoose = () => {};
+    this.listen();
     this.due = true;
     scenery(this.scene);
     new ResizeObserver(() => this.resize()).observe(element);
@@ -137,6 +187,36 @@ export class View {
   show(k, state, follow = true) {
     this.figures[k]?.show(state, follow);
     this.due = true;
+  }
+
+  fade(k, old) {
+    if (this.figures[k]?.fade(old)) this.due = true;
+  }
+
+  choose(chosen) {
+    this.figures.forEach((figure, k) => figure.choose(k === chosen, this.figures.length > 1));
+    this.due = true;
+  }
+
+  // A tap on an arm chooses it; a pointer that was drawn along turns the picture.
+  listen() {
+    let down = null;
+    this.canvas.addEventListener("pointerdown", (event) => (down = [event.offsetX, event.offsetY]));
+    this.canvas.addEventListener("pointerup", (event) => {
+      if (down && Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) < TAP_PX) this.tap(event.offsetX, event.offsetY);
+      down = null;
+    });
+  }
+
+  tap(x, y) {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const ray = new THREE.Raycaster();
+    ray.params.Line.threshold = 0.01; // m
+    ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
+    const solids = this.figures.map((figure) => figure.solid[0]);
+    const hit = ray.intersectObjects(solids, true)[0]?.object;
+    const k = solids.findIndex((solid) => { let found = false; solid.traverse((each) => (found ||= each === hit)); return found; });
+    if (hit && k >= 0) this.onChoose(k);
   }
 
   resize() {
