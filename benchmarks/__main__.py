@@ -32,6 +32,7 @@ GROUPS: Final = (
     "identification",
     "startup",
     "c_programs",
+    "move_requests",
     "rci",
     "wakeup",
 )
@@ -48,7 +49,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     ----------
     groups
         Only these: laws, models, kinematics, trajectory, servo, lockstep, transports, logs, identification, startup,
-        c_programs, rci, wakeup.
+        c_programs, move_requests, rci, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs
