@@ -244,7 +244,10 @@ def pause(*, where: Where | None = None) -> int:
 
 @app.command
 def resume(*, where: Where | None = None) -> int:
-    """Let motions that were paused go on. Anybody may."""
+    """Let motions that were paused go on, and a program that keeps its path lead the arm back to it. Anybody may.
+
+    Such a program clears a fault, asks for power and moves the arm, slowly: look that the way is free.
+    """
     return _do(where, lambda servo: servo.resume())
 
 

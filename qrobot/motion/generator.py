@@ -142,6 +142,24 @@ class Generator:
         """Rate of path time at the newest sample: 1 for the speed as programmed, and in a stop of the joints."""
         return self._trajectory.rate
 
+    @property
+    def newest(self) -> Floats:
+        """The newest setpoint. Shape (n,)."""
+        return self._trajectory.newest
+
+    @property
+    def keepable(self) -> bool:
+        """The arm may leave the path and come back to it: no goal moves or complies, and no stop is under way."""
+        return self._path.coordinates.fixed and not self.stopping
+
+    def stand_still(self, tick: int) -> None:
+        """Take it that the arm has been held at the newest setpoint until sample `tick`: the path goes on from there.
+
+        Path time stands still, and passes from rest at the samples behind `tick`, as after a pause. For a path that
+        is `keepable`.
+        """
+        self._trajectory.stand_still(tick)
+
     def push(self, request: MoveRequest) -> None:
         """Queue a request; it is judged as a motion from the goal before it, from rest to rest, unless one moves.
 

@@ -291,8 +291,26 @@ class Channel(MotionParameters):
         self._task.paused = True
 
     def resume(self) -> None:
-        """Let motions go on that `pause` holds; those that the operator holds wait for `qrobot ctl resume`."""
-        self._task.paused = False
+        """Let motions go on that `pause` holds; those that the operator holds wait for `qrobot ctl resume`.
+
+        An arm that has left its path (`keep_path`) is led back to it.
+        """
+        self._task.resume()
+
+    def keep_path(self, keep: bool = True) -> None:
+        """Let motions outlive a stop of the servo: they wait on their path until somebody confirms.
+
+        Instead of ServoFault the program sees them stand still (`kept` tells why). After `resume`, or `qrobot ctl
+        resume`, a fault is cleared, the arm gets power and goes back to its path at a tenth of its speed, as joints
+        go, and the motions go on where they were left. Not kept are motions to goals that move or give way, those
+        that are being stopped, and setpoints that are played; and `stop` and `release` give the path up.
+        """
+        self._task.keeps_path = keep
+
+    @property
+    def kept(self) -> str:
+        """Reason for which the servo has stopped the arm, while that is not yet back on its kept path; else empty."""
+        return "" if self._task.kept is None else str(self._task.kept)
 
     @property
     def rate(self) -> float:

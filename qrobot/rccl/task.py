@@ -3,8 +3,11 @@
     POWERING    all joints on hold, power requested          until the arm holds its position
     STARTING    setpoints stream from where the arm stands   until the servo follows them
     TRACKING    the generator runs
+    KEPT        the servo has stopped the arm              until somebody confirms that it may be led back to its path
     LEAVING     the last setpoints play out, the stream ends
     LEFT        nothing more to say
+
+Led back, it is POWERING and STARTING again (kept_path.py).
 
 It knows no clock and no thread: `task_runners` calls `step` once per STATE.
 """
@@ -20,7 +23,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.errors import LinkError, MotionError
+from qrobot.errors import LinkError, MotionError, ServoFault
 from qrobot.fences.fence_set import FenceSet
 from qrobot.model.arm import Arm
 from qrobot.motion import (
@@ -36,6 +39,7 @@ from qrobot.motion import (
 )
 from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
+from qrobot.rccl.kept_path import KeptPath
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.setpoint_player import SetpointPlayer
@@ -57,6 +61,7 @@ class TaskPhase(Enum):
     POWERING = "powering"
     STARTING = "starting"
     TRACKING = "tracking"
+    KEPT = "kept"
     LEAVING = "leaving"
     LEFT = "left"
 
@@ -83,6 +88,7 @@ class TrajectoryTask:
         timing: the time that functional transforms take.
         override: the program's speed override, 0 to 1; that of the operator counts besides.
         paused: the program wants its motions to stand still on their path.
+        keeps_path: a stop of the servo does not end the program's hold; its motions wait until somebody confirms.
         fences: that the arm keeps off, None for none.
         each_sample: called at each sample once the command is made up, before it goes out.
     """
@@ -101,6 +107,8 @@ class TrajectoryTask:
         self.completed = Level("completed", 1)
         self.tick = 0
         self.override, self.paused = FULL_SPEED, False
+        self.keeps_path = False
+        self._kept: KeptPath | None = None
         self.each_sample: Callable[[], object] | None = None
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._robot = robot
@@ -124,6 +132,7 @@ class TrajectoryTask:
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
+        self._kept = None
         self._seq: int | None = None
         self._started_tick = 0
         self._trace = trace
@@ -201,10 +210,23 @@ class TrajectoryTask:
 
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
-        if self._player is not None:
+        if self._kept is not None:
+            self._kept.give_up(seconds)
+        elif self._player is not None:
             self._player.stop()
         elif self._generator is not None:
             self._generator.stop(seconds)
+
+    def resume(self) -> None:
+        """Let motions go on that `paused` holds, and lead the arm back to a path that is kept."""
+        self.paused = False
+        if self._kept is not None:
+            self._kept.confirmed = True
+
+    @property
+    def kept(self) -> ServoFault | None:
+        """Fault for which the servo has stopped the arm, as long as that is not back on its kept path."""
+        return None if self._kept is None else self._kept.fault
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
@@ -233,6 +255,8 @@ class TrajectoryTask:
                 self._start(state.robot)
             case TaskPhase.TRACKING:
                 self._track(state.robot)
+            case TaskPhase.KEPT:
+                self._wait(state.robot, self._kept)
             case TaskPhase.LEAVING:
                 self._leave(state.robot)
         return self.chg.command(state, now_ns)
@@ -243,8 +267,13 @@ class TrajectoryTask:
         self._seq = seq
 
     def _power(self, robot: RobotState, now_ns: int) -> None:
-        if self._power_up.step(robot, self.chg):
-            self._stand_at(np.array(robot.q_setpoint))
+        try:
+            holds = self._power_up.step(robot, self.chg)
+        except ServoFault as fault:
+            self._stopped(fault)
+            return
+        if holds:
+            self._begin_at(np.array(robot.q_setpoint))
             self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             self.chg.go_to(robot.q_setpoint)
             self._started_tick = self.tick
@@ -254,15 +283,42 @@ class TrajectoryTask:
         if robot.mode == Mode.TRACKING:
             self.phase = TaskPhase.TRACKING
         elif robot.mode != Mode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
-            raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
+            self._stopped(servo_fault(robot, "the servo does not follow the setpoints", self._heard))
+            return
         self._generate()
 
     def _track(self, robot: RobotState) -> None:
         if robot.mode != Mode.TRACKING:
-            raise servo_fault(robot, f"the servo stopped the arm{self.timing.complaint()}", self._heard)
+            self._stopped(servo_fault(robot, f"the servo stopped the arm{self.timing.complaint()}", self._heard))
+            return
         self._generate()
         if self.each_sample is not None:
             self.each_sample()
+
+    def _stopped(self, fault: ServoFault) -> None:
+        """The servo holds the arm, or none does: keep the path if that is wanted. Raises `fault`: it is not kept."""
+        if self._kept is None and self._generator is not None and self._may_keep(self._generator):
+            self._kept = KeptPath(self._generator, self.tick, fault)
+        if self._kept is None or self._kept.given_up:
+            raise fault
+        self._kept.wait_again(fault)
+        self.chg.hold()
+        self.phase = TaskPhase.KEPT
+
+    def _may_keep(self, generator: Generator) -> bool:
+        return self.keeps_path and self._player is None and generator.keepable
+
+    def _wait(self, robot: RobotState, kept: KeptPath | None) -> None:
+        """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
+        if kept is None:
+            return
+        kept.hear(robot)
+        if kept.given_up:
+            raise kept.fault
+        if kept.confirmed:
+            self._power_up = PowerUp(self.period_s, clear_fault=True)
+            self.chg.power = robot.powered  # else it is asked for anew
+            self.phase = TaskPhase.POWERING
 
     def _leave(self, robot: RobotState) -> None:
         if self._power_down.step(robot, self.chg):
@@ -270,6 +326,9 @@ class TrajectoryTask:
 
     def _generate(self) -> None:
         if self.how is None:
+            return
+        if self._kept is not None:
+            self._lead_back(self._kept, self.how)
             return
         if self._player is not None:
             self._play(self._player, self.how)
@@ -290,6 +349,14 @@ class TrajectoryTask:
                 self.completed.signal()
         self.motions.update_progress(output)
 
+    def _lead_back(self, kept: KeptPath, how: RobotState) -> None:
+        q = kept.way_back(self.tick, self._override_in_force(how))
+        self.chg.go_to(tuple(q.tolist()))
+        if self._trace is not None:
+            self._trace.sampled(q, np.array(how.q))
+        if self.phase is TaskPhase.TRACKING and kept.reached(self.tick):
+            self._kept = None
+
     def _override_in_force(self, how: RobotState) -> float:
         """Product of the program's override and the operator's; 0 for either's pause."""
         return 0.0 if self.paused else self.override * how.motion_override
@@ -304,10 +371,20 @@ class TrajectoryTask:
             self._stand_at(q)
             self.completed.signal()
 
+    def _begin_at(self, q: Floats) -> None:
+        """Begin with an arm that is held at `q` (n,): anew, or with the way back to a path that was kept."""
+        if self._kept is None:
+            self._stand_at(q)
+        else:
+            self._kept.lead_back(self._generator_at, q)
+
     def _stand_at(self, q: Floats) -> None:
-        """A generator that is at rest at `q`, and plans within the speeds that the servo allows now."""
+        """A generator that is at rest at `q` (n,), and plans within the speeds that the servo allows now."""
         if self.how is not None:
             self._limits = self._full_limits.slowed(self.how.speed_limit)
-        self._generator = Generator(
+        self._generator = self._generator_at(q)
+
+    def _generator_at(self, q: Floats) -> Generator:
+        return Generator(
             self._limits, self.period_s, q, self.tick, self._blend, kinematics=self._kinematics, fences=self.fences
         )

@@ -212,6 +212,15 @@ class TrajectoryState:
         self._path_stop = None
         self._lags.clear()  # what was before rest counts no more
 
+    def stand_still(self, tick: int) -> None:
+        """The arm has stood at the newest setpoint since before sample `tick`, and path time with it."""
+        self.override.jump(0.0)
+        self._setpoints = SetpointHistory(tick, self.newest)
+        self._actual = self._setpoints.copy()
+        self.tick, self.clock, self._standing = tick, self._given.clock, None
+        self._given = Given(tick, self.clock, 0.0, 0.0)
+        self._lags.clear()
+
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""
         self.path.end_segment(segment, max(segment.rest_begin, self._given.clock))

@@ -42,6 +42,7 @@ COMPILE_PATIENCE_S: Final = 300.0  # with a law that has to be compiled, on a bu
 POWER_PATIENCE_S: Final = 6.0
 STOP_PATIENCE_S: Final = 6.0
 POLL_S: Final = 0.02
+NOTICED_S: Final = 0.25  # [A] within which every program has heard of a pause: two of the longest sample periods
 POWERED_MODES: Final = ("HOLDING", "UNCALIBRATED", "CALIBRATING", "TRACKING")
 
 
@@ -121,7 +122,14 @@ class ServoClient:
         return self._ask(PauseRequest())
 
     def resume(self) -> ServoStatus:
-        """Let motions that were paused go on."""
+        """Let motions that were paused go on, and an arm that has left its path go back to it.
+
+        A program hears of it as of the end of a pause; while no setpoints are followed there is a short one first.
+        """
+        status = self.status()
+        if status.mode != "TRACKING" and not status.paused:
+            self.pause()
+            sleep_between_looks(NOTICED_S)
         return self._ask(ResumeRequest())
 
     def clear(self) -> ServoStatus:

@@ -689,3 +689,20 @@ def test_a_mistake_of_ours_neither_ends_the_control_interface_nor_waits_for_a_te
         wait_until(lambda: broken.served > 2, "it goes on")
     (told,) = problems
     assert "ZeroDivisionError: ours" in told
+
+
+def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: Bench) -> None:
+    """A program that waits to be led back to its path hears no command, but sees a pause end."""
+    seen: list[bool] = []
+    with ServoClient(servo.arm) as client, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            client_module,
+            "sleep_between_looks",
+            lambda _: (wait_until(lambda: client.status().paused), seen.append(client.status().paused)),
+        )
+        client.resume()
+        assert seen == [True]
+        wait_until(lambda: not client.status().paused)
+        client.pause()
+        client.resume()
+        assert seen == [True]

@@ -1,0 +1,155 @@
+"""Motions that outlive a stop of the servo: on the way back the arm is slow, and the path goes on where it was left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from random import Random
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.motion import Termination
+from qrobot.rccl.kept_path import WAY_BACK_SHARE
+from qrobot.rci import VirtualLink
+from qrobot.wire import Mode
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.puma import arm as puma
+
+VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
+ROUNDING = 1e-9
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeRobot]:
+    robot = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        yield robot
+
+
+def motions(arm: rccl.Channel) -> tuple[rccl.Position, rccl.Position]:
+    """To a via point as joints go, and on in a straight line."""
+    goal = rccl.newtrans("GOAL", "const")
+    goal.set(puma().forward(np.radians(END)))
+    via, end = arm.jposition("VIA", VIA.tolist()), rccl.makeposition("END", rccl.t6, rccl.EQ, goal, rccl.TL, goal)
+    arm.move(via)
+    arm.setmode("cartesian")
+    arm.move(end)
+    return via, end
+
+
+def fail(robot: FakeRobot, way: str) -> None:
+    """A stop that leaves the arm under power, or a fault in which it sags a little."""
+    if way == "stop":
+        robot.halt(FaultCode.STREAM_LOST)
+    else:
+        robot.break_down(FaultCode.FOLLOWING)
+        robot.q = tuple(np.array(robot.q) + 0.02)
+
+
+def confirm(robot: FakeRobot, arm: rccl.Channel, who: str, begin: int) -> None:
+    """What somebody does from sample `begin` on."""
+    if who == "program":
+        if robot.seq == begin:
+            arm.resume()
+    else:
+        robot.paused = begin - 10 <= robot.seq < begin
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_path_goes_on_where_a_stop_of_the_servo_has_left_it(fake: FakeRobot, seed: int) -> None:
+    random = Random(seed)
+    way, who = random.choice(("stop", "fault")), random.choice(("program", "operator"))
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        via, end = motions(arm)
+        plan = arm.plan()
+        at = fake.seq + random.randint(3, int(plan.duration_s / PERIOD_S) - 3)
+
+        def interfere(seq: int) -> None:
+            if seq == at:
+                fail(fake, way)
+            if seq > at:
+                confirm(fake, arm, who, at + 40)
+                followed.append(len(fake.path))
+            told.add(arm.kept)
+
+        told: set[str] = set()
+        followed: list[int] = []
+        fake.before_period = interfere
+        arm.waitfor(arm.completed)
+        fake.before_period = None
+        assert {via.code, end.code} == {Termination.COMPLETED}
+        path = np.array(fake.path)
+    assert len(told) == 2  # why, and nothing
+    before, after = path[: followed[0]], path[followed[0] :]
+    nominal = plan.table(np.linspace(0.0, plan.duration_s, 1_000))[:, 0]
+    coarseness = np.abs(np.diff(nominal, axis=0)).max()
+    off = np.abs(after[:, None] - nominal[None]).max(axis=2).min(axis=1) > coarseness
+    assert np.flatnonzero(np.diff(off.astype(int))).size <= 1  # once back on the path, always on it
+    assert off.any() == (way == "fault")
+    assert np.abs(before[-1] - after).max(axis=1).min() < 1e-12  # no place is left out
+    slow = WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)
+    assert (np.abs(np.diff(after[off], axis=0)) <= slow).all()
+    assert (np.abs(np.diff(after, n=2, axis=0)) / PERIOD_S**2 <= LIMITS.a_max * (1.0 + ROUNDING)).all()
+    assert path[-1] == pytest.approx(np.radians(END), abs=1e-4)  # the last one is still to be followed
+
+
+def test_without_that_wish_a_stop_of_the_servo_ends_the_program_s_hold(fake: FakeRobot) -> None:
+    with rccl.control("puma560") as arm:
+        motions(arm)
+        arm.waitas(lambda: arm.time > 500)
+        fake.halt(FaultCode.STREAM_LOST)
+        with pytest.raises(ServoFault):
+            arm.waitfor(arm.completed)
+
+
+@pytest.mark.parametrize("when", ["kept", "on the way back"])
+def test_a_program_that_stops_gives_the_path_up_and_is_told_why_the_servo_has_stopped_the_arm(
+    fake: FakeRobot, when: str
+) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        motions(arm)
+        arm.waitas(lambda: arm.time > 700)
+        fail(fake, "fault")
+        arm.waitas(lambda: arm.kept)
+        if when == "on the way back":
+            fake.q = tuple(np.array(fake.q) + 0.2)
+            arm.resume()
+            arm.waitas(lambda: fake.mode is Mode.TRACKING)
+        arm.stop()
+        with pytest.raises(ServoFault, match="FOLLOWING"):
+            arm.waitfor(arm.completed)
+
+
+def test_a_second_fault_on_the_way_back_waits_again_and_a_cause_that_stays_does_not_end_the_waiting(
+    fake: FakeRobot,
+) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        _, end = motions(arm)
+        arm.waitas(lambda: arm.time > 700)
+        fail(fake, "fault")
+        arm.waitas(lambda: arm.kept)
+        fake.refuse_power = True
+        arm.resume()
+        arm.waitas(lambda: "power" in arm.kept)
+        fake.refuse_power = False
+        for _ in range(2):
+            begin = arm.time
+            arm.resume()
+            arm.waitas(lambda: fake.mode is Mode.TRACKING)
+            fake.halt(FaultCode.STREAM_LOST)
+            arm.waitas(lambda begin=begin: arm.time > begin + 1000)
+            assert arm.kept
+            assert end.code == Termination.NONE
+        arm.resume()
+        arm.waitfor(arm.completed)
+        assert end.code == Termination.COMPLETED
+        assert arm.kept == ""
+        arm.setmode("joint")
+        arm.move(arm.pose("park"))
