@@ -24,6 +24,7 @@ from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.errors import MotionError
 from qrobot.rci.blackboard import Chg
 from qrobot.rci.descriptor import TaskDescriptor
+from qrobot.rci.fenced_setpoints import check_setpoints
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
 from qrobot.wire import Command, JointMode, Mode, RobotState, State
@@ -169,7 +170,7 @@ def check_chg(name: str, chg: Chg, data: RobotData, before: Asked, period_s: flo
     Raises:
         MotionError: no setpoints of this arm, no such hand or outputs, a torque beyond its limit, a number that is
             none, or a joint that would be too fast.
-        JointLimit: a position outside the range.
+        JointLimit: a position outside the range. FenceCrossed: one from which the arm could not stop before a fence.
     """
     whole = all(isinstance(number, Integral) for number in (chg.hand, chg.outputs))
     if not whole or chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
@@ -193,4 +194,7 @@ def check_chg(name: str, chg: Chg, data: RobotData, before: Asked, period_s: flo
     went_on = positions & (np.asarray(before.modes) == JointMode.POSITION)
     step = np.where(went_on, setpoints - np.asarray(before.setpoints), 0.0)
     data.limits.check_velocity(step / period_s, f"task {name}", "make smaller steps from sample to sample")
+    if data.fences is not None and went_on.all():
+        stop = data.limits.a_stop
+        check_setpoints(data.fences, f"task {name}", setpoints - step, setpoints, stop, period_s)
     return Asked(tuple(modes.tolist()), tuple(setpoints.tolist()))

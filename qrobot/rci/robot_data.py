@@ -16,6 +16,8 @@ from qrobot.arrays import Floats, Ints
 from qrobot.config import Robot, load_robot, robot_path
 from qrobot.config.robot import Transmission
 from qrobot.errors import ConfigError
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.in_force import fences_for
 from qrobot.model.transmission import (
     counts_to_joint,
     dac_to_motor_torque,
@@ -41,6 +43,7 @@ class RobotData:
 
     Args:
         robot: its file.
+        fences: that tasks of this program keep off, None for none.
 
     Attributes:
         limits: range, speed and acceleration of the joints, joint units.
@@ -48,8 +51,8 @@ class RobotData:
         calibration: what the robot file knows of encoders, index pulses and potentiometers.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, fences: FenceSet | None = None) -> None:
+        self.robot, self.fences = robot, fences
         self.limits: MotionLimits = motion_limits(robot)
         self.tau_max: Floats = robot.guard.tau_max
         self.calibration: Transmission = robot.transmission
@@ -119,8 +122,9 @@ class KnownRobot:
     bridge: str = ""
 
     def data(self) -> RobotData:
-        """Its parameters. Raises ConfigError for a mistake in its file."""
-        return RobotData(load_robot(self.file))
+        """Its parameters; fences are those of the arm for which the program was started. Raises ConfigError."""
+        robot = load_robot(self.file)
+        return RobotData(robot, None if self.bridge else fences_for(robot.name))
 
 
 class RobotTable:

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from qrobot import rci
-from qrobot.errors import ConfigError, JointLimit, LinkError, MotionError, ServoFault
+from qrobot.config.fences import Fence
+from qrobot.errors import ConfigError, FenceCrossed, JointLimit, LinkError, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.in_force import use_fences
+from qrobot.motion import motion_limits
 from qrobot.rci import TaskDescriptor, TaskState, VirtualLink
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot
@@ -304,3 +308,22 @@ def test_limits_conversions_and_calibration_of_the_robot_stand_in_its_parameters
             data.counts(junk)
     with pytest.raises(ConfigError, match="whole numbers"):
         data.joints(q)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.02])
+def test_a_task_is_ended_where_a_stop_would_just_end_before_a_fence(step: float) -> None:
+    _, start, end, radius = FenceSet(ROBOT, []).capsules_at(PARK)[-1]
+    place = (0.0, max(start[1], end[1]) + radius + 0.1, 0.0)
+    wall = Fence(name="wall", shape="plane", bodies="tool", position_m=place, rpy_deg=(0.0, 0.0, 90.0))
+    fences, fake = FenceSet(ROBOT, [wall]), FakeRobot(START)
+    with rci.use(lambda hello: VirtualLink(hello, fake.transfer)), use_fences(fences):
+        rci.rci_clock(1000)
+        td = task(turn(0, step))
+        rci.rci_start(td.bit)
+        with pytest.raises(FenceCrossed, match=r"task puma560: flange would be .* fence 'wall'"):
+            wait_runs(td, 400)
+        rci.rci_close()
+    stop_s = 0.5 * 1.875 * (step / PERIOD_S) / motion_limits(ROBOT).a_stop[0]
+    rests = np.array(fake.path[-1]) + np.eye(6)[0] * (step / PERIOD_S) * stop_s
+    assert fences.distances(rests)[0] >= 0.0199  # its margin
+    assert fences.distances(rests + 3.0 * np.eye(6)[0] * step)[0] < 0.0201
