@@ -11,8 +11,7 @@ from qrobot.units import S_PER_MS
 if TYPE_CHECKING:
     from qrobot.arcl.robot import ArclRobot
 
-IDLE_SAMPLES: Final = 100  # in which no arm has a motion
-HELD_S: Final = 120.0  # [A] in which no arm moves, but motions are held back by MOVE_STOP
+HELD_S: Final = 120.0  # [A] of virtual time in which no arm moves: nobody waits for a clock for so long
 
 
 class Standstill:
@@ -24,23 +23,22 @@ class Standstill:
 
     def __init__(self, robot: ArclRobot) -> None:
         self._robot = robot
-        self._samples = 0
         self._since_ms = robot.ami.treal()
 
     def check(self) -> None:
-        """Count a sample. Raises MotionError: nothing is left that could end this waiting."""
+        """Look once more. Raises MotionError: nothing is left that could end this waiting."""
         if not self._robot.ami.virtual_time:
             return
         robots = [robot for robot in {*open_robots(), self._robot} if robot.ami.error is None]
         if any(robot.moving for robot in robots):
-            self._samples, self._since_ms = 0, self._robot.ami.treal()
+            self._since_ms = self._robot.ami.treal()
             return
-        self._samples += 1
-        held = sorted(robot.name for robot in robots if robot.held)
-        if not held and self._samples > IDLE_SAMPLES:
-            raise MotionError(f"{self._robot.name}: no motion is left that could end this waiting")
-        if held and (self._robot.ami.treal() - self._since_ms) * S_PER_MS > HELD_S:
-            raise MotionError(
-                f"{self._robot.name}: no arm has moved for {HELD_S:g} s of virtual time; motions of "
-                f"{', '.join(held)} are held back by MOVE_STOP for ever: does a semaphore stay taken after EVENT_STOP?"
-            )
+        if (self._robot.ami.treal() - self._since_ms) * S_PER_MS <= HELD_S:
+            return
+        still = f"{self._robot.name}: no arm has moved for {HELD_S:g} s of virtual time"
+        if not (held := sorted(robot.name for robot in robots if robot.held)):
+            raise MotionError(f"{still}, and no motion is left that could end this waiting")
+        raise MotionError(
+            f"{still}; motions of {', '.join(held)} are held back by MOVE_STOP for ever: does a semaphore stay taken "
+            "after EVENT_STOP?"
+        )

@@ -562,6 +562,13 @@ def test_a_motion_that_fails_behind_its_deq_ends_with_a_stop_too() -> None:
     assert np.allclose(rp.joints, AWAY)
 
 
+@pytest.mark.parametrize("period_ms", [1, 56])
+def test_a_program_may_wait_for_a_time_with_its_arm_at_rest(period_ms: int) -> None:
+    rp = offline(ARCL_PERIOD, period_ms)
+    arcl_wait(rp, lambda: ami_treal() >= 6000.0)
+    assert 6000.0 <= ami_treal() < 6000.0 + 2 * period_ms
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_program_whose_arms_are_all_held_back_for_ever_ends(n: int) -> None:
     robots = [offline() for _ in range(n)]

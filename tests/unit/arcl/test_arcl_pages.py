@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from qrobot import arcl
-from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter
+from qrobot.arcl.stream import RecordKind, StreamStart, StreamWriter, read_stream
 from qrobot.arcl.stream.layout import HEADER, checksum
 from qrobot.arcl.stream.layout import RecordKind as Kinds
+from tests.support.arcl import forget_programs
 
 DOCS = Path(__file__).parents[3] / "docs"
 STREAM_PAGE = (DOCS / "reference/arcl-stream.md").read_text()
+READER = STREAM_PAGE.partition("```python\n")[2].partition("```")[0]
 CALLS_PAGE = (DOCS / "reference/arcl.md").read_text()
 
 
@@ -38,10 +40,31 @@ def test_the_reader_printed_on_the_streams_page_reads_a_stream_cut_short(tmp_pat
     ]
 
 
+def test_the_reader_on_the_page_reads_what_a_program_has_left_record_by_record(tmp_path: Path) -> None:
+    forget_programs()
+    rp = arcl.arcl_open(arcl.ARCL_AMI, "loops", arcl.ARCL_STREAM, str(tmp_path / "run.arcl"))
+    arcl.arcl_errproc(lambda *_: arcl.OK)
+    arcl.gripper(rp, arcl.GRIP_CLOSE_BY, 40.0)
+    arcl.iod_write(arcl.new_iod(rp, arcl.IOD_OUT, 3, 2), 2)
+    arcl.move(rp, arcl.robot_pos(rp, "ready"), arcl.MOV_TIME, 1500, 0)
+    arcl.move(rp, arcl.makeposition(arcl.T6, arcl.EQ, arcl.new_trans_tr("far", 9e3, 0, 0), arcl.TL, arcl.T6), 0)
+    arcl.arcl_close(rp)
+    forget_programs()
+    stream = read_stream(tmp_path / "run.arcl")
+    said = read_by_the_page(tmp_path / "run.arcl")
+    lines = [line.split(maxsplit=2) for line in said.stdout.splitlines()]
+    assert (said.returncode, said.stderr) == (0, "")
+    assert [(f"{record.t_ms / 1e3:.3f}", RecordKind(record.kind).name) for record in stream.records] == [
+        (time, name) for time, name, *_ in lines[1:]
+    ]
+    assert {name for _, name, *_ in lines} == {kind.name for kind in RecordKind}
+    read = np.array([line[2].split() for line in lines if line[1] == "JOINTS"], dtype=float)
+    assert np.abs(read - stream.table(RecordKind.JOINTS, 6)[1]).max() <= 0.5e-6
+    assert sum(1 for line in READER.splitlines() if line) <= 50
+
+
 def read_by_the_page(path: Path) -> subprocess.CompletedProcess[str]:
-    reader = re.search(r"```python\n(.*?)```", STREAM_PAGE, re.DOTALL)
-    assert reader is not None
-    (path.parent / "reader.py").write_text(reader[1])
+    (path.parent / "reader.py").write_text(READER)
     return subprocess.run(
         [sys.executable, path.parent / "reader.py", path], capture_output=True, text=True, check=False, timeout=60
     )
