@@ -26,6 +26,7 @@ GROUPS: Final = (
     "kinematics",
     "trajectory",
     "servo",
+    "fences",
     "lockstep",
     "transports",
     "logs",
@@ -48,8 +49,8 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     Parameters
     ----------
     groups
-        Only these: laws, models, kinematics, trajectory, servo, lockstep, transports, logs, identification, startup,
-        c_programs, move_requests, rci, wakeup.
+        Only these: laws, models, kinematics, trajectory, servo, fences, lockstep, transports, logs, identification,
+        startup, c_programs, move_requests, rci, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs

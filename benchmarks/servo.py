@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from benchmarks.box import FRAME_NS
 from benchmarks.rows import Goal, Row, row
 from benchmarks.timing import Effort, interleaved
 from qrobot.config import load_robot
+from qrobot.fences.fence_set import FenceSet
 from qrobot.hwif.board_memory import Lane
 from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS
 from qrobot.hwif.lanes import discard_operations, take_operation
@@ -51,10 +52,10 @@ def telemetry_rows(ring: Any, state: Any, n: int) -> None:
         append_telemetry(ring, state.row)
 
 
-def holding_rig() -> LockstepRig:
+def holding_rig(fences: FenceSet | None = None) -> LockstepRig:
     """A rig with the arm under power at its ready pose."""
     robot = load_robot("puma560")
-    rig = LockstepRig(robot, ServoSettings(rate_hz=RATE_HZ), keep_telemetry=False)
+    rig = LockstepRig(robot, ServoSettings(rate_hz=RATE_HZ, fences=fences), keep_telemetry=False)
     rig.ticks(1)
     rig.mailbox.request_power(True)
     rig.run_for(0.3)
@@ -70,20 +71,26 @@ def frame_here(rig: LockstepRig) -> Any:
     return frame
 
 
-def rows(effort: Effort) -> Iterator[Row]:
-    """The rows."""
-    rig, many = holding_rig(), effort.times(TICKS)
+def tracking(rig: LockstepRig) -> Callable[[int], None]:
+    """A function that runs so many ticks of an arm that follows setpoints. Raises RuntimeError when it does not."""
     frame = frame_here(rig)
 
     def run(n: int) -> None:
         rig.now_ns = ticks(rig.params, rig.state, rig.mail, rig.mailbox.ring, rig.board, frame, rig.now_ns, n)
+        mode = Mode(rig.mailbox.snapshot().mode)
+        if mode is not Mode.TRACKING:
+            raise RuntimeError(f"the servo on the bench is {mode.name}, not tracking: its tick is not the whole one")
 
     run(2 * FRAME_NS // rig.period_ns)
+    return run
+
+
+def rows(effort: Effort) -> Iterator[Row]:
+    """The rows."""
+    rig, many = holding_rig(), effort.times(TICKS)
+    run = tracking(rig)
     telemetry_rows(rig.mailbox.ring, rig.state, 1)
     contenders = {"tick": lambda: run(many), "row": lambda: telemetry_rows(rig.mailbox.ring, rig.state, many)}
     times = {name: duration / many * 1e9 for name, duration in interleaved(contenders, effort.rounds).items()}
-    mode = Mode(rig.mailbox.snapshot().mode)
-    if mode is not Mode.TRACKING:
-        raise RuntimeError(f"the servo on the bench is {mode.name}, not tracking: its tick is not the whole one")
     yield row("servo tick while tracking, image to register writes and telemetry", times["tick"], "ns", Goal(500.0))
     yield row("telemetry row into the ring", times["row"], "ns", Goal(50.0))
