@@ -108,6 +108,7 @@ class ServoProcess:
     require_realtime: bool = False
     steps: tuple[SetupStep, ...] = ()
     error: BaseException | None = None
+    trial: RateTrial | None = None
     faults: FaultWatch = field(default_factory=FaultWatch)
 
     def loop(self) -> None:
@@ -115,11 +116,11 @@ class ServoProcess:
         try:
             if self.card[CARD_KIND] == REAL_CARD:  # ports are granted to a thread
                 require_ports(int(self.card[CARD_BASE]))
-            trial = RateTrial(self.robot, self.settings, self.law)  # before this thread keeps others from running
+            self.trial = RateTrial(self.robot, self.settings, self.law)  # before this thread keeps others from running
             with hold_dma_latency() as idle:
                 self.steps = (*prepare_loop_thread(self.settings.cpu, self.settings.priority), idle)
                 insist_on(self.steps, self.require_realtime, self.report)
-                self._insist_on_the_rate(trial.window)
+                self._insist_on_the_rate(self.trial.window)
                 self.faults.begin(threading.get_native_id())
                 self.memory.front.info.ready = 1
                 while self._run_once() != ENDED:
@@ -180,6 +181,12 @@ class ServoProcess:
     def force_zero(self) -> Floats:
         """Volts of the force sensor without a load."""
         return self.state.force_zero  # type: ignore[no-any-return]
+
+    @property
+    def beat_ns(self) -> int:
+        """Instant of the loop's newest cycle, those of its self-test among them; 0 before the first."""
+        own_ns = int(self.memory.front.heartbeat.t_ns)
+        return own_ns if own_ns or self.trial is None else self.trial.beat_ns
 
     @property
     def page_faults(self) -> int:
@@ -407,7 +414,7 @@ class _Running:
         """
         front = self._process.memory.front
         self._thread.join(POLL_S)
-        self._priority.look(int(front.heartbeat.t_ns))
+        self._priority.look(self._process.beat_ns)
         if self._beat != front.heartbeat.t_ns or not front.command.shutdown:
             self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:

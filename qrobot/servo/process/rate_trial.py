@@ -44,6 +44,11 @@ class RateTrial:
         base, capacity = mailbox.info.telemetry_base, mailbox.info.telemetry_capacity
         self._reader = TelemetryReader(words, base, capacity, n)
 
+    @property
+    def beat_ns(self) -> int:
+        """Instant of the newest cycle, 0 before the first."""
+        return int(self._memories[0].heartbeat.t_ns)
+
     def window(self) -> Rows:
         """Let the loop run for one window of the self-test: its telemetry, oldest row first."""
         run(self._params, self._state, *self._memories, self._margin_ns, WINDOW_NS)

@@ -203,3 +203,12 @@ def test_a_loop_that_spins_more_than_its_share_is_refused_under_a_real_time_sche
         ServoProcess._insist_on_the_rate(process, window)  # type: ignore[arg-type]
     process._has_fifo = lambda: False
     ServoProcess._insist_on_the_rate(process, window)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("own", "trial", "newest"), [(0, None, 0), (0, 7, 7), (9, 7, 9)])
+def test_cycles_of_the_self_test_are_cycles_of_the_loop(own: int, trial: int | None, newest: int) -> None:
+    """Otherwise the loop would lose its priority for standing still."""
+    front = SimpleNamespace(heartbeat=SimpleNamespace(t_ns=own))
+    tried = None if trial is None else SimpleNamespace(beat_ns=trial)
+    process = SimpleNamespace(memory=SimpleNamespace(front=front), trial=tried)
+    assert ServoProcess.beat_ns.__get__(process) == newest
