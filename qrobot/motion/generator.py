@@ -173,6 +173,16 @@ class Generator:
         self._queue.push(self._planner.prepare(request, start, near, self._trajectory.tick))
         self._sequencer.events.expect()
 
+    def follow(self, goal: Goal) -> None:
+        """Stand at `goal` from now on, and go where it goes: of a generator that was made where `goal` is now.
+
+        Raises:
+            MotionError: there are no kinematics.
+        """
+        if self._kinematics is None:
+            raise MotionError("to follow a goal the kinematics are needed, which were not given")
+        self._trajectory.follow(goal, self._kinematics)
+
     def skip(self, code: int) -> None:
         """End the present request with `code` at the next sample: go on to the next one, or stop if none waits.
 

@@ -28,6 +28,9 @@ class ArmSession:
         name: of the arm, for people.
         link: open.
         task: of the arm.
+
+    Attributes:
+        released: the arm was let go of.
     """
 
     _holds: ClassVar[WeakSet[ArmSession]] = WeakSet()
@@ -37,7 +40,7 @@ class ArmSession:
         self._link = link
         self._task = task
         self._runner = runner_for(link, task)
-        self._released = False
+        self.released = False
         self._error_told = False
         self._signals: tuple[str, ...] = ()
 
@@ -98,11 +101,12 @@ class ArmSession:
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""
-        if self._released or self._runner.error is not None:
+        if self.released or self._runner.error is not None:
             return
         failures = self._task.motions.failures
         failures.clear()
-        self.wait(lambda: (look(), not self._task.eventful)[1])
+        group = self._task.group
+        self.wait(lambda: (look(), not self._task.eventful and not (group and group.busy))[1])
         if failures:
             raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {failures[0]}")
 
@@ -111,9 +115,9 @@ class ArmSession:
 
         Raises what ended the hold before, if the program has not heard of it yet.
         """
-        if self._released:
+        if self.released:
             return
-        self._released = True
+        self.released = True
         self._holds.discard(self)
         atexit.unregister(self._at_exit)
         try:
@@ -122,6 +126,8 @@ class ArmSession:
                 self._leave(power_off)
         finally:
             self._runner.end()
+            if self._task.group is not None:
+                self._task.group.leave(self._task)
         self._tell_error()
 
     def wait(self, predicate: Callable[[], bool]) -> None:
@@ -136,7 +142,7 @@ class ArmSession:
         if self._runner.error is not None:
             self._error_told = True
             raise self._runner.error
-        if self._released:
+        if self.released:
             raise LinkError(f"{self._name} was released; call control() first")
         return self._runner.lock()
 
@@ -145,6 +151,10 @@ class ArmSession:
         self.wait(lambda: self._task.phase is TaskPhase.TRACKING)
 
     def _come_to_rest(self) -> None:
+        if (group := self._task.group) is not None:
+            with self._runner.lock():
+                group.come_to_rest()  # what this arm holds together with others rests before it is let go of
+            self.wait(lambda: group.rests and not self._task.carried)
         with self._runner.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.eventful)

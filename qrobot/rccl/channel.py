@@ -74,6 +74,11 @@ class Channel(MotionParameters):
         """
         self._session.release(power_off)
 
+    @property
+    def released(self) -> bool:
+        """The arm was let go of."""
+        return self._session.released
+
     def finish(self, look: Callable[[], object] = lambda: None) -> None:
         """Wait until the motions that were asked for are done, as a program does that simply ends.
 
@@ -168,6 +173,11 @@ class Channel(MotionParameters):
     def joints(self) -> Floats:
         """Measured joint positions, degrees (mm on a sliding joint). Shape (n,)."""
         return np.asarray(self.how.q) / self._radians
+
+    @property
+    def measured_t6(self) -> Floats:
+        """T6 of the measured joint positions, m. Shape (4, 4)."""
+        return self._task.motions.arm.forward(np.array(self.how.q))
 
     @property
     def time(self) -> float:
@@ -360,6 +370,11 @@ class Channel(MotionParameters):
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
         require_function("waitas", predicate)
         self._session.wait(lambda: bool(predicate()))
+
+    def check(self) -> None:
+        """Raise what has ended control of the arm, if anything has."""
+        with self._session.task():
+            pass
 
     def expect(self, event: str) -> None:
         """Raise MotionError in lock-step, where nobody else could, when no motion is left to signal that event."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from qrobot.config import Robot, load_robot
 from qrobot.errors import LinkError
 from qrobot.fences.in_force import fences_for
@@ -22,8 +24,12 @@ def open_channel(
     clear_fault: bool = False,
     blend: Blend = Blend.QUARTIC,
     traces: list[Trace] | None = None,
+    prepare: Callable[[TrajectoryTask], object] = lambda _task: None,
 ) -> Channel:
-    """Connect to `robot` and take control; see `control`. A trace of what is done with it is added to `traces`."""
+    """Connect to `robot` and take control; see `control`.
+
+    A trace of what is done with it is added to `traces`; `prepare` is called with its task before that runs.
+    """
     period_us = 0 if period_ms is None else sample_period_us("control", period_ms)
     arm = load_robot(robot) if isinstance(robot, str) else robot
     fences = fences_for(arm.name)
@@ -34,6 +40,7 @@ def open_channel(
         _check_robot(arm, welcome)
         trace = add_trace(traces, arm, welcome.period_us)
         task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace, fences)
+        prepare(task)
         return Channel(arm, link, task, traces).start()
     except BaseException as error:
         link.close(str(error))

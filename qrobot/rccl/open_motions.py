@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final
+from typing import Final, Protocol
 
 from qrobot.arrays import Floats
-from qrobot.model.arm import Arm
 from qrobot.motion import Equation, EventKind, MotionEvent, MoveRequest, Output, Termination, TransformKind, Trsf
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.position import Position
@@ -30,6 +29,13 @@ _FAILURES: Final = {
 }
 
 
+class Placed(Protocol):
+    """Something that is where its coordinates say."""
+
+    def forward(self, q: Floats) -> Floats:
+        """Where it is at `q` (n,). Shape (4, 4)."""
+
+
 class OpenMotions:
     """The motions of one arm that have not ended.
 
@@ -37,12 +43,13 @@ class OpenMotions:
         arm: whose measured T6 `update` takes.
 
     Attributes:
+        arm: as given.
         failures: motions that turned out to be impossible, in words.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Placed) -> None:
         self.failures: list[str] = []
-        self._arm = arm
+        self.arm = arm
         self._open: dict[MoveRequest, MoveOrder] = {}
         self._begun: set[MoveRequest] = set()
         self._arrived: Position | None = None
@@ -85,7 +92,7 @@ class OpenMotions:
         """Do what `update` has asked for, once; a motion that never began has been nowhere."""
         order = self._open[request]
         if order.updates and request in self._begun:
-            t6 = self._arm.forward(q)
+            t6 = self.arm.forward(q)
             for update in order.updates:
                 update.trsf.set(update.equation.solve(update.trsf, t6, tick))
         self._open[request] = replace(order, updates=())

@@ -44,12 +44,14 @@ from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints
+from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Chg
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.wire import Command, Mode, Payload, RobotState, State
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
+STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
 START_S: Final = 0.5  # for the servo to follow a stream that began
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
 _SEQ_MODULUS: Final = 1 << 32
@@ -91,6 +93,8 @@ class TrajectoryTask:
         keeps_path: a stop of the servo does not end the program's hold; its motions wait until somebody confirms.
         fences: that the arm keeps off, None for none.
         each_sample: called at each sample once the command is made up, before it goes out.
+        group: the arms that move together with this one, None for an arm by itself.
+        generated: called with the setpoints of each sample, shape (n,), when they are made.
     """
 
     def __init__(
@@ -102,6 +106,8 @@ class TrajectoryTask:
         trace: Trace | None = None,
         fences: FenceSet | None = None,
     ) -> None:
+        self.group: TaskGroup | None = None
+        self.generated: Callable[[Floats], object] | None = None
         self.how: RobotState | None = None
         self.chg = Chg(robot.n)
         self.completed = Level("completed", 1)
@@ -145,6 +151,11 @@ class TrajectoryTask:
         self.force.carry(load.mass, np.array(load.centre), np.array(load.inertia))
 
     @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self._robot
+
+    @property
     def generator(self) -> Generator:
         """The trajectory generator. Raises LinkError before the arm holds."""
         if self._generator is None:
@@ -160,6 +171,17 @@ class TrajectoryTask:
     def eventful(self) -> bool:
         """Events of motions are still to come; in the next sample also when a stop has left nothing to be done."""
         return self.busy or (self._generator is not None and self._generator.has_events)
+
+    @property
+    def follows(self) -> bool:
+        """The arm has come to a goal that moves, and stays with it."""
+        goal = None if self._generator is None else self._generator.goal
+        return goal is not None and not goal.fixed and not self.busy
+
+    @property
+    def carried(self) -> bool:
+        """The arm moves because what it follows does."""
+        return self.follows and bool(np.abs(self.generator.state()[1]).max() > STANDING)
 
     def push(self, order: MoveOrder) -> None:
         """Queue a motion whose course is told to its position.
@@ -273,6 +295,8 @@ class TrajectoryTask:
             self._stopped(fault)
             return
         if holds:
+            if self.group is not None:
+                self.group.join(self)
             self._begin_at(np.array(robot.q_setpoint))
             self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             self.chg.go_to(robot.q_setpoint)
@@ -333,6 +357,8 @@ class TrajectoryTask:
         if self._player is not None:
             self._play(self._player, self.how)
             return
+        if self.group is not None:
+            self.group.before_sample(self.tick)
         seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
         self.force.observe(seen, self.generator, self.tick)
         self.generator.override = self._override_in_force(self.how)
@@ -348,6 +374,8 @@ class TrajectoryTask:
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
+        if self.generated is not None:
+            self.generated(output.q)
 
     def _lead_back(self, kept: KeptPath, how: RobotState) -> None:
         q = kept.way_back(self.tick, self._override_in_force(how))

@@ -117,6 +117,8 @@ class LockstepRunner:
             self.error = error
             self._running.discard(self)
             self._link.close(str(error))
+            if self._task.group is not None:
+                self._task.group.lose(self._task)
             raise
         finally:
             self._sampling = False
@@ -129,7 +131,7 @@ class ThreadRunner:
         self.error: BaseException | None = None
         self._link = link
         self._task = task
-        self._sampled = threading.Condition()
+        self._sampled = threading.Condition() if task.group is None else task.group.sampled
         self._over = False
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
         self._share = InterpreterShare()
@@ -171,6 +173,8 @@ class ThreadRunner:
             reason = str(error)
             with self._sampled:
                 self.error = error
+                if self._task.group is not None:
+                    self._task.group.lose(self._task)
                 self._sampled.notify_all()
         finally:
             self._link.close(reason)

@@ -59,6 +59,10 @@ class Path:
         self._take(PhaseStep.REST)
         self.piece, self.segment = rest(x, clock), None
 
+    def rest_on(self, coordinates: Coordinates, clock: float) -> None:
+        """Stand at the goal of Cartesian `coordinates`, at rest until now."""
+        self.coordinates, self.piece = coordinates, rest(np.zeros(6), clock)
+
     def enter(self, segment: Segment, begin: float, state: Floats) -> None:
         """Turn into `segment`, beginning at path time `begin` with `state` (3, m) in the segment's coordinates."""
         self._take(PhaseStep.ENTER)

@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion.event import MotionEvent
-from qrobot.motion.path.coordinates import JOINTS
+from qrobot.motion.path.coordinates import JOINTS, DriveCoordinates
+from qrobot.motion.path.goal_tracker import GoalTracker
 from qrobot.motion.path.path import Path
 from qrobot.motion.path.path_piece import BlendSettings
 from qrobot.motion.path.phase import Phase
@@ -24,6 +25,8 @@ from qrobot.motion.planning.planner import SegmentEntry
 from qrobot.motion.planning.timing import Scheduler
 from qrobot.motion.trajectory.planned_path import PathSample
 from qrobot.motion.trajectory.speed_override import FULL_SPEED, SpeedOverride
+from qrobot.motion.world.equation import Goal
+from qrobot.motion.world.kinematics import ArmKinematics
 from qrobot.motion.world.limits import MotionLimits
 
 _LEAST_STEP: Final = 1e-4  # samples of path time, between places that tell a velocity and an acceleration
@@ -220,6 +223,12 @@ class TrajectoryState:
         self.tick, self.clock, self._standing = tick, self._given.clock, None
         self._given = Given(tick, self.clock, 0.0, 0.0)
         self._lags.clear()
+
+    def follow(self, goal: Goal, kinematics: ArmKinematics) -> None:
+        """Stand at `goal`, where the newest setpoint is, and go where it goes."""
+        q, tracker = self.newest, GoalTracker(goal)
+        tracker.sample(self.tick)
+        self.path.rest_on(DriveCoordinates(tracker, kinematics, kinematics.branch(q), q), self.clock)
 
     def approach_rest(self, segment: Segment) -> None:
         """Turn into the transition to rest; late, when a request that was to follow is gone."""

@@ -1,0 +1,68 @@
+"""What every manipulator of a program has, an arm or an object's frame: the MANIP of Multi-RCCL."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from qrobot.motion import Generator
+from qrobot.multi_rccl.moving_transform import MovingTransform
+from qrobot.rccl import Event, Position
+from qrobot.rccl.parameters import MotionParameters
+
+
+class Manip(ABC):
+    """One manipulator with a trajectory generator of its own.
+
+    Attributes:
+        name: by which it was opened.
+        trans: where it is at each sample, for equations of others: T6 of an arm as it is sent, or an object's pose.
+        completed: event, true while it has nothing to do.
+    """
+
+    name: str
+    trans: MovingTransform
+    completed: Event
+
+    @abstractmethod
+    def control(self, clear_fault: bool, period_ms: float | None) -> None:
+        """Turn its trajectory generator on. Raises what `rccl_control` raises."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> MotionParameters:
+        """Its motion parameters. Raises LinkError before `control`."""
+
+    @property
+    @abstractmethod
+    def eventful(self) -> bool:
+        """Events of its motions are still to come."""
+
+    @abstractmethod
+    def check(self) -> None:
+        """Raise what has ended its control, if anything has."""
+
+    @abstractmethod
+    def move(self, position: Position) -> None:
+        """Queue a motion. Raises what `Channel.move` raises."""
+
+    @abstractmethod
+    def stop_at(self, position: Position | None, ms: float) -> None:
+        """Queue a stop. Raises what `stop` raises."""
+
+    @abstractmethod
+    def cancel(self, ms: float) -> None:
+        """Forget all motions and come to rest."""
+
+    @abstractmethod
+    def maintain(self, position: Position) -> None:
+        """Be at `position` at once, and stay with it. Raises what `maintain` raises."""
+
+    @abstractmethod
+    def track(self) -> None:
+        """Stay with the goal of the next motion when it is reached."""
+
+
+def follows(generator: Generator) -> bool:
+    """A goal that moves was reached, and is stayed with; one that merely gives way stands still."""
+    goal = generator.goal
+    return goal is not None and not (goal.left.fixed and goal.right.fixed) and not generator.busy

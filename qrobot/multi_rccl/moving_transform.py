@@ -1,0 +1,40 @@
+"""The transform of a manipulator, which other equations may use: its value at each of the newest samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from qrobot.arrays import Floats
+from qrobot.motion import TransformKind
+from qrobot.rccl import Transform
+
+KEPT: Final = 16  # samples: further than that no arm is behind another [A]
+
+
+class MovingTransform(Transform):
+    """A manipulator's own transform (`&robot->trans`).
+
+    Args:
+        name: of the manipulator.
+        look: called with the number of a sample whose value is asked for, before it is given.
+    """
+
+    def __init__(self, name: str, look: Callable[[int], object] = lambda _tick: None) -> None:
+        super().__init__(name, TransformKind.FUNCTION, function=lambda _t: None)
+        self._look = look
+        self._values: dict[int, Floats] = {}
+
+    def record(self, tick: int, value: Floats) -> None:
+        """Its value at sample `tick`, the newest one. Shape (4, 4)."""
+        self.value = value
+        self._values[tick] = value
+        while len(self._values) > KEPT:
+            del self._values[next(iter(self._values))]
+
+    def at(self, tick: int) -> Floats:
+        """The value at sample `tick`, or at the sample nearest to it that is known. Shape (4, 4)."""
+        self._look(tick)
+        if tick in self._values or not self._values:
+            return self._values.get(tick, self.value)
+        return self._values[min(self._values, key=lambda known: abs(known - tick))]

@@ -1,0 +1,241 @@
+"""Object frames: a frame with a trajectory generator of its own, which arms that use it in their equations follow.
+
+One path is computed for the object, and the arms keep constant offsets to it (Lloyd et al. 1987, section 3.1). The
+frame is evaluated when the first arm comes to a sample, before that arm's own equations; every arm finds the same pose
+at the same sample. Time passes for it as long as some arm of the program is under control.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import LinkError, MotionError
+from qrobot.model.branch import Branch
+from qrobot.motion import Equation, EventKind, Generator, Goal, MotionMode, MoveRequest
+from qrobot.motion.request import HERE
+from qrobot.motion.world.frame_kinematics import FrameKinematics, frame_limits
+from qrobot.multi_rccl.manip import Manip, follows
+from qrobot.multi_rccl.moving_transform import MovingTransform
+from qrobot.multi_rccl.positions import check_for
+from qrobot.rccl.event import Level
+from qrobot.rccl.open_motions import OpenMotions
+from qrobot.rccl.parameters import DEFAULT_SPEED, MotionParameters, MoveOrder
+from qrobot.rccl.position import Position, require_position, there
+from qrobot.rccl.task_group import TaskGroup
+from qrobot.units import S_PER_MS
+
+PERIOD_S: Final = 0.028  # where no arm has another
+
+
+class FrameParameters(MotionParameters):
+    """Motion parameters of a frame, which has no joints and exerts no forces."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._mode = MotionMode.CARTESIAN
+
+    def setmode(self, mode: str, turn: str = "axis") -> None:
+        """See `MotionParameters.setmode`. Raises MotionError: joint mode means nothing here."""
+        if mode in ("joint", "j"):
+            raise MotionError("setmode: an object frame has no joints; it moves in Cartesian mode only")
+        super().setmode(mode, turn)
+
+    def comply(self, dirs: str, *values: float) -> None:  # noqa: ARG002 (see MotionParameters)
+        """Raise MotionError: arms comply, not frames."""
+        raise MotionError("comply: an object frame exerts no forces; let an arm that holds the object comply")
+
+    def limit(self, spec: str, *values: float) -> None:  # noqa: ARG002 (see MotionParameters)
+        """Raise MotionError: arms feel forces, not frames."""
+        raise MotionError("limit: an object frame feels no forces; limit the motion of an arm")
+
+    def order(self, position: Position) -> MoveOrder:
+        """The motion that a call of `move` asks for."""
+        return self._order(position)
+
+
+class ObjectFrame(Manip):
+    """See `Manip`.
+
+    Args:
+        name: for traces and messages.
+        group: the program's arms.
+    """
+
+    def __init__(self, name: str, group: TaskGroup) -> None:
+        self.name, self.completed = name, Level("completed", 1)
+        self.trans = MovingTransform(name, self._look)
+        self.error: Exception | None = None
+        self._group, self._kinematics = group, FrameKinematics()
+        self._parameters, self._motions = FrameParameters(), OpenMotions(self._kinematics)
+        self._generator: Generator | None = None
+        self._put: Goal | None = None  # where it is to be from the next sample on
+        self._last: Position | None = None
+        self._tracks, self._track_next, self._evaluating = False, False, False
+        self._tick = 0  # the newest sample that was evaluated
+
+    # ------------------------------------------------------------------------------------------- from the program
+
+    def control(self, clear_fault: bool, period_ms: float | None) -> None:  # noqa: ARG002 (nothing can have failed)
+        """Turn its generator on: the frame is at the origin. Raises MotionError: the arms have another period."""
+        with self._group.sampled:
+            if self._generator is not None:
+                raise MotionError(f"{self.name} is under control already")
+            self._group.agree_on(period_ms * S_PER_MS if period_ms else self._group.period_s or PERIOD_S)
+            self._tick = self._group.tick
+            self._generator = self._generator_at(self.trans.value)
+            self._group.followers.append(self)
+
+    def release(self) -> None:
+        """Turn its generator off: it is where it is, and moves no more."""
+        with self._group.sampled:
+            if self._generator is not None:
+                self._generator = None
+                self._group.followers.remove(self)
+
+    @property
+    def parameters(self) -> MotionParameters:
+        """See `Manip.parameters`."""
+        return self._parameters
+
+    @property
+    def eventful(self) -> bool:
+        """See `Manip.eventful`."""
+        return self.busy or (self._generator is not None and self._generator.has_events)
+
+    def check(self) -> None:
+        """Raise what its functions have raised, if any has."""
+        if self.error is not None:
+            raise self.error
+
+    def move(self, position: Position) -> None:
+        """See `Manip.move`. Raises MotionError for a position that is given by joints, too."""
+        self._check(position)
+        with self._group.sampled:
+            self._push(self._parameters.order(position))
+            self._last, self._tracks, self._track_next = position, self._track_next, False
+
+    def stop_at(self, position: Position | None, ms: float) -> None:
+        """See `Manip.stop_at`."""
+        with self._group.sampled:
+            goal = position or self._last
+            if position is not None:
+                self.move(position)
+            if ms > 0.0 and goal is not None:
+                dwell = Position(goal.name, goal.target)
+                self._parameters.setime(0.0, ms)
+                self._push(self._parameters.order(dwell))
+            self._stand()
+
+    def cancel(self, ms: float) -> None:
+        """See `Manip.cancel`."""
+        with self._group.sampled:
+            self.generator.stop(ms * S_PER_MS)
+
+    def maintain(self, position: Position) -> None:
+        """See `Manip.maintain`. Raises MotionError: motions of its own are still to be done."""
+        self._check(position)
+        with self._group.sampled:
+            if self.eventful:
+                raise MotionError(f"maintain: {self.name} still moves; wait for `completed` first")
+            self._put, self._tracks, self._last = position.equation.goal(), True, position
+
+    def track(self) -> None:
+        """See `Manip.track`."""
+        self._track_next = True
+
+    @property
+    def generator(self) -> Generator:
+        """Its generator. Raises LinkError before `control`."""
+        if self._generator is None:
+            raise LinkError(f"{self.name} is not under control; call rccl_control first")
+        return self._generator
+
+    def _check(self, position: Position) -> None:
+        if not isinstance(require_position("move", position).target, Equation):
+            raise MotionError(f"position {position.name} is given by joints: an object frame has none")
+        check_for(position, self.trans, self.name)
+        self.check()
+        self.generator  # noqa: B018 (raises)
+
+    def _push(self, order: MoveOrder) -> None:
+        self._settle()
+        self.generator.push(order.request)
+        self._motions.add(order)
+        self.completed.count = 0
+
+    def _stand(self) -> None:
+        """Come to an absolute rest after all that was asked for."""
+        position = there()
+        self._push(MoveOrder(MoveRequest(position.name, HERE, DEFAULT_SPEED), position))
+
+    def _settle(self) -> None:
+        """Be where `maintain` has put the frame, if that is still to come, before it moves on from there."""
+        if self._put is not None:
+            self._evaluate(max(self._group.tick, self._tick + 1))
+
+    def _generator_at(self, pose: Floats) -> Generator:
+        near = np.zeros(6) if self._generator is None else self._generator.state()[0]
+        q = self._kinematics.inverse(pose, Branch.RUN, near)
+        return Generator(frame_limits(), self._group.period_s, q, self._tick, kinematics=self._kinematics)
+
+    # ------------------------------------------------------------------------------------------- once per sample
+
+    def before_sample(self, tick: int) -> None:
+        """See `Follower.before_sample`: the frame moves, whether or not an arm looks."""
+        self._look(tick)
+
+    def come_to_rest(self) -> None:
+        """See `Follower.come_to_rest`."""
+        if self._generator is not None and not self.rests:
+            self._generator.stop()
+
+    @property
+    def busy(self) -> bool:
+        """See `Follower.busy`."""
+        return self._generator is not None and self._generator.busy
+
+    @property
+    def rests(self) -> bool:
+        """See `Follower.rests`."""
+        generator = self._generator
+        return generator is None or (not generator.busy and (generator.goal is None or generator.goal.fixed))
+
+    def _look(self, tick: int) -> None:
+        with self._group.sampled:
+            if self._evaluating:
+                raise MotionError(f"object frame {self.name}: its own transform stands in its equation")
+            if self._generator is not None and tick > self._tick:
+                self._evaluate(tick)
+
+    def _evaluate(self, tick: int) -> None:
+        """Go on to sample `tick`. What a function raises is the program's, and brings the frame to rest."""
+        self._evaluating = True
+        try:
+            self._go_on(tick)
+        except Exception as error:
+            self.error = error
+            self._put = None
+            self.generator.stop()
+        finally:
+            self._evaluating = False
+
+    def _go_on(self, tick: int) -> None:
+        self._tick = tick
+        if self._put is not None:
+            goal, self._put = self._put, None
+            self._generator = self._generator_at(goal.pose(tick))
+            self._generator.follow(goal)
+            self.trans.record(tick, goal.pose(tick))
+            return
+        output = self.generator.update(tick)
+        self.trans.record(tick, self._kinematics.forward(output.q))
+        if output.events:
+            self._motions.notify(output.events, output.q, tick)
+            if any(event.kind is EventKind.IDLE for event in output.events):
+                self.completed.signal()
+        self._motions.update_progress(output)
+        if not self._tracks and follows(self.generator):
+            self._stand()

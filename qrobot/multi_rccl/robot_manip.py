@@ -1,0 +1,168 @@
+"""One arm of a Multi-RCCL program: a channel of RCCL in the company of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.errors import LinkError, MotionError
+from qrobot.model.arm import Arm
+from qrobot.model.transform import inverse, so3_log
+from qrobot.motion import Equation, MoveRequest
+from qrobot.motion.request import HERE
+from qrobot.multi_rccl.manip import Manip, follows
+from qrobot.multi_rccl.moving_transform import MovingTransform
+from qrobot.multi_rccl.positions import check_for
+from qrobot.rccl import Channel, Position
+from qrobot.rccl.connect import open_channel
+from qrobot.rccl.event import Event
+from qrobot.rccl.parameters import DEFAULT_SPEED, MoveOrder
+from qrobot.rccl.position import require_position, there
+from qrobot.rccl.task import TrajectoryTask
+from qrobot.rccl.task_group import TaskGroup
+from qrobot.rci import LinkFactory
+from qrobot.units import DEG_PER_RAD, MM_PER_M, RAD_PER_DEG
+
+NEAR_M: Final = 0.005  # and a degree: a position that an arm can be said to be at [A]
+
+OpenChannel = Callable[..., Channel]
+
+
+class RobotManip(Manip):
+    """See `Manip`.
+
+    Args:
+        name: for traces and messages.
+        robot: its file, or the name of a packaged one.
+        factory: makes the link to it.
+        group: the program's arms.
+    """
+
+    def __init__(self, name: str, robot: str, factory: LinkFactory, group: TaskGroup) -> None:
+        self.name, self.completed = name, Event(f"{name}.completed")
+        self.trans = MovingTransform(f"{name}.trans")
+        self._open: OpenChannel = partial(open_channel, factory, robot, prepare=self._prepare)
+        self._group = group
+        self._channel: Channel | None = None
+        self._task: TrajectoryTask | None = None
+        self._arm: Arm | None = None
+        self._j6 = np.zeros(0)
+        self._last: Position | None = None
+        self._tracks = self._track_next = False
+
+    # ------------------------------------------------------------------------------------------- from the program
+
+    def control(self, clear_fault: bool, period_ms: float | None) -> None:
+        """See `Manip.control`."""
+        if self.on:
+            raise MotionError(f"{self.name} is under control already")
+        period_ms = period_ms or self._group.period_s * 1e3 or None
+        self._channel = self._open(period_ms=period_ms, clear_fault=clear_fault)
+        self.completed = self._channel.completed
+
+    def release(self, power_off: bool) -> None:
+        """Let go of the arm; see `Channel.release`."""
+        if self._channel is not None:
+            self._channel.release(power_off)
+
+    @property
+    def on(self) -> bool:
+        """It is under control."""
+        return self._channel is not None and not self._channel.released
+
+    @property
+    def begun(self) -> bool:
+        """It has been under control."""
+        return self._channel is not None
+
+    @property
+    def channel(self) -> Channel:
+        """The arm under control. Raises LinkError before `control`."""
+        if self._channel is None:
+            raise LinkError(f"{self.name} is not under control; call rccl_control first")
+        return self._channel
+
+    @property
+    def parameters(self) -> Channel:
+        """See `Manip.parameters`."""
+        return self.channel
+
+    @property
+    def j6(self) -> Floats:
+        """Joint positions at the newest sample, as they are sent: degrees (mm on a sliding joint). Shape (n,)."""
+        units = np.where(self.channel.robot.prismatic, MM_PER_M, DEG_PER_RAD)
+        return np.asarray(self._j6 * units)
+
+    @property
+    def eventful(self) -> bool:
+        """See `Manip.eventful`."""
+        return self._task is not None and self._task.eventful
+
+    def check(self) -> None:
+        """See `Manip.check`."""
+        if self._channel is not None and self.on:
+            self._channel.check()
+
+    def move(self, position: Position) -> None:
+        """See `Manip.move`."""
+        check_for(require_position("move", position), self.trans, self.name)
+        with self._group.sampled:
+            self.channel.move(position)
+            self._last, self._tracks, self._track_next = position, self._track_next, False
+
+    def stop_at(self, position: Position | None, ms: float) -> None:
+        """See `Manip.stop_at`."""
+        with self._group.sampled:
+            goal = position or self._last
+            if position is not None:
+                self.move(position)
+            if ms > 0.0 and goal is not None:
+                self.channel.setime(0.0, ms)
+                self.channel.move(Position(goal.name, goal.target))
+            self.channel.move(there())
+
+    def cancel(self, ms: float) -> None:
+        """See `Manip.cancel`."""
+        self.channel.stop(ms)
+
+    def maintain(self, position: Position) -> None:
+        """See `Manip.maintain`. Raises MotionError: the arm is not there."""
+        check_for(require_position("maintain", position), self.trans, self.name)
+        with self._group.sampled:
+            self._require_near(position)
+            self._track_next = True
+            self.move(position)
+
+    def track(self) -> None:
+        """See `Manip.track`."""
+        self._track_next = True
+
+    def _require_near(self, position: Position) -> None:
+        if not isinstance(position.target, Equation) or self.eventful:
+            raise MotionError(f"maintain: {self.name} moves, or {position.name} has no equation; move there first")
+        away = inverse(self.trans.value) @ position.equation.goal().pose(self._group.tick)
+        far, turned = float(np.linalg.norm(away[:3, 3])), float(np.linalg.norm(so3_log(away[:3, :3])))
+        if far > NEAR_M or turned > RAD_PER_DEG:
+            where = f"{far * MM_PER_M:.1f} mm and {turned * DEG_PER_RAD:.1f} degrees from {position.name}"
+            raise MotionError(f"maintain: {self.name} is {where}; move there first, an arm cannot be put")
+
+    # -------------------------------------------------------------------------------------------- once per sample
+
+    def _prepare(self, task: TrajectoryTask) -> None:
+        """Have its samples count as those of the others."""
+        self._task, self._arm = task, Arm(task.robot)
+        task.group, task.generated = self._group, self._generated
+
+    def _generated(self, q: Floats) -> None:
+        task, arm = self._task, self._arm
+        if task is None or arm is None:
+            return
+        self._j6 = np.array(q)
+        self.trans.record(task.tick, arm.forward(q))
+        if not self._tracks and follows(task.generator):
+            position = there()
+            task.push(MoveOrder(MoveRequest(position.name, HERE, DEFAULT_SPEED), position))

@@ -1,0 +1,105 @@
+"""The arms of one program that move together: one count of samples, one lock, and what one's fault means to the others.
+
+Lloyd, Parker and McClain (1987), section 3: trajectory tasks share memory; an object's frame is evaluated before the
+arms that use it in the same sample. Arms that are no group are each other's strangers, as in the older RCCL.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Protocol
+
+from qrobot.errors import MotionError
+
+if TYPE_CHECKING:
+    from qrobot.rccl.task import TrajectoryTask
+
+
+class Follower(Protocol):
+    """Something that takes part in the samples of a group."""
+
+    def before_sample(self, tick: int) -> None:
+        """Some arm is about to make its setpoints of sample `tick`; called for each arm."""
+
+    def come_to_rest(self) -> None:
+        """An arm of the group was lost, or is about to be let go of."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether motions of its own are still to be done."""
+
+    @property
+    def rests(self) -> bool:
+        """Whether it moves no more."""
+
+
+class TaskGroup:
+    """Trajectory tasks of one program.
+
+    Attributes:
+        sampled: the lock between the program and all its tasks, notified after each sample of each.
+        tick: the newest sample of any of them.
+        period_s: sample period of all of them, 0 before there is any.
+        followers: what goes along with their samples, in the order in which it was added.
+    """
+
+    def __init__(self) -> None:
+        self.sampled = threading.Condition()
+        self.tick, self.period_s = 0, 0.0
+        self.followers: list[Follower] = []
+        self._tasks: list[TrajectoryTask] = []
+
+    def join(self, task: TrajectoryTask) -> None:
+        """`task` has its arm under control, in a sample that the others come to after it: it counts as theirs do.
+
+        Raises:
+            MotionError: its sample period is another one.
+        """
+        self.agree_on(task.period_s)
+        if task not in self._tasks:
+            task.tick = max(task.tick, self.tick + 1)
+            self._tasks.append(task)
+
+    def agree_on(self, period_s: float) -> None:
+        """Have a sample period. Raises MotionError: it is another one already."""
+        if self.period_s and abs(period_s - self.period_s) > 1e-9:
+            both = f"{self.period_s * 1e3:g} ms and {period_s * 1e3:g} ms"
+            raise MotionError(f"arms that move together need one sample period, not {both}")
+        self.period_s = period_s
+
+    def leave(self, task: TrajectoryTask) -> None:
+        """`task` has let go of its arm; does nothing a second time."""
+        if task in self._tasks:
+            self._tasks.remove(task)
+
+    def before_sample(self, tick: int) -> None:
+        """An arm is about to make its setpoints of sample `tick`."""
+        self.tick = max(self.tick, tick)
+        for follower in self.followers:
+            follower.before_sample(tick)
+
+    def lose(self, task: TrajectoryTask) -> None:
+        """Control of one arm was lost: the others come to rest on their paths, or with what they hold.
+
+        An arm that follows a frame goes on doing so, for that frame comes to rest.
+        """
+        self.leave(task)
+        self.come_to_rest()
+        for other in self._tasks:
+            if not other.follows:
+                other.stop()
+
+    def come_to_rest(self) -> None:
+        """Whatever arms follow comes to rest."""
+        for follower in self.followers:
+            follower.come_to_rest()
+
+    @property
+    def busy(self) -> bool:
+        """Something that arms follow has motions of its own to do."""
+        return any(follower.busy for follower in self.followers)
+
+    @property
+    def rests(self) -> bool:
+        """Whatever arms follow has come to rest."""
+        return all(follower.rests for follower in self.followers)

@@ -1,0 +1,441 @@
+"""Multi-RCCL on ideal arms: object frames, arms that hold one object, and what one arm's end means to the other."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.arrays import Floats
+from qrobot.errors import LinkError, LinkLost, MotionError
+from qrobot.model.transform import inverse, so3_log
+from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
+    Manip,
+    RobotManip,
+    cancel,
+    comply,
+    distance,
+    jposition,
+    limit,
+    maintain,
+    make_position,
+    move,
+    pose,
+    rccl_control,
+    rccl_open,
+    rccl_release,
+    setime,
+    setmode,
+    setvel,
+    stop,
+    tracking_mode,
+    wait_as,
+    wait_for,
+)
+from qrobot.multi_rccl.program import _program
+from qrobot.rccl import Position, Transform, gentr_rpy, gentr_trsl, newtrans, trsl
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rccl.program import ending
+from qrobot.wire import Command, Hello, State
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PERIOD_MS = 28.0
+tool = gentr_trsl("TOOL", 0, 0, 150)
+world_in_left = gentr_trsl("COORD1", 0, 0, 0)
+world_in_right = gentr_rpy("COORD2", 1000, 0, 0, 180, 0, 0)  # two arms face to face, a metre apart
+on_left, on_right = gentr_trsl("DISP1", 0, 100, 0), gentr_trsl("DISP2", 0, -100, 0)
+here = gentr_rpy("HERE", 500, 0, 0, 0, 180, 0)
+there = gentr_rpy("THERE", 460, 40, 120, 15, 170, 5)
+
+
+class Ways:
+    """Links to two ideal arms, which may break."""
+
+    def __init__(self) -> None:
+        self.breaks_at: dict[str, int] = {}  # sample of each arm
+        self.sent: dict[str, list[tuple[int, Floats]]] = {"left": [], "right": []}
+
+    def link(self, name: str) -> Callable[[Hello], OfflineLink]:
+        """Opener of the way to one."""
+        ways = self
+
+        class Breaking(OfflineLink):
+            def exchange(self, command: Command | None) -> State:
+                state = super().exchange(command)
+                if state.seq >= ways.breaks_at.get(name, 1 << 60):
+                    raise LinkLost(f"the bridge of {name} has gone")
+                ways.sent[name].append((self.now_ns(), np.array(state.robot.q_setpoint)))
+                return state
+
+        return Breaking
+
+
+@pytest.fixture
+def ways() -> Iterator[Ways]:
+    ways = Ways()
+    token = _program.set(None)
+    with rci.use({name: ways.link(name) for name in ("left", "right", "OTHER")}), ending():
+        yield ways
+    _program.reset(token)
+
+
+def arms() -> tuple[RobotManip, RobotManip]:
+    """Two arms under control."""
+    opened = []
+    for name in ("left", "right"):
+        arm = rccl_open(name)
+        rccl_control(arm)
+        assert isinstance(arm, RobotManip)
+        opened.append(arm)
+    return opened[0], opened[1]
+
+
+def frame(at: Transform = here, name: str = "OBJECT_FRAME") -> Manip:
+    """An object's frame at `at`."""
+    obj = rccl_open(name)
+    rccl_control(obj)
+    maintain(obj, make_position(TRANS, EQ, at, TL, TRANS))
+    return obj
+
+
+def take_hold(obj: Manip, left: Manip, right: Manip) -> None:
+    """Both hands at their places on the object, which they follow."""
+    for arm, coord, grip in ((left, world_in_left, on_left), (right, world_in_right, on_right)):
+        tracking_mode(arm)
+        move(arm, make_position(TRANS, tool, EQ, coord, obj.trans, grip, TL, tool))
+    wait_for(left.completed)
+    wait_for(right.completed)
+
+
+def apart(left: Manip, right: Manip) -> Floats:
+    """The right hand in the left one, as both are sent."""
+    in_left = inverse(world_in_left.value) @ left.trans.value @ tool.value
+    in_right = inverse(world_in_right.value) @ right.trans.value @ tool.value
+    return np.asarray(inverse(in_left) @ in_right)
+
+
+# ------------------------------------------------------------------------------------------------- coordinated
+
+
+def test_two_arms_carry_an_object_along_one_path_at_constant_offsets(ways) -> None:
+    obj = frame()
+    left, right = arms()
+    take_hold(obj, left, right)
+    held, seen = apart(left, right), []
+    setvel(obj, 150, 60)
+    for goal in (there, here, there):
+        move(obj, make_position(TRANS, EQ, goal, TL, TRANS))
+
+    def look() -> int:
+        seen.append((obj.trans.value.copy(), np.abs(apart(left, right) - held).max()))
+        return obj.completed.count
+
+    wait_as(look)
+    assert max(error for _, error in seen) < 1e-9
+    assert np.allclose(obj.trans.value, there.value, atol=1e-12)
+    assert np.allclose(held[:3, 3], (0.0, -0.2, 0.0), atol=1e-12)
+    steps = np.diff([pose[:3, 3] for pose, _ in seen], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() <= 0.150 * PERIOD_MS * 1e-3 * 1.01
+
+
+def test_an_objects_pose_is_one_for_all_arms_of_a_sample_and_known_before_them(ways) -> None:
+    obj = frame()
+    left, right = arms()
+    take_hold(obj, left, right)
+    move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+    behind = []
+
+    def look() -> int:
+        on_object = inverse(obj.trans.value) @ inverse(world_in_left.value) @ left.trans.value @ tool.value
+        behind.append(np.abs(on_object - on_left.value).max())
+        return obj.completed.count
+
+    wait_as(look)
+    assert max(behind) < 1e-9  # of the same sample, not of the one before
+
+
+def test_a_camera_tracks_an_object_and_both_arms_go_to_it_and_with_it_s08(ways) -> None:
+    samples = [0]
+
+    def track(t: Transform) -> None:
+        samples[0] += 1
+        trsl(t, 500 + 40 * np.sin(0.04 * samples[0]), 30 * np.sin(0.06 * samples[0]), 50)
+
+    camera, turned = gentr_trsl("CAM", 0, 0, 0), gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0)
+    loc = newtrans("LOC", track)
+    obj = rccl_open("OBJECT_FRAME")
+    rccl_control(obj)
+    maintain(obj, make_position(camera, TRANS, EQ, loc, turned, TL, TRANS))
+    left, right = arms()
+    take_hold(obj, left, right)
+    begun = samples[0]
+    held, worst = apart(left, right), [0.0]
+
+    def look() -> bool:
+        worst[0] = max(worst[0], np.abs(apart(left, right) - held).max())
+        return samples[0] > begun + 200
+
+    wait_as(look)
+    assert worst[0] < 1e-9
+    assert samples[0] <= left._group.tick  # once for each sample, however many arms look
+    move(obj, make_position(TRANS, EQ, here, TL, TRANS))  # it is left without a jump: the arms would be stopped
+    wait_for(obj.completed)
+    wait_as(lambda: worst.append(np.abs(apart(left, right) - held).max()) or len(worst) > 20)
+    assert max(worst) < 1e-9
+
+
+def test_without_tracking_mode_an_arm_keeps_the_last_value_of_its_goal(ways) -> None:
+    obj = frame()
+    left, right = arms()
+    tracking_mode(left)
+    move(left, make_position(TRANS, tool, EQ, world_in_left, obj.trans, on_left, TL, tool))
+    move(right, make_position(TRANS, tool, EQ, world_in_right, obj.trans, on_right, TL, tool))
+    wait_for(left.completed)
+    wait_for(right.completed)
+    stood, followed = right.j6, left.j6
+    move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+    wait_for(obj.completed)
+    assert np.array_equal(right.j6, stood)
+    assert np.abs(left.j6 - followed).max() > 5.0
+
+
+def test_an_arm_is_maintained_where_it_is_only(ways) -> None:
+    obj = frame()
+    left, _ = arms()
+    goal = make_position(TRANS, tool, EQ, world_in_left, obj.trans, on_left, TL, tool)
+    with pytest.raises(MotionError, match=r"maintain: left is .* mm .* move there first"):
+        maintain(left, goal)
+    move(left, goal)
+    wait_for(left.completed)
+    maintain(left, goal)
+    move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+    wait_for(obj.completed)
+    at = inverse(world_in_left.value) @ left.trans.value @ tool.value
+    assert np.allclose(at, obj.trans.value @ on_left.value, atol=1e-9)
+
+
+# ------------------------------------------------------------------------------------ one arm's end, and the other
+
+
+@pytest.mark.parametrize("after", [3, 41, 77, 150])
+def test_when_one_arms_link_dies_the_other_rests_with_the_object_and_tears_nothing(ways, after: int) -> None:
+    obj = frame()
+    left, right = arms()
+    take_hold(obj, left, right)
+    held = apart(left, right)
+    setvel(obj, 100, 60)
+    for goal in (there, here, there, here):
+        move(obj, make_position(TRANS, EQ, goal, TL, TRANS))
+    lost_at = len(ways.sent["right"]) + after
+    ways.breaks_at["right"] = lost_at
+    with pytest.raises(LinkLost, match="bridge of right has gone"):
+        wait_for(obj.completed)
+    before = obj.trans.value.copy()
+    rccl_release(left)
+    path = np.array([q for _, q in ways.sent["left"][-200:]])
+    assert np.abs(np.diff(path, axis=0))[-1].max() == 0.0  # it rests
+    went = np.linalg.norm((inverse(before) @ obj.trans.value)[:3, 3])
+    assert went <= 0.1**2 / (2 * 5.0) + 0.1 * 2 * PERIOD_MS * 1e-3 + 1e-3  # its stop, begun within two frames
+    on_object = inverse(obj.trans.value) @ inverse(world_in_left.value) @ left.trans.value @ tool.value
+    assert np.allclose(on_object, on_left.value, atol=1e-9)  # the other hand stays where it holds
+    assert np.linalg.norm(so3_log(held[:3, :3])) < 1e-9
+
+
+def test_an_arm_on_its_own_path_stops_there_when_its_partner_is_lost(ways) -> None:
+    left, _ = arms()
+    begin = left.j6
+    goal = begin + np.array([40.0, -20.0, 15.0, 10.0, -10.0, 30.0])
+    move(left, jposition(left, "FAR", goal.tolist()))
+    ways.breaks_at["right"] = len(ways.sent["right"]) + 30
+    with pytest.raises(LinkLost):
+        wait_for(left.completed)
+    rccl_release(left)
+    share = (left.j6 - begin) / (goal - begin)
+    assert np.ptp(share) < 1e-9  # on the straight line of the joints
+    assert 0.0 < share[0] < 1.0
+
+
+def test_a_function_that_fails_brings_object_and_arms_to_rest_and_reaches_the_program(ways) -> None:
+    samples = [0]
+
+    def track(t: Transform) -> None:
+        samples[0] += 1
+        if samples[0] > 400:
+            raise ValueError("the camera is blind")
+        trsl(t, 500, 0.05 * samples[0], 0)
+
+    turned = gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0)
+    obj = rccl_open("OBJECT_FRAME")
+    rccl_control(obj)
+    maintain(obj, make_position(TRANS, EQ, newtrans("LOC", track), turned, TL, TRANS))
+    left, right = arms()
+    take_hold(obj, left, right)
+    with pytest.raises(ValueError, match="the camera is blind"):
+        wait_as(lambda: False)
+    for arm in (left, right):
+        rccl_release(arm)
+    assert not left.on
+    with pytest.raises(ValueError, match="blind"):
+        move(obj, make_position(TRANS, EQ, here, TL, TRANS))
+
+
+# ------------------------------------------------------------------------------ motions, stops, and steps by events
+
+
+def test_motions_pass_through_their_positions_and_stops_stand_there(ways) -> None:
+    left, _ = arms()
+    corner = make_position(TRANS, tool, EQ, world_in_left, here, on_left, TL, tool)
+    other = make_position(TRANS, tool, EQ, world_in_left, there, on_left, TL, tool)
+    move(left, corner)
+    wait_for(left.completed)
+    setvel(left, 200, 90)
+    for passing in (True, False):
+        first = len(ways.sent["left"])
+        if passing:
+            move(left, other)
+        else:
+            stop(left, other, 300)
+        move(left, corner)
+        wait_for(left.completed)
+        steps = np.abs(np.diff([q for _, q in ways.sent["left"][first:]], axis=0)).max(axis=1)
+        moving = np.flatnonzero(steps > 1e-12)
+        still = (steps[moving[0] : moving[-1]] < 1e-12).sum() * PERIOD_MS
+        assert still == 0 if passing else 300 <= still <= 300 + 6 * PERIOD_MS
+
+
+def test_a_stop_without_a_position_is_queued_behind_the_motions_before_it(ways) -> None:
+    left, _ = arms()
+    end, park = pose(left, "end"), pose(left, "park")
+    move(left, end)
+    stop(left)
+    move(left, park)
+    wait_for(end.end)
+    assert np.allclose(np.radians(left.j6), end.q, atol=1e-9)
+    wait_for(left.completed)
+    assert np.allclose(np.radians(left.j6), park.q, atol=1e-9)
+
+
+def test_arms_work_in_step_by_events_and_by_themselves(ways) -> None:
+    left, right = arms()
+    ends = {arm.name: [pose(arm, "end"), pose(arm, "park")] for arm in (left, right)}
+    order = []
+    for turn in range(2):
+        for arm in (left, right):
+            goal = ends[arm.name][turn]
+            move(arm, goal)
+            wait_for(goal.end)
+            order.append(arm.name)
+    assert order == ["left", "right"] * 2
+    move(left, ends["left"][0])  # and both at once
+    move(right, ends["right"][0])
+    wait_for(left.completed)
+    wait_for(right.completed)
+    assert np.allclose(left.j6, right.j6)
+    assert len({len(sent) for sent in ways.sent.values()}) <= 2  # neither was left behind
+
+
+def test_four_corners_of_an_arm_and_of_a_frame_end_as_often_as_they_were_asked_for_s09(ways) -> None:
+    obj = frame()
+    left, _ = arms()
+    p = gentr_trsl("P", 0, 0, 0, "hold")
+    goals = {
+        left.name: make_position(TRANS, tool, EQ, world_in_left, here, p, TL, tool),
+        obj.name: make_position(TRANS, EQ, here, p, TL, TRANS),
+    }
+    for manip in (left, obj):
+        for x, y in ((-40, 0), (-40, 40), (0, 40), (0, 0)):
+            trsl(p, x, y, 0)
+            move(manip, goals[manip.name])
+        wait_for(manip.completed)
+        assert goals[manip.name].end.count == 4
+        assert goals[manip.name].code == -1
+
+
+def test_a_position_may_be_solved_for_one_manipulator_alone(ways) -> None:
+    left, right = arms()
+    mine = make_position(left.trans, tool, EQ, world_in_left, here, TL, tool, unknown=left.trans, name="MINE")
+    move(left, mine)
+    wait_for(left.completed)
+    assert np.allclose(left.trans.value @ tool.value, here.value, atol=1e-9)
+    with pytest.raises(MotionError, match=r"MINE is solved for left\.trans: it is no goal of right"):
+        move(right, mine)
+    hand = gentr_trsl("HAND", 0, 0, 150)
+    beside = make_position(TRANS, hand, EQ, world_in_right, left.trans, tool, on_right, TL, hand)
+    move(right, beside)  # another arm's own transform is a term like any other
+    wait_for(right.completed)
+
+
+# ---------------------------------------------------------------------------------------------------- bad input
+
+
+def wrong_position() -> Position:
+    return make_position(tool, EQ, here, TL, tool)
+
+
+@pytest.mark.parametrize(
+    ("deed", "words"),
+    [
+        (lambda obj, _arm: setmode(obj, "joint"), "no joints"),
+        (lambda obj, _arm: comply(obj, "fx", 1.0), "exerts no forces"),
+        (lambda obj, _arm: limit(obj, "fx", 1.0), "feels no forces"),
+        (lambda obj, arm: move(obj, pose(arm, "park")), "given by joints"),
+        (lambda _obj, _arm: wrong_position(), "TRANS must stand exactly once"),
+        (lambda _obj, _arm: make_position(TRANS, 3, EQ, here, TL, TRANS), "3 is no transform"),
+        (lambda _obj, _arm: make_position(TRANS, EQ, here), "TL, the term of the tool"),
+        (lambda _obj, _arm: rccl_open("left"), "left is open already"),
+        (lambda obj, _arm: rccl_control(obj), "under control already"),
+        (lambda _obj, arm: rccl_control(arm), "under control already"),
+        (lambda _obj, arm: stop(arm, None, -1), "no negative time"),
+        (lambda _obj, arm: wait_for(arm), "an event is needed"),
+        (lambda _obj, arm: wait_for(pose(arm, "end").end), "no motion is left"),
+        (lambda obj, _arm: (distance(obj, "dz", 1.0), setime(obj, 0, -1)), "setime"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_moves(ways, deed, words: str) -> None:
+    obj = frame()
+    left, _ = arms()
+    stood = left.j6
+    with pytest.raises(MotionError, match=words):
+        deed(obj, left)
+    assert np.array_equal(left.j6, stood)
+
+
+def test_what_was_not_opened_or_turned_on_moves_nowhere(ways) -> None:
+    arm, obj = rccl_open("left"), rccl_open("OBJECT_FRAME")
+    goal = make_position(TRANS, EQ, here, TL, TRANS)
+    for manip in (arm, obj):
+        with pytest.raises(LinkError, match="not under control; call rccl_control first"):
+            move(manip, goal)
+        with pytest.raises(LinkError, match=r"not under control|no arm"):
+            cancel(manip)
+    rccl_control(obj)
+    move(obj, goal)
+    with pytest.raises(LinkError, match="time passes for object frames only beside an arm"):
+        wait_for(obj.completed)
+
+
+def test_a_frame_that_stands_in_its_own_equation_is_an_error_of_the_program(ways) -> None:
+    obj = frame()
+    arms()
+    move(obj, make_position(TRANS, EQ, obj.trans, on_left, TL, TRANS))
+    with pytest.raises(MotionError, match="its own transform stands in its equation"):
+        wait_for(obj.completed)
+
+
+def test_arms_of_different_sample_periods_do_not_move_together(ways) -> None:
+    left, right = rccl_open("left"), rccl_open("right")
+    rccl_control(left)
+    with pytest.raises(MotionError, match="one sample period, not 28 ms and 14 ms"):
+        rccl_control(right, period_ms=14)
+
+
+def test_the_example_grasps_what_a_camera_tracks_and_carries_it_c22(ways, capsys) -> None:
+    runpy.run_path(str(EXAMPLES / "22_two_hands.py"), run_name="__main__")
+    assert "the hands came 0.00 mm closer or farther apart" in capsys.readouterr().out

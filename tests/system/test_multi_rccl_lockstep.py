@@ -1,0 +1,95 @@
+"""Multi-RCCL through servo, board and physics: two arms that hold one object."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from qrobot import rci
+from qrobot.arrays import Floats
+from qrobot.config import load_robot
+from qrobot.model.arm import Arm
+from qrobot.model.transform import inverse, so3_log
+from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
+    RobotManip,
+    maintain,
+    make_position,
+    move,
+    rccl_control,
+    rccl_open,
+    setjvel,
+    setvel,
+    tracking_mode,
+    wait_as,
+    wait_for,
+)
+from qrobot.rccl import gentr_rpy, gentr_trsl
+from qrobot.rccl.program import ending
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.mismatch import PlantMismatch
+
+ROBOT = load_robot("puma560")
+ARM = Arm(ROBOT)
+TOOL = gentr_trsl("TOOL", 0, 0, 150)
+WORLD = {"left": gentr_trsl("LEFT", 0, 0, 0), "right": gentr_rpy("RIGHT", 1000, 0, 0, 180, 0, 0)}
+GRIP = {"left": gentr_trsl("GRIP1", 0, 100, 0), "right": gentr_trsl("GRIP2", 0, -100, 0)}
+
+
+def hand(robot: RobotManip, q: tuple[float, ...]) -> Floats:
+    """Its hand in the world. Shape (4, 4)."""
+    return np.asarray(inverse(WORLD[robot.name].value) @ ARM.forward(np.array(q)) @ TOOL.value)
+
+
+def off(there: Floats, here: Floats) -> tuple[float, float]:
+    """Distance, m, and angle, rad, between two poses."""
+    between = inverse(there) @ here
+    return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
+
+
+def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors() -> None:
+    other = Emulator(ROBOT, physics="rigid", mismatch=PlantMismatch.mismatched(ROBOT.n, seed=1))
+    rigs = {
+        "left": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)),
+        "right": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), other),
+    }
+    seen: list[list[tuple[Floats, Floats]]] = []
+    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}), ending():
+        obj = rccl_open("OBJECT_FRAME")
+        rccl_control(obj)
+        here, there = (gentr_rpy("AT", 500, 0, z, 0, 170 + z / 10, 0) for z in (0, 100))
+        maintain(obj, make_position(TRANS, EQ, here, TL, TRANS))
+        robots = [rccl_open(name) for name in rigs]
+        for robot in robots:
+            rccl_control(robot)
+            setjvel(robot, share=0.9)
+            tracking_mode(robot)
+            move(robot, make_position(TRANS, TOOL, EQ, WORLD[robot.name], obj.trans, GRIP[robot.name], TL, TOOL))
+        for robot in robots:
+            wait_for(robot.completed)
+        setvel(obj, 100, 30)
+        move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+
+        def look() -> int:
+            states = [(robot, robot.channel.how) for robot in robots if isinstance(robot, RobotManip)]
+            seen.append([(hand(robot, how.q_setpoint), hand(robot, how.q)) for robot, how in states])
+            return obj.completed.count
+
+        wait_as(look)
+    assert not any(rig.rows()["fault"].any() for rig in rigs.values())
+    assert len(seen) > 30
+    farthest = 0.0
+    for left, right in seen:
+        wanted, found = (inverse(left[k]) @ right[k] for k in (0, 1))
+        errors = [off(*left), off(*right)]
+        lever = float(np.linalg.norm(found[:3, 3]))
+        between = off(wanted, found)[0]
+        farthest = max(farthest, between)
+        assert between <= sum(far for far, _ in errors) + lever * sum(turned for _, turned in errors) + 1e-9
+        assert abs(lever - 0.2) < 5e-3
+    assert farthest > 1e-5  # the arms are real ones
