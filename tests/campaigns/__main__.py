@@ -1,6 +1,7 @@
 """`python -m tests.campaigns NAME`: long runs in virtual time whose figures the documents give; not in the suite.
 
     quiet       an hour without a fault: nothing may stop the arm
+    held_up     a servo that is kept from running, again and again: only what is true may be told
     encoders    cables that come off: 480 trials
     stops       300 stops at random instants, in each form of interpolation
     calibration 200 calibrations from random poses
@@ -16,20 +17,23 @@ import argparse
 import sys
 
 from qrobot.servo.kernels.interpolation_polynomials import FORMS
-from tests.campaigns import calibration, deaths, encoders, quiet, stops, val_lines
+from tests.campaigns import calibration, deaths, encoders, held_up, quiet, stops, val_lines
 
 HOUR_S = 3600.0
 STOPS = 300
+HELD_UP_DRAWS = 40  # of the mismatched plant, each with all lengths
 SPOILT_LINES = 100_000
 
 
 def main() -> int:
     """Run the campaign that the command line names; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaigns", description=__doc__.split("\n\n", 1)[0])
-    parser.add_argument("name", choices=["quiet", "encoders", "stops", "calibration", "deaths", "val_lines"])
+    parser.add_argument("name", choices=["quiet", "held_up", "encoders", "stops", "calibration", "deaths", "val_lines"])
     name = parser.parse_args().name
     if name == "quiet":
         wrong = quiet.campaign(HOUR_S)
+    elif name == "held_up":
+        wrong = held_up.campaign(HELD_UP_DRAWS)
     elif name == "encoders":
         wrong = encoders.campaign()
     elif name == "calibration":
