@@ -26,7 +26,7 @@ OBJECT_FRAME: Final = "OBJECT_FRAME"
 DEFAULT_ROBOT: Final = "puma560"
 
 
-class Program:
+class ManipProgram:
     """Manipulators of one program, which share one count of samples."""
 
     def __init__(self) -> None:
@@ -63,14 +63,14 @@ class Program:
         self.robots[0].channel.waitas(lambda: self.look(happened, what))
 
 
-_program: ContextVar[Program | None] = ContextVar("multi_rccl_program", default=None)
+_program: ContextVar[ManipProgram | None] = ContextVar("multi_rccl_program", default=None)
 
 
-def this_program() -> Program:
+def this_program() -> ManipProgram:
     """The program that calls; begun anew when all its manipulators were let go of."""
     program = _program.get()
     if program is None or program.over:
-        program = Program()
+        program = ManipProgram()
         _program.set(program)
     return program
 
