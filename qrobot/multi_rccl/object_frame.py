@@ -86,14 +86,14 @@ class ObjectFrame(Manip):
             self._group.agree_on(period_ms * S_PER_MS if period_ms else self._group.period_s or PERIOD_S)
             self._tick = self._group.tick
             self._generator = self._generator_at(self.trans.value)
-            self._group.followers.append(self)
+            self._group.members.append(self)
 
     def release(self) -> None:
         """Turn its generator off: it is where it is, and moves no more."""
         with self._group.sampled:
             if self._generator is not None:
                 self._generator = None
-                self._group.followers.remove(self)
+                self._group.members.remove(self)
 
     @property
     def parameters(self) -> MotionParameters:
@@ -184,22 +184,22 @@ class ObjectFrame(Manip):
     # ------------------------------------------------------------------------------------------- once per sample
 
     def before_sample(self, tick: int) -> None:
-        """See `Follower.before_sample`: the frame moves, whether or not an arm looks."""
+        """See `GroupMember.before_sample`: the frame moves, whether or not an arm looks."""
         self._look(tick)
 
     def come_to_rest(self) -> None:
-        """See `Follower.come_to_rest`."""
+        """See `GroupMember.come_to_rest`."""
         if self._generator is not None and not self.rests:
             self._generator.stop()
 
     @property
     def busy(self) -> bool:
-        """See `Follower.busy`."""
+        """See `GroupMember.busy`."""
         return self._generator is not None and self._generator.busy
 
     @property
     def rests(self) -> bool:
-        """See `Follower.rests`."""
+        """See `GroupMember.rests`."""
         generator = self._generator
         return generator is None or (not generator.busy and (generator.goal is None or generator.goal.fixed))
 

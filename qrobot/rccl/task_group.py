@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from qrobot.rccl.task import TrajectoryTask
 
 
-class Follower(Protocol):
+class GroupMember(Protocol):
     """Something that takes part in the samples of a group."""
 
     def before_sample(self, tick: int) -> None:
@@ -40,13 +40,13 @@ class TaskGroup:
         sampled: the lock between the program and all its tasks, notified after each sample of each.
         tick: the newest sample of any of them.
         period_s: sample period of all of them, 0 before there is any.
-        followers: what goes along with their samples, in the order in which it was added.
+        members: what goes along with their samples, in the order in which it was added.
     """
 
     def __init__(self) -> None:
         self.sampled = threading.Condition()
         self.tick, self.period_s = 0, 0.0
-        self.followers: list[Follower] = []
+        self.members: list[GroupMember] = []
         self._tasks: list[TrajectoryTask] = []
 
     def join(self, task: TrajectoryTask) -> None:
@@ -75,8 +75,8 @@ class TaskGroup:
     def before_sample(self, tick: int) -> None:
         """An arm is about to make its setpoints of sample `tick`."""
         self.tick = max(self.tick, tick)
-        for follower in self.followers:
-            follower.before_sample(tick)
+        for member in self.members:
+            member.before_sample(tick)
 
     def lose(self, task: TrajectoryTask) -> None:
         """Control of one arm was lost: the others come to rest on their paths, or with what they hold.
@@ -91,15 +91,15 @@ class TaskGroup:
 
     def come_to_rest(self) -> None:
         """Whatever arms follow comes to rest."""
-        for follower in self.followers:
-            follower.come_to_rest()
+        for member in self.members:
+            member.come_to_rest()
 
     @property
     def busy(self) -> bool:
         """Something that arms follow has motions of its own to do."""
-        return any(follower.busy for follower in self.followers)
+        return any(member.busy for member in self.members)
 
     @property
     def rests(self) -> bool:
         """Whatever arms follow has come to rest."""
-        return all(follower.rests for follower in self.followers)
+        return all(member.rests for member in self.members)
