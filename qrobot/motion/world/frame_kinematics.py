@@ -53,7 +53,7 @@ class FrameKinematics:
 
 
 def _by_whole_turns(r: Floats, near: Floats) -> Floats:
-    """Of the rotation vectors that mean the same as `r` (3,), the nearest to `near`."""
+    """The rotation vector nearest to `near`, among those that mean the same as `r` (3,)."""
     angle = float(np.linalg.norm(r))
     if angle > _SMALL:
         axis = r / angle
