@@ -1,4 +1,4 @@
-"""What every manipulator of a program has, an arm or an object's frame: the MANIP of Multi-RCCL."""
+"""The MANIP of Multi-RCCL: a manipulator of a program, an arm or the frame of an object."""
 
 from __future__ import annotations
 

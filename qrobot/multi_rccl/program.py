@@ -35,7 +35,7 @@ class ManipProgram:
 
     @property
     def over(self) -> bool:
-        """It had arms, and all of them were let go of."""
+        """True once all arms that it had were let go of."""
         arms = [manip for manip in self.manips if isinstance(manip, RobotManip) and manip.begun]
         return arms != [] and self.robots == []
 

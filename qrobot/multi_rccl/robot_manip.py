@@ -71,12 +71,12 @@ class RobotManip(Manip):
 
     @property
     def on(self) -> bool:
-        """It is under control."""
+        """True while it is under control."""
         return self._channel is not None and not self._channel.released
 
     @property
     def begun(self) -> bool:
-        """It has been under control."""
+        """True once it has been under control."""
         return self._channel is not None
 
     @property

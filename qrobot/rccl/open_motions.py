@@ -30,10 +30,10 @@ _FAILURES: Final = {
 
 
 class Placed(Protocol):
-    """Something that is where its coordinates say."""
+    """Kinematics from coordinates to a pose."""
 
     def forward(self, q: Floats) -> Floats:
-        """Where it is at `q` (n,). Shape (4, 4)."""
+        """The pose at `q` (n,). Shape (4, 4)."""
 
 
 class OpenMotions:

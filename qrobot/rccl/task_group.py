@@ -90,16 +90,16 @@ class TaskGroup:
                 other.stop()
 
     def come_to_rest(self) -> None:
-        """Whatever arms follow comes to rest."""
+        """Let all that arms follow come to rest."""
         for member in self.members:
             member.come_to_rest()
 
     @property
     def busy(self) -> bool:
-        """Something that arms follow has motions of its own to do."""
+        """True while something that arms follow has motions of its own to do."""
         return any(member.busy for member in self.members)
 
     @property
     def rests(self) -> bool:
-        """Whatever arms follow has come to rest."""
+        """True when all that arms follow has come to rest."""
         return all(member.rests for member in self.members)
