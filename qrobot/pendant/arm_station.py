@@ -18,6 +18,7 @@ from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
 from qrobot.pendant.fence_facts import fence_facts
 from qrobot.pendant.frames import arm_facts
+from qrobot.pendant.free_path import free_path
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.procedure_messages import PageProcedureStart
@@ -26,6 +27,7 @@ from qrobot.pendant.program_messages import PageProgramStart
 from qrobot.pendant.program_runner import ProgramRunner
 from qrobot.pendant.servo_requests import POWER_OFF, ServoRequests
 from qrobot.pendant.taught_places import TaughtPlaces
+from qrobot.units import M_PER_MM
 from qrobot.wire import State
 from qrobot.wire.vocabulary import RobotFlag
 
@@ -77,8 +79,8 @@ class ArmStation:
         self._commanded = False
         self.programs = programs or ProgramRunner(arm.name)
         self.board = BoardAccess(arm, self.programs.deployment, self.tell, monotonic)
-        models = Path(arm.log.directory or "out")
-        self.procedures = ProcedureRunner(arm.name, self.programs.deployment, models, on_change)
+        self._folder = Path(arm.log.directory or "out")
+        self.procedures = ProcedureRunner(arm.name, self.programs.deployment, self._folder, on_change)
 
     @property
     def status(self) -> dict[str, Any]:
@@ -90,6 +92,8 @@ class ArmStation:
             "notice": self._notice,
             "notices": self._notices,
             "session": self.worker.session,
+            "guide": self.worker.guide,
+            "led": self.worker.led,
             "commanded": self._commanded,
             "places": [*self.robot.poses, *taught],
             "taught": taught,
@@ -117,10 +121,15 @@ class ArmStation:
         else:
             self.requests.act(name)
 
-    def take_arm(self) -> None:
-        """Begin to command the arm."""
+    def take_arm(self, guide: bool) -> None:
+        """Begin to command the arm: to jog it, or with `guide` to lead it by hand."""
         self.worker.start()
-        self.worker.say(do="on")
+        self.worker.say(do="on", guide=guide)
+
+    def keep_recording(self, smooth_mm: float) -> None:
+        """Write what the arm was led through beside its logs, smoothed; told when it is. Raises ConfigError."""
+        path = free_path(self._folder, f"{self.arm.name}-led", ".csv")
+        self.worker.say(do="keep", path=str(path), smooth=smooth_mm * M_PER_MM)
 
     def give_arm(self) -> None:
         """Bring the arm to rest and command it no longer; returns at once."""

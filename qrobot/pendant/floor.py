@@ -19,6 +19,7 @@ from qrobot.pendant.messages import (
     PageCommand,
     PageGive,
     PageHand,
+    PageLed,
     PageOverride,
     PagePlace,
     PagePressed,
@@ -183,8 +184,8 @@ class DriveFloor:
                 self._of(message).worker.say(do="beat", number=number)
             case PageAct(name=name):
                 self._of(message).act(name)
-            case PageCommand(on=on):
-                self._of(message).take_arm() if on else self._of(message).give_arm()
+            case PageCommand(on=on, guide=guide):
+                self._of(message).take_arm(guide) if on else self._of(message).give_arm()
             case PageOverride(factor=factor):
                 self._of(message).requests.override(factor)
             case PageHand(opened=opened):
@@ -197,6 +198,10 @@ class DriveFloor:
         match message:
             case PageRecord(name=name):
                 arm.record(name)
+            case PageLed(keep=True, smooth_mm=smooth_mm):
+                arm.keep_recording(smooth_mm)
+            case PageLed():
+                arm.worker.say(do="forget")
             case PageRemove(name=name):
                 arm.places.remove(name)
             case PagePlace():

@@ -15,7 +15,7 @@ from typing import Final, Literal
 BEAT_S: Final = 0.05  # the page says so often that a button is held
 PATIENCE_S: Final = 0.25  # 0.15 s stopped for nothing on a loaded machine, measured; a page's worst gap was 0.245 s
 
-PressTarget = Literal["joint", "axis", "place"]
+PressTarget = Literal["joint", "axis", "place", "guide"]
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Press:
 
     Attributes:
         number: higher than that of any press before.
-        target: a joint turns, the tool goes along or about an axis, or the arm goes to a place.
-        name: the joint's number from 1; the axis (dx dy dz rx ry rz); the name of a place.
+        target: a joint turns, the tool goes along or about an axis, the arm goes to a place, or is led by hand.
+        name: the joint's number from 1; the axis (dx dy dz rx ry rz); the name of a place; of no meaning for a hand.
         way: 1.0 or -1.0.
         in_base: the axis is one of the base, else of the last link.
         share: of the speeds at which jogging begins.

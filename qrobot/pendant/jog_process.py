@@ -3,9 +3,11 @@
 It reads lines of JSON from its input and writes some to its output; at the end of its input, whatever the reason, it
 brings the arm to rest and ends.
 
-    {"do": "on"}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3}, {"do": "release"},
-    {"do": "stop"}, {"do": "hand", "opened": true}
-    {"session": "no" | "opening" | "ready", "text": "for people"}
+    {"do": "on", "guide": false}, {"do": "off"}, {"do": "press", ...}, {"do": "beat", "number": 3}, {"do": "release"},
+    {"do": "stop"}, {"do": "hand", "opened": true}, {"do": "keep", "path": "led.csv", "smooth": 0.003}, {"do": "forget"}
+    {"session": "no" | "opening" | "ready", "text": "for people", "guide": false, "led": [2.5, 4.0]}
+
+With "guide" the arm is led by hand; "led" are the lengths of what was recorded, in s.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -24,9 +26,13 @@ from qrobot.config.deployment import DeployedArm
 from qrobot.errors import QRobotError
 from qrobot.fences.fence_set import FenceSet, fences_of
 from qrobot.fences.in_force import use_fences
+from qrobot.pendant.guide_session import GuideSession
 from qrobot.pendant.held_press import Press
 from qrobot.pendant.jog_session import JogSession
 from qrobot.rccl.connect import compile_motion
+from qrobot.rccl.recordings import joined, smoothed
+from qrobot.rccl.setpoint_tables import write_setpoint_table
+from qrobot.rccl.setpoints import Setpoints
 from qrobot.rci import LinkFactory, TcpLink
 
 STOPPED: Final = "STOP was pressed: the arm holds where it stopped; take it again to go on"
@@ -40,11 +46,22 @@ class JogProcess:
         link: way to its bridge.
         taught: file of places by name.
         answers: where lines go.
+        clock: seconds; that of the presses.
     """
 
-    def __init__(self, robot: str, link: LinkFactory, taught: Path, answers: TextIO) -> None:
+    def __init__(
+        self,
+        robot: str,
+        link: LinkFactory,
+        taught: Path,
+        answers: TextIO,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._clock = clock
         self._robot, self._link, self._taught, self._answers = robot, link, taught, answers
-        self._session: JogSession | None = None
+        self._session: JogSession | GuideSession | None = None
+        self._guide = False
+        self._led: list[Setpoints] = []
         self._wanted = threading.Event()
         self._over = self._stopped = False
 
@@ -68,10 +85,7 @@ class JogProcess:
                 self._serve()
 
     def _serve(self) -> None:
-        session = JogSession(
-            self._robot, self._link, self._taught, self._follows, lambda text: self._say("ready", text)
-        )
-        self._session = session
+        session = self._session = self._new_session()
         self._say("opening")
         why, self._stopped = "", False
         try:
@@ -79,16 +93,41 @@ class JogProcess:
         except QRobotError as error:
             why = STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}"
             self._wanted.clear()  # a second "on" of the session that has ended does not take the arm again
-        self._session = None
+        self._led, self._session = self._recorded(), None
         self._say("no", why)
+
+    def _new_session(self) -> JogSession | GuideSession:
+        tell = lambda text: self._say("ready", text)  # noqa: E731
+        if self._guide:
+            return GuideSession(self._robot, self._link, self._follows, tell, self._clock)
+        return JogSession(self._robot, self._link, self._taught, self._follows, tell, self._clock)
+
+    def _recorded(self) -> list[Setpoints]:
+        """Everything that the arm was led through since the last `forget`."""
+        session = self._session
+        return [*self._led, *(session.recordings if isinstance(session, GuideSession) else [])]
+
+    def _keep(self, path: str, smooth: float) -> None:
+        """Write what was led, joined, and smoothed within so many m; 0 for as it was."""
+        if self._session is not None:
+            self._say("ready", "the recording is not written: let go of the arm first")
+            return
+        try:
+            robot = load_robot(self._robot)
+            motion = joined(self._led, robot)
+            write_setpoint_table(Path(path), smoothed(motion, robot, smooth) if smooth else motion)
+            self._say("no", f"wrote {path}: `qrobot replay {path} --approach` plays it")
+        except (QRobotError, OSError) as error:
+            self._say("no", f"the recording is not written: {error}")
 
     def _follows(self) -> None:
         self._say("ready")
 
     def _obey(self, message: dict[str, Any]) -> None:
-        session, now_s = self._session, time.monotonic()
+        session, now_s = self._session, self._clock()
         match message.pop("do"):
             case "on":
+                self._guide = message.get("guide", False) if session is None else self._guide
                 self._wanted.set()
             case "off":
                 self._leave()
@@ -98,11 +137,16 @@ class JogProcess:
                 session.press.beat(message["number"], now_s)
             case "stop" if session is not None:
                 self._stopped = True
-                session.press.end()
+                session.stop()
             case "release" if session is not None:
                 session.press.end()
             case "hand" if session is not None:
                 session.hand(message["opened"])
+            case "keep":
+                self._keep(message["path"], message["smooth"])
+            case "forget" if session is None:
+                self._led = []
+                self._say("no")
 
     def _leave(self) -> None:
         self._wanted.clear()
@@ -110,8 +154,10 @@ class JogProcess:
             self._session.leave()
 
     def _say(self, session: str, text: str = "") -> None:
+        led = [round(float(motion.t[-1]), 3) for motion in self._recorded()]
+        told = {"session": session, "text": text, "guide": self._guide, "led": led}
         try:
-            print(json.dumps({"session": session, "text": text}), file=self._answers, flush=True)
+            print(json.dumps(told), file=self._answers, flush=True)
         except OSError:  # the pendant is gone: the end of the input is near
             self._over = True
 

@@ -57,6 +57,10 @@ class JogSession:
         self.press.end()
         self._leaving = True
 
+    def stop(self) -> None:
+        """Let go of what is held: the servo was asked for a stop, which ends the session."""
+        self.press.end()
+
     def hand(self, opened: bool) -> None:
         """Open or close the hand; does nothing before the arm follows, or once it is lost: `run` tells why."""
         if (arm := self._arm) is not None:
@@ -94,6 +98,8 @@ class JogSession:
                     motion.go_along(press.name, press.way, press.share, press.in_base, press.step)
                 case "place":
                     motion.go_to(self._place(press.name), press.share)
+                case "guide":
+                    raise MotionError("the arm is taken to jog: let go of it, and take it to lead it by hand")
         except (LinkError, ServoFault):
             raise
         except QRobotError as error:

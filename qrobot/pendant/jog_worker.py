@@ -32,10 +32,13 @@ class JogWorker:
 
     Attributes:
         session: "no", "opening" or "ready".
+        guide: the arm is, or was last, taken to be led by hand.
+        led: lengths of what was recorded of that, s.
     """
 
     def __init__(self, arm: DeployedArm, taught: Path, tell: Callable[[str], None]) -> None:
-        self.session = "no"
+        self.session, self.guide = "no", False
+        self.led: list[float] = []
         self._arm, self._taught, self._tell = arm, taught, tell
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -78,7 +81,7 @@ class JogWorker:
         with process.stdout as answers:
             for line in answers:
                 said = json.loads(line)
-                self.session = said["session"]
+                self.session, self.guide, self.led = said["session"], said["guide"], said["led"]
                 self._tell(said["text"])
-        self.session = "no"
+        self.session, self.led = "no", []
         self._tell("" if process.wait() == 0 else "the process that moves the arm has ended: take the arm again")

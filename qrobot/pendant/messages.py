@@ -65,11 +65,21 @@ class PageOverride(PageMessage):
 
 
 class PageCommand(PageMessage):
-    """Take an arm under command, or end it."""
+    """Take an arm under command, with `guide` to lead it by hand, or end it."""
 
     do: Literal["command"]
     arm: ArmNumber
     on: bool
+    guide: bool = False
+
+
+class PageLed(PageMessage):
+    """Write what the arm was led through, smoothed within `smooth_mm` (0 for as it was), or forget it."""
+
+    do: Literal["led"]
+    arm: ArmNumber
+    keep: bool
+    smooth_mm: float = Field(default=0.0, ge=0, le=MOST_STEP, allow_inf_nan=False, strict=False)
 
 
 class PagePressed(PageMessage):
@@ -146,6 +156,7 @@ AnyMessage = Annotated[
     | PageAct
     | PageOverride
     | PageCommand
+    | PageLed
     | PagePressed
     | PageBeat
     | PageRelease

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from qrobot.errors import ConfigError, MotionError
 from qrobot.pendant.command_run import CommandRun
+from qrobot.pendant.free_path import free_path
 from qrobot.pendant.procedure_messages import PageProcedureStart
 
 NICE: Final = 10  # of what moves no arm
@@ -93,9 +94,8 @@ class ProcedureRunner:
             raise MotionError("there is no model to keep: record and fit first")
         if not confirmed:
             raise MotionError("the model is not written: confirm it")
+        path = free_path(self._models, f"{self._arm}-model", ".toml")
         try:
-            self._models.mkdir(parents=True, exist_ok=True)
-            path = self._free_path()
             shutil.copyfile(self._file("model.toml"), path)
         except OSError as error:
             raise ConfigError(f"cannot write into {self._models}: {error.strerror}") from None
@@ -121,11 +121,6 @@ class ProcedureRunner:
 
     def _file(self, name: str) -> Path:
         return (self._folder or Path("/nonexistent")) / name
-
-    def _free_path(self) -> Path:
-        """A name in the folder of models that no file has."""
-        names = (f"{self._arm}-model{f'-{number}' if number else ''}.toml" for number in range(1000))
-        return next(path for name in names if not (path := self._models / name).exists())
 
     def _command(self, request: PageProcedureStart) -> list[str]:
         """Arguments of `qrobot`; a step makes void what later ones have made of its result."""

@@ -21,6 +21,7 @@ from websockets.sync.client import connect
 
 from qrobot.config import load_deployment, load_robot
 from qrobot.fences.fence_set import fences_of
+from qrobot.hwif.board_memory import PANEL_MICRO, attach_board_memory
 from qrobot.modecodes import Mode
 from qrobot.pendant.gate import cookie_name
 from tests.support.browser import open_browser
@@ -38,6 +39,7 @@ STALL_MS = 700
 PLUS_OF_JOINT_1 = 1  # of the buttons to hold
 TOOL_COLOUR = (192, 57, 43)  # of the marker at the tool's tip
 AROUND_PX = 14
+ELBOW, LEADING_N_M, LED_RAD, LED_S = 2, 12.0, 0.03, 1.5  # friction holds a PUMA against less
 
 
 FENCES = """
@@ -119,6 +121,15 @@ class Page:
         """Take the arm."""
         self.click("take")
         wait_until(lambda: self.run("return pendant.ready"), "the arm follows")
+
+    def take_to_lead(self) -> None:
+        """Take the lease, and the arm to lead it by hand, unless it has both: a page that stalls loses them."""
+        if not self.run("return pendant.driving"):
+            self.click("drive")
+            wait_until(lambda: self.run("return pendant.driving"), "this page drives")
+        if not self.run("return pendant.leading"):
+            self.click("guide-take")
+            wait_until(lambda: self.run("return pendant.leading"), "the arm can be led")
 
     def choose_arm(self, number: int) -> None:
         self.driver.find_element("css selector", f'[data-arm="{number}"]').click()
@@ -210,6 +221,8 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
         watcher.run("pendant.say({do: 'press', arm: 0, number: 99, target: 'joint', name: '1'})")
         assert is_at_rest(arm)
         each_arm_has_a_lease_that_is_taken_and_given_up(page, watcher)
+        the_arm_is_led_by_hand_while_its_button_is_held(page, arm)
+        page.take()
 
         press_until_it_moves(page, arm)
         page.run(f"const t = performance.now(); while (performance.now() - t < {STALL_MS});")
@@ -234,7 +247,7 @@ def test_an_arm_is_driven_from_one_page_and_a_page_that_stalls_or_dies_moves_it_
 
 
 def each_arm_has_a_lease_that_is_taken_and_given_up(page: Page, other: Page) -> None:
-    """Two browsers, and a second arm that is not there; at the end `page` drives the first one again."""
+    """Two browsers, and a second arm that is not there; at the end nobody drives the first one."""
     first, second = (each.run("return pendant.page") for each in (page, other))
     assert page.run("return pendant.view.figures.length") == 2
     other.choose_arm(1)
@@ -248,7 +261,30 @@ def each_arm_has_a_lease_that_is_taken_and_given_up(page: Page, other: Page) -> 
     assert page.run("return pendant.hold('joint', '1', {})") is False
     other.click("drive")
     wait_until(lambda: page.drivers == [None, second], "the first arm is free")
-    page.drive()
+
+
+def the_arm_is_led_by_hand_while_its_button_is_held(page: Page, arm: RunningArm) -> None:
+    """A push at the emulated arm is the hand; at the end `page` drives, and has let go of the arm."""
+    page.take_to_lead()
+    assert page.run("return pendant.hold('joint', '1', {})") is False
+    began = arm.snapshot().q[ELBOW]
+    button = page.driver.find_element("id", "guide-hold")
+    with attach_board_memory(arm.name) as board:
+        board.memory.panel.push[ELBOW] = round(LEADING_N_M * PANEL_MICRO)
+        while arm.snapshot().q[ELBOW] < began + LED_RAD:  # a page that stalls leads it no longer: press anew
+            page.take_to_lead()
+            ActionChains(page.driver).click_and_hold(button).perform()
+            give_time(LED_S)
+            page.let_go()
+        wait_until(lambda: is_at_rest(arm), "it is held although the hand pushes on")
+        board.memory.panel.push[ELBOW] = 0
+    page.take_to_lead()
+    page.click("guide-place")
+    wait_until(lambda: page.run("return 'P1' in pendant.armStatus.taught"), "the place is kept")
+    page.click("guide-take")
+    page.click("guide-write")
+    wait_until(lambda: "qrobot replay" in page.run("return pendant.armStatus.notice"), "the recording is written")
+    page.run("window.scrollTo(0, 0)")  # from below the bar
 
 
 def a_program_is_paused_while_no_page_drives_and_ended_by_stop(arm: RunningArm, page: Page) -> None:

@@ -37,7 +37,7 @@ export function makeBar(root) {
     fault, notice,
   );
 
-  new ResizeObserver(() => document.body.style.setProperty("--bar", `${root.offsetHeight}px`)).observe(root);
+  new ResizeObserver(() => document.documentElement.style.setProperty("--bar", `${root.offsetHeight}px`)).observe(root);
 
   let seen = [], own = 0, buttons = []; // notices of each arm, and those for this page alone
   const tell = (text) => {

@@ -1,5 +1,6 @@
 // The tab Drive: the arms, their joints and tool with a button each way, power, hand.
 import { el, setAttribute, setText } from "./dom.js";
+import { guideCard } from "./guide.js";
 import { holdButton } from "./hold.js";
 import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
 import { link } from "./link.js";
@@ -41,6 +42,7 @@ export function makeDrive(root) {
     el("div", { class: "card" }, el("h2", {}, "Joints"), joints),
     el("div", { class: "card" }, el("h2", {}, "Tool"), tool),
     el("div", { class: "card options" }, el("label", {}, "Speed ", speed), el("label", {}, "Step ", step), el("label", {}, "Along ", frame)),
+    guideCard(),
     el("p", { class: "hint" }, "Keys as in qrobot jog: 1 2 … choose a joint, x y z u v w an axis; hold . or , to move. Esc or Space stops."),
   );
 
@@ -183,9 +185,11 @@ function powerCard() {
     off.disabled = !link.open || !state || !(state.flags & 1);
     clear.disabled = !link.driving || !MAY_CLEAR.includes(mode);
     take.disabled = !link.driving || !state || (session === "no" && mode !== "HOLDING" && mode !== "OFF");
-    setText(take, { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
-    setAttribute(take, "data-on", session === "ready");
-    open.disabled = close.disabled = session !== "ready" || !link.driving;
+    const led = link.armStatus?.guide && session !== "no"; // see guide.js
+    if (led) take.disabled = true;
+    setText(take, led ? "led by hand" : { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
+    setAttribute(take, "data-on", link.ready);
+    open.disabled = close.disabled = !link.ready;
     setText(hand, state ? `hand ${["relaxed", "open", "closed"][state.hand] ?? "?"}` : "hand ?");
   };
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);

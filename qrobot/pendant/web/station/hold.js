@@ -2,7 +2,8 @@
 import { el, setAttribute } from "./dom.js";
 import { link } from "./link.js";
 
-export function holdButton(text, label, ask) {
+// ask: what is to move, see link.hold; may: whether it can now.
+export function holdButton(text, label, ask, may = () => link.ready) {
   const button = el("button", { class: "hold", type: "button", "aria-label": `${label}: hold` }, text);
   const begin = () => {
     const { target, name, ...extra } = ask();
@@ -23,7 +24,7 @@ export function holdButton(text, label, ask) {
   button.addEventListener("keyup", (event) => event.key === "Enter" && end());
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   link.addEventListener("press", () => link.press === null && delete button.dataset.held);
-  const show = () => setAttribute(button, "aria-disabled", String(!link.ready));
+  const show = () => setAttribute(button, "aria-disabled", String(!may()));
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   show();
   return button;

@@ -102,8 +102,14 @@ class Link extends EventTarget {
     return this.open && this.armStatus !== null && this.armStatus.driver === this.page;
   }
 
+  // The buttons that move the arm do.
   get ready() {
-    return this.driving && this.armStatus.session === "ready";
+    return this.driving && this.armStatus.session === "ready" && !this.armStatus.guide;
+  }
+
+  // The arm follows a hand while the button for it is held.
+  get leading() {
+    return this.driving && this.armStatus.session === "ready" && this.armStatus.guide;
   }
 
   fresh(arm) {
@@ -128,7 +134,7 @@ class Link extends EventTarget {
   }
 
   hold(target, name, extra) {
-    if (!this.ready) return false;
+    if (!(target === "guide" ? this.leading : this.ready)) return false;
     this.release();
     this.presses += 1;
     this.press = { arm: this.chosen, number: this.presses };
