@@ -14,6 +14,7 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import LinkFactory, hello_for
+from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.wire import Welcome
 
 
@@ -35,6 +36,8 @@ def open_channel(
     fences = fences_for(arm.name)
     _warm_up(arm, blend)
     link = factory(hello_for(arm.name, period_us))
+    if not link.virtual_time:
+        prepare_interpreter()
     try:
         welcome = link.open()
         _check_robot(arm, welcome)

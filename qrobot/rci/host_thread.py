@@ -12,7 +12,7 @@ from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_loop import Order, ProcessorLoop
-from qrobot.realtime.interpreter import InterpreterShare
+from qrobot.realtime.interpreter import InterpreterShare, prepare_interpreter
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S
 
@@ -38,6 +38,7 @@ class HostThread:
         self._hung = False
         self._why = ""  # it runs no task any more
         self._share = InterpreterShare()
+        prepare_interpreter()
         self._share.begin()
         self._thread.start()
 

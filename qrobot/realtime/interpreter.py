@@ -19,8 +19,17 @@ from qrobot.realtime.setup import favoured_thread, freeze_garbage
 TURN_S: Final = 0.0005
 
 
+def prepare_interpreter() -> None:
+    """Exempt all that lives now from searches for garbage, and let threads take short turns.
+
+    It takes as long as one search: a program does it before it greets a robot, which waits for no one.
+    """
+    sys.setswitchinterval(min(TURN_S, sys.getswitchinterval()))
+    freeze_garbage()
+
+
 class InterpreterShare:
-    """Short turns from begin to end, a program's own thread that waits for few others, short searches for garbage.
+    """The calling thread, the program's own, waits for few others from begin to end; searches for garbage are timed.
 
     Attributes:
         longest_search_ms: time of the longest search for garbage since it began.
@@ -32,12 +41,7 @@ class InterpreterShare:
         self._undo = ExitStack()
 
     def begin(self) -> None:
-        """Begin, in the program's own thread, before the arm moves.
-
-        The first search, which exempts all that lives now from later ones, takes long.
-        """
-        sys.setswitchinterval(min(TURN_S, sys.getswitchinterval()))
-        freeze_garbage()
+        """Begin, in the program's own thread."""
         gc.callbacks.append(self._searching)
         self._undo.callback(gc.callbacks.remove, self._searching)
         self._undo.enter_context(favoured_thread())

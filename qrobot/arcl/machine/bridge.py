@@ -29,7 +29,7 @@ from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, hello_for
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
-from qrobot.realtime.interpreter import InterpreterShare
+from qrobot.realtime.interpreter import InterpreterShare, prepare_interpreter
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_MS, US_PER_MS
 from qrobot.wire import Command, RobotState, Welcome
@@ -105,6 +105,8 @@ class BridgeMachine:
 
     def _hold(self) -> Floats:
         """Take the arm. Gives the joint positions at which it is held. Shape (n,)."""
+        if not self.virtual_time:
+            prepare_interpreter()
         try:
             self._take(self._link.open())
             if self.virtual_time:

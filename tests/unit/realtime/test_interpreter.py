@@ -11,7 +11,7 @@ import pytest
 
 from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.realtime import interpreter
-from qrobot.realtime.interpreter import TURN_S, InterpreterShare
+from qrobot.realtime.interpreter import TURN_S, InterpreterShare, prepare_interpreter
 
 
 class Cycle:
@@ -35,6 +35,7 @@ def share(monkeypatch) -> Iterator[InterpreterShare]:
 
 def test_what_lives_before_it_begins_is_never_searched_and_what_comes_later_is(share) -> None:
     before = [Cycle() for _ in range(1000)]
+    prepare_interpreter()
     share.begin()
     later = Cycle()
     searched = {id(one) for one in gc.get_objects()}
