@@ -45,7 +45,7 @@ if path.exists():
     sym_load(path)
 else:
     teach(rp, learn)
-    print(f"{sym_dump(path)} places in {path}")
+    print(f"places in {path}: {sym_dump(path)}")
 for name in sym_names():
     move(rp, makeposition(T6, EQ, sym_lookup(name), TL, T6), MOV_NAME, name, MOV_SHARE, 30, MOV_SYNC, 0)
     print(f"at {name}")

@@ -22,6 +22,8 @@ from qrobot.arcl import (
     arcl_errproc,
     arcl_open,
     makeposition,
+    sym_delete,
+    sym_names,
 )
 from qrobot.arcl.c.dispatcher import ArclDispatcher
 from qrobot.arcl.opened import open_robots
@@ -44,6 +46,8 @@ PARK = (0.0, 90.0, -90.0, 0.0, 90.0, 0.0)  # degrees
 def forget_programs() -> None:
     """Leave nothing of an earlier program behind."""
     arcl_errproc(None)
+    for name in sym_names():
+        sym_delete(name)
     switches.__dict__.update(Switches().__dict__)
     for rp in open_robots():
         rp.abandon()

@@ -15,13 +15,14 @@ from qrobot import arcl, rci
 from qrobot.arcl.attributes import Attribute
 from qrobot.arcl.c.calls import CALLS
 from qrobot.arcl.events import ArclEvent, Grip
+from qrobot.arcl.kinematics import kinematics
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.cli import toolchain
 from qrobot.cli.teach_pendant import teach_by_keys
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.arcl import EXAMPLES, HELD, forget_programs, keys_of_a_terminal, run_c, run_example
+from tests.support.arcl import EXAMPLES, forget_programs, keys_of_a_terminal, run_c, run_example
 from tests.support.c_programs import CHECKED, FOUND, compiled, needs_compiler, needs_valgrind, under_valgrind
 from tests.support.puma import ROBOT
 
@@ -168,13 +169,13 @@ static int learn(Trans *t6, ROBOT *rp)
     Trans *place = new_trans(count++ ? "second" : "first", VARB);
     sym_enter(trans_assign(place, t6));
     printf("%s: %.1f %.1f %.1f\\n", rp->name, t6->t_p.x, t6->t_p.y, t6->t_p.z);
-    return OK;
+    return count == 2 ? MOVE_STOP : OK;
 }
 int main(int argc, char **argv)
 {
     ROBOT *rp = arcl_open(ARCL_ARGCV, argc, argv, 0);
     printf("%d presses\\n", teach(rp, learn));
-    move(rp, makeposition(T6, EQ, sym_lookup("first"), TL, T6), 0);
+    printf("kept: %.1f\\n", sym_lookup("second")->t_p.x);
     arcl_close(rp);
     return teach(rp, NULL);
 }
@@ -184,17 +185,19 @@ int main(int argc, char **argv)
 def test_a_program_in_c_is_taught_by_the_pendant(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "taught.c").write_text(TAUGHT)
     program = compiled(tmp_path / "taught.c", tmp_path)
-    keys = keys_of_a_terminal((0.0, "\n"), (50.0, "2"), *HELD, (2900.0, "\n"), (3400.0, "q"))
+    keys = keys_of_a_terminal((0.0, "\n"), (300.0, "x"), (600.0, "\n"))
     pendant = partial(teach_by_keys, read_keys=keys, tell=lambda _: None)
     rig = LockstepRig(ROBOT, ServoSettings(rate_hz=500.0), Emulator(ROBOT, physics="rigid"))
     with rci.use(partial(link_factory, rig, 28_000)):
         assert run_c(program, tmp_path, ami="bridge", pendant=pendant) == 1
     said = capfd.readouterr()
-    assert re.findall(r"^(\S+: |\d presses)", said.out, re.MULTILINE) == ["puma560: ", "puma560: ", "2 presses"]
-    places = [
-        [float(word) for word in line.split()[1:]] for line in said.out.splitlines() if line.startswith("puma560")
-    ]
-    assert np.linalg.norm(np.subtract(*places)) > 20.0
+    aki = kinematics(ROBOT)
+    x, y, z = 1e3 * aki.forward(ROBOT.poses["park"] - aki.zero)[:3, 3]
+    told = re.findall(r"^(\S+): (\S+)(?: (\S+) (\S+))?$", said.out, re.MULTILINE)
+    assert [name for name, *_ in told] == ["puma560", "puma560", "kept"]
+    assert np.allclose([[float(word) for word in words] for _, *words in told[:2]], [[x, y, z]] * 2, atol=0.3)
+    assert float(told[2][1]) == pytest.approx(x, abs=0.3)
+    assert "2 presses" in said.out
     assert "teach: a null pointer was given" in said.err
     assert not rig.rows()["fault"].any()
 

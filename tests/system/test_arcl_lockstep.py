@@ -20,6 +20,7 @@ from qrobot.arcl import (
     ARCL_STREAM,
     EQ,
     EVENT_FAULT,
+    FNDEF,
     GRIP_CLOSE,
     GRIP_CLOSE_BY,
     IOD_IN,
@@ -47,8 +48,8 @@ from qrobot.arcl import (
     move,
     named_iod,
     new_iod,
+    new_trans,
     stop,
-    sym_delete,
     sym_enter,
     sym_lookup,
     teach,
@@ -285,14 +286,43 @@ def test_places_that_were_taught_in_one_run_are_gone_through_in_the_next(
     assert len(taught) == 2
     assert np.linalg.norm(np.subtract(*taught)) > 20.0
     assert said.endswith("at T1\nat T2\n")
-    sym_delete("T1")
-    sym_delete("T2")
+    forget_programs()
     run_example(program, tmp_path / "again", places)
     assert "at T1\nat T2\n" in capsys.readouterr().out
     path = cartesian_table(read_stream(tmp_path / "again" / "puma560.arcl"))
     there = np.column_stack([path[f"{axis}_mm"] for axis in "xyz"])
     for place in taught:
         assert np.linalg.norm(there - place, axis=1).min() < 25.0  # passed on the way, rounded
+
+
+def test_a_transform_that_a_sensor_drives_moves_the_goal(tmp_path: Path) -> None:
+    (tmp_path / "here.toml").write_text(NAMED)
+    arm = choose_arm(str(tmp_path / "here.toml"), None)
+    rig = LockstepRig(ROBOT, servo_settings(arm, rate_hz=500.0), Emulator(ROBOT, physics="rigid"))
+    chosen = use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals))
+    with chosen, rci.use(partial(link_factory, rig, SAMPLE_US)):
+        rp = arcl_open(ARCL_STREAM, str(tmp_path / "run.arcl"))
+        pressure = named_iod(rp, "pressure")  # 2 (volts - 0.5)
+
+        def pushed(trans, _):
+            trans.t_p.z = 10.0 * iod_value(pressure)
+
+        rig.board.panel.analog[6] = 500_000
+        move(rp, at(450, 100, 250, 90.0, new_trans("PUSHED", FNDEF, pushed)), MOV_CONFIG, "run", MOV_TIME, 2000, 0)
+        arcl_wait(rp)
+        begun = ami_treal()
+
+        def more() -> bool:
+            rig.board.panel.analog[6] = min(1_500_000, rig.board.panel.analog[6] + 20_000)
+            return ami_treal() > end
+
+        end = begun + 2200.0
+        arcl_wait(rp, more)
+        arcl_close(rp)
+        assert not rig.rows()["fault"].any()
+    path = cartesian_table(read_stream(tmp_path / "run.arcl"))
+    moved = [path[f"{axis}_mm"][-1] - np.interp(begun / 1e3, path["t_s"], path[f"{axis}_mm"]) for axis in "xyz"]
+    assert np.allclose(moved, [20.0, 0.0, 0.0], atol=0.2)  # 2 bar along the tool, which points along x
 
 
 def test_a_fault_of_the_servo_is_told_to_the_handler_and_raised_in_the_program() -> None:
