@@ -39,7 +39,7 @@ class ArmSession:
         self._name = name
         self._link = link
         self._task = task
-        self._runner = runner_for(link, task)
+        self._runner = runner_for(link, task, self._tell_names)
         self.released = False
         self._error_told = False
         self._signals: tuple[str, ...] = ()
@@ -64,9 +64,8 @@ class ArmSession:
             self._runner.error = error
             raise
         self._task.begin(welcome.period_us * 1e-6, trace)
-        if self._signals:
-            self._link.tell(Signals(self._signals))
-        self._runner = runner_for(self._link, self._task)
+        self._tell_names()
+        self._runner = runner_for(self._link, self._task, self._tell_names)
         self._begin()
 
     def set_payload(self, load: Payload) -> None:
@@ -98,6 +97,11 @@ class ArmSession:
             numbers = list(self._task.chg.signals)
             numbers[self._signals.index(name)] = value
             self._task.chg.signals = tuple(numbers)
+
+    def _tell_names(self) -> None:
+        """Tell a bridge that was greeted anew the names of the program's signals."""
+        if self._signals:
+            self._link.tell(Signals(self._signals))
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

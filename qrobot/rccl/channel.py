@@ -308,12 +308,12 @@ class Channel(MotionParameters):
         self._task.resume()
 
     def keep_path(self, keep: bool = True) -> None:
-        """Let motions outlive a stop of the servo: they wait on their path until somebody confirms.
+        """Let motions outlive a stop of the servo, and a bridge that comes back: they wait until somebody confirms.
 
-        Instead of ServoFault the program sees them stand still (`kept` tells why). After `resume`, or `qrobot ctl
-        resume`, a fault is cleared, the arm gets power and goes back to its path at a tenth of its speed, as joints
-        go, and the motions go on where they were left. Not kept are motions to goals that move or give way, those
-        that are being stopped, and setpoints that are played; and `stop` and `release` give the path up.
+        Instead of ServoFault or LinkLost the program sees them stand still (`kept` tells why). After `resume`, or
+        `qrobot ctl resume`, a fault is cleared, the arm gets power and goes back to its path at a tenth of its speed,
+        as joints go, and the motions go on where they were left. Not kept are motions to goals that move or give way,
+        those of a group or being stopped, and setpoints that are played; and `stop` and `release` give the path up.
         """
         self._task.keeps_path = keep
 

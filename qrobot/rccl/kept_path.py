@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.arrays import Floats
-from qrobot.errors import MotionError, ServoFault
+from qrobot.errors import LinkError, MotionError, ServoFault
 from qrobot.motion import EventKind, Generator, MoveRequest, SpeedShare, Termination
 from qrobot.wire import RobotState
 
@@ -20,7 +20,7 @@ WAY_BACK_SHARE: Final = 0.1  # [A] of the joints' greatest speeds, on the way ba
 
 
 class KeptPath:
-    """The path of a program whose arm the servo has stopped.
+    """The path of a program whose arm the servo has stopped, or whose bridge has gone away.
 
     Args:
         generator: of the path; stands still on it from now on.
@@ -33,7 +33,7 @@ class KeptPath:
         given_up: the program wants to stop, so the path is of no use any more.
     """
 
-    def __init__(self, generator: Generator, tick: int, fault: ServoFault) -> None:
+    def __init__(self, generator: Generator, tick: int, fault: ServoFault | LinkError) -> None:
         generator.stand_still(tick)
         self.fault = fault
         self.confirmed = self.given_up = False
@@ -46,7 +46,7 @@ class KeptPath:
         self.confirmed = self.confirmed or (self._paused and not robot.paused)
         self._paused = robot.paused
 
-    def wait_again(self, fault: ServoFault) -> None:
+    def wait_again(self, fault: ServoFault | LinkError) -> None:
         """Wait for somebody to confirm, as the servo has stopped the arm, or stopped it once more, with `fault`."""
         self.fault, self.confirmed, self._back = fault, False, None
 

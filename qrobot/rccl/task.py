@@ -246,7 +246,7 @@ class TrajectoryTask:
             self._kept.confirmed = True
 
     @property
-    def kept(self) -> ServoFault | None:
+    def kept(self) -> ServoFault | LinkError | None:
         """Fault for which the servo has stopped the arm, as long as that is not back on its kept path."""
         return None if self._kept is None else self._kept.fault
 
@@ -319,8 +319,20 @@ class TrajectoryTask:
         if self.each_sample is not None:
             self.each_sample()
 
-    def _stopped(self, fault: ServoFault) -> None:
+    def lose_link(self, lost: LinkError) -> None:
+        """The link is broken, and may be opened anew. Raises `lost`: the path is not kept."""
+        self._stopped(lost)
+        self._seq = None  # a bridge that is greeted counts anew
+
+    def insist(self) -> None:
+        """Raise what has stopped the arm, when the program has given its path up."""
+        if self._kept is not None and self._kept.given_up:
+            raise self._kept.fault
+
+    def _stopped(self, fault: ServoFault | LinkError) -> None:
         """The servo holds the arm, or none does: keep the path if that is wanted. Raises `fault`: it is not kept."""
+        if self.phase is TaskPhase.LEAVING:
+            raise fault
         if self._kept is None and self._generator is not None and self._may_keep(self._generator):
             self._kept = KeptPath(self._generator, self.tick, fault)
         if self._kept is None or self._kept.given_up:
@@ -330,15 +342,14 @@ class TrajectoryTask:
         self.phase = TaskPhase.KEPT
 
     def _may_keep(self, generator: Generator) -> bool:
-        return self.keeps_path and self._player is None and generator.keepable
+        return self.keeps_path and self.group is None and self._player is None and generator.keepable
 
     def _wait(self, robot: RobotState, kept: KeptPath | None) -> None:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
         if kept is None:
             return
         kept.hear(robot)
-        if kept.given_up:
-            raise kept.fault
+        self.insist()
         if kept.confirmed:
             self._power_up = PowerUp(self.period_s, clear_fault=True)
             self.chg.power = robot.powered  # else it is asked for anew

@@ -8,12 +8,13 @@ waits for, none is left behind.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import ClassVar, Final, Protocol
 from weakref import WeakSet
 
-from qrobot.errors import LinkLost, MotionError
+from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
 from qrobot.rccl.task import TaskPhase, TrajectoryTask
 from qrobot.rci import Link
 from qrobot.realtime.interpreter import InterpreterShare
@@ -23,6 +24,7 @@ from qrobot.wire import Command
 
 _PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 _LOOK_S: Final = 0.5  # a waiting program looks up so often
+AGAIN_S: Final = 0.5  # [A] between greetings of a bridge that has gone away
 _NO_WAIT: Final = "a function that is called at each sample must not wait: let it signal an event the program waits for"
 
 
@@ -125,9 +127,15 @@ class LockstepRunner:
 
 
 class ThreadRunner:
-    """Time passes by itself: a thread answers every STATE."""
+    """Time passes by itself: a thread answers every STATE.
 
-    def __init__(self, link: Link, task: TrajectoryTask) -> None:
+    Args:
+        link: open.
+        task: to run.
+        greeted: called when a link that was lost is there again.
+    """
+
+    def __init__(self, link: Link, task: TrajectoryTask, greeted: Callable[[], None]) -> None:
         self.error: BaseException | None = None
         self._link = link
         self._task = task
@@ -136,6 +144,7 @@ class ThreadRunner:
         self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
         self._share = InterpreterShare()
         task.timing.share = self._share
+        self._greeted = greeted
 
     def start(self) -> None:
         """Start the thread, which has the interpreter when a sample is due."""
@@ -182,12 +191,31 @@ class ThreadRunner:
     def _answer_states(self) -> None:
         command: Command | None = None
         while not self._over and self._task.phase is not TaskPhase.LEFT:
-            state = self._link.exchange(command)
+            try:
+                state = self._link.exchange(command)
+            except (LinkLost, LinkTimeout) as lost:
+                command = None
+                self._greet_anew(lost)
+                continue
             with self._sampled:
                 command = self._task.step(state, self._link.now_ns())
                 self._sampled.notify_all()
 
+    def _greet_anew(self, lost: LinkError) -> None:
+        """Come back to the bridge with a path that is kept. Raises `lost`: it is not, or given up; LinkBusy."""
+        with self._sampled:
+            self._task.lose_link(lost)
+        while not self._over:
+            try:
+                self._link.reopen(round(self._task.period_s * 1e6))
+            except (LinkLost, LinkTimeout):
+                time.sleep(AGAIN_S)
+                self._task.insist()
+            else:
+                self._greeted()
+                return
 
-def runner_for(link: Link, task: TrajectoryTask) -> TrajectoryRunner:
-    """The driver that suits the link's time."""
-    return LockstepRunner(link, task) if link.virtual_time else ThreadRunner(link, task)
+
+def runner_for(link: Link, task: TrajectoryTask, greeted: Callable[[], None] = lambda: None) -> TrajectoryRunner:
+    """The driver that suits the link's time; `greeted` is called when a link that was lost is there again."""
+    return LockstepRunner(link, task) if link.virtual_time else ThreadRunner(link, task, greeted)

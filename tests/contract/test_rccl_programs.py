@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
+from qrobot.rccl import task_runners
 from qrobot.rci import TcpLink, VirtualLink
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot, SocketRobot
@@ -304,6 +306,44 @@ def test_a_lost_link_raises_where_the_program_waits() -> None:
         with pytest.raises(LinkLost):
             arm.waitas(lambda: False)
         arm.release()
+
+
+@pytest.mark.realtime
+def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_on_when_that_is_confirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(task_runners, "AGAIN_S", 0.02)
+    fake, bridges = FakeRobot(PARK, period_us=4_000, patience=PATIENCE), []
+
+    def connect(_: object) -> socket.socket:
+        if not bridges:
+            raise LinkLost("no bridge")
+        return bridges[-1].socket
+
+    with rccl.use(lambda hello: TcpLink(hello, ("test", 0), connect)):
+        with SocketRobot(fake) as server:
+            bridges.append(server)
+            arm = rccl.control()
+            arm.keep_path()
+            arm.log_signal("depth", 0.3)
+            p = near_park("p", 20.0)
+            rccl.setime(200, 1000)
+            rccl.move(p)
+            arm.waitas(lambda: p.scal > 0.3)
+            bridges.clear()
+        fake.forget_client()
+        fake.halt(FaultCode.STREAM_LOST)
+        arm.waitas(lambda: "lost" in arm.kept or "closed" in arm.kept)
+        with SocketRobot(fake) as server:
+            bridges.append(server)
+            begin = fake.seq
+            arm.waitas(lambda: fake.seq > begin + 20)
+            arm.resume()
+            arm.waitfor(arm.completed)
+            assert p.code == DONE
+            assert arm.kept == ""
+            arm.release()
+            assert fake.q == pytest.approx(PARK + np.radians([20.0, 0, 0, 0, 0, 0]))
 
 
 def test_a_function_that_is_called_at_each_sample_must_not_wait(robot) -> None:

@@ -72,6 +72,10 @@ class FakeRobot:
         """Stop the arm as the servo does when it refuses to go on, without a fault."""
         self.mode, self.event, self._dead_stream = Mode.HOLDING, code, self._stream
 
+    def forget_client(self) -> None:
+        """Wait for a greeting, as after a connection that has broken."""
+        self._connection = Connection(Side.SERVER)
+
     # --------------------------------------------------------------------------------------------------- its one port
 
     def transfer(self, data: bytes) -> bytes:
