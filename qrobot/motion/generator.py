@@ -18,6 +18,7 @@ where it can (path stop), `abort` brings the joints to rest wherever they can (j
 
 from __future__ import annotations
 
+from contextlib import suppress
 from copy import deepcopy
 
 from qrobot.arrays import Floats
@@ -332,7 +333,8 @@ class Generator:
         """Fault of the setpoint `q` (n,); that a change of speed adds to what the path asks for is none."""
         code = self._judge_points(self._trajectory.setpoints_with(q))
         if code is Termination.TOO_FAST and self._path.coordinates.fixed and not self._trajectory.at_full_speed:
-            code = self._judge_points(self._trajectory.points_at(self._trajectory.clock))
+            with suppress(JointLimit, Unreachable, Singular):
+                code = self._judge_points(self._trajectory.points_at(self._trajectory.clock))
         if code is not Termination.TOO_FAST or self._kinematics is None:
             return code
         return Termination.SINGULAR if self._kinematics.near_singular(self._trajectory.newest) else code

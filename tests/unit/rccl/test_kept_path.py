@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from qrobot import rccl
-from qrobot.errors import ServoFault
+from qrobot.config.fences import Fence
+from qrobot.errors import FenceCrossed, ServoFault
 from qrobot.faultcodes import FaultCode
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.in_force import use_fences
 from qrobot.motion import Termination
 from qrobot.rccl.kept_path import WAY_BACK_SHARE
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
-from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.puma import LIMITS, PARK, PERIOD_S, ROBOT
 from tests.support.puma import arm as puma
 
 VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
@@ -153,3 +156,20 @@ def test_a_second_fault_on_the_way_back_waits_again_and_a_cause_that_stays_does_
         assert arm.kept == ""
         arm.setmode("joint")
         arm.move(arm.pose("park"))
+
+
+def test_a_way_back_through_a_fence_is_an_error_that_moves_nothing(fake: FakeRobot) -> None:
+    turned = PARK + np.radians([40.0, 0, 0, 0, 0, 0])
+    post = Fence(name="post", shape="box", size_m=(0.1, 0.1, 0.1), position_m=tuple(puma().forward(turned)[:3, 3]))
+    with use_fences(FenceSet(ROBOT, [post])), rccl.control("puma560") as arm:
+        arm.keep_path()
+        arm.move(arm.jposition("LIFTED", (np.degrees(PARK) + np.array([0, 0, -20, 0, 0, 0])).tolist()))
+        arm.waitas(lambda: arm.time > 400)
+        fake.halt(FaultCode.STREAM_LOST)
+        arm.waitas(lambda: arm.kept)
+        fake.q = tuple(PARK + np.radians([80.0, 0, 0, 0, 0, 0]))
+        followed = len(fake.path)
+        arm.resume()
+        with pytest.raises(FenceCrossed, match=r"the way back to the path.*post"):
+            arm.waitfor(arm.completed)
+        assert len(fake.path) == followed
