@@ -68,6 +68,14 @@ pytest_runtest_setup = pytest.hookimpl(wrapper=True)(_without_clocks)
 pytest_runtest_call = pytest.hookimpl(wrapper=True)(_without_clocks)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Generator[None, object, object]:
+    """What a command of one test tells its program of the bridge is not for the programs of the next."""
+    result = yield
+    os.environ.pop("QROBOT_BRIDGE", None)
+    return result
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Name every test that was run again, and what it had failed by: a quiet machine needs none."""
     again = terminalreporter.stats.get("rerun", [])
