@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.c_moves import MEMORY_BOUND, Held, Moves, c_moves
 from benchmarks.c_programs import CALLS, bare_exchange_us, call_times_us, made
-from benchmarks.move_requests import arcl_us, c_us, rccl_us
+from benchmarks.move_requests import arcl_us, c_us, rccl_us, val_us
 from tests.support.c_programs import needs_compiler
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -53,7 +53,12 @@ def test_a_program_that_failed_has_shown_nothing() -> None:
 
 @needs_compiler
 def test_move_requests_of_both_libraries_are_timed_in_c_and_in_python(tmp_path: Path) -> None:
-    times = [arcl_us(1), rccl_us(1), *(c_us(made(f"{name}_requests", tmp_path), 1) for name in ("arcl", "rccl"))]
+    times = [
+        arcl_us(1),
+        rccl_us(1),
+        *val_us(1),
+        *(c_us(made(f"{name}_requests", tmp_path), 1) for name in ("arcl", "rccl")),
+    ]
     assert all(0.0 < us < 1e6 for us in times)
 
 
