@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from qrobot.arcl import MOV_TIME, Trans, arcl_close, arcl_open, arcl_wait, joint_pos, move, teach
 from qrobot.arcl.stream import RecordKind, read_stream
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
+from qrobot.cli.teach_pendant import teach_by_keys
+from qrobot.rci.machine_choice import MachineChoice, use_machine
 from tests.support.arcl import EXAMPLES, forget_programs
 from tests.support.processes import RunningArm
+from tests.support.puma import ROBOT
 
 pytestmark = pytest.mark.realtime
 
@@ -30,3 +35,25 @@ def test_the_papers_program_moves_a_running_arm_s11(
     (_, asked), (_, measured) = (stream.table(kind, 6) for kind in (RecordKind.JOINTS, RecordKind.MEASURED))
     assert np.ptp(asked, axis=0).max() > 1.0  # it did move
     assert np.abs(measured[-1] - asked[-1]).max() < 0.01
+
+
+def test_a_running_arm_is_lent_to_the_pendant_and_taken_again(arm: RunningArm, monkeypatch: pytest.MonkeyPatch) -> None:
+    forget_programs()
+    monkeypatch.setenv("QROBOT_BRIDGE", f"{arm.arm.bridge.host}:{arm.arm.bridge.port}")
+    taught: list[Trans] = []
+    keys = iter("\n")
+
+    def read_keys() -> str:
+        return "q" if taught else next(keys, "")
+
+    pendant = partial(teach_by_keys, read_keys=read_keys, tell=lambda _: None)
+    with use_machine(MachineChoice("bridge", None, ROBOT, (), pendant)):
+        rp = arcl_open(0)
+        assert teach(rp, lambda T6, _: taught.append(T6)) == 1
+        assert np.allclose(taught[0].value, rp.where().value, atol=1e-3)
+        before = rp.joints
+        move(rp, joint_pos(rp, "near", before + 2.0), MOV_TIME, 400, 0)
+        arcl_wait(rp)
+        assert np.abs(rp.joints - before).max() > 1.0
+        arcl_close(rp)
+    assert not arm.snapshot().fault
