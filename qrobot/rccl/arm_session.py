@@ -110,7 +110,7 @@ class ArmSession:
         failures = self._task.motions.failures
         failures.clear()
         group = self._task.group
-        self.wait(lambda: (look(), not self._task.eventful and not (group and group.busy))[1])
+        self.wait(lambda: (look(), not self._task.eventful and not (group and group.busy))[1], ours=False)
         if failures:
             raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {failures[0]}")
 
@@ -134,10 +134,13 @@ class ArmSession:
                 self._task.group.leave(self._task)
         self._tell_error()
 
-    def wait(self, predicate: Callable[[], bool]) -> None:
-        """Return when `predicate`, called at every sample, is true. Raises what ended the hold."""
+    def wait(self, predicate: Callable[[], bool], ours: bool = True) -> None:
+        """Return when `predicate`, called at every sample, is true. Raises what ended the hold.
+
+        One that is not `ours` is called in the thread of the program.
+        """
         try:
-            self._runner.wait(predicate)
+            self._runner.wait(predicate, ours)
         finally:
             self._error_told = self._error_told or self._runner.error is not None
 

@@ -369,7 +369,7 @@ class Channel(MotionParameters):
     def waitas(self, predicate: Callable[[], object]) -> None:
         """Wait until `predicate`, called at every sample, is true. Raises what `waitfor` raises."""
         require_function("waitas", predicate)
-        self._session.wait(lambda: bool(predicate()))
+        self._session.wait(lambda: bool(predicate()), ours=False)
 
     def check(self) -> None:
         """Raise what has ended control of the arm, if anything has."""

@@ -43,11 +43,15 @@ class TrajectoryRunner(Protocol):
     def lock(self) -> AbstractContextManager[object]:
         """Held while the program touches the task."""
 
-    def wait(self, predicate: Callable[[], bool]) -> None:
+    def wait(self, predicate: Callable[[], bool], ours: bool = False) -> None:
         """Return when `predicate`, called with the lock held at every sample, is true.
 
+        Args:
+            predicate: of the program, and called in its thread; or one of `ours`, which any thread may call.
+            ours: as said.
+
         Raises:
-            BaseException: `error`, if it happens.
+            BaseException: `error`, if it happens, or what `predicate` raises.
             MotionError: called by a function that is itself called at each sample.
         """
 
@@ -79,7 +83,7 @@ class LockstepRunner:
         """Nobody else is there."""
         return nullcontext()
 
-    def wait(self, predicate: Callable[[], bool]) -> None:
+    def wait(self, predicate: Callable[[], bool], ours: bool = False) -> None:  # noqa: ARG002 (there is one thread)
         """Let samples pass until `predicate` is true."""
         if self._sampling:
             raise MotionError(_NO_WAIT)
@@ -126,6 +130,29 @@ class LockstepRunner:
             self._sampling = False
 
 
+class _Look:
+    """A predicate that is looked at until it is true, or raises.
+
+    Attributes:
+        over: it has come true, or has raised.
+        error: what it has raised.
+    """
+
+    def __init__(self, predicate: Callable[[], bool]) -> None:
+        self.over = False
+        self.error: BaseException | None = None
+        self._predicate = predicate
+
+    def take(self) -> None:
+        """Look, unless it is over."""
+        if self.over:
+            return
+        try:
+            self.over = self._predicate()
+        except BaseException as error:  # it belongs to who waits
+            self.over, self.error = True, error
+
+
 class ThreadRunner:
     """Time passes by itself: a thread answers every STATE.
 
@@ -145,6 +172,8 @@ class ThreadRunner:
         self._share = InterpreterShare()
         task.timing.share = self._share
         self._greeted = greeted
+        self._looking = 0  # waits that look themselves
+        self._looks: list[_Look] = []  # that the thread takes
 
     def start(self) -> None:
         """Start the thread, which has the interpreter when a sample is due."""
@@ -155,17 +184,54 @@ class ThreadRunner:
         """The lock between program and thread; re-entrant."""
         return self._sampled
 
-    def wait(self, predicate: Callable[[], bool]) -> None:
-        """Sleep from sample to sample until `predicate` is true."""
+    def wait(self, predicate: Callable[[], bool], ours: bool = False) -> None:
+        """Sleep from sample to sample until `predicate` is true; through all of them when that is one of `ours`.
+
+        A program that is woken at each sample needs the interpreter for a moment, and may lose the processor meanwhile:
+        then the thread waits for both.
+        """
         if threading.current_thread() is self._thread:
             raise MotionError(_NO_WAIT)
         with self._sampled:
+            if ours:
+                self._sleep_through(_Look(predicate))
+            else:
+                self._sleep_from_sample_to_sample(predicate)
+
+    def _sleep_from_sample_to_sample(self, predicate: Callable[[], bool]) -> None:
+        self._looking += 1
+        try:
             while not predicate():
-                if self.error is not None:
-                    raise self.error
-                if not self._thread.is_alive():
-                    raise LinkLost("the arm was released: nothing can happen any more")
+                self._require_thread()
                 self._sampled.wait(_LOOK_S)
+        finally:
+            self._looking -= 1
+
+    def _sleep_through(self, look: _Look) -> None:
+        look.take()
+        self._looks.append(look)
+        try:
+            while not look.over:
+                self._require_thread()
+                self._sampled.wait(_LOOK_S)
+        finally:
+            self._looks.remove(look)
+        if look.error is not None:
+            raise look.error
+
+    def _require_thread(self) -> None:
+        """Raise what has ended it."""
+        if self.error is not None:
+            raise self.error
+        if not self._thread.is_alive():
+            raise LinkLost("the arm was released: nothing can happen any more")
+
+    def _tell_waiting(self) -> None:
+        """Wake those who look themselves, and those whose predicate has come true."""
+        for look in self._looks:
+            look.take()
+        if self._looking or self._task.group is not None or any(look.over for look in self._looks):
+            self._sampled.notify_all()
 
     def end(self) -> None:
         """Wait for the thread, which closes the link after its sample."""
@@ -199,7 +265,7 @@ class ThreadRunner:
                 continue
             with self._sampled:
                 command = self._task.step(state, self._link.now_ns())
-                self._sampled.notify_all()
+                self._tell_waiting()
 
     def _greet_anew(self, lost: LinkError) -> None:
         """Come back to the bridge with a path that is kept. Raises `lost`: it is not, or given up; LinkBusy."""
