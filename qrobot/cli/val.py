@@ -47,13 +47,19 @@ def check(file: Path, *, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None =
     json
         Print a list of mistakes as JSON.
     """
+    return _check(file, choose_arm(deployment, arm), board=True, json=json)
+
+
+def _check(file: Path, chosen: DeployedArm, board: bool, json: bool = False) -> int:
+    """Tell the mistakes of a file; without a `board`, as off line, every signal is there."""
     from dataclasses import asdict
 
     from qrobot.val.check import check_text
+    from qrobot.val.signal_lines import signal_lines_of
     from qrobot.val.source import source_text
 
-    chosen = choose_arm(deployment, arm)
-    mistakes = check_text(source_text(file), robot_of_arm(chosen), fences_of_arm(chosen))
+    lines = signal_lines_of(chosen) if board else None
+    mistakes = check_text(source_text(file), robot_of_arm(chosen), fences_of_arm(chosen), lines)
     if json:
         write_json([asdict(mistake) for mistake in mistakes])
     for mistake in [] if json else mistakes:
@@ -151,9 +157,9 @@ def run(
     _check_kind(lockstep, offline)
     if log is not None and not lockstep:
         raise ConfigError("--log: only with --lockstep; a running arm has its own")
-    if (status := check(file, deployment=deployment, arm=arm)) != SUCCESS:
-        return status
     chosen = choose_arm(deployment, arm)
+    if (status := _check(file, chosen, board=not offline)) != SUCCESS:
+        return status
     start = partial(_start, file, chosen.robot, lambda it: _execute(it, execute.lower(), cycles, speed))
     return _perform(chosen, start, file, deployment, lockstep, offline, output, log)
 

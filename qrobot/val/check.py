@@ -2,7 +2,7 @@
 
 Structures and labels, programs that are called and are not there, constant locations that the arm cannot reach, and
 signals that there are not; names without a value, and process control programs that would move the arm. Of an arm with
-fences also constant locations that are too near to one.
+fences also constant locations that are too near to one; where the lines of an arm are known, signals that have none.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from qrobot.val.beside import beside_programs
 from qrobot.val.evaluate import location_of, number_of
 from qrobot.val.fenced_place import fence_refusal
 from qrobot.val.machine import no_signal
+from qrobot.val.signal_lines import SignalLines
 from qrobot.val.signatures import expressions_in, parts_of
 from qrobot.val.source import SourceFile, read_source
 from qrobot.val.structure import jumps_of
@@ -58,12 +59,17 @@ class ProgramMistake:
     what: str
 
 
-def check_text(text: str, robot: Robot, fences: FenceSet | None = None) -> list[ProgramMistake]:
-    """All mistakes of a file's text, for this arm inside its fences, in the order of lines."""
+def check_text(
+    text: str, robot: Robot, fences: FenceSet | None = None, lines: SignalLines | None = None
+) -> list[ProgramMistake]:
+    """All mistakes of a file's text, for this arm inside its fences, in the order of lines.
+
+    Without `lines` every signal of the language has one, as off line.
+    """
     source, errors = read_source(text)
     found = [ProgramMistake("", error.line, error.column, error.what) for error in errors]
     for program in source.programs.values():
-        mistakes = [*jumps_of(program)[1], *_Checker(source, robot, not errors, fences).look_at(program)]
+        mistakes = [*jumps_of(program)[1], *_Checker(source, robot, not errors, fences, lines).look_at(program)]
         found += [ProgramMistake(program.name, error.line, error.column, error.what) for error in mistakes]
     return sorted(found, key=lambda mistake: (mistake.line, mistake.column))
 
@@ -76,11 +82,15 @@ class _Checker:
         robot: the arm.
         readable: no line of the file was refused; only then is it known which names have a value.
         fences: of the arm, None for none.
+        lines: of the arm's signals, None for all of the language.
     """
 
-    def __init__(self, source: SourceFile, robot: Robot, readable: bool, fences: FenceSet | None) -> None:
+    def __init__(
+        self, source: SourceFile, robot: Robot, readable: bool, fences: FenceSet | None, lines: SignalLines | None
+    ) -> None:
         self.robot = robot
         self._fences = fences
+        self._lines = lines
         self._readable = readable
         self._source = source
         self._space = Workspace(robot)
@@ -143,10 +153,16 @@ class _Checker:
                 number = abs(number_of(expression, self))
             except QRobotError:
                 continue  # only a run can tell
-            if not any(number in numbers for numbers in (OUTPUTS, INPUTS, INTERNAL)):
-                yield ProgramError(no_signal(int(number)), column=1)
-            elif switched and number in INPUTS:
-                yield ProgramError(f"signal {number:g} is an input: it cannot be switched", column=1)
+            if refusal := self._signal_refusal(number, switched):
+                yield ProgramError(refusal, column=1)
+
+    def _signal_refusal(self, number: float, switched: bool) -> str:
+        """Reason against the use of a signal; "" for none."""
+        if not any(number in numbers for numbers in (OUTPUTS, INPUTS, INTERNAL)):
+            return no_signal(int(number))
+        if switched and number in INPUTS:
+            return f"signal {number:g} is an input: it cannot be switched"
+        return "" if self._lines is None else self._lines.refusal(int(number))
 
     def _places(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.Instruction) or action.word not in _MOTIONS or action.arguments[0] is None:

@@ -61,6 +61,16 @@ def test_nothing_moves_when_the_file_has_a_mistake(tmp_path: Path, capsys: pytes
     assert "it runs" not in told
 
 
+def test_an_output_without_a_line_is_refused_where_there_is_a_board(capsys: pytest.CaptureFixture[str]) -> None:
+    glue = EXAMPLES / "06_process_control.v2"
+    assert run(glue, lockstep=True, speed=100.0) == 1
+    told = capsys.readouterr().out
+    assert "output 1 is not configured; the deployment file has none" in told
+    assert "times" not in told
+    assert run(glue, lockstep=True, speed=100.0, deployment=str(glue.with_suffix(".toml"))) == 0
+    assert "the glue was switched on 2 times" in capsys.readouterr().out
+
+
 def test_the_check_tells_its_mistakes_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "wrong.v2"
     file.write_text(main_program("CALL nobody"))

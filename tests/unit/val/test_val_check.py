@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from qrobot.cli.arms import choose_arm
 from qrobot.config import load_robot
 from qrobot.config.fences import Fence
 from qrobot.fences.fence_set import FenceSet
 from qrobot.val.check import check_text
+from qrobot.val.signal_lines import signal_lines_of
 from qrobot.val.values import transformation
 from qrobot.val.workspace import Workspace
 from tests.support.val_runs import EXAMPLES, main_program
@@ -70,6 +72,27 @@ def test_a_mistake_is_told_with_line_and_column(line: str, column: int, said: st
 )
 def test_what_only_a_run_can_tell_is_no_mistake(lines: tuple[str, ...]) -> None:
     assert check_text(main_program(*lines, rest=PLACES), ROBOT) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("SIGNAL -3", "output 3 is not configured; the deployment file has 1: add it to [[arm.board.outputs]]"),
+        ("x = SIG(1, 3)", "output 3 is not configured"),
+        ("RUNSIG 2", "output 2 is not configured"),
+        ("WAIT SIG(1007)", "no line leads to input 1007; the board's are 1001 to 1006"),
+        ("REACTI 1008, main", "no line leads to input 1008"),
+        ("IF SIG(1001, 1006, 2032) THEN", None),
+        ("SIGNAL 1, 2001", None),
+    ],
+)
+def test_a_signal_without_a_line_is_told_where_the_lines_are_known(line: str, said: str | None) -> None:
+    deployed = choose_arm(str(EXAMPLES / "06_process_control.toml"), None)
+    text = main_program(line, *(["END"] if line.endswith("THEN") else []))
+    mistakes = check_text(text, ROBOT, lines=signal_lines_of(deployed))
+    assert [mistake.line for mistake in mistakes] == ([] if said is None else [2])
+    assert all(str(said) in mistake.what for mistake in mistakes)
+    assert check_text(text, ROBOT) == []
 
 
 def test_a_process_control_program_that_would_move_is_told_with_all_that_it_calls() -> None:

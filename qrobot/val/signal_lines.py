@@ -1,0 +1,40 @@
+"""The signals of an arm that have a line: what its deployment file tells, for the check of a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from qrobot.config.deployment import DeployedArm
+from qrobot.config.signals import N_BOARD_INPUTS
+from qrobot.val.vocabulary import INPUTS, OUTPUTS
+
+_BOARD_INPUTS: Final = range(INPUTS.start, INPUTS.start + N_BOARD_INPUTS)
+
+
+@dataclass(frozen=True)
+class SignalLines:
+    """Outputs and inputs of an arm that lead somewhere.
+
+    Attributes:
+        outputs: numbers of the outputs that the deployment file configures, the board's own and those of modules.
+    """
+
+    outputs: frozenset[int]
+
+    def refusal(self, number: int) -> str:
+        """Reason against an output or input that has no line; "" for none, and for signals of other kinds."""
+        if number in OUTPUTS and number not in self.outputs:
+            there = ", ".join(map(str, sorted(self.outputs))) or "none"
+            return (
+                f"output {number} is not configured; the deployment file has {there}: add it to [[arm.board.outputs]]"
+            )
+        if number in INPUTS and number not in _BOARD_INPUTS:
+            first, last = _BOARD_INPUTS[0], _BOARD_INPUTS[-1]
+            return f"no line leads to input {number}; the board's are {first} to {last}, and modules stand for those"
+        return ""
+
+
+def signal_lines_of(arm: DeployedArm) -> SignalLines:
+    """The lines of an arm of a deployment file."""
+    return SignalLines(frozenset(each.output for each in arm.board.lines))
