@@ -219,8 +219,8 @@ EXPLANATION: dict[FaultCode, tuple[str, str]] = {
         "lower the speed of the program, lead the arm more slowly, or start the servo without reduced speed",
     ),
     FaultCode.FENCE: (
-        "the arm would enter a fence of the deployment file",
-        "move away from it, and correct the program, or the fence in the deployment file",
+        "the arm would enter a fence of the deployment file, or come too near another arm, or one that is not heard of",
+        "move away from it, and correct the program or the deployment file; the other arm has to be up and calibrated",
     ),
     FaultCode.CAL_BLOCKED: (
         "a joint needed too much torque to creep",

@@ -24,6 +24,7 @@ from qrobot.units import MM_PER_M
 
 if TYPE_CHECKING:
     from qrobot.fences.fence_set import FenceSet
+    from qrobot.servo.neighbour import Neighbour
 
 DEFAULT_DEPLOYMENT = "emulator"
 REDUCED_SPEED_MM_S = 250.0  # ISO 10218-1: the most of a tool with a person within reach
@@ -99,6 +100,16 @@ def fences_of_arm(arm: DeployedArm) -> FenceSet | None:
     from qrobot.fences.fence_set import fences_of  # kernels
 
     return fences_of(arm, robot_of_arm(arm))
+
+
+def neighbours_of_arm(arm: DeployedArm, deployment: str) -> tuple[Neighbour, ...]:
+    """Other arms of a deployment that an arm keeps off. Raises ConfigError when a robot file tells no body."""
+    if arm.fences is None or not arm.fences.arms:
+        return ()
+    from qrobot.servo.neighbour import neighbour_between  # kernels
+
+    others = [choose_arm(deployment, name) for name in arm.fences.arms]
+    return tuple(neighbour_between(arm, other, robot_of_arm(arm), robot_of_arm(other)) for other in others)
 
 
 @contextmanager

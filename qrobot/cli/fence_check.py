@@ -27,15 +27,17 @@ def look_at_fences(arm: DeployedArm) -> Iterator[Finding]:
         remedy = "tell the arm's body in the robot file, as docs/how-to/keep-inside-fences.md says, or leave fences out"
         yield Finding(GROUP, SetupStep(arm.name, False, str(error), remedy), Weight.NEEDED)
         return
-    yield Finding(GROUP, SetupStep(arm.name, True, "none" if fences is None else _listed(fences)), Weight.OPTIONAL)
+    others = [] if arm.fences is None else [f"the arm {name}" for name in arm.fences.arms]
+    listed = ", ".join([*(_listed(fences) if fences is not None else ()), *others]) or "none"
+    yield Finding(GROUP, SetupStep(arm.name, True, listed), Weight.OPTIONAL)
     if fences is not None:
         steps = _forbidden_poses(robot_of_arm(arm), fences)
         yield from (Finding(GROUP, step, Weight.OPTIONAL) for step in steps)
 
 
-def _listed(fences: FenceSet) -> str:
+def _listed(fences: FenceSet) -> list[str]:
     shapes = [f"{fence.name} ({fence.shape}, keep {fence.keep})" for fence in fences.fences]
-    return ", ".join([*shapes, *(["its own body"] if fences.self_collision else [])])
+    return [*shapes, *(["its own body"] if fences.self_collision else [])]
 
 
 def _forbidden_poses(robot: Robot, fences: FenceSet) -> Iterator[SetupStep]:

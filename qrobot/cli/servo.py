@@ -5,12 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, card_of_arm, choose_arm, controlled_robot, servo_settings
+from qrobot.cli.arms import (
+    DEFAULT_DEPLOYMENT,
+    card_of_arm,
+    choose_arm,
+    controlled_robot,
+    neighbours_of_arm,
+    servo_settings,
+)
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import RateHz
 from qrobot.config.deployment import DeployedArm, Interpolation, Velocity
@@ -70,6 +78,7 @@ def servo(
     chosen = choose_arm(deployment, arm)
     robot, identified = controlled_robot(chosen, model)
     settings = servo_settings(chosen, rate, law, velocity, interpolation, reduced_speed)
+    settings = replace(settings, neighbours=neighbours_of_arm(chosen, deployment))
 
     def started() -> None:
         if guardian:

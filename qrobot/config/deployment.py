@@ -15,7 +15,7 @@ from qrobot.config.can import CanTransport
 from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
 from qrobot.config.drives import DrivesTransport
-from qrobot.config.fences import FencesChoice
+from qrobot.config.fences import FencesChoice, Stand
 from qrobot.config.force_calibration import ForceCalibration
 from qrobot.config.kinds import FileKind
 from qrobot.config.modbus import ModbusTransport
@@ -228,6 +228,7 @@ class DeployedArm(Table):
     bridge: BridgeChoice
     log: LogChoice = LogChoice()
     fences: FencesChoice | None = None
+    stand: Stand | None = None
     signals: tuple[NamedSignal, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
@@ -291,6 +292,19 @@ class Deployment(Table):
         ports = [arm.bridge.port for arm in self.arm]
         if len(set(ports)) != len(ports):
             raise ValueError("two arms have the same bridge.port")
+        return self
+
+    @model_validator(mode="after")
+    def _know_where_others_stand(self) -> Deployment:
+        stands = {arm.name: arm.stand for arm in self.arm}
+        for arm in self.arm:
+            for other in () if arm.fences is None else arm.fences.arms:
+                if other not in stands or other == arm.name:
+                    raise ValueError(f"fences.arms of {arm.name} names {other!r}, which is no other arm of the file")
+                if lost := [name for name in (arm.name, other) if stands[name] is None]:
+                    raise ValueError(f"{arm.name} keeps off {other}: [arm.stand] of {lost[0]} is missing")
+                if stands[arm.name] == stands[other]:
+                    raise ValueError(f"{arm.name} and {other} have the same stand")
         return self
 
 

@@ -11,6 +11,8 @@ from qrobot.config.scene import Place
 
 MOST_SHAPES = 32  # [A] with those of the scene: what the table of the servo has room for
 
+MOST_OTHER_ARMS = 4  # [A] that one arm keeps off
+
 FenceShape = Literal["box", "cylinder", "plane"]
 Bodies = Literal["all", "links", "tool"]
 Angle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
@@ -51,19 +53,32 @@ class Fence(Table):
         return self
 
 
+class Stand(Table):
+    """Place of an arm in the hall that the arms of a deployment share: the base frame of its kinematics.
+
+    `rpy_deg` as for a fence.
+    """
+
+    position_m: tuple[Place, Place, Place] = Field(default=(0.0, 0.0, 0.0), strict=False)
+    rpy_deg: tuple[Angle, Angle, Angle] = Field(default=(0.0, 0.0, 0.0), strict=False)
+
+
 class FencesChoice(Table):
     """Fences of an arm: motions through one are refused, and the servo stops the arm before it enters one.
 
     The robot file has to tell the arm's body, as `[shape]`. With `self_collision` its capsules keep
     `self_margin_m` away from each other where the robot file names them `apart`. With `scene` the floor and the table
     top, plate or crank of `[arm.board.scene]` are fences too. A tool from the flange to `servo.tool_mm` is a capsule
-    of `tool_radius_m`.
+    of `tool_radius_m`. `arms` names other arms of the deployment that this one keeps `arm_margin_m` away from; each of
+    them needs its own `[arm.stand]`.
     """
 
     shape: tuple[Fence, ...] = Field(default=(), strict=False)
     self_collision: bool = False
     self_margin_m: Margin = 0.01
     scene: bool = False
+    arms: tuple[str, ...] = Field(default=(), strict=False, max_length=MOST_OTHER_ARMS)
+    arm_margin_m: Margin = 0.05
     tool_radius_m: float = Field(default=0.02, gt=0, le=0.5, allow_inf_nan=False)
 
     @model_validator(mode="after")

@@ -23,14 +23,19 @@ def deployed_shapes(arm: DeployedArm, robot: Robot) -> tuple[Fence, ...]:
 
 def tool_capsule(arm: DeployedArm, robot: Robot) -> Capsule | None:
     """The tool as a capsule of the last link, from the flange to the tip; None without one."""
-    if arm.fences is None or robot.shape is None or not any(arm.servo.tool_mm):
+    return None if arm.fences is None else tool_of(robot, arm.servo.tool_mm, arm.fences.tool_radius_m)
+
+
+def tool_of(robot: Robot, tool_mm: tuple[float, float, float], radius_m: float) -> Capsule | None:
+    """A tool whose tip is `tool_mm` from the flange; None without one, or for an arm that tells no body."""
+    if robot.shape is None or not any(tool_mm):
         return None
     if len(robot.shape.capsules) >= MOST_CAPSULES:
         return None
     flange = robot.geometry.flange_m
-    x, y, z = (value / MM_PER_M for value in arm.servo.tool_mm)
+    x, y, z = (value / MM_PER_M for value in tool_mm)
     ends = {"from_m": (0.0, 0.0, flange), "to_m": (x, y, z + flange)}
-    return Capsule(name="tool", link=robot.n, radius_m=arm.fences.tool_radius_m, **ends)
+    return Capsule(name="tool", link=robot.n, radius_m=radius_m, **ends)
 
 
 def _scene_fences(scene: Scene, robot: Robot) -> list[Fence]:

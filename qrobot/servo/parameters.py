@@ -24,6 +24,7 @@ from qrobot.servo.kernels.interpolation_polynomials import find_form
 from qrobot.servo.kernels.velocity import find_estimator
 from qrobot.servo.kernels.wrench import WrenchParams, wrench_params
 from qrobot.servo.laws.law import KP, KV, M0, N_GAINS
+from qrobot.servo.neighbour import PATIENCE_S
 from qrobot.servo.output_lines import OutputParams, output_params
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.speed_share import speed_share
@@ -112,6 +113,8 @@ class ServoParameters(NamedTuple):
     outputs: OutputParams
     fence_gate: int  # address of the kernel that judges fences, see `fences.gate`; 0 for none
     fence_words: Any  # see `fences.table`
+    neighbour_patience: int  # cycles without a look at other arms, see `servo.neighbour`; 0 for none
+    n_neighbours: int
     scratch_bits: int  # STATUS bits that a restarted servo takes over into DISCRETE
 
 
@@ -185,6 +188,8 @@ def servo_parameters(robot: Robot, settings: ServoSettings, guarded: bool | None
             outputs=output_params(settings.outputs),
             fence_gate=0 if settings.fences is None else GATE.address,
             fence_words=np.zeros(N_WORDS) if settings.fences is None else np.array(settings.fences.words),
+            neighbour_patience=math.ceil(PATIENCE_S * settings.rate_hz) if settings.neighbours else 0,
+            n_neighbours=len(settings.neighbours),
             scratch_bits=STATUS_CALIBRATED | STATUS_J6_OVERFLOW,
         )
     )

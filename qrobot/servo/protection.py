@@ -12,6 +12,7 @@ category in `qrobot.faultcodes`. The guardian stands beside the cycle, a process
 | image, estop, guardian | `watch_surroundings`                           | `stages.mode_machine`                 |
 | encoders, speed, range | `watch_arm`                                    | `checks.limit_checks`, `lost_counts`  |
 | fences                 | `watch_fences`                                 | `fences.gate`                         |
+| other arms             | `watch_neighbours`                             | `neighbour`                           |
 | motors, load, contact  | `watch_motors`                                 | `checks.motor_fault_diagnosis`        |
 | encoders that stand    | `watch_motors`                                 | `checks.dead_encoder`                 |
 | brakes                 | `watch_brakes`                                 | `checks.fault_monitors`               |
@@ -30,6 +31,7 @@ from qrobot.realtime.jit import lean_kernel, part_kernel
 from qrobot.servo.checks.fault_monitors import watch_brakes, watch_modules, watch_motors
 from qrobot.servo.checks.fence_watch import watch_fences
 from qrobot.servo.checks.hold_to_run import watch_key
+from qrobot.servo.checks.neighbour_watch import watch_neighbours
 from qrobot.servo.checks.reduced_speed import watch_tool
 from qrobot.servo.parameters import ServoParameters
 from qrobot.servo.stages.inputs import watch_arm
@@ -43,6 +45,7 @@ def check_inputs(params: ServoParameters, state: ServoState, mail: Any, now_ns: 
     watch_surroundings(params, state, mail, now_ns)
     watch_arm(params, state)
     watch_fences(params, state)
+    watch_neighbours(params, state)
     watch_motors(params, state)
     watch_brakes(params, state, now_ns)
     watch_modules(state)

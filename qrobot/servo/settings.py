@@ -16,6 +16,7 @@ from qrobot.servo.kernels.interpolation_polynomials import DEFAULT_FORM, find_fo
 from qrobot.servo.kernels.velocity import DEFAULT_ESTIMATOR, find_estimator
 from qrobot.servo.laws import DEFAULT_LAW, check_law_name, find_law
 from qrobot.servo.laws.law import Law
+from qrobot.servo.neighbour import Neighbour
 from qrobot.servo.output_lines import OutputWire
 from qrobot.units import NS_PER_S
 
@@ -79,6 +80,7 @@ class ServoSettings:
         calibration: the arm's table; without one it cannot be calibrated.
         pots: the arm has potentiometers. Without a table they watch over encoders that have died, and nothing else.
         fences: that the arm is stopped before; None for none.
+        neighbours: other arms that it keeps off.
     """
 
     rate_hz: float = 1000.0
@@ -107,6 +109,7 @@ class ServoSettings:
     calibration: CalibrationTable | None = None
     pots: bool = True
     fences: FenceSet | None = None
+    neighbours: tuple[Neighbour, ...] = ()
 
     def __post_init__(self) -> None:
         if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from qrobot.config.fences import MOST_OTHER_ARMS
 from qrobot.faultcodes import NO_JOINT
 from qrobot.fences.gate import N_VERDICT
 from qrobot.fences.table import N_ROWS, N_WORK
@@ -27,6 +28,7 @@ from qrobot.servo.laws.law import MEMORY_WORDS, Law
 from qrobot.servo.laws.law_swap import SwapState, make_swap_state
 from qrobot.servo.memory.setpoint_queue import make_frame
 from qrobot.servo.memory.telemetry import N_PAYLOAD, TelemetryLayout
+from qrobot.servo.neighbour import N_NEIGHBOUR
 from qrobot.servo.parameters import ServoParameters
 from qrobot.wire.vocabulary import N_SIGNALS
 
@@ -88,6 +90,7 @@ class ServoState:
     fence_rows: Any
     fence_place: Any
     fence_verdict: Any
+    neighbour: Any  # (4, 6), a row for each other arm: `servo.neighbour`
     payload: Any  # (10,) in force: mass, first moments, inertia in the last frame, see `servo.stages.payload`
     payload_before: Any  # the one that it goes over from
     payload_goal: Any  # the one that it goes over to
@@ -204,6 +207,6 @@ def make_state(params: ServoParameters, law: Law) -> ServoState:
         payload_before=np.zeros(N_PAYLOAD), payload_goal=np.zeros(N_PAYLOAD), payload_next=np.zeros(N_PAYLOAD),
         model=params.dynamics, speed_limit=params.speed_share, tool_speed_limit=params.tool_speed,
         fence_work=np.zeros(N_WORK), fence_rows=np.zeros(3 * N_ROWS), fence_place=vector(),
-        fence_verdict=np.zeros(N_VERDICT),
+        fence_verdict=np.zeros(N_VERDICT), neighbour=np.zeros((MOST_OTHER_ARMS, N_NEIGHBOUR)),
         row=local_record(TelemetryLayout(n).source_dtype),
     ))  # fmt: skip

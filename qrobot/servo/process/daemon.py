@@ -61,6 +61,7 @@ from qrobot.servo.operator.sockets import ControlSocket
 from qrobot.servo.parameters import ServoParameters, servo_parameters
 from qrobot.servo.process.loop import ENDED, run
 from qrobot.servo.process.loop_priority import LoopPriority
+from qrobot.servo.process.neighbour_look import looking
 from qrobot.servo.process.rate_test import RATE, RT_BUDGET, judge_budget, judge_pace
 from qrobot.servo.process.rate_trial import RateTrial, first_margin, has_fifo, spin_share
 from qrobot.servo.settings import COUNTED_ONLY, ServoSettings
@@ -356,7 +357,12 @@ def _ring_rows(arm: str, robot: Robot, settings: ServoSettings, report: Report) 
 def _run_and_watch(process: ServoProcess, look: Look) -> None:
     """Run the loop in its thread; beside it answer the control interface, in another one, and tell what happens."""
     controls, herald = Controls(process), _Herald(process)
-    with ControlSocket(process.arm, controls.begin, controls.farewell) as control, _served(control) as problems:
+    told = process.state.neighbour
+    with (
+        ControlSocket(process.arm, controls.begin, controls.farewell) as control,
+        _served(control) as problems,
+        looking(process.settings.neighbours, process.mailbox, told, process.say),
+    ):
         thread = threading.Thread(target=process.loop, name="servo-loop", daemon=True)
         thread.start()
         running = _Running(process, thread)

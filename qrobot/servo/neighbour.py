@@ -1,0 +1,117 @@
+"""Another arm that an arm keeps off: who looks how far off it is, and what the servo is told of it.
+
+The look is taken beside the servo's cycle (`servo.process.neighbour_look`), because it needs the memory of another
+process, which may end at any time. The cycle obeys the verdict, and stops the arm when no new one comes
+(`servo.checks.neighbour_watch`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.config.deployment import DeployedArm
+from qrobot.errors import ConfigError
+from qrobot.fences.deployed import tool_of
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.gate import DEEPER_M, REACTION_S, STOP_PEAK
+from qrobot.fences.two_arms import ArmPair, pose_between
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, ServoSnapshot
+
+FREE, TOO_NEAR, NOT_HEARD_OF = 0.0, 1.0, 2.0  # verdicts
+VERDICT, DISTANCE, MARGIN, LOOKS, LOOKS_SEEN, SILENT_CYCLES, N_NEIGHBOUR = range(7)  # words of `ServoState.neighbour`
+LOOK_S: Final = 0.005  # [A] between two looks
+PATIENCE_S: Final = 0.1  # [A] without a new state of the other arm, and of the cycle without a look
+STOP_PLACES: Final = 4  # [A] of the ways of both stops at which the arms are looked at
+
+Hear = Callable[[], "ServoSnapshot | None"]
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """An arm that another one keeps off.
+
+    Attributes:
+        name: of the arm in the deployment.
+        pair: this arm and that one.
+        a_stop, other_a_stop: decelerations of a stop. Shapes (n,).
+        margin_m: kept between the two.
+    """
+
+    name: str
+    pair: ArmPair
+    a_stop: Floats
+    other_a_stop: Floats
+    margin_m: float
+
+
+def neighbour_between(arm: DeployedArm, other: DeployedArm, robot: Robot, other_robot: Robot) -> Neighbour:
+    """Two arms of a deployment, which both have a stand. Raises ConfigError when a robot file tells no body."""
+    if arm.fences is None or arm.stand is None or other.stand is None:
+        raise ConfigError(f"{arm.name} and {other.name} need [arm.stand] each")
+    radius_m = arm.fences.tool_radius_m
+    bodies = [
+        FenceSet(each, (), tool=tool_of(each, deployed.servo.tool_mm, radius_m))
+        for deployed, each in ((arm, robot), (other, other_robot))
+    ]
+    pair = ArmPair(bodies[0], bodies[1], pose_between(arm.stand, other.stand))
+    return Neighbour(other.name, pair, robot.guard.a_stop, other_robot.guard.a_stop, arm.fences.arm_margin_m)
+
+
+def distances_at_stops(neighbour: Neighbour, own: ServoSnapshot, other: ServoSnapshot, late_s: float) -> Floats:
+    """Distances of the arms where they are, and on the ways of a stop of both; `late_s` until it begins.
+
+    Shape (1 + STOP_PLACES,).
+    """
+    found = [neighbour.pair.distance(own.q, other.q)]
+    ways = _way(own.v, neighbour.a_stop, late_s), _way(other.v, neighbour.other_a_stop, late_s)
+    for share in np.arange(1, STOP_PLACES + 1) / STOP_PLACES:
+        found.append(neighbour.pair.distance(own.q + share * ways[0], other.q + share * ways[1]))
+    return np.array(found)
+
+
+def _way(v: Floats, a_stop: Floats, late_s: float) -> Floats:
+    """Way of a controlled stop that begins `late_s` from now. Shape (n,)."""
+    seconds = 0.5 * STOP_PEAK * float((np.abs(v) / a_stop).max()) + REACTION_S + late_s
+    return np.asarray(v * seconds)
+
+
+class NeighbourLook:
+    """Looks at one other arm.
+
+    Args:
+        neighbour: that arm.
+        own, other: newest states; None where there is none.
+        told: words of `ServoState.neighbour`, of which verdict, distance, margin and number of looks are filled.
+        clock: seconds.
+    """
+
+    def __init__(self, neighbour: Neighbour, own: Hear, other: Hear, told: Floats, clock: Callable[[], float]) -> None:
+        self.neighbour = neighbour
+        self._own, self._other, self._told, self._clock = own, other, told, clock
+        self._tick, self._heard_s = -1, -PATIENCE_S
+
+    def look(self) -> float:
+        """Judge, tell, and return the verdict."""
+        own, other, now_s = self._own(), self._other(), self._clock()
+        if other is not None and other.tick != self._tick:
+            self._tick, self._heard_s = other.tick, now_s
+        silent_s = now_s - self._heard_s
+        verdict, distance, margin = NOT_HEARD_OF, 0.0, 0.0
+        if own is not None and other is not None and other.flags & FLAG_CALIBRATED and silent_s < PATIENCE_S:
+            found = distances_at_stops(self.neighbour, own, other, silent_s + LOOK_S)
+            verdict, distance, margin = self._judge(found), float(found.min()), self.neighbour.margin_m
+        self._told[DISTANCE], self._told[MARGIN], self._told[VERDICT] = distance, margin, verdict
+        self._told[LOOKS] += 1.0
+        return verdict
+
+    def _judge(self, found: Floats) -> float:
+        """Too near when a stop of both would end within the margin; arms that are there already may part."""
+        now, nearest, margin = float(found[0]), float(found[1:].min()), self.neighbour.margin_m
+        nearer = not now < margin or now - nearest > DEEPER_M
+        return TOO_NEAR if not nearest >= margin and nearer else FREE

@@ -1,0 +1,244 @@
+"""Two arms side by side: whoever moves stops before the other, and nobody moves beside an arm that is not heard of."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qrobot.arrays import Floats
+from qrobot.cli.arms import choose_arm, neighbours_of_arm
+from qrobot.config import load_deployment
+from qrobot.errors import ConfigError
+from qrobot.faultcodes import FaultCode
+from qrobot.modecodes import Mode
+from qrobot.realtime.structure import view_words
+from qrobot.rig.lockstep import LockstepRig
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import ServoSnapshot
+from qrobot.servo.memory.servo_memory import create_servo_memory
+from qrobot.servo.memory.setpoint_queue import POSITION_SETPOINT
+from qrobot.servo.neighbour import (
+    FREE,
+    LOOK_S,
+    LOOKS,
+    N_NEIGHBOUR,
+    NOT_HEARD_OF,
+    TOO_NEAR,
+    VERDICT,
+    NeighbourLook,
+)
+from qrobot.servo.process.neighbour_look import looking
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from tests.support import fences as slowly
+from tests.support.patience import give_time, wait_until
+from tests.support.puma import PARK, ROBOT
+
+CELL = """
+[[arm]]
+name = "left"
+robot = "puma560"
+bridge = { port = 5600 }
+stand = { position_m = [0.0, 0.0, 0.0] }
+fences = { arms = ["right"], arm_margin_m = 0.04 }
+
+[[arm]]
+name = "right"
+robot = "puma560"
+bridge = { port = 5601 }
+stand = { position_m = [1.5, 0.1, 0.0], rpy_deg = [180.0, 0.0, 0.0] }
+fences = { arms = ["left"], arm_margin_m = 0.04 }
+"""
+MARGIN_M = 0.04
+REACH = np.array([-0.2, 0.3, -0.6, 0.0, 0.0, 0.0])  # from park, towards the other arm
+FRAME_S = 0.025
+MIDDLE = np.diag([-1.0, -1.0, 1.0])  # right's axes in those of left
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A deployment of two arms that face each other."""
+    path = tmp_path_factory.mktemp("cell") / "cell.toml"
+    path.write_text(CELL)
+    return str(path)
+
+
+class Pair:
+    """Two emulated arms under power, in lock-step with each other and with their looks."""
+
+    def __init__(self, file: str) -> None:
+        self.rigs, self.looks, self.looking = [], [], [True, True]
+        for name in ("left", "right"):
+            neighbours = neighbours_of_arm(choose_arm(file, name), file)
+            settings = ServoSettings(rate_hz=1000.0, neighbours=neighbours)
+            self.rigs.append(LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid"), keep_telemetry=False))
+        self.heard: list[Callable[[], ServoSnapshot | None]] = [rig.mailbox.snapshot for rig in self.rigs]
+        for k, rig in enumerate(self.rigs):
+            (neighbour,) = rig.settings.neighbours
+            words = rig.state.neighbour[0]
+            hear = lambda k=k: self.heard[1 - k]()  # noqa: E731
+            self.looks.append(NeighbourLook(neighbour, rig.mailbox.snapshot, hear, words, self.now_s))
+        self.pair = self.rigs[0].settings.neighbours[0].pair
+        self.seconds(0.1)
+        for rig in self.rigs:
+            rig.mailbox.request_power(True)
+        self.seconds(0.4)
+        self._stream = 0
+
+    def now_s(self) -> float:
+        return self.rigs[0].now_ns * 1e-9
+
+    def seconds(self, seconds: float) -> float:
+        """Let both go on; the least distance meanwhile."""
+        least = np.inf
+        for _ in range(round(seconds / LOOK_S)):
+            for rig, look, looks in zip(self.rigs, self.looks, self.looking, strict=True):
+                rig.ticks(round(LOOK_S * rig.settings.rate_hz))
+                if looks:
+                    look.look()
+            least = min(least, self.distance())
+        return float(least)
+
+    def distance(self) -> float:
+        left, right = (rig.mailbox.snapshot() for rig in self.rigs)
+        return self.pair.distance(left.q, right.q)
+
+    def lead(
+        self, movers: tuple[int, ...], way: Floats, speed: float, seconds: float, halfway: Callable[[], object] = int
+    ) -> float:
+        """Setpoints of some arms, at most of `speed`; the least distance meanwhile. `halfway` is done in the middle."""
+        least, starts = np.inf, [rig.mailbox.snapshot().q_setpoint for rig in self.rigs]
+        self._stream += 1
+        steps = round(seconds / FRAME_S)
+        for step in range(steps):
+            part = min(1.0, speed * step * FRAME_S / (1.5 * float(np.abs(way).max())))
+            share = part * part * (3.0 - 2.0 * part)
+            for k in movers:
+                rig, values = self.rigs[k], (starts[k] + share * way).tolist()
+                kinds = [POSITION_SETPOINT] * ROBOT.n
+                rig.mailbox.push_setpoint(self._stream, step, rig.now_ns, round(FRAME_S * 1e9), kinds, values)
+            if step == steps // 2:
+                halfway()
+            least = min(least, self.seconds(FRAME_S))
+        return least
+
+    def codes(self) -> list[int]:
+        return [rig.mailbox.snapshot().event for rig in self.rigs]
+
+    def modes(self) -> list[Mode]:
+        return [Mode(rig.mailbox.snapshot().mode) for rig in self.rigs]
+
+
+def test_the_distance_of_two_arms_is_that_of_the_nearest_of_many_points(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    random = np.random.default_rng(106)
+    for _ in range(4):
+        q, other = (PARK + random.uniform(-0.5, 0.5, 6) for _ in range(2))
+        least = np.inf
+        for one in ROBOT.shape.capsules:
+            for two in ROBOT.shape.capsules:
+                if one.link == two.link == 0:
+                    continue
+                a = slowly.axis_points(ROBOT, one, q, 201)
+                b = slowly.axis_points(ROBOT, two, other, 201) @ MIDDLE.T + [1.5, 0.1, 0.0]
+                between = np.linalg.norm(a[:, None, :] - b[None, :, :], axis=2).min()
+                least = min(least, between - one.radius_m - two.radius_m)
+        assert neighbour.pair.distance(q, other) == pytest.approx(least, abs=2e-3)
+
+
+@pytest.mark.parametrize(("movers", "speed"), [((0,), 0.3), ((1,), 0.9), ((0, 1), 0.9)])
+def test_arms_that_move_stop_before_each_other_and_one_that_rests_is_left_alone(
+    file: str, movers: tuple[int, ...], speed: float
+) -> None:
+    cell = Pair(file)
+    ends = [PARK + REACH if k in movers else PARK for k in (0, 1)]
+    assert cell.pair.distance(*ends) < 0.0
+    least = cell.lead(movers, REACH, speed, 3.0)
+    assert MARGIN_M - 0.002 <= least < MARGIN_M + 0.05
+    assert cell.modes() == [Mode.HOLDING, Mode.HOLDING]
+    assert [code == FaultCode.FENCE for code in cell.codes()] == [k in movers for k in (0, 1)]
+    near = cell.distance()
+    cell.lead(movers, -0.5 * REACH, 0.3, 2.0)  # away again
+    assert cell.distance() > near + 0.03
+
+
+@pytest.mark.parametrize("lost", ["hangs", "forgets its place", "is not looked at"])
+def test_an_arm_whose_neighbour_is_lost_while_it_moves_is_stopped_and_moves_no_more(file: str, lost: str) -> None:
+    cell = Pair(file)
+    hear, last = cell.rigs[1].mailbox.snapshot, cell.rigs[1].mailbox.snapshot()
+    modes: list[Mode] = []
+
+    def lose() -> None:
+        modes.append(cell.modes()[0])
+        if lost == "is not looked at":
+            cell.looking[0] = False
+        else:
+            cell.heard[1] = (lambda: last) if lost == "hangs" else lambda: replace(hear(), flags=0)
+
+    cell.lead((0,), -REACH, 0.3, 2.0, lose)
+    assert modes == [Mode.TRACKING]
+    assert (cell.codes()[0], cell.modes()[0]) == (FaultCode.FENCE, Mode.HOLDING)
+    stood = cell.rigs[0].mailbox.snapshot().q
+    cell.lead((0,), -REACH, 0.3, 1.0)
+    assert cell.codes()[0] == FaultCode.FENCE
+    assert cell.rigs[0].mailbox.snapshot().q == pytest.approx(stood, abs=0.02)
+    assert lost == "is not looked at" or cell.looks[0].look() == NOT_HEARD_OF
+
+
+def test_arms_within_the_margin_may_part_and_come_no_nearer(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    look = NeighbourLook(neighbour, lambda: None, lambda: None, np.zeros(N_NEIGHBOUR), lambda: 0.0)
+    assert look._judge(np.array([0.03, 0.031, 0.05])) == FREE
+    assert look._judge(np.array([0.03, 0.031, 0.028])) == TOO_NEAR
+    assert look._judge(np.array([0.05, 0.045, 0.039])) == TOO_NEAR
+    assert look._judge(np.array([np.nan, np.nan])) == TOO_NEAR
+
+
+@pytest.mark.realtime
+def test_the_servo_s_thread_looks_at_another_servo_whenever_it_comes_and_goes(file: str) -> None:
+    (neighbour,) = neighbours_of_arm(choose_arm(file, "left"), file)
+    other = replace(neighbour, name=f"t{uuid.uuid4().hex[:10]}")
+    cell, told, said = Pair(file), np.zeros((4, N_NEIGHBOUR)), list[str]()
+    with looking([other], cell.rigs[0].mailbox, told, said.append):
+        wait_until(lambda: told[0, LOOKS] > 2, "it looks")
+        assert told[0, VERDICT] == NOT_HEARD_OF
+        assert said == [f"{other.name} is not heard of: this arm does not move"]
+        with create_servo_memory(other.name, "puma560", "pd", ROBOT.n, 1_000_000, 16) as memory:
+            there = view_words(ServoMailbox(memory.words).memory.published)
+
+            def heard() -> bool:
+                cell.rigs[1].ticks(1)
+                there[:] = view_words(cell.rigs[1].mailbox.memory.published)
+                return bool(told[0, VERDICT] != NOT_HEARD_OF)
+
+            wait_until(heard, "it is heard of")
+        wait_until(lambda: told[0, VERDICT] == NOT_HEARD_OF, "it has gone")
+    looks = told[0, LOOKS]
+    give_time()
+    assert told[0, LOOKS] == looks
+    assert not told[1:].any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('arms = ["right"]', 'arms = ["middle"]', "names 'middle', which is no other arm"),
+        ('arms = ["right"]', 'arms = ["left"]', "names 'left', which is no other arm"),
+        ("stand = { position_m = [0.0, 0.0, 0.0] }", "", r"\[arm.stand\] of left is missing"),
+        (", rpy_deg = [180.0, 0.0, 0.0] }", " }", ""),
+        ("[1.5, 0.1, 0.0], rpy_deg = [180.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "left and right have the same stand"),
+    ],
+)
+def test_a_mistake_about_other_arms_is_told(tmp_path: Path, old: str, new: str, complaint: str) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(CELL.replace(old, new))
+    if complaint:
+        with pytest.raises(ConfigError, match=complaint):
+            load_deployment(path)
+    else:
+        assert len(load_deployment(path).arm) == 2
