@@ -142,6 +142,30 @@ def stalls(deployment: Path, *, times: int = 100, seed: int = 0, json: Path | No
 
 
 @app.command
+def pendant(deployment: str = "two_arms", *, seconds: float = 15.0, json: Path | None = None) -> int:
+    """Two arms in motion with and without a pendant of four pages, in turns: servo, server, age of what a page gets.
+
+    Parameters
+    ----------
+    deployment
+        File with emulated arms, or the name of a packaged one; nobody else may run them.
+    seconds
+        Of each of the four turns.
+    json
+        Write the result to this file as well.
+    """
+    from dataclasses import asdict
+    from tempfile import TemporaryDirectory
+
+    from benchmarks.pendant import pendant as run
+
+    with TemporaryDirectory() as folder, console.status("measuring"):
+        result = run(deployment, Path(folder), seconds)
+    _report(asdict(result), json)
+    return 1 if result.ended else 0
+
+
+@app.command
 def c_moves(*, moves: int = 100_000, json: Path | None = None) -> int:
     """So many moves of a program in C, off line: memory and descriptors of program and engine must not grow.
 

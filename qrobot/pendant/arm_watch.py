@@ -87,7 +87,8 @@ class ArmWatch:
 
     async def _hear(self, client: Client, reader: asyncio.StreamReader) -> None:
         try:
-            client.take(await asyncio.wait_for(reader.read(CHUNK), SILENCE_S))
+            async with asyncio.timeout(SILENCE_S):  # `wait_for` of Python 3.11 may swallow a cancellation
+                client.take(await reader.read(CHUNK))
         except TimeoutError:
             raise client.silence() from None
         if (state := client.pop_state()) is not None:

@@ -13,6 +13,7 @@ import pytest
 from qrobot.config.deployment import BridgeChoice, load_deployment
 from qrobot.pendant import arm_watch
 from qrobot.pendant.arm_station import ArmStation
+from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.servo.operator.sockets import control_name
 from qrobot.wire import ClientRole, Connection, Hello, RobotState, Side, State, Stop, Welcome
 from tests.support.patience import PATIENCE_S
@@ -104,3 +105,30 @@ def test_stop_and_power_off_go_by_the_bridge_too_and_the_page_is_told_what_is_su
         hung.bind(str(folder / control_name(arm.name)))
         hung.listen()
         asyncio.run(story(Bridge()))
+
+
+class SilentClient:
+    """The watch's end of a line on which no whole packet comes."""
+
+    def take(self, data: bytes) -> None:
+        assert data
+
+    def pop_state(self) -> None:
+        return None
+
+
+def test_a_watch_that_is_cancelled_ends_also_at_the_instant_at_which_something_is_heard() -> None:
+    async def is_cancelled(turns: int) -> bool:
+        reader, watch = asyncio.StreamReader(), ArmWatch(load_deployment("emulator").arm[0], print, print)
+        hearing = asyncio.create_task(watch._hear(SilentClient(), reader))  # type: ignore[arg-type]
+        await asyncio.sleep(0.01)
+        reader.feed_data(b"half a packet")
+        for _ in range(turns):  # of the loop, until the task has noticed
+            await asyncio.sleep(0)
+        if hearing.done():
+            return True
+        hearing.cancel()
+        await asyncio.wait([hearing])
+        return hearing.cancelled()
+
+    assert [asyncio.run(is_cancelled(turns)) for turns in range(6)] == [True] * 6

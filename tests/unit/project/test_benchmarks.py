@@ -15,6 +15,7 @@ from benchmarks import (
     laws,
     logs,
     page,
+    pendant,
     sixlaw,
     trajectory,
     transports,
@@ -158,6 +159,12 @@ def test_pooled_turns_are_one_sample() -> None:
 
 
 # --- contenders compute the same ---------------------------------------------------------------------------------
+
+
+def test_a_pendant_costs_what_the_99th_per_cent_of_cycles_is_longer() -> None:
+    without = {"busy_ns": np.arange(1.0, 1001.0) * 1e3}
+    told, ratio = pendant.compared(without, {"busy_ns": 2.0 * without["busy_ns"]}, "busy_ns")
+    assert (told["without"], ratio) == ((500.5, 990.01), pytest.approx(2.0))
 
 
 def test_the_table_2_law_is_the_same_in_numpy() -> None:
