@@ -319,7 +319,7 @@ class Channel(MotionParameters):
 
     @property
     def kept(self) -> str:
-        """Reason for which the servo has stopped the arm, while that is not yet back on its kept path; else empty."""
+        """Reason for which the arm stands off its path, until somebody confirms that it may go back; else empty."""
         return "" if self._task.kept is None else str(self._task.kept)
 
     @property

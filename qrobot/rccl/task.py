@@ -247,8 +247,8 @@ class TrajectoryTask:
 
     @property
     def kept(self) -> ServoFault | LinkError | None:
-        """Fault for which the servo has stopped the arm, as long as that is not back on its kept path."""
-        return None if self._kept is None else self._kept.fault
+        """Fault for which the arm stands off its kept path, until somebody confirms that it may go back."""
+        return None if self._kept is None or self._kept.confirmed else self._kept.fault
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""

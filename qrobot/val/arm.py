@@ -62,6 +62,10 @@ class ValArm(Protocol):
         """Binary outputs in force, output 1 in bit 0."""
 
     @property
+    def kept(self) -> str:
+        """Reason for which the arm has been stopped; its path is kept until `resume`. Empty for none."""
+
+    @property
     def waiting(self) -> int:
         """Motions that have not begun."""
 
@@ -80,6 +84,9 @@ class ValArm(Protocol):
 
     def stop(self) -> None:
         """Come to rest on the path, and forget what waits."""
+
+    def resume(self) -> None:
+        """Let an arm that has been stopped, and whose path is `kept`, go back to it, and on."""
 
     def hand(self, opened: bool) -> None:
         """Open or close it, now."""

@@ -78,13 +78,18 @@ class Interpreter:
             ProgramError: there is no such program or step, or a structure in it does not match.
             LinkError, ServoFault: the arm is lost.
         """
+        self._need_path()
         self.machine.reset_manner()
         self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
         return self._run(single)
 
     def proceed(self, single: bool = False) -> RunState:
-        """Go on: first with the motions that were interrupted, then with the step behind. Raises as `execute`."""
+        """Go on: first with the motions that were interrupted, then with the step behind. Raises as `execute`.
+
+        An arm that the servo has stopped goes back to its path first.
+        """
         self._need_task()
+        self.machine.arm.resume()
         unfinished, self._unfinished = self._unfinished, []
         try:
             for destination in unfinished:
@@ -114,6 +119,7 @@ class Interpreter:
 
     def do(self, text: str) -> RunState:
         """One step typed at the monitor; a program that is paused stays where it is. Raises as `execute`."""
+        self._need_path()
         line = parse_line(text)
         if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
             raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
@@ -123,6 +129,7 @@ class Interpreter:
         try:
             self.task, self._unfinished = ValTask(self.machine, name), []
             self._run(single=False)
+            self._need_path()
             if self.error is not None:
                 raise self.error
             return self.state
@@ -183,6 +190,13 @@ class Interpreter:
             raise ProgramError(f"there is nothing to go on with: {self.state.value}")
         return self.task
 
+    def _need_path(self) -> None:
+        """Raise ProgramError: the arm waits to be led back to the path of what was begun before."""
+        if stopped := self.machine.arm.kept:
+            raise ProgramError(
+                f"{stopped}; PROCEED, or `qrobot ctl resume`, leads the arm back, QUIT gives its path up"
+            )
+
     def _run(self, single: bool) -> RunState:
         self.state, self.message, self.error = RunState.RUNNING, "", None
         self._single, self._single_begun, self._step_failed = single, False, False
@@ -213,12 +227,15 @@ class Interpreter:
     def _settle(self) -> None:
         """Let samples pass until the arm stands."""
         for _ in range(SAMPLES_TO_REST):
-            if self.machine.arm.idle:
+            if self.machine.arm.idle or self.machine.arm.kept:
                 return
             self.machine.arm.sample()
 
     def _turn(self) -> None:
-        """Let all programs do their part of one sample."""
+        """Let all programs do their part of one sample; none while the arm stands off its path."""
+        if stopped := self.machine.arm.kept:
+            self.pause(stopped)
+            return
         if failure := self.machine.arm.failure():
             self._fail(MotionError(failure))
             return

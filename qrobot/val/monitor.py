@@ -144,6 +144,8 @@ class ValMonitor:
         return "aborted"
 
     def _quit(self, _rest: str) -> str:
+        if self._machine.arm.kept:
+            self._run.abort()  # nobody is left who could lead the arm back
         self.over = True
         return ""
 

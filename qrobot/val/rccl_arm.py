@@ -40,6 +40,7 @@ class RcclArm:
     def __init__(self, channel: Channel) -> None:
         self.robot = channel.robot
         self._channel = channel
+        channel.keep_path()
         self._radians = np.where(self.robot.prismatic, S_PER_MS, 1.0 / DEG_PER_RAD)  # of mm and degrees
         self._motions: list[_Motion] = []
         self._failure = ""
@@ -66,6 +67,11 @@ class RcclArm:
     def outputs(self) -> int:
         """See `ValArm`."""
         return self._channel.chg.outputs
+
+    @property
+    def kept(self) -> str:
+        """See `ValArm`."""
+        return self._channel.kept
 
     @property
     def waiting(self) -> int:
@@ -123,6 +129,10 @@ class RcclArm:
         """See `ValArm`."""
         self._rest_since_s = None
         self._channel.stop()
+
+    def resume(self) -> None:
+        """See `ValArm`."""
+        self._channel.resume()
 
     def hand(self, opened: bool) -> None:
         """See `ValArm`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,13 +11,20 @@ from hypothesis import strategies as st
 
 from qrobot.config import load_robot
 from qrobot.config.fences import Fence
-from qrobot.errors import ProgramError
+from qrobot.errors import ProgramError, ServoFault
+from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
-from qrobot.val.interpreter import RunState
+from qrobot.rccl.connect import open_channel
+from qrobot.rci import VirtualLink
+from qrobot.val.interpreter import Interpreter, RunState
+from qrobot.val.monitor import ValMonitor
+from qrobot.val.rccl_arm import RcclArm
 from qrobot.val.source import print_source, read_source
 from qrobot.val.values import numbers_of, transformation
 from qrobot.val.workspace import Workspace
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import PARK
 from tests.support.val_runs import EXAMPLES, interpreter, main_program
 
 PLACES = """
@@ -174,6 +183,41 @@ def test_monitor_speed_acts_on_the_line_under_way_which_stays_straight() -> None
     assert np.ptp(np.array(line)[:, [0, 2]], axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
     assert line[-1] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
     assert arm.time_s - begin > 2.0
+
+
+def test_a_stop_of_the_servo_pauses_a_program_and_proceed_leads_the_arm_back_to_its_path() -> None:
+    fake = FakeRobot(tuple(PARK))
+    with open_channel(lambda hello: VirtualLink(hello, fake.transfer), "puma560") as channel:
+        run = Interpreter(RcclArm(channel))
+        run.machine.load(read_source(main_program("MOVE a", "MOVES b", "x = 7", rest=PLACES))[0])
+        for place in ("a", "b"):  # on the way to both
+            begin = fake.seq
+            fake.before_period = lambda seq, begin=begin: (
+                fake.break_down(FaultCode.ESTOP) if seq == begin + 25 else None
+            )
+            state = run.execute("main") if place == "a" else run.proceed()
+            assert state is RunState.PAUSED
+            assert "ESTOP" in run.message
+            fake.q = tuple(np.array(fake.q) - 0.02)
+            for command in (lambda: run.execute("main"), lambda: run.do("READY")):
+                with pytest.raises(ProgramError, match="PROCEED, or"):
+                    command()
+        assert run.proceed() is RunState.COMPLETED, run.message
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.450, -0.150, 0.0], abs=1e-6)
+        assert run.machine.values["x", ()] == 7.0
+
+
+def test_quit_gives_up_the_path_of_an_arm_that_the_servo_has_stopped_and_tells_why() -> None:
+    fake = FakeRobot(tuple(PARK))
+    channel = open_channel(lambda hello: VirtualLink(hello, fake.transfer), "puma560")
+    run = Interpreter(RcclArm(channel))
+    monitor, begin = ValMonitor(run), fake.seq
+    fake.before_period = lambda seq: fake.break_down(FaultCode.ESTOP) if seq == begin + 25 else None
+    assert re.search(r"ESTOP.*`qrobot ctl resume`", monitor.obey("DO READY"))
+    assert monitor.obey("QUIT") == ""
+    with pytest.raises(ServoFault, match="ESTOP"):
+        channel.finish()
+    channel.release()
 
 
 @pytest.mark.parametrize(
