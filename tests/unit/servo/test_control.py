@@ -567,11 +567,13 @@ class Process(Bench):
     """What the daemon's main thread has beside it, with a loop that runs until it is told to end."""
 
     memory: SimpleNamespace = field(init=False)
+    state: Any = field(init=False)
     ended: bool = False
     error: BaseException | None = None
 
     def __post_init__(self) -> None:
         self.memory = SimpleNamespace(words=self.bench.mailbox.words, front=self.bench.mail)
+        self.state = self.bench.state
 
     def report(self, line: str) -> None:
         self.say(line)
