@@ -14,6 +14,7 @@ QRobotError
 │   ├── Unreachable        the pose is outside the workspace
 │   ├── JointLimit         a joint would leave its range
 │   ├── Singular           the pose is singular for this arm
+│   ├── TooFast            a joint would pass its speed or acceleration: carries how much slower it can be done
 │   └── FenceCrossed       the arm would come too near a fence: carries fence, body, depth and place
 ├── ProgramError           a VAL II program or command is wrong: names line, column and what was expected
 ├── ServoFault             the servo stopped the arm: carries the fault code and its last samples
@@ -81,6 +82,23 @@ class JointLimit(MotionError):
 
 class Singular(MotionError):
     """The pose is singular for this arm, so the branch is not determined."""
+
+
+class TooFast(MotionError):
+    """A joint would pass its speed or its acceleration.
+
+    Attributes:
+        reason: which joint, and by how much.
+        remedy: in the words of RCCL.
+        share: of the speed asked for at which the motion can be done, 0 to 1; 0 where that is not known.
+    """
+
+    def __init__(self, reason: str, remedy: str, share: float = 0.0) -> None:
+        super().__init__(f"{reason}; {remedy}")
+        self.reason, self.remedy, self.share = reason, remedy, share
+
+    def __reduce__(self) -> tuple[type[TooFast], tuple[str, str, float]]:
+        return TooFast, (self.reason, self.remedy, self.share)
 
 
 class FenceCrossed(MotionError):

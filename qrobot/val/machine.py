@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from qrobot.arrays import Floats
-from qrobot.errors import JointLimit, MotionError, ProgramError, Unreachable
+from qrobot.errors import JointLimit, MotionError, ProgramError, TooFast, Unreachable
 from qrobot.model.branch import Branch, branch_of
 from qrobot.val.arm import Destination, ValArm
 from qrobot.val.parser import parse_variable
@@ -22,6 +22,7 @@ DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
 DEFAULT_HAND_TIME_S: Final = 0.5  # [A]
 MOST_TIMERS: Final = 15
 STRAIGHT_SHARE: Final = 0.9  # of the joints' limits at 100 %, for a straight line needs more where it is joined [A]
+ROUNDED: Final = 0.99  # of a speed that is told to three digits, lest it be rounded up
 _MULTIPLIER: Final = 6364136223846793005  # Knuth's 64-bit generator: RANDOM is the same in every run
 _INCREMENT: Final = 1442695040888963407
 _BITS: Final = 64
@@ -189,9 +190,13 @@ class Machine:
         self.next_speed, self.words = None, ""
 
     def _move(self, destination: Destination) -> None:
-        """Queue a motion. Raises MotionError, with the configuration that would get there."""
+        """Queue a motion. Raises MotionError, with the speed or the configuration that would get there."""
         try:
             self.arm.move(destination)
+        except TooFast as error:
+            if not error.share:
+                raise
+            raise MotionError(f"{error.reason}; {_slower(destination, error.share)} or less gets there") from error
         except (JointLimit, Unreachable) as error:
             now = self.space.branch(self.arm.q) if self._branch is None else self._branch
             goal = destination.T_robot_tool
@@ -209,6 +214,14 @@ class Machine:
         if straight and letters != before.letters:
             raise ProgramError("the configuration cannot change in a straight line; MOVE first")
         return "" if straight else letters
+
+
+def _slower(destination: Destination, share: float) -> str:
+    """The SPEED that is `share` of a motion's."""
+    if destination.speed_mm_s is not None:
+        return f"SPEED {ROUNDED * share * destination.speed_mm_s:.3g} MMPS"
+    fastest = STRAIGHT_SHARE if destination.straight else 1.0
+    return f"SPEED {ROUNDED * share * 100.0 * destination.share / fastest:.3g}"
 
 
 def no_signal(number: int) -> str:

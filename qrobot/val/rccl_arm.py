@@ -19,7 +19,7 @@ _WORDS: Final = {
     Termination.JOINT_LIMIT: "a joint would leave its range",
     Termination.UNREACHABLE: "out of reach",
     Termination.SINGULAR: "too near a singular place",
-    Termination.TOO_FAST: "a joint would be too fast",
+    Termination.TOO_FAST: "a joint would be too fast; it needs a lower SPEED",
     Termination.FENCE: "too near a fence",
 }
 

@@ -58,16 +58,18 @@ class Scheduler:
 
         Raises:
             JointLimit: the target is outside the joints' range.
-            MotionError: the time, the speed or the transition asks for more than the arm can do.
+            TooFast: the time, the speed or the transition asks for more than the arm can do.
         """
         what = f"move to {request.name}"
         ta = self.preferred(request)
-        length = max(self._asked(request, geometry), 2 * ta)
+        asked = self._asked(request, geometry)
+        length = max(asked, 2 * ta)
         v = np.abs(geometry.dq_ds).max(axis=0) / (length * self.period_s)
         a = np.abs(geometry.ddq_dds).max(axis=0) / (length * self.period_s) ** 2
-        remedy = f"give it {self._ms(self._least(geometry))} or more"
-        self.limits.check_velocity(v, what, remedy)
-        self.limits.check_acceleration(a, what, remedy)
+        least = self._least(geometry)
+        remedy, share = f"give it {self._ms(least)} or more", min(asked / least, 1.0)
+        self.limits.check_velocity(v, what, remedy, share)
+        self.limits.check_acceleration(a, what, remedy, share)
         if request.transition_s is not None:
             entering = PEAK[self.blend] * v / (2 * ta * self.period_s)
             needed = self._ms(self.needed(v))

@@ -10,7 +10,7 @@ import numpy as np
 
 from qrobot.arrays import Bools, Floats
 from qrobot.config import Robot
-from qrobot.errors import JointLimit, MotionError
+from qrobot.errors import JointLimit, MotionError, TooFast
 from qrobot.units import DEG_PER_RAD
 
 # Share of the acceleration limit that a planned motion uses; the rest lets a stop begin in the middle of a transition.
@@ -68,13 +68,13 @@ class MotionLimits:
             low, high = (self._place(j, limit[j]) for limit in (self.q_min, self.q_max))
             raise JointLimit(f"{what}: {self._joint(j)} at {self._place(j, q[j])} is outside {low} to {high}")
 
-    def check_velocity(self, v: Floats, what: str, remedy: str) -> None:
-        """Raises MotionError when a velocity exceeds its limit, rounding apart."""
-        self._check_rate(v, self.v_max, "s", what, remedy)
+    def check_velocity(self, v: Floats, what: str, remedy: str, share: float = 0.0) -> None:
+        """Raises TooFast, with `remedy` and `share`, when a velocity exceeds its limit, rounding apart."""
+        self._check_rate(v, self.v_max, "s", what, remedy, share)
 
-    def check_acceleration(self, a: Floats, what: str, remedy: str) -> None:
-        """Raises MotionError when an acceleration exceeds what may be planned, rounding apart."""
-        self._check_rate(a, self.a_planned, "s2", what, remedy)
+    def check_acceleration(self, a: Floats, what: str, remedy: str, share: float = 0.0) -> None:
+        """Raises TooFast as `check_velocity` when an acceleration exceeds what may be planned, rounding apart."""
+        self._check_rate(a, self.a_planned, "s2", what, remedy, share)
 
     def allow(self, state: Floats) -> bool:
         """True when position, velocity and acceleration, shape (3, n), are within the limits, rounding apart."""
@@ -84,12 +84,12 @@ class MotionLimits:
         gentle = np.abs(a) <= self.a_max * (1.0 + _ROUNDING)
         return bool((inside & slow & gentle).all())
 
-    def _check_rate(self, values: Floats, limits: Floats, per: str, what: str, remedy: str) -> None:
+    def _check_rate(self, values: Floats, limits: Floats, per: str, what: str, remedy: str, share: float) -> None:
         shares = np.abs(values) / limits
         j = int(shares.argmax())
         if not shares[j] <= 1.0 + _ROUNDING:
             asked = f"{abs(values[j]):.4g} {self._unit(j)}/{per}"
-            raise MotionError(f"{what}: {self._joint(j)} would need {asked}, {limits[j]:.4g} allowed; {remedy}")
+            raise TooFast(f"{what}: {self._joint(j)} would need {asked}, {limits[j]:.4g} allowed", remedy, share)
 
     def _joint(self, j: int) -> str:
         return f"joint {j + 1} ({self.names[j]})"

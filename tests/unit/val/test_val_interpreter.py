@@ -243,6 +243,18 @@ def test_a_place_that_another_configuration_reaches_is_told_with_its_words() -> 
         assert run.execute("main") is RunState.COMPLETED, run.message
 
 
+@pytest.mark.parametrize("word", ["MOVE", "MOVES"])
+def test_a_speed_that_no_joint_has_is_told_with_one_that_gets_there(word: str) -> None:
+    with interpreter(main_program("MOVE a", "SPEED 1000 MMPS", f"{word} b", rest=PLACES)) as (run, _):
+        assert run.execute("main") is RunState.FAILED
+        assert " ms or more" not in run.message
+        speed = run.message.partition("allowed; ")[2].removesuffix(" or less gets there")
+        assert speed.endswith(" MMPS")
+        run.machine.load(read_source(main_program("MOVE a", speed, f"{word} b", rest=PLACES))[0])
+        assert run.execute("main") is RunState.COMPLETED, run.message
+        assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
+
+
 def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
     program = main_program("MOVE a", "MOVES far", "MOVE b", "BREAK", 'TYPE "end"', rest=PLACES)
     with interpreter(program) as (run, typed):
