@@ -575,6 +575,10 @@ class Process(Bench):
         self.memory = SimpleNamespace(words=self.bench.mailbox.words, front=self.bench.mail)
         self.state = self.bench.state
 
+    @property
+    def beat_ns(self) -> int:
+        return int(self.memory.front.heartbeat.t_ns)
+
     def report(self, line: str) -> None:
         self.say(line)
 
