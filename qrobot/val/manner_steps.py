@@ -1,0 +1,68 @@
+"""Steps that say how later ones are done: speed, configuration, switches and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from qrobot.errors import ProgramError
+from qrobot.val import tree
+from qrobot.val.evaluate import number_of
+from qrobot.val.task import ValTask, Waits
+
+if TYPE_CHECKING:
+    from qrobot.val.interpreter import Interpreter
+
+_CONFIGURATIONS: Final = {"RIGHTY": "r", "LEFTY": "l", "ABOVE": "u", "BELOW": "d", "FLIP": "f", "NOFLIP": "n"}
+_PAIRS: Final = {"r": "l", "l": "r", "u": "d", "d": "u", "f": "n", "n": "f"}
+
+
+def _configure(word: str) -> Callable[..., None]:
+    letter = _CONFIGURATIONS[word]
+
+    def do(run: Interpreter, _task: ValTask) -> None:
+        run.machine.words = run.machine.words.replace(_PAIRS[letter], "").replace(letter, "") + letter
+
+    return do
+
+
+def _no_effect(_run: Interpreter, task: ValTask, *numbers: tree.Expression) -> None:
+    """COARSE, FINE, NULL, NONULL: motions end exactly in any case."""
+    for number in numbers:
+        number_of(number, task)
+
+
+def _set_speed(run: Interpreter, task: ValTask, action: tree.SpeedSetting) -> None:
+    speed = checked_speed(number_of(action.value, task))
+    run.machine.next_speed = (speed, action.in_mm_s)
+    if action.always:
+        run.machine.speed, run.machine.in_mm_s = speed, action.in_mm_s
+
+
+def checked_speed(value: float) -> float:
+    """The number of a SPEED or a DRIVE. Raises ProgramError when it is none."""
+    if not 0.0 < value <= 1000.0:
+        raise ProgramError(f"SPEED: a number above 0 and up to 1000 is needed, not {value:g}")
+    return value
+
+
+def _parameter(run: Interpreter, task: ValTask, action: tree.ParameterSetting) -> None:
+    seconds = number_of(action.value, task)
+    if not 0.0 <= seconds <= 60.0:
+        raise ProgramError(f"HAND.TIME is 0 to 60 s, not {seconds:g}")
+    run.machine.hand_time_s = seconds
+
+
+def _switch(run: Interpreter, _task: ValTask, action: tree.SwitchSetting) -> None:
+    run.machine.switches |= dict.fromkeys(action.switches, action.on)
+
+
+WORDS: Final[dict[str, Callable[..., Waits | None]]] = {
+    **{word: _configure(word) for word in _CONFIGURATIONS},
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _no_effect),
+}
+ACTIONS: Final[dict[type, Callable[..., Waits | None]]] = {
+    tree.SpeedSetting: _set_speed,
+    tree.ParameterSetting: _parameter,
+    tree.SwitchSetting: _switch,
+}
