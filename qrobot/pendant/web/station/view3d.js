@@ -160,6 +160,7 @@ export class View {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.canvas);
     this.controls.addEventListener("change", () => (this.due = true));
+    this.controls.addEventListener("start", () => (this.turned = true));
     this.figures = [];
     this.onChoose = () => {};
     this.listen();
@@ -177,9 +178,18 @@ export class View {
     for (const figure of this.figures) this.scene.remove(figure.root);
     this.figures = all.map((facts, k) => new ArmFigure(facts, SEPARATION * (k - (all.length - 1) / 2)));
     for (const figure of this.figures) this.scene.add(figure.root);
-    const height = Math.max(...all.map((facts) => facts.base_height));
-    this.camera.position.set(1.7, -2.2 - 0.9 * (all.length - 1), height + 0.75);
+    this.turned = false;
+    this.stand();
+  }
+
+  // Put the camera where all arms are seen, farther away from a narrow picture; not once somebody has turned it.
+  stand() {
+    const count = this.figures.length;
+    if (!count || this.turned) return;
+    const height = Math.max(...this.figures.map(({ facts }) => facts.base_height));
+    const back = Math.max(1, (count > 1 ? 1.3 : 0.9) / this.camera.aspect);
     this.controls.target.set(0.2, 0, height - 0.05);
+    this.camera.position.set(1.5 * back, -2.2 - 0.9 * (count - 1), 0.8).multiply({ x: 1, y: back, z: back }).add(this.controls.target);
     this.controls.update();
     this.due = true;
   }
@@ -225,6 +235,7 @@ export class View {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    this.stand();
     this.due = true;
   }
 
