@@ -358,6 +358,37 @@ def test_four_corners_of_an_arm_and_of_a_frame_end_as_often_as_they_were_asked_f
         assert goals[manip.name].code == -1
 
 
+def test_motion_parameters_are_each_manipulators_own(ways) -> None:
+    left, right = arms()
+    for arm in (left, right):
+        move(arm, make_position(TRANS, tool, EQ, world_in_left, here, TL, tool))
+    wait_for(left.completed)
+    wait_for(right.completed)
+    setmode(left, "cartesian")
+    setvel(left, 50, 20)
+    goal, paths = make_position(TRANS, tool, EQ, world_in_left, there, TL, tool), {"left": [], "right": []}
+    other = make_position(TRANS, tool, EQ, world_in_left, there, TL, tool)
+    limit(left, "fx", 1e6)  # for the next motion of this arm alone; nothing pushes here
+    move(left, goal)
+    move(right, other)
+
+    def look() -> bool:
+        for arm in (left, right):
+            paths[arm.name].append((arm.trans.value @ tool.value)[:3, 3].copy())
+        return bool(left.completed.count and right.completed.count)
+
+    wait_as(look)
+    begin, line = here.value[:3, 3], (there.value - here.value)[:3, 3]
+    off_line = {
+        name: max(np.linalg.norm(np.cross(place - begin, line)) / np.linalg.norm(line) for place in path)
+        for name, path in paths.items()
+    }
+    assert off_line["left"] < 1e-9
+    assert off_line["right"] > 1e-3
+    steps = {name: np.linalg.norm(np.diff(path, axis=0), axis=1).max() for name, path in paths.items()}
+    assert steps["left"] <= 0.050 * PERIOD_MS * 1e-3 * 1.001 < steps["right"]
+
+
 def test_a_position_may_be_solved_for_one_manipulator_alone(ways) -> None:
     left, right = arms()
     mine = make_position(left.trans, tool, EQ, world_in_left, here, TL, tool, unknown=left.trans, name="MINE")

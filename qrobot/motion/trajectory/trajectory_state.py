@@ -145,11 +145,14 @@ class TrajectoryState:
     def points(self) -> History:
         """Positions of the arm at the newest samples, this one included; at another speed, by path time.
 
-        In a pause there is one, which tells of no velocity.
+        At rest and in a pause there is one, which tells of no velocity: those before it may have moved still.
         """
-        if self.override.full or not self.path.coordinates.fixed:
+        if not self.path.coordinates.fixed:
             return self._newest_points()
-        return self._newest_points()[-1:] if self.paused else self.points_at(self.clock)
+        rests = self.path.phase is Phase.RESTING and self._standing is None
+        if rests or self.paused:
+            return self._newest_points()[-1:]
+        return self._newest_points() if self.override.full else self.points_at(self.clock)
 
     def points_at(self, clock: float) -> History:
         """Positions of the arm at path time `clock`, on the present piece, and a sample or less of it before."""
