@@ -43,7 +43,7 @@ def doctor(deployment: str = "emulator", *, rate: bool = False, json: bool = Fal
     arms = load_deployment(deployment).arm
     ports = {arm.name: (arm.bridge.host, arm.bridge.port) for arm in arms}
     bases = [arm.board.port.base for arm in arms if arm.board.port is not None]
-    fences = [finding for arm in arms for finding in look_at_fences(arm)]
+    fences = [finding for arm in arms for finding in look_at_fences(arm, deployment)]
     findings = [*all_findings(ports, bases), *fences, *(_rates(arms) if rate else ())]
     usable = not any(finding.prevents_running for finding in findings)
     if json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from qrobot.cli.arms import fences_of_arm, robot_of_arm
+from qrobot.cli.arms import fences_of_arm, neighbours_of_arm, robot_of_arm
 from qrobot.cli.checks import Finding, Weight
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 GROUP: Final = "fences"
 
 
-def look_at_fences(arm: DeployedArm) -> Iterator[Finding]:
+def look_at_fences(arm: DeployedArm, deployment: str) -> Iterator[Finding]:
     """One finding for the fences of an arm, and one for each pose of its robot file that they forbid."""
     try:
         fences = fences_of_arm(arm)
+        neighbours_of_arm(arm, deployment)
     except ConfigError as error:
         remedy = "tell the arm's body in the robot file, as docs/how-to/keep-inside-fences.md says, or leave fences out"
         yield Finding(GROUP, SetupStep(arm.name, False, str(error), remedy), Weight.NEEDED)

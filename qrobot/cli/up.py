@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, robot_of_arm, servo_settings
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, neighbours_of_arm, robot_of_arm, servo_settings
 from qrobot.cli.console import SUCCESS, note
 from qrobot.cli.option_types import OutputFolder, checked_folder
 
@@ -51,6 +51,7 @@ def up(
     for arm in arms:  # what is wrong with the last arm is told before the first one starts
         robot_of_arm(arm)
         servo_settings(arm, reduced_speed=reduced_speed)
+        neighbours_of_arm(arm, deployment)
         require_free_port(arm)
         if arm.log.directory:
             checked_folder(Path(arm.log.directory))

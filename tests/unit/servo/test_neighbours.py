@@ -12,6 +12,8 @@ import pytest
 
 from qrobot.arrays import Floats
 from qrobot.cli.arms import choose_arm, neighbours_of_arm
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.config import load_deployment
 from qrobot.errors import ConfigError
 from qrobot.faultcodes import FaultCode
@@ -242,3 +244,17 @@ def test_a_mistake_about_other_arms_is_told(tmp_path: Path, old: str, new: str, 
             load_deployment(path)
     else:
         assert len(load_deployment(path).arm) == 2
+
+
+def test_an_arm_without_a_body_beside_another_is_told_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("qrobot.cli.doctor.all_findings", lambda _ports, _bases: [])
+    path = tmp_path / "cell.toml"
+    path.write_text(
+        CELL.replace('robot = "puma560"\nbridge = { port = 5601', 'robot = "stanford"\nbridge = { port = 5601')
+    )
+    assert run_app(make_app(), ["doctor", str(path)]) == 1
+    assert "stanford has no [shape]" in capsys.readouterr().out
+    assert run_app(make_app(), ["up", str(path)]) == 1
+    assert "stanford has no [shape]" in capsys.readouterr().err
