@@ -1,6 +1,6 @@
 // Two cursors of the scope: instants that are read off, and what lies between them.
 import { COLOURS } from "./curves.js";
-import { el, setAttribute, setText } from "./dom.js";
+import { el, setAttribute } from "./dom.js";
 
 const NAMES = ["A", "B"];
 
@@ -44,6 +44,7 @@ export class Cursors {
     const { ctx, bbox } = u;
     ctx.save();
     ctx.font = `bold ${Math.round(12 * devicePixelRatio)}px sans-serif`;
+    ctx.textAlign = "left";
     ctx.strokeStyle = ctx.fillStyle = "#17212c";
     this.at.forEach((t, k) => {
       if (t === null) return;
