@@ -91,6 +91,7 @@ class _Checker:
         self.robot = robot
         self._fences = fences
         self._lines = lines
+        self._told: set[float] = set()  # signals: each is looked at once for its line
         self._readable = readable
         self._source = source
         self._space = Workspace(robot)
@@ -158,11 +159,16 @@ class _Checker:
 
     def _signal_refusal(self, number: float, switched: bool) -> str:
         """Reason against the use of a signal; "" for none."""
+        if number != int(number):
+            return f"a signal is a whole number, not {number:g}"
         if not any(number in numbers for numbers in (OUTPUTS, INPUTS, INTERNAL)):
             return no_signal(int(number))
         if switched and number in INPUTS:
             return f"signal {number:g} is an input: it cannot be switched"
-        return "" if self._lines is None else self._lines.refusal(int(number))
+        if self._lines is None or number in self._told:
+            return ""
+        self._told.add(number)
+        return self._lines.refusal(int(number))
 
     def _places(self, action: tree.StepAction) -> Iterator[ProgramError]:
         if not isinstance(action, tree.Instruction) or action.word not in _MOTIONS or action.arguments[0] is None:

@@ -27,7 +27,8 @@ class SignalLines:
         if number in OUTPUTS and number not in self.outputs:
             there = ", ".join(map(str, sorted(self.outputs))) or "none"
             return (
-                f"output {number} is not configured; the deployment file has {there}: add it to [[arm.board.outputs]]"
+                f"output {number} is not configured; the deployment file has {there}: "
+                "add it to [[arm.board.outputs]], or to a module's"
             )
         if number in INPUTS and number not in _BOARD_INPUTS:
             first, last = _BOARD_INPUTS[0], _BOARD_INPUTS[-1]
