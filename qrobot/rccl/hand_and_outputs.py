@@ -1,4 +1,4 @@
-"""What a program has the arm do beside its motions: hand, outputs, numbers for the log, payload."""
+"""Calls of a program about what its arm does beside its motions: hand, outputs, numbers for the log, payload."""
 
 from __future__ import annotations
 
