@@ -23,6 +23,9 @@ class Manip(ABC):
     trans: MovingTransform
     completed: Event
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r})"
+
     @abstractmethod
     def control(self, clear_fault: bool, period_ms: float | None) -> None:
         """Turn its trajectory generator on. Raises what `rccl_control` raises."""

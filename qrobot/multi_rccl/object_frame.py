@@ -14,17 +14,19 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError
 from qrobot.model.branch import Branch
-from qrobot.motion import Equation, EventKind, Generator, Goal, MotionMode, MoveRequest
+from qrobot.motion import Equation, EventKind, Generator, Goal, MotionEvent, MotionMode, MoveRequest, Termination
 from qrobot.motion.request import HERE
 from qrobot.motion.world.frame_kinematics import FrameKinematics, frame_limits
 from qrobot.multi_rccl.manip import Manip, follows
 from qrobot.multi_rccl.moving_transform import MovingTransform
-from qrobot.multi_rccl.positions import check_for
+from qrobot.multi_rccl.positions import goal_for
+from qrobot.rccl.arguments import sample_period_us
 from qrobot.rccl.event import Level
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import DEFAULT_SPEED, MotionParameters, MoveOrder
-from qrobot.rccl.position import Position, require_position, there
+from qrobot.rccl.position import Position, there
 from qrobot.rccl.task_group import TaskGroup
+from qrobot.rccl.trace import reason_of
 from qrobot.units import S_PER_MS
 
 PERIOD_S: Final = 0.028  # where no arm has another
@@ -42,6 +44,18 @@ class FrameParameters(MotionParameters):
         if mode in ("joint", "j"):
             raise MotionError("setmode: an object frame has no joints; it moves in Cartesian mode only")
         super().setmode(mode, turn)
+
+    def setjvel(self, speed: float | None = None, *, share: float | None = None) -> None:  # noqa: ARG002
+        """Raise MotionError: there are no joints."""
+        raise MotionError("setjvel: an object frame has no joints; setvel says how fast it moves")
+
+    def setconf(self, letters: str) -> None:  # noqa: ARG002 (see MotionParameters)
+        """Raise MotionError: there are no joints."""
+        raise MotionError("setconf: an object frame has no joints, and so no configurations")
+
+    def lock(self, dirs: str) -> None:  # noqa: ARG002 (see MotionParameters)
+        """Raise MotionError: arms comply, not frames."""
+        raise MotionError("lock: an object frame complies along nothing")
 
     def comply(self, dirs: str, *values: float) -> None:  # noqa: ARG002 (see MotionParameters)
         """Raise MotionError: arms comply, not frames."""
@@ -66,7 +80,7 @@ class ObjectFrame(Manip):
 
     def __init__(self, name: str, group: TaskGroup) -> None:
         self.name, self.completed = name, Level("completed", 1)
-        self.trans = MovingTransform(name, self._look)
+        self.trans = MovingTransform(name, name, self._look)
         self.error: Exception | None = None
         self._group, self._kinematics = group, FrameKinematics()
         self._parameters, self._motions = FrameParameters(), OpenMotions(self._kinematics)
@@ -83,9 +97,11 @@ class ObjectFrame(Manip):
         with self._group.sampled:
             if self._generator is not None:
                 raise MotionError(f"{self.name} is under control already")
-            self._group.agree_on(period_ms * S_PER_MS if period_ms else self._group.period_s or PERIOD_S)
+            period_s = self._group.period_s or PERIOD_S
+            self._group.agree_on(period_s if period_ms is None else sample_period_us("rccl_control", period_ms) * 1e-6)
             self._tick = self._group.tick
             self._generator = self._generator_at(self.trans.value)
+            self.trans.record(self._tick, self.trans.value)
             self._group.members.append(self)
 
     def release(self) -> None:
@@ -106,13 +122,14 @@ class ObjectFrame(Manip):
         return self.busy or (self._generator is not None and self._generator.has_events)
 
     def check(self) -> None:
-        """Raise what its functions have raised, if any has."""
+        """Raise once what its functions have raised, or that it could not follow what it maintained."""
         if self.error is not None:
-            raise self.error
+            error, self.error = self.error, None
+            raise error
 
     def move(self, position: Position) -> None:
         """See `Manip.move`. Raises MotionError for a position that is given by joints, too."""
-        self._check(position)
+        self._check("move", position)
         with self._group.sampled:
             self._push(self._parameters.order(position))
             self._last, self._tracks, self._track_next = position, self._track_next, False
@@ -136,7 +153,7 @@ class ObjectFrame(Manip):
 
     def maintain(self, position: Position) -> None:
         """See `Manip.maintain`. Raises MotionError: motions of its own are still to be done."""
-        self._check(position)
+        self._check("maintain", position)
         with self._group.sampled:
             if self.eventful:
                 raise MotionError(f"maintain: {self.name} still moves; wait for `completed` first")
@@ -153,10 +170,9 @@ class ObjectFrame(Manip):
             raise LinkError(f"{self.name} is not under control; call rccl_control first")
         return self._generator
 
-    def _check(self, position: Position) -> None:
-        if not isinstance(require_position("move", position).target, Equation):
+    def _check(self, call: str, position: Position) -> None:
+        if not isinstance(goal_for(call, position, self.trans, self.name).target, Equation):
             raise MotionError(f"position {position.name} is given by joints: an object frame has none")
-        check_for(position, self.trans, self.name)
         self.check()
         self.generator  # noqa: B018 (raises)
 
@@ -206,7 +222,9 @@ class ObjectFrame(Manip):
     def _look(self, tick: int) -> None:
         with self._group.sampled:
             if self._evaluating:
-                raise MotionError(f"object frame {self.name}: its own transform stands in its equation")
+                raise MotionError(
+                    f"object frame {self.name}: its own transform stands in its equation, by way of another frame"
+                )
             if self._generator is not None and tick > self._tick:
                 self._evaluate(tick)
 
@@ -234,8 +252,16 @@ class ObjectFrame(Manip):
         self.trans.record(tick, self._kinematics.forward(output.q))
         if output.events:
             self._motions.notify(output.events, output.q, tick)
-            if any(event.kind is EventKind.IDLE for event in output.events):
-                self.completed.signal()
+            for event in output.events:
+                self._hear(event)
         self._motions.update_progress(output)
         if not self._tracks and follows(self.generator):
             self._stand()
+
+    def _hear(self, event: MotionEvent) -> None:
+        if event.kind is EventKind.IDLE:
+            self.completed.signal()
+        elif event.kind is EventKind.LOST and event.code != Termination.STOPPED and self._last is not None:
+            self._last.code = event.code
+            why = f"{self.name} cannot follow {self._last.name} any more ({reason_of(event.code)}) and has come to rest"
+            self.error = MotionError(f"{why}: maintain it again, or move")

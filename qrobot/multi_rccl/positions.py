@@ -7,6 +7,7 @@ from typing import Final
 
 from qrobot.errors import MotionError
 from qrobot.motion import Equation, TransformKind, Trsf
+from qrobot.multi_rccl.moving_transform import MovingTransform
 from qrobot.rccl import EQ, TL, Position, t6
 from qrobot.rccl.position import Separator
 
@@ -28,6 +29,8 @@ def make_position(*terms: Trsf | Separator, unknown: Trsf | None = None, name: s
     Raises:
         MotionError: a term is no transform, EQ or TL is missing or in the wrong place, or the equation makes no sense.
     """
+    if unknown is not None and not isinstance(unknown, Trsf):
+        raise MotionError(f"make_position: the unknown is a transform, not {unknown!r}")
     if (strange := [term for term in terms if not isinstance(term, Trsf | Separator)]) != []:
         raise MotionError(f"make_position: {strange[0]!r} is no transform")
     if terms.count(EQ) != 1 or terms.count(TL) != 1 or terms[-2:-1] != (TL,) or terms[-1] is EQ:
@@ -41,8 +44,23 @@ def make_position(*terms: Trsf | Separator, unknown: Trsf | None = None, name: s
     return Position(name, Equation(name, left, right, tool, sought))
 
 
-def check_for(position: Position, own: Trsf, name: str) -> None:
-    """Raise MotionError for a position whose unknown is the transform of another manipulator than `name`."""
-    if isinstance(position.target, Equation) and position.target.unknown not in (TRANS, t6, own):
-        unknown = position.target.unknown.name
-        raise MotionError(f"position {position.name} is solved for {unknown}: it is no goal of {name}")
+def goal_for(call: str, position: object, own: Trsf, name: str) -> Position:
+    """A position that manipulator `name` may go to, whose transform is `own`.
+
+    Raises:
+        MotionError: it is none; its unknown is another manipulator's transform; it depends on where `name` is; or on
+            where a manipulator is that is not under control.
+    """
+    if not isinstance(position, Position):
+        raise MotionError(f"{call}: a position is needed, from make_position, jposition or pose, not {position!r}")
+    equation = position.target
+    if not isinstance(equation, Equation):
+        return position
+    if equation.unknown not in (TRANS, t6, own):
+        raise MotionError(f"position {position.name} is solved for {equation.unknown.name}: it is no goal of {name}")
+    if own is not equation.unknown and own in equation.terms:
+        raise MotionError(f"position {position.name} of {name} moves with {name} itself: {own.name} stands in it")
+    for term in equation.terms:
+        if isinstance(term, MovingTransform) and term is not equation.unknown:
+            term.require_known()
+    return position

@@ -20,6 +20,7 @@ from qrobot.rccl.task_group import TaskGroup
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link
 from qrobot.rci.robot_data import KnownRobot
+from qrobot.rci.tcp import bridge_address
 from qrobot.wire import Hello
 
 OBJECT_FRAME: Final = "OBJECT_FRAME"
@@ -32,6 +33,7 @@ class ManipProgram:
     def __init__(self) -> None:
         self.group = TaskGroup()
         self.manips: list[Manip] = []
+        self._waiting = False
 
     @property
     def over(self) -> bool:
@@ -59,8 +61,16 @@ class ManipProgram:
         for manip in self.manips:
             manip.check()
         if not self.robots:
-            raise LinkError("no arm is under control: time passes for object frames only beside an arm")
-        self.robots[0].channel.waitas(lambda: self.look(happened, what))
+            raise LinkError(
+                "no arm is under control; call rccl_control first: time passes for object frames only beside an arm"
+            )
+        if self._waiting:
+            raise MotionError("a function of wait_as must not wait: let it look, and wait behind it")
+        self._waiting = True
+        try:
+            self.robots[0].channel.waitas(lambda: self.look(happened, what))
+        finally:
+            self._waiting = False
 
 
 _program: ContextVar[ManipProgram | None] = ContextVar("multi_rccl_program", default=None)
@@ -85,26 +95,43 @@ def rccl_open(name: str, robot: str = "", bridge: str = "") -> Manip:
         bridge: "host:port" of its bridge; default where the program's is.
 
     Raises:
-        ConfigError: no such robot.
-        MotionError: there is a manipulator of that name.
+        ConfigError: no such robot, or that is no address.
+        MotionError: there is a manipulator of that name, or at that bridge; or that is no name.
     """
     program = this_program()
-    if any(manip.name == name for manip in program.manips):
-        raise MotionError(f"rccl_open: {name} is open already")
-    manip: Manip
+    _check_opening(program, name, robot, bridge)
     if name.startswith(OBJECT_FRAME):
-        manip = ObjectFrame(name, program.group)
+        manip: Manip = ObjectFrame(name, program.group)
     else:
-        known = KnownRobot(name, robot or _file_of(name), bridge)
-        robot_path(known.file)
-        surroundings = environment()
-
-        def link(hello: Hello) -> Link:
-            return surroundings.links(known, hello)
-
-        manip = RobotManip(name, known.file, link, program.group)
+        manip = _robot(program, KnownRobot(name, robot or _file_of(name), bridge))
     program.manips.append(manip)
     return manip
+
+
+def _check_opening(program: ManipProgram, name: object, robot: object, bridge: object) -> None:
+    for what, given in (("name", name), ("robot", robot), ("bridge", bridge)):
+        if not isinstance(given, str) or (what == "name" and not given):
+            raise MotionError(f"rccl_open: a {what} is a word, not {given!r}")
+    for manip in program.manips:
+        if manip.name == name:
+            raise MotionError(f"rccl_open: {name} is open already")
+        if bridge and isinstance(manip, RobotManip) and manip.bridge == bridge:
+            raise MotionError(f"rccl_open: {manip.name} is at {bridge} already")
+    if str(name).startswith(OBJECT_FRAME) and (robot or bridge):
+        raise MotionError(f"rccl_open: {name} is an object frame, which has neither robot nor bridge")
+    if not str(name).startswith(OBJECT_FRAME) and str(name).upper().startswith(OBJECT_FRAME):
+        raise MotionError(f"rccl_open: an object frame's name begins with {OBJECT_FRAME}, in capitals")
+    bridge_address(str(bridge))
+
+
+def _robot(program: ManipProgram, known: KnownRobot) -> RobotManip:
+    robot_path(known.file)
+    surroundings = environment()
+
+    def link(hello: Hello) -> Link:
+        return surroundings.links(known, hello)
+
+    return RobotManip(known, link, program.group)
 
 
 def _file_of(name: str) -> str:
@@ -113,6 +140,19 @@ def _file_of(name: str) -> str:
     except ConfigError:
         return DEFAULT_ROBOT
     return name
+
+
+def _manip(call: str, given: object) -> Manip:
+    if not isinstance(given, Manip):
+        raise MotionError(f"{call}: a manipulator is needed, from rccl_open, not {given!r}")
+    return given
+
+
+def _arm(call: str, given: object) -> RobotManip:
+    manip = _manip(call, given)
+    if not isinstance(manip, RobotManip):
+        raise MotionError(f"{call}: {manip.name} is an object frame; an arm is needed")
+    return manip
 
 
 def rccl_control(manip: Manip, *, clear_fault: bool = False, period_ms: float | None = None) -> None:
@@ -126,15 +166,16 @@ def rccl_control(manip: Manip, *, clear_fault: bool = False, period_ms: float | 
     Raises:
         LinkError, ServoFault, MotionError: as `control` of RCCL; or it is under control already.
     """
-    manip.control(clear_fault, period_ms)
+    _manip("rccl_control", manip).control(clear_fault, period_ms)
 
 
 def rccl_release(manip: Manip, power_off: bool = False) -> None:
     """Let go of a manipulator: an arm comes to rest, and before it what it holds together with others."""
-    if isinstance(manip, RobotManip):
-        manip.release(power_off)
-    elif isinstance(manip, ObjectFrame):
-        manip.release()
+    chosen = _manip("rccl_release", manip)
+    if isinstance(chosen, RobotManip):
+        chosen.release(power_off)
+    elif isinstance(chosen, ObjectFrame):
+        chosen.release()
 
 
 def move(manip: Manip, position: Position) -> None:
@@ -146,7 +187,7 @@ def move(manip: Manip, position: Position) -> None:
         JointLimit, Unreachable, Singular: the position, or a straight way there, is not for this arm.
         MotionError: it cannot be done in that time, or is solved for another manipulator; or too many motions wait.
     """
-    manip.move(position)
+    _manip("move", manip).move(position)
 
 
 def stop(manip: Manip, position: Position | None = None, ms: float = 0.0) -> None:
@@ -157,13 +198,13 @@ def stop(manip: Manip, position: Position | None = None, ms: float = 0.0) -> Non
     (ms,) = numbers("stop", ms)
     if ms < 0.0:
         raise MotionError(f"stop({ms:g}): a stop takes no negative time")
-    manip.stop_at(position, ms)
+    _manip("stop", manip).stop_at(position, ms)
 
 
 def cancel(manip: Manip, ms: float = 0.0) -> None:
     """Forget all motions and come to rest, in at least `ms`; ours, not historical."""
     (ms,) = numbers("cancel", ms)
-    manip.cancel(ms)
+    _manip("cancel", manip).cancel(ms)
 
 
 def maintain(manip: Manip, position: Position) -> None:
@@ -172,12 +213,12 @@ def maintain(manip: Manip, position: Position) -> None:
     Raises:
         MotionError: an arm is not there; move there first. Or a frame still moves.
     """
-    manip.maintain(position)
+    _manip("maintain", manip).maintain(position)
 
 
 def tracking_mode(manip: Manip) -> None:
     """Let the manipulator stay with the goal of its next motion, until another is asked for."""
-    manip.track()
+    _manip("tracking_mode", manip).track()
 
 
 def wait_for(event: Event) -> None:
@@ -200,12 +241,12 @@ def wait_as(predicate: Callable[[], object]) -> None:
 
 def grasp(manip: RobotManip) -> None:
     """Close the hand, now."""
-    manip.channel.CLOSE()
+    _arm("grasp", manip).channel.CLOSE()
 
 
 def open_hand(manip: RobotManip) -> None:
     """Open the hand, now."""
-    manip.channel.OPEN()
+    _arm("open_hand", manip).channel.OPEN()
 
 
 P = ParamSpec("P")
@@ -216,7 +257,9 @@ def _parameter(call: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[M
     """A call of RCCL for the motions of one manipulator."""
 
     def of_manip(manip: Manip, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        result: R = getattr(manip.parameters, call.__name__)(*args, **kwargs)
+        name = call.__name__
+        chosen = _manip(name, manip) if hasattr(MotionParameters, name) else _arm(name, manip)
+        result: R = getattr(chosen.parameters, name)(*args, **kwargs)
         return result
 
     of_manip.__name__, of_manip.__doc__ = call.__name__, call.__doc__

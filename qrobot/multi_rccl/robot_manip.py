@@ -16,15 +16,17 @@ from qrobot.motion import Equation, MoveRequest
 from qrobot.motion.request import HERE
 from qrobot.multi_rccl.manip import Manip, follows
 from qrobot.multi_rccl.moving_transform import MovingTransform
-from qrobot.multi_rccl.positions import check_for
+from qrobot.multi_rccl.positions import goal_for
 from qrobot.rccl import Channel, Position
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.event import Event
 from qrobot.rccl.parameters import DEFAULT_SPEED, MoveOrder
-from qrobot.rccl.position import require_position, there
+from qrobot.rccl.position import there
+from qrobot.rccl.program import traces_wanted
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rci import LinkFactory
+from qrobot.rci.robot_data import KnownRobot
 from qrobot.units import DEG_PER_RAD, MM_PER_M, RAD_PER_DEG
 
 NEAR_M: Final = 0.005  # and a degree: a position that an arm can be said to be at [A]
@@ -36,16 +38,19 @@ class RobotManip(Manip):
     """See `Manip`.
 
     Args:
-        name: for traces and messages.
-        robot: its file, or the name of a packaged one.
+        known: its name, its file and its bridge.
         factory: makes the link to it.
         group: the program's arms.
+
+    Attributes:
+        bridge: address of its bridge, "" for where the program's is.
     """
 
-    def __init__(self, name: str, robot: str, factory: LinkFactory, group: TaskGroup) -> None:
+    def __init__(self, known: KnownRobot, factory: LinkFactory, group: TaskGroup) -> None:
+        name, robot, self.bridge = known.name, known.file, known.bridge
         self.name, self.completed = name, Event(f"{name}.completed")
-        self.trans = MovingTransform(f"{name}.trans")
-        self._open: OpenChannel = partial(open_channel, factory, robot, prepare=self._prepare)
+        self.trans = MovingTransform(f"{name}.trans", name)
+        self._open: OpenChannel = partial(open_channel, factory, robot, traces=traces_wanted(), prepare=self._prepare)
         self._group = group
         self._channel: Channel | None = None
         self._task: TrajectoryTask | None = None
@@ -60,7 +65,8 @@ class RobotManip(Manip):
         """See `Manip.control`."""
         if self.on:
             raise MotionError(f"{self.name} is under control already")
-        period_ms = period_ms or self._group.period_s * 1e3 or None
+        if period_ms is None and self._group.period_s:
+            period_ms = self._group.period_s * 1e3
         self._channel = self._open(period_ms=period_ms, clear_fault=clear_fault)
         self.completed = self._channel.completed
 
@@ -81,8 +87,8 @@ class RobotManip(Manip):
 
     @property
     def channel(self) -> Channel:
-        """The arm under control. Raises LinkError before `control`."""
-        if self._channel is None:
+        """The arm under control. Raises LinkError before `control` and after `release`."""
+        if self._channel is None or self._channel.released:
             raise LinkError(f"{self.name} is not under control; call rccl_control first")
         return self._channel
 
@@ -93,8 +99,13 @@ class RobotManip(Manip):
 
     @property
     def j6(self) -> Floats:
-        """Joint positions at the newest sample, as they are sent: degrees (mm on a sliding joint). Shape (n,)."""
-        units = np.where(self.channel.robot.prismatic, MM_PER_M, DEG_PER_RAD)
+        """Joint positions at the newest sample, as they are sent: degrees (mm on a sliding joint). Shape (n,).
+
+        Raises LinkError before `control`.
+        """
+        if self._task is None:
+            raise LinkError(f"{self.name} is not under control; call rccl_control first")
+        units = np.where(self._task.robot.prismatic, MM_PER_M, DEG_PER_RAD)
         return np.asarray(self._j6 * units)
 
     @property
@@ -109,7 +120,7 @@ class RobotManip(Manip):
 
     def move(self, position: Position) -> None:
         """See `Manip.move`."""
-        check_for(require_position("move", position), self.trans, self.name)
+        goal_for("move", position, self.trans, self.name)
         with self._group.sampled:
             self.channel.move(position)
             self._last, self._tracks, self._track_next = position, self._track_next, False
@@ -131,7 +142,7 @@ class RobotManip(Manip):
 
     def maintain(self, position: Position) -> None:
         """See `Manip.maintain`. Raises MotionError: the arm is not there."""
-        check_for(require_position("maintain", position), self.trans, self.name)
+        goal_for("maintain", position, self.trans, self.name)
         with self._group.sampled:
             self._require_near(position)
             self._track_next = True
@@ -142,8 +153,10 @@ class RobotManip(Manip):
         self._track_next = True
 
     def _require_near(self, position: Position) -> None:
-        if not isinstance(position.target, Equation) or self.eventful:
-            raise MotionError(f"maintain: {self.name} moves, or {position.name} has no equation; move there first")
+        if not isinstance(position.target, Equation):
+            raise MotionError(f"maintain: position {position.name} is given by joints; only an equation can move")
+        if self.eventful:
+            raise MotionError(f"maintain: {self.name} still moves; wait for `completed` first")
         away = inverse(self.trans.value) @ position.equation.goal().pose(self._group.tick)
         far, turned = float(np.linalg.norm(away[:3, 3])), float(np.linalg.norm(so3_log(away[:3, :3])))
         if far > NEAR_M or turned > RAD_PER_DEG:

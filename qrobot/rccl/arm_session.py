@@ -158,7 +158,7 @@ class ArmSession:
         self.wait(lambda: self._task.phase is TaskPhase.TRACKING)
 
     def _come_to_rest(self) -> None:
-        if (group := self._task.group) is not None:
+        if (group := self._task.group) is not None and self._task.follows:
             with self._runner.lock():
                 group.come_to_rest()  # what this arm holds together with others rests before it is let go of
             self.wait(lambda: group.rests and not self._task.carried)

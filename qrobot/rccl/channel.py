@@ -119,6 +119,8 @@ class Channel(MotionParameters, HandAndOutputs):
         Raises:
             MotionError: too few numbers, too many, or one that is none.
         """
+        if not isinstance(degs, Sequence | np.ndarray):
+            raise MotionError(f"position {name}: {self.robot.n} numbers are needed, not {degs!r}")
         if len(degs) != self.robot.n:
             raise MotionError(f"position {name}: {self.robot.name} has {self.robot.n} joints, not {len(degs)}")
         return Position(name, np.array(numbers(f"position {name}", *degs)) * self._radians)

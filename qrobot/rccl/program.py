@@ -56,6 +56,11 @@ def use(factory: LinkFactory, traces: list[Trace] | None = None) -> Iterator[Non
         _traces.reset(traces_token)
 
 
+def traces_wanted() -> list[Trace] | None:
+    """The list to which traces of arms are added, None where nobody wants any."""
+    return _traces.get()
+
+
 @contextmanager
 def ending() -> Iterator[None]:
     """A program runs in this block: when it ends well its motions are done first, else its arms stop; all are released.

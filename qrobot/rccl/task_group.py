@@ -71,6 +71,8 @@ class TaskGroup:
         """`task` has let go of its arm; does nothing a second time."""
         if task in self._tasks:
             self._tasks.remove(task)
+        if not self._tasks and not self.members:
+            self.period_s = 0.0
 
     def before_sample(self, tick: int) -> None:
         """An arm is about to make its setpoints of sample `tick`."""

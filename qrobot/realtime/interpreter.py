@@ -11,6 +11,7 @@ import gc
 import sys
 import time
 from contextlib import ExitStack
+from functools import cache
 from typing import Final
 
 from qrobot.realtime.setup import favoured_thread, freeze_garbage
@@ -20,11 +21,17 @@ TURN_S: Final = 0.0005
 
 
 def prepare_interpreter() -> None:
-    """Exempt all that lives now from searches for garbage, and let threads take short turns.
+    """Let threads take short turns; the first time also exempt all that lives now from searches for garbage.
 
-    It takes as long as one search: a program does it before it greets a robot, which waits for no one.
+    The first time takes as long as one search: a program does it before it greets a robot, which waits for no one. What
+    is exempt is never given back, so it is not done again in a process that takes arm after arm.
     """
     sys.setswitchinterval(min(TURN_S, sys.getswitchinterval()))
+    _exempt_once()
+
+
+@cache
+def _exempt_once() -> None:
     freeze_garbage()
 
 

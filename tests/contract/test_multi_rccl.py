@@ -11,7 +11,7 @@ import pytest
 
 from qrobot import rci
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, LinkLost, MotionError
+from qrobot.errors import ConfigError, LinkError, LinkLost, MotionError
 from qrobot.model.transform import inverse, so3_log
 from qrobot.multi_rccl import (
     EQ,
@@ -22,6 +22,7 @@ from qrobot.multi_rccl import (
     cancel,
     comply,
     distance,
+    grasp,
     jposition,
     limit,
     maintain,
@@ -31,7 +32,9 @@ from qrobot.multi_rccl import (
     rccl_control,
     rccl_open,
     rccl_release,
+    setconf,
     setime,
+    setjvel,
     setmode,
     setvel,
     stop,
@@ -262,28 +265,46 @@ def test_an_arm_on_its_own_path_stops_there_when_its_partner_is_lost(ways) -> No
     assert 0.0 < share[0] < 1.0
 
 
-def test_a_function_that_fails_brings_object_and_arms_to_rest_and_reaches_the_program(ways) -> None:
+@pytest.mark.parametrize("fails", [True, False])
+def test_a_sensor_that_fails_or_jumps_brings_frame_and_arms_to_rest_and_the_program_is_told_once(ways, fails) -> None:
     samples = [0]
 
     def track(t: Transform) -> None:
         samples[0] += 1
-        if samples[0] > 400:
+        if samples[0] > 400 and fails:
             raise ValueError("the camera is blind")
-        trsl(t, 500, 0.05 * samples[0], 0)
+        trsl(t, 500, 0.05 * samples[0] if samples[0] <= 400 else 120.0, 0)
 
-    turned = gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0)
+    place = make_position(TRANS, EQ, newtrans("LOC", track), gentr_rpy("TURNED", 0, 0, 0, 0, 180, 0), TL, TRANS)
     obj = rccl_open("OBJECT_FRAME")
     rccl_control(obj)
-    maintain(obj, make_position(TRANS, EQ, newtrans("LOC", track), turned, TL, TRANS))
+    maintain(obj, place)
     left, right = arms()
     take_hold(obj, left, right)
-    with pytest.raises(ValueError, match="the camera is blind"):
+    error, words = (ValueError, "blind") if fails else (MotionError, r"cannot follow P\d+ any more \(too fast\)")
+    with pytest.raises(error, match=words):
         wait_as(lambda: False)
-    for arm in (left, right):
-        rccl_release(arm)
-    assert not left.on
-    with pytest.raises(ValueError, match="blind"):
-        move(obj, make_position(TRANS, EQ, here, TL, TRANS))
+    begun = left._group.tick
+    wait_as(lambda: left._group.tick > begun + 40)  # it was told once, and time goes on
+    stood = left.j6
+    wait_as(lambda: left._group.tick > begun + 45)
+    assert np.array_equal(left.j6, stood)
+    if not fails:
+        assert place.code not in (0, -1)
+    maintain(obj, make_position(TRANS, EQ, here, TL, TRANS))  # and there is a way on
+    wait_as(lambda: left._group.tick > begun + 60)
+    assert np.array_equal(obj.trans.value, here.value)
+
+
+def test_an_arm_that_follows_no_frame_is_let_go_of_and_the_frame_goes_on(ways) -> None:
+    obj = frame()
+    _, right = arms()
+    move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+    rccl_release(right)
+    wait_for(obj.completed)
+    assert np.allclose(obj.trans.value, there.value, atol=1e-12)
+    with pytest.raises(LinkError, match="right is not under control; call rccl_control first"):
+        move(right, make_position(TRANS, EQ, there, TL, TRANS))
 
 
 # ------------------------------------------------------------------------------ motions, stops, and steps by events
@@ -406,6 +427,38 @@ def test_a_position_may_be_solved_for_one_manipulator_alone(ways) -> None:
 # ---------------------------------------------------------------------------------------------------- bad input
 
 
+CALLS = [move, maintain, stop, cancel, tracking_mode, rccl_control, rccl_release, grasp, pose, setvel]
+
+
+@pytest.mark.parametrize("given", [None, "left", 3, float("nan"), []])
+def test_what_is_no_manipulator_is_named_by_every_call(ways, given) -> None:
+    arms()
+    for call in CALLS:
+        more = () if call in (cancel, tracking_mode, rccl_control, rccl_release, grasp) else (None,)
+        with pytest.raises(MotionError, match=rf"{call.__name__}: a manipulator is needed, from rccl_open"):
+            call(given, *more)
+    with pytest.raises(MotionError, match="rccl_open"):
+        rccl_open(given)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("",), "a name is a word"),
+        (("THIRD", "puma560", None), "a bridge is a word, not None"),
+        (("THIRD", "puma560", "host:port"), "host:port is needed"),
+        (("THIRD", "no such robot"), "no such robot"),
+        (("THIRD", "puma560", "127.0.0.1:7000"), r"OTHER is at 127\.0\.0\.1:7000 already"),
+        (("object_frame",), "in capitals"),
+        (("OBJECT_FRAME", "puma560"), "neither robot nor bridge"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_at_once(ways, arguments, words: str) -> None:
+    rccl_open("OTHER", "puma560", "127.0.0.1:7000")
+    with pytest.raises((MotionError, ConfigError), match=words):
+        rccl_open(*arguments)
+
+
 def wrong_position() -> Position:
     return make_position(tool, EQ, here, TL, tool)
 
@@ -426,6 +479,21 @@ def wrong_position() -> Position:
         (lambda _obj, arm: stop(arm, None, -1), "no negative time"),
         (lambda _obj, arm: wait_for(arm), "an event is needed"),
         (lambda _obj, arm: wait_for(pose(arm, "end").end), "no motion is left"),
+        (lambda obj, _arm: grasp(obj), "is an object frame; an arm is needed"),
+        (lambda obj, _arm: setjvel(obj, share=0.5), "setjvel: an object frame has no joints"),
+        (lambda obj, _arm: setconf(obj, "lun"), "setconf: an object frame has no joints"),
+        (lambda _obj, arm: jposition(arm, "X", None), "6 numbers are needed, not None"),
+        (lambda _obj, arm: trsl(arm.trans, 1, 2, 3), r"left\.trans is where left is: move it"),
+        (lambda _obj, arm: move(arm, "there"), "move: a position is needed, from make_position"),
+        (
+            lambda _obj, arm: move(arm, make_position(TRANS, EQ, arm.trans, on_left, TL, TRANS)),
+            "moves with left itself",
+        ),
+        (lambda _obj, arm: wait_as(lambda: wait_for(arm.completed)), "a function of wait_as must not wait"),
+        (
+            lambda obj, _arm: maintain(obj, make_position(TRANS, EQ, obj.trans, TL, TRANS)),
+            "moves with OBJECT_FRAME itself",
+        ),
         (lambda obj, _arm: (distance(obj, "dz", 1.0), setime(obj, 0, -1)), "setime"),
     ],
 )
@@ -452,12 +520,24 @@ def test_what_was_not_opened_or_turned_on_moves_nowhere(ways) -> None:
         wait_for(obj.completed)
 
 
-def test_a_frame_that_stands_in_its_own_equation_is_an_error_of_the_program(ways) -> None:
-    obj = frame()
+def test_frames_that_depend_on_each_other_are_an_error_of_the_program(ways) -> None:
+    one, other = frame(), frame(there, "OBJECT_FRAME2")
     arms()
-    move(obj, make_position(TRANS, EQ, obj.trans, on_left, TL, TRANS))
-    with pytest.raises(MotionError, match="its own transform stands in its equation"):
-        wait_for(obj.completed)
+    move(one, make_position(TRANS, EQ, other.trans, on_left, TL, TRANS))
+    wait_for(one.completed)
+    tracking_mode(other)
+    tracking_mode(one)
+    move(one, make_position(TRANS, EQ, other.trans, on_left, TL, TRANS))
+    move(other, make_position(TRANS, EQ, one.trans, on_left, TL, TRANS))
+    with pytest.raises(MotionError, match="its own transform stands in its equation, by way of another frame"):
+        wait_as(lambda: False)
+
+
+def test_a_frame_that_is_not_under_control_is_nowhere(ways) -> None:
+    left, _ = arms()
+    obj = rccl_open("OBJECT_FRAME")
+    with pytest.raises(MotionError, match="OBJECT_FRAME is not under control; call rccl_control first"):
+        move(left, make_position(TRANS, tool, EQ, world_in_left, obj.trans, TL, tool))
 
 
 def test_arms_of_different_sample_periods_do_not_move_together(ways) -> None:

@@ -238,3 +238,18 @@ def test_traces_are_kept_for_every_time_an_arm_is_taken() -> None:
                 arm.waitfor(arm.completed)
     assert [trace.robot.name for trace in traces] == ["stanford"] * 2
     assert [trace.requests[0].name for trace in traces] == ["park"] * 2
+
+
+def test_arms_of_multi_rccl_are_written_down_one_by_one(tmp_path: Path, capfd) -> None:
+    program = tmp_path / "two.py"
+    program.write_text(
+        "from qrobot.multi_rccl import move, pose, rccl_control, rccl_open\n"
+        "for name, goal in (('left', 'end'), ('right', 'ready')):\n"
+        "    arm = rccl_open(name)\n"
+        "    rccl_control(arm)\n"
+        "    move(arm, pose(arm, goal))\n"
+    )
+    assert qrobot("run", "--offline", "--output", str(tmp_path / "out"), str(program)) == 0
+    assert [(tmp_path / "out" / f"setpoints{suffix}.csv").is_file() for suffix in ("", "-2")] == [True, True]
+    ends = [read_setpoints(tmp_path / "out" / f"setpoints{suffix}.csv").q[-1] for suffix in ("", "-2")]
+    assert np.allclose(ends, [ROBOT.poses["end"], ROBOT.poses["ready"]], atol=1e-6)

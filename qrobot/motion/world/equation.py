@@ -94,6 +94,8 @@ class Equation:
         places = [i for i, factor in enumerate(chain) if factor.trsf is tool]
         if len(places) != 1 or tool not in behind + self.right:
             where = f"stand once, right of {self.unknown.name}, or on the other side"
+            if len(places) > 1:
+                where += "; give its other place a transform of its own with the same value"
             raise MotionError(f"position {self.name}: the controlled frame {tool.name} must {where}")
         return places[0] if chain[places[0]].inverted else places[0] + 1
 

@@ -92,6 +92,8 @@ class Trsf:
     def set(self, value: Floats) -> None:
         """Give it another value, shape (4, 4), in one step. Raises MotionError when that is no rigid transform."""
         value = np.array(value, dtype=np.float64)
+        if not np.isfinite(value).all():
+            raise MotionError(f"transform {self.name}: one of its numbers is not finite")
         if not is_transform(value):
             raise MotionError(f"transform {self.name}: not a rigid transform: {np.round(value, 6).tolist()}")
         self.value = value
