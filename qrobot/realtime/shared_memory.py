@@ -8,10 +8,13 @@ and see the generation count rise. A forked child shares its parent's lock: an o
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import fcntl
 import mmap
 import os
 import struct
+import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self, TypeVar
@@ -24,6 +27,7 @@ from qrobot.realtime.deadline import sleep_between_looks
 from qrobot.realtime.runtime_folder import look_into_folder, open_served, runtime_path, tidy_folder
 from qrobot.realtime.structure import WORD_BYTES, dtype_of, record_in, word
 
+_MEMINFO: Final = Path("/proc/meminfo")
 _LOCK_TRIES: Final = 10  # `owner_alive` of a peer holds the lock for an instant
 _LOCK_PAUSE_S: Final = 0.005
 
@@ -247,13 +251,34 @@ def _lock(fd: int) -> bool:
 
 
 def _reserve(fd: int, path: Path, n_words: int) -> None:
-    """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store."""
+    """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store.
+
+    More than there is room for is not even tried: a file system as large as the memory would take all of that first, and
+    the kernel would kill other processes for it.
+    """
     try:
+        if n_words * WORD_BYTES > _room(fd):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.posix_fallocate(fd, 0, n_words * WORD_BYTES)
     except OSError as error:
         os.ftruncate(fd, 0)
         os.close(fd)
         raise LinkError(f"no room in {path.parent} for {path.name!r} ({n_words * WORD_BYTES} bytes): {error}") from None
+
+
+def _room(fd: int) -> int:
+    """Bytes that a file may still take: of its file system, and of the memory."""
+    free = os.fstatvfs(fd)
+    return min(free.f_bavail * free.f_frsize, available_bytes())
+
+
+def available_bytes() -> int:
+    """Memory that new pages may take without anybody losing theirs, as the kernel estimates it."""
+    with contextlib.suppress(OSError):
+        for line in _MEMINFO.read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) << 10
+    return sys.maxsize
 
 
 def _same_file(fd: int, path: Path) -> bool:

@@ -172,11 +172,18 @@ def test_a_name_that_is_no_plain_file_name_is_refused(bad: str) -> None:
         segment_path(bad)
 
 
-def test_no_room_in_shared_memory_is_an_error_and_leaves_the_name_free(name: str) -> None:
+@pytest.mark.parametrize("short", ["file system", "memory"])
+def test_no_room_in_shared_memory_is_an_error_and_leaves_the_name_free(name: str, short: str, monkeypatch) -> None:
+    """Nothing is taken first: where the file system is as large as the memory, the kernel would kill for the rest."""
     free = os.statvfs("/dev/shm")
     too_many = (free.f_bavail * free.f_frsize) // 8 + (1 << 20)
+    if short == "memory":
+        monkeypatch.setattr("qrobot.realtime.shared_memory.available_bytes", lambda: 100_000)
+        too_many = 100_000 // 8 + 1
+    monkeypatch.setattr(os, "posix_fallocate", lambda *_: pytest.fail("room was taken"))
     with pytest.raises(LinkError, match="no room"):
         SharedMemory.create(name, 1, too_many)
+    monkeypatch.undo()
     with SharedMemory.create(name, 1, 64) as owner:
         assert owner.words.size == 64
 
