@@ -253,7 +253,7 @@ def _lock(fd: int) -> bool:
 def _reserve(fd: int, path: Path, n_words: int) -> None:
     """Claim the pages now: a full file system would otherwise kill the owner with SIGBUS at some later store.
 
-    More than there is room for is not even tried: a file system as large as the memory would take all of that first, and
+    More than there is room for is not tried: a file system as large as the memory would take all of that first, and
     the kernel would kill other processes for it.
     """
     try:
