@@ -47,7 +47,7 @@ unit: $(VENV)/dev.stamp
 	@$(MAKE) --no-print-directory -j 2 realtime virtual
 
 virtual: $(VENV)/dev.stamp
-	$(IDLE) $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(IDLE) $(BIN)/python -m pytest -m "not realtime" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 realtime: $(VENV)/dev.stamp
 	@$(BIN)/python -m pytest -m realtime > $(VENV)/realtime.txt 2>&1; status=$$?; cat $(VENV)/realtime.txt; exit $$status

@@ -16,6 +16,7 @@ import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.config import load_robot
+from qrobot.errors import MotionError
 from qrobot.model.arm import Arm
 from qrobot.model.kinematics import KinematicsParams
 from qrobot.model.puma import OK, puma_inverse
@@ -182,7 +183,10 @@ def world_around(arm: Arm, q: Floats) -> World:
 
 
 def planned_tour(samples: int) -> tuple[Tour, Floats]:
-    """The tour of so many samples, and the setpoints (samples, 6) that the generator gave."""
+    """The tour of so many samples, and the setpoints (samples, 6) that the generator gave.
+
+    Raises MotionError: the generator came to rest before.
+    """
     arm, kinematics, park = bench_arm()
     generator = Recorder(motion_limits(arm.robot), PERIOD_S, park, kinematics=kinematics)
     speed, world = DRIFT_M / samples, world_around(arm, park)
@@ -192,6 +196,8 @@ def planned_tour(samples: int) -> tuple[Tour, Floats]:
     while len(generator.piece) < samples:
         conveyor.tick += 1
         generator.record(conveyor.tick)
+        if generator.first and generator.goal is None:
+            raise MotionError(f"the tour ended after {len(generator.piece)} of {samples} samples")
     tour = tour_of(generator, world, arm, int(kinematics.branch(park)), speed)
     return tour, np.array(generator.q[generator.first - 1 :])
 

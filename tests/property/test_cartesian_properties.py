@@ -139,6 +139,29 @@ def test_moving_frames_are_joined_followed_and_left_without_a_jump(mode, other, 
         assert_smooth(np.array(path[3:]), gen.period_s)
 
 
+@given(st.floats(0.02, 0.25), st.integers(1, 4), MODES)
+@settings(max_examples=6)
+def test_an_arm_at_rest_joins_a_frame_that_passes_without_a_jump_of_velocity(speed, rests, mode) -> None:
+    """Also in the samples after a motion, when the newest setpoints moved still."""
+    belt = Conveyor(lambda t: (speed * (t - 0.5), 0.0, 0.0, 0.0), FINE_S)
+    gen = puma_generator(period_s=FINE_S)
+    gen.push(MoveRequest("fixed", at_park(shift(z=-0.01)).goal(), ToolSpeed(0.2, 1.0), mode=mode))
+    path, since = [PARK], 0
+    for tick in range(1, 380):
+        belt.tick = tick
+        output = gen.update(tick)
+        assert not any(code < Termination.COMPLETED for _, code in ended([output]))
+        path.append(output.q)
+        joined = since >= rests
+        since += not output.moving
+        if since == rests and not joined:
+            gen.push(MoveRequest("belt", at_park(belt.trsf).goal(), ToolSpeed(0.3, 1.0), mode=mode))
+    assert since > 50
+    assert tool_at(output.q) == pytest.approx(tool_at(PARK) @ belt.pose(tick), abs=1e-9)
+    assert_within_limits(np.array(path), FINE_S)
+    assert_smooth(np.array(path), FINE_S)
+
+
 def test_the_goal_equation_is_exact_at_the_end_of_a_segment_whose_frames_never_rest() -> None:
     belt = Conveyor(lambda t: (0.03 * t, 0.02 * t * t, 0.0, 0.1 * t))
     gen = puma_generator()

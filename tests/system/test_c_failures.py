@@ -24,6 +24,7 @@ from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.fake_robot import FakeRobot
 from tests.support.patience import give_time, wait_until
 from tests.support.puma import PARK
+from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -37,11 +38,9 @@ MOVING = """
 
 @pytest.fixture(autouse=True)
 def hearing() -> Iterator[None]:
-    """Programs hear every signal, though this process was started by `nohup` or in the background of a script."""
-    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGHUP, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    """Programs hear every signal."""
+    with default_signals(signal.SIGHUP, signal.SIGTERM):
+        yield
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ from qrobot.servo.memory.commander_lock import Authority
 from qrobot.servo.operator.client import ServoClient
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm, qrobot
+from tests.support.signals import default_signals
 
 pytestmark = pytest.mark.realtime
 
@@ -117,6 +118,11 @@ def test_watch_follows_what_happens(arm: RunningArm) -> None:
 
 
 def test_a_servo_whose_terminal_is_closed_puts_the_arm_away(arm: RunningArm) -> None:
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # as of `nohup make test`, which its servo obeys
+        arm.signal("servo", signal.SIGTERM)
+        wait_until(lambda: "servo" not in arm.running(), "the deaf servo has ended")
+        with default_signals(signal.SIGHUP):
+            arm.processes.start("servo")
     assert ctl(arm, "power", "on")[0] == 0
     assert arm.powered
     os.kill(arm.pid("servo"), signal.SIGHUP)

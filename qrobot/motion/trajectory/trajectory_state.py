@@ -145,13 +145,15 @@ class TrajectoryState:
     def points(self) -> History:
         """Positions of the arm at the newest samples, this one included; at another speed, by path time.
 
-        At rest and in a pause there is one, which tells of no velocity: those before it may have moved still.
+        At rest and in a pause all are where the arm is now: it may have moved still at those before. They are no fewer,
+        because a goal that moves has a velocity against an arm that stands.
         """
         if not self.path.coordinates.fixed:
             return self._newest_points()
         rests = self.path.phase is Phase.RESTING and self._standing is None
         if rests or self.paused:
-            return self._newest_points()[-1:]
+            newest = self._newest_points()
+            return [(tick, newest[-1][1]) for tick, _ in newest]
         return self._newest_points() if self.override.full else self.points_at(self.clock)
 
     def points_at(self, clock: float) -> History:

@@ -1,0 +1,18 @@
+"""Signals as a process of a terminal knows them, wherever the tests were started from."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def default_signals(*numbers: signal.Signals) -> Iterator[None]:
+    """Processes started in the block hear these, though `nohup` or the background of a script has them ignored."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
