@@ -108,6 +108,17 @@ def test_rows_that_go_while_a_late_reader_gets_ready_are_not_lost_and_those_afte
     assert reader.lost == 10
 
 
+@pytest.mark.parametrize(("early", "lost"), [(14, 4), (15, 0), (16, 0)])
+def test_a_reader_that_comes_as_the_ring_gets_full_loses_no_row_either(early: int, lost: int) -> None:
+    words = make_ring(1, 16)
+    for i in range(early):
+        append(words, 16, 1, i)
+    reader = TelemetryReader(words, BASE, 16, 1)
+    for i in range(early, 19):
+        append(words, 16, 1, i)
+    assert (reader.read()["tick"][0], reader.lost) == (4, lost)
+
+
 def test_a_ring_that_was_reset_yields_nothing_instead_of_old_rows() -> None:
     words = make_ring(2, 8)
     reader = TelemetryReader(words, BASE, 8, 2)

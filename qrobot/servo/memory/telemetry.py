@@ -26,6 +26,7 @@ RING_HEADER_WORDS: Final = 8  # the head has a cache line of its own
 SMALLEST_RING: Final = 16  # rows; for memory that only warms kernels up
 WORD_BYTES: Final = 8
 READ_ROWS: Final = 4096  # rows a reader takes at a time: a second at 4 kHz, 2 MB for six joints
+SOON: Final = 8  # a ring is full in a moment when so small a share of it is left
 CDR_HEADER: Final = b"\x00\x01\x00\x00"
 N_FORCES: Final = 6
 N_PAYLOAD: Final = 10
@@ -251,7 +252,7 @@ class TelemetryReader:
     Attributes:
         next_row: index of the next row to read.
         lost: rows overwritten before this reader got to them, since the first one that it got; a reader that comes
-            when the ring is full may begin with any row.
+            when the ring is full, or will be in a moment, may begin with any row.
     """
 
     def __init__(self, words: NDArray[np.int64], base: int, capacity: int, n: int, from_oldest: bool = True) -> None:
@@ -260,7 +261,7 @@ class TelemetryReader:
         self._raw = np.zeros((min(capacity, READ_ROWS), self.layout.row_words), dtype=np.int64)
         head = int(head_row(words, base))
         self.next_row = int(oldest_row(head, capacity)) if from_oldest else head
-        self._may_begin_later = from_oldest and self.next_row > 0
+        self._may_begin_later = from_oldest and head > capacity - capacity // SOON
         self.lost = 0
 
     def read(self, max_rows: int = READ_ROWS) -> Rows:
