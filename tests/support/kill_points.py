@@ -101,7 +101,7 @@ def shared(record: Any) -> Any:
 
 def copied(record: Any) -> Any:
     """A copy that tells nobody."""
-    return record_in(view_words(record).copy(), record.dtype)
+    return record_in(np.frombuffer(bytearray(record.tobytes()), np.int64), record.dtype)
 
 
 class Registers:
@@ -121,12 +121,18 @@ class Registers:
         return not self.discrete & DISCRETE_POWER and self.dac == [DAC_ZERO] * N_DACS
 
 
+def posts(board: Any) -> bytes:
+    """What the lanes of a board say of operations that were posted, or forgotten, so far."""
+    return board.lanes["head"].tobytes() + board.lanes["forget"].tobytes()
+
+
 class MemoryWay:
     """The board takes the operations out of its memory, as the emulated one does."""
 
     def __init__(self) -> None:
         self.registers, self._operation = Registers(), np.zeros(OP_FIELDS, np.int64)
         self.told: list[Shared] = []
+        self._posted = b""
 
     def before_cycle(self, bench: DyingBench) -> None:
         bench.publish()
@@ -135,12 +141,16 @@ class MemoryWay:
         """Nothing more is the servo's to do."""
 
     def step(self, board: Any, _now_ns: int) -> None:
-        """The board's own turn, every STEP_NS."""
+        """The board's own turn, every STEP_NS: there is something for it when a lane is not as it was left."""
+        posted = posts(board)
+        if posted == self._posted:
+            return
         for lane in Lane:
             while take_operation(board, int(lane), self._operation):
                 kind, offset, value = self._operation.tolist()
                 if kind == OP_WRITE:
                     self.registers.apply(offset, value)
+        self._posted = posted
 
     @property
     def guardian_card(self) -> Any:
