@@ -11,9 +11,9 @@ from weakref import WeakSet
 
 from qrobot.errors import LinkError, MotionError, QRobotError
 from qrobot.rccl.task import TaskPhase, TrajectoryTask
-from qrobot.rccl.task_runners import runner_for
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
+from qrobot.rci.sample_drivers import SampleDriver, driver_for
 from qrobot.wire import Payload, Signals
 from qrobot.wire.codec import check_signal_names
 
@@ -39,7 +39,7 @@ class ArmSession:
         self._name = name
         self._link = link
         self._task = task
-        self._runner = runner_for(link, task, self._tell_names)
+        self._driver = self._new_driver(None)
         self.released = False
         self._error_told = False
         self._signals: tuple[str, ...] = ()
@@ -50,6 +50,13 @@ class ArmSession:
         atexit.register(self._at_exit)
         self._holds.add(self)
 
+    def _new_driver(self, before: SampleDriver | None) -> SampleDriver:
+        task = self._task
+        lock = None if task.group is None else task.group.sampled
+        driver = driver_for(self._link, task, "rccl-trajectory", self._tell_names, lock, before)
+        task.timing.share = driver.share
+        return driver
+
     def change_period(self, period_us: int, trace: Trace | None) -> None:
         """Bring the arm to rest, let go of it, and take it again with another sample period, of which `trace` is told.
 
@@ -57,15 +64,15 @@ class ArmSession:
         """
         self._come_to_rest()
         self._leave(power_off=False)
-        self._runner.end()
+        self._driver.end()
         try:
             welcome = self._link.reopen(period_us)
         except BaseException as error:
-            self._runner.error = error
+            self._driver.fail(error)
             raise
         self._task.begin(welcome.period_us * 1e-6, trace)
         self._tell_names()
-        self._runner = runner_for(self._link, self._task, self._tell_names)
+        self._driver = self._new_driver(self._driver)
         self._begin()
 
     def set_payload(self, load: Payload) -> None:
@@ -105,7 +112,7 @@ class ArmSession:
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""
-        if self.released or self._runner.error is not None:
+        if self.released or self._driver.error is not None:
             return
         failures = self._task.motions.failures
         failures.clear()
@@ -125,11 +132,11 @@ class ArmSession:
         self._holds.discard(self)
         atexit.unregister(self._at_exit)
         try:
-            if self._runner.error is None:
+            if self._driver.error is None:
                 self._come_to_rest()
                 self._leave(power_off)
         finally:
-            self._runner.end()
+            self._driver.end()
             if self._task.group is not None:
                 self._task.group.leave(self._task)
         self._tell_error()
@@ -140,41 +147,41 @@ class ArmSession:
         One that is not `ours` is called in the thread of the program.
         """
         try:
-            self._runner.wait(predicate, ours)
+            self._driver.wait(predicate, ours)
         finally:
-            self._error_told = self._error_told or self._runner.error is not None
+            self._error_told = self._error_told or self._driver.error is not None
 
     def task(self) -> AbstractContextManager[object]:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""
-        if self._runner.error is not None:
+        if self._driver.error is not None:
             self._error_told = True
-            raise self._runner.error
+            raise self._driver.error
         if self.released:
             raise LinkError(f"{self._name} was released; call control() first")
-        return self._runner.lock()
+        return self._driver.lock()
 
     def _begin(self) -> None:
-        self._runner.start()
+        self._driver.start()
         self.wait(lambda: self._task.phase is TaskPhase.TRACKING)
 
     def _come_to_rest(self) -> None:
         if (group := self._task.group) is not None and self._task.follows:
-            with self._runner.lock():
+            with self._driver.lock():
                 group.come_to_rest()  # what this arm holds together with others rests before it is let go of
             self.wait(lambda: group.rests and not self._task.carried)
-        with self._runner.lock():
+        with self._driver.lock():
             self._task.stop()  # at rest it may still follow a frame that moves
         self.wait(lambda: not self._task.eventful)
 
     def _leave(self, power_off: bool) -> None:
-        with self._runner.lock():
+        with self._driver.lock():
             self._task.leave(power_off)
         self.wait(lambda: self._task.phase is TaskPhase.LEFT)
 
     def _tell_error(self) -> None:
-        if self._runner.error is not None and not self._error_told:
+        if self._driver.error is not None and not self._error_told:
             self._error_told = True
-            raise self._runner.error
+            raise self._driver.error
 
     def end(self, well: bool) -> None:
         """The program has ended: do its motions if it did so well, and release. Raises what those raise."""

@@ -379,6 +379,7 @@ class Channel(MotionParameters, HandAndOutputs):
 
     def expect(self, event: str) -> None:
         """Raise MotionError in lock-step, where nobody else could, when no motion is left to signal that event."""
+        self.check()  # what has ended control is the reason, if anything has
         if self._alone and not self._task.eventful:
             raise MotionError(f"waitfor({event}): no motion is left that could signal it")
 

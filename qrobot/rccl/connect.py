@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from qrobot.config import Robot, load_robot
-from qrobot.errors import LinkError
 from qrobot.fences.in_force import fences_for
 from qrobot.model.arm import Arm
 from qrobot.motion import Blend, kinematics_of, motion_limits, warm_up, warm_up_cartesian, warm_up_force
@@ -14,8 +13,8 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
 from qrobot.rci import LinkFactory, hello_for
+from qrobot.rci.link import check_welcome
 from qrobot.realtime.interpreter import prepare_interpreter
-from qrobot.wire import Welcome
 
 
 def open_channel(
@@ -40,7 +39,7 @@ def open_channel(
         prepare_interpreter()
     try:
         welcome = link.open()
-        _check_robot(arm, welcome)
+        check_welcome(welcome, arm, "the program")
         trace = add_trace(traces, arm, welcome.period_us)
         task = TrajectoryTask(arm, welcome.period_us * 1e-6, clear_fault, blend, trace, fences)
         prepare(task)
@@ -70,9 +69,3 @@ def _warm_up(robot: Robot, blend: Blend) -> None:
 def _warm_up_joints(robot: Robot, blend: Blend) -> None:
     warm_up(robot.n, blend)
     warm_up_force(robot)
-
-
-def _check_robot(robot: Robot, welcome: Welcome) -> None:
-    if (welcome.robot, welcome.n) != (robot.name, robot.n):
-        here = f"{welcome.robot!r} with {welcome.n} joints"
-        raise LinkError(f"the bridge drives {here}, the program wants {robot.name!r} with {robot.n}")

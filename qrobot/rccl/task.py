@@ -9,7 +9,7 @@
 
 Led back, it is POWERING and STARTING again (kept_path.py).
 
-It knows no clock and no thread: `task_runners` calls `step` once per STATE.
+It knows no clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 """
 
 from __future__ import annotations
@@ -318,6 +318,16 @@ class TrajectoryTask:
         self._generate()
         if self.each_sample is not None:
             self.each_sample()
+
+    @property
+    def left(self) -> bool:
+        """The arm was let go of."""
+        return self.phase is TaskPhase.LEFT
+
+    def lost(self) -> None:
+        """Control of the arm has ended before its time: arms that move together with it come to rest."""
+        if self.group is not None:
+            self.group.lose(self)
 
     def lose_link(self, lost: LinkError) -> None:
         """The link is broken, and may be opened anew. Raises `lost`: the path is not kept."""

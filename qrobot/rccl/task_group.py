@@ -50,14 +50,14 @@ class TaskGroup:
         self._tasks: list[TrajectoryTask] = []
 
     def join(self, task: TrajectoryTask) -> None:
-        """`task` has its arm under control, in a sample that the others come to after it: it counts as theirs do.
+        """`task` has its arm under control, in a sample to which the others have come: it counts as theirs do.
 
         Raises:
             MotionError: its sample period is another one.
         """
         self.agree_on(task.period_s)
         if task not in self._tasks:
-            task.tick = max(task.tick, self.tick + 1)
+            task.tick = max(task.tick, self.tick)
             self._tasks.append(task)
 
     def agree_on(self, period_s: float) -> None:

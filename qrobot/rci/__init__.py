@@ -4,6 +4,9 @@
 `blackboard` holds what was heard and what is to be said. `calls` are the papers' calls for programs of several tasks:
 `schedule` says when a task is woken, `monitor` and `task_runner` run it, `robot_cycle` is its cycle around robot I/O;
 `virtual_time` and `real_time` are the processors, `host_thread` and `process_processor` the two kinds of them.
+
+What RCCL, ARCL and RCI have in common: `sample_drivers` run the one task of an arm that a programming library moves,
+in a thread or on virtual time, and `program_time` is the virtual time of all that a program has.
 """
 
 from qrobot.rci.blackboard import Chg

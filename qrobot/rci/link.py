@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol, TypeAlias
 
+from qrobot.config import Robot
+from qrobot.errors import LinkError
 from qrobot.rci.client import Beside
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
 
@@ -63,3 +65,10 @@ def hello_for(robot_name: str, period_us: int = 0) -> Hello:
     """Greeting of a program as commander of `robot_name`; a period of 0 takes the server's."""
     program = Path(sys.argv[0] or "python").name[:PROGRAM_NAME_LENGTH]
     return Hello(ClientRole.COMMANDER, robot_name, program, period_us)
+
+
+def check_welcome(welcome: Welcome, robot: Robot, who: str) -> None:
+    """Raise LinkError when the bridge drives another robot than `who` wants."""
+    if (welcome.robot, welcome.n) != (robot.name, robot.n):
+        here = f"{welcome.robot!r} with {welcome.n} joints"
+        raise LinkError(f"the bridge drives {here}, {who} wants {robot.name!r} with {robot.n}")

@@ -14,6 +14,7 @@ from qrobot.rci.aside import Aside, Outcome, at_once
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import OpenLink
+from qrobot.rci.program_time import run_rounds
 from qrobot.rci.readiness import await_readable
 from qrobot.rci.schedule import ClockEntry, TaskScheduler
 from qrobot.rci.task_runner import ControlFunctions, Greeting, TaskRunner
@@ -223,16 +224,10 @@ class Monitor:
     def wake_sampled(self, now_ns: int) -> None:
         """Wake the tasks whose robots have a sample at this instant of virtual time."""
         for runner in self.attached:
-            if runner.next_ns == now_ns:
+            if runner.next_ns is not None and runner.next_ns <= now_ns:
                 runner.wake()
                 runner.plan_sample()
 
     def run_ready(self) -> None:
         """Run tasks in rounds until none is runnable."""
-        ready = True
-        while ready:
-            ready = False
-            for runner in list(self._runners.values()):
-                if runner.runnable:
-                    runner.run()
-                    ready = True
+        run_rounds(self.runners)

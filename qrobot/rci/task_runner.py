@@ -18,7 +18,7 @@ from qrobot.rci.aside import Aside, Outcome, at_once
 from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.environment import OpenLink
-from qrobot.rci.link import Link
+from qrobot.rci.link import Link, check_welcome
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import RobotData
 from qrobot.rci.schedule import ClockEntry
@@ -161,9 +161,7 @@ class TaskRunner:
 
     def _take_robot(self, data: RobotData, link: Link, welcome: Welcome) -> None:
         self.port = RobotExchange(link)
-        if (welcome.robot, welcome.n) != (data.robot.name, data.n):
-            here = f"{welcome.robot!r} with {welcome.n} joints"
-            raise LinkError(f"task {self.td.name} wants {data.robot.name!r} with {data.n}, the bridge drives {here}")
+        check_welcome(welcome, data.robot, f"task {self.td.name}")
         self._cycle = RobotCycle(self.td, data, welcome.period_us * 1e-6)
         self._set_next_sample(welcome)
 

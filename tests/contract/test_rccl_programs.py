@@ -16,8 +16,7 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
-from qrobot.rccl import task_runners
-from qrobot.rci import TcpLink, VirtualLink
+from qrobot.rci import TcpLink, VirtualLink, sample_drivers
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import wait_until
@@ -265,7 +264,7 @@ def test_an_error_nobody_waited_for_is_told_at_release() -> None:
     with in_real_time(fake):
         arm = rccl.control()
         fake.before_period = once(lambda: fake.break_down(FaultCode.ESTOP))
-        wait_until(lambda: arm._session._runner.error is not None)
+        wait_until(lambda: arm._session._driver.error is not None)
         with pytest.raises(ServoFault, match="ESTOP"):
             rccl.release()
         arm.release()
@@ -293,7 +292,7 @@ def test_a_release_that_is_interrupted_still_ends_the_thread(monkeypatch) -> Non
         monkeypatch.setattr(arm._session, "_leave", interrupted)
         with pytest.raises(KeyboardInterrupt):
             arm.release()
-        assert not arm._session._runner._thread.is_alive()
+        assert not arm._session._driver._thread.is_alive()
         wait_until(lambda: fake.goodbyes)
 
 
@@ -312,7 +311,7 @@ def test_a_lost_link_raises_where_the_program_waits() -> None:
 def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_on_when_that_is_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(task_runners, "AGAIN_S", 0.02)
+    monkeypatch.setattr(sample_drivers, "AGAIN_S", 0.02)
     fake, bridges = FakeRobot(PARK, period_us=4_000, patience=PATIENCE), []
 
     def connect(_: object) -> socket.socket:

@@ -1,44 +1,40 @@
 """The machine of QRobot's arms: a session with the bridge, over the wire or in lock-step (QRobot paper, section 7).
 
 The conversation with the robot, from power-up to the goodbye, is that of RCI (`RobotCycle`); this machine puts the
-trajectory generator's setpoints into it. Over the wire a thread answers every STATE; in lock-step samples pass while
-the program waits. The hand is pneumatic: it opens, closes and relaxes.
+trajectory generator's setpoints into it, and a `SampleDriver` of RCI runs it: over the wire a thread answers every
+STATE; in lock-step samples pass while the program waits. The hand is pneumatic: it opens, closes and relaxes.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import Final
 
 import numpy as np
 
 from qrobot.arcl.events import Grip
-from qrobot.arcl.machine import shared_time
 from qrobot.arcl.machine.digital import set_bits
 from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
 from qrobot.arcl.machine.stream_start import open_stream
 from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
-from qrobot.errors import LinkError, LinkLost, MotionError
+from qrobot.errors import LinkError, MotionError
 from qrobot.motion import MotionLimits
 from qrobot.rci.descriptor import HOST, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
-from qrobot.rci.link import Link, LinkFactory, hello_for
+from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
-from qrobot.realtime.interpreter import InterpreterShare, prepare_interpreter
-from qrobot.realtime.setup import set_fifo
+from qrobot.rci.sample_drivers import SampleDriver, driver_for
+from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.units import NS_PER_MS, US_PER_MS
-from qrobot.wire import Command, RobotState, Welcome
+from qrobot.wire import Command, RobotState, State, Welcome
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, Hand
 
 _HANDS: Final = {Grip.GRIP_OPEN: Hand.OPEN, Grip.GRIP_CLOSE: Hand.CLOSED, Grip.GRIP_RELAX: Hand.RELAXED}
 _TASK_BIT: Final = 2  # the first behind the program's own
-_PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
-_LOOK_S: Final = 0.5  # a waiting program looks up so often
 
 
 class BridgeMachine:
@@ -56,8 +52,6 @@ class BridgeMachine:
     def __init__(self, settings: MachineSettings) -> None:
         self.stream: StreamWriter | None = None
         self.sample: MachineSample | None = None
-        self.error: BaseException | None = None
-        self.sampling = False
         self._settings = settings
         self._hello = hello_for(settings.robot.name, _period_us(settings.period_ms))
         self._links = partial(environment().links, KnownRobot(settings.robot.name, settings.robot.name))
@@ -67,12 +61,10 @@ class BridgeMachine:
         self._data = RobotData(settings.robot)
         self._td = TaskDescriptor(settings.robot.name, _TASK_BIT, HOST, local_area(), self._data)
         self._cycle: SetpointCycle | None = None
-        self._command: Command | None = None
+        self._driver: SampleDriver | None = None
+        self._error: BaseException | None = None  # that no driver has met
         self._first_ns: int | None = None
         self._left_out = 0
-        self._changed = threading.Condition()
-        self._thread = self._new_thread()
-        self._share = InterpreterShare()
 
     def open(self) -> Floats:
         """See `RobotMachine.open`. Raises LinkError, ServoFault, MotionError: the arm cannot be taken."""
@@ -90,35 +82,29 @@ class BridgeMachine:
         return q
 
     def _take_again(self) -> Floats:
-        self._cycle = self._command = None
+        self._cycle = None
         self._left_out = 0
-        self._thread = self._new_thread()
         try:
             self._link = self._links(self._hello)
             return self._hold()
         except BaseException as error:
-            self.error = error
+            self._error = error
             raise
-
-    def _new_thread(self) -> threading.Thread:
-        return threading.Thread(target=self._run, name="arcl-trajectory", daemon=True)
 
     def _hold(self) -> Floats:
         """Take the arm. Gives the joint positions at which it is held. Shape (n,)."""
         if not self.virtual_time:
             prepare_interpreter()
+        before, self._driver = self._driver, None
         try:
             self._take(self._link.open())
-            if self.virtual_time:
-                shared_time.join(self)
-            else:
-                self._share.begin()
-                self._thread.start()
+            self._driver = driver_for(self._link, self, "arcl-trajectory", before=before)
+            self._driver.start()
             self.wait(lambda: self._robot.phase is CyclePhase.FOLLOWING)
         except BaseException as error:
-            shared_time.leave(self)
-            self._share.end()
             self._link.close(str(error))
+            if self._driver is not None:
+                self._driver.end()
             raise
         return np.array(self._td.chg.setpoints) - self._settings.zero
 
@@ -135,26 +121,26 @@ class BridgeMachine:
         """See `RobotMachine.treal`."""
         return 0.0 if self.sample is None else self.sample.t_ms
 
+    @property
+    def error(self) -> BaseException | None:
+        """See `RobotMachine.error`."""
+        return self._error or (None if self._driver is None else self._driver.error)
+
     def lock(self) -> AbstractContextManager[object]:
         """See `RobotMachine.lock`."""
         if self.error is not None:
             raise self.error
-        return nullcontext() if self.virtual_time else self._changed
+        return self._held.lock()
 
     def wait(self, predicate: Callable[[], bool]) -> None:
         """See `RobotMachine.wait`."""
-        if self.virtual_time:
-            shared_time.wait(self, predicate)
-            return
-        if threading.current_thread() is self._thread:
-            raise MotionError(shared_time.NO_WAIT)
-        with self._changed:
-            while not predicate():
-                if self.error is not None:
-                    raise self.error
-                if not self._thread.is_alive():
-                    raise LinkLost("the robot was closed: nothing can happen any more")
-                self._changed.wait(_LOOK_S)
+        self._held.wait(predicate)
+
+    @property
+    def _held(self) -> SampleDriver:
+        if self._driver is None:
+            raise self._error or LinkError("the robot is not open")
+        return self._driver
 
     def grip(self, command: int, value: float) -> None:
         """See `RobotMachine.grip`."""
@@ -185,10 +171,8 @@ class BridgeMachine:
                     self._robot.stop(power_off)
                 self.wait(lambda: self._robot.phase is CyclePhase.LEFT)
         finally:
-            shared_time.leave(self)
-            if self._thread.is_alive():
-                self._thread.join()
-            self._share.end()
+            if self._driver is not None:
+                self._driver.end()
             self._link.close(reason)
 
     def farewell(self) -> str:
@@ -197,54 +181,30 @@ class BridgeMachine:
 
     # ------------------------------------------------------------------------------------------ once per sample
 
-    @property
-    def elapsed_ms(self) -> float:
-        """See `SteppedMachine.elapsed_ms`."""
-        return self.treal() + self.period_s * 1e3
-
-    def step(self) -> None:
-        """See `SteppedMachine.step`."""
-        self.sampling = True
-        try:
-            self._exchange()
-        except BaseException as error:
-            self.error = error
-            self._link.close(str(error))
-        finally:
-            self.sampling = False
-
     def _take(self, welcome: Welcome) -> None:
         """Begin the conversation. Raises LinkError: the bridge has another robot."""
-        robot = self._settings.robot
-        if (welcome.robot, welcome.n) != (robot.name, robot.n):
-            here = f"{welcome.robot!r} with {welcome.n} joints"
-            raise LinkError(f"the bridge drives {here}, the program wants {robot.name!r} with {robot.n}")
+        check_welcome(welcome, self._settings.robot, "the program")
         self.period_s = welcome.period_us * 1e-6
         self._robot = RobotCycle(self._td, self._data, self.period_s, self._settings.clear_fault)
 
-    def _run(self) -> None:
-        """The thread: answer every STATE until the arm is left."""
-        set_fifo(_PRIORITY)
-        reason = "program ended"
-        try:
-            while self._robot.phase is not CyclePhase.LEFT:
-                self._exchange()
-        except BaseException as error:  # it belongs to the program, which gets it where it waits
-            reason = str(error)
-            with self._changed:
-                self.error = error
-        finally:
-            with self._changed:
-                self._changed.notify_all()
-            self._link.close(reason)
+    @property
+    def left(self) -> bool:
+        """See `SampledTask.left`."""
+        return self._robot.phase is CyclePhase.LEFT
 
-    def _exchange(self) -> None:
-        """Hear a STATE, and make up the command that answers it."""
-        state = self._link.exchange(self._command)
-        with self._changed:
-            control = None if self._cycle is None else self._control
-            self._command = self._robot.step(state, self._link.now_ns(), control)
-            self._changed.notify_all()
+    def step(self, state: State, now_ns: int) -> Command:
+        """See `SampledTask.step`."""
+        return self._robot.step(state, now_ns, None if self._cycle is None else self._control)
+
+    def lose_link(self, lost: LinkError) -> None:
+        """See `SampledTask.lose_link`. Raises `lost`, always."""
+        raise lost
+
+    def insist(self) -> None:
+        """See `SampledTask.insist`: this hold ends with its link."""
+
+    def lost(self) -> None:
+        """See `SampledTask.lost`: arms of one program are each other's strangers."""
 
     def _control(self) -> None:
         """Ask the generator for setpoints; the robot's cycle checks them."""

@@ -14,7 +14,6 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from qrobot.arcl.machine import shared_time
 from qrobot.arcl.machine.digital import set_bits
 from qrobot.arcl.machine.interface import MachineSample, MachineSettings, SetpointCycle
 from qrobot.arcl.machine.stream_start import open_stream
@@ -24,6 +23,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.motion import MotionLimits
 from qrobot.rci.link import LinkFactory
+from qrobot.rci.robot_samples import RobotSamples
 from qrobot.units import MM_PER_M
 
 START_POSE: Final = "park"
@@ -77,9 +77,8 @@ class EmulatedMachine:
         self._period_ms = _checked(period_ms if settings.period_ms is None else settings.period_ms)
         self.period_s = self._period_ms / MM_PER_M
         self.sample: MachineSample | None = None
-        self.sampling = False
-        self.error: BaseException | None = None
         self.arm = make(self.period_s)
+        self._samples = RobotSamples(self._exchange, lambda _error: self.arm.leave())
         self._ticks = 0
         self._hand = self._outputs = 0
         self._cycle: SetpointCycle | None = None
@@ -96,7 +95,7 @@ class EmulatedMachine:
     def start(self, cycle: SetpointCycle) -> None:
         """See `RobotMachine.start`: time passes from now on, beside that of the program's other machines."""
         self._cycle = cycle
-        shared_time.join(self)
+        self._samples.begin(self.period_s)
 
     def treal(self) -> float:
         """See `RobotMachine.treal`."""
@@ -108,9 +107,14 @@ class EmulatedMachine:
             raise self.error
         return nullcontext()
 
+    @property
+    def error(self) -> BaseException | None:
+        """See `RobotMachine.error`."""
+        return self._samples.error
+
     def wait(self, predicate: Callable[[], bool]) -> None:
         """See `RobotMachine.wait`."""
-        shared_time.wait(self, predicate)
+        self._samples.wait(predicate)
 
     def grip(self, command: int, value: float) -> None:
         """See `RobotMachine.grip`: any command goes into the stream."""
@@ -131,7 +135,7 @@ class EmulatedMachine:
 
     def close(self, power_off: bool) -> None:  # noqa: ARG002 (there is no power)
         """See `RobotMachine.close`."""
-        shared_time.leave(self)
+        self._samples.end()
         self.arm.leave()
         if self.stream is not None:
             self.stream.close(self.treal())
@@ -139,22 +143,6 @@ class EmulatedMachine:
     def farewell(self) -> str:
         """See `RobotMachine.farewell`."""
         return done_line(self.name, self.treal() / 1e3)
-
-    @property
-    def elapsed_ms(self) -> float:
-        """See `SteppedMachine.elapsed_ms`."""
-        return self._ticks * self._period_ms
-
-    def step(self) -> None:
-        """See `SteppedMachine.step`."""
-        self.sampling = True
-        try:
-            self._exchange()
-        except BaseException as error:
-            self.error = error
-            self.arm.leave()
-        finally:
-            self.sampling = False
 
     def _exchange(self) -> None:
         """Ask for the setpoints of one sample and bring them to the arm."""
@@ -171,7 +159,8 @@ class EmulatedMachine:
 
     def _measured(self) -> MachineSample:
         q, v = self.arm.read()
-        return MachineSample(self.elapsed_ms, q.copy(), v.copy(), np.full_like(q, np.nan), 0, self._outputs, self._hand)
+        t_ms = self._ticks * self._period_ms
+        return MachineSample(t_ms, q.copy(), v.copy(), np.full_like(q, np.nan), 0, self._outputs, self._hand)
 
     def _write(self, kind: RecordKind, values: Floats | list[float]) -> None:
         if self.stream is not None:

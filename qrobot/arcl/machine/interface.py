@@ -85,7 +85,6 @@ class RobotMachine(Protocol):
         virtual_time: time passes only while somebody waits.
         stream: takes records besides the machine's own; None when there is none.
         sample: the newest; None before the first.
-        error: what ended control of the arm; None as long as all is well.
     """
 
     name: str
@@ -93,7 +92,10 @@ class RobotMachine(Protocol):
     virtual_time: bool
     stream: StreamWriter | None
     sample: MachineSample | None
-    error: BaseException | None
+
+    @property
+    def error(self) -> BaseException | None:
+        """Error that ended control of the arm, None as long as all is well."""
 
     def open(self) -> Floats:
         """Take the arm. Gives the joint positions at which it is held. Shape (n,). Raises what a link raises."""

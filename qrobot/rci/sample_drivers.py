@@ -1,8 +1,7 @@
-"""Callers of the trajectory task: a thread paced by the robot's STATE packets, or the program itself while it waits.
+"""Drivers of a task that answers each STATE of one robot: a thread paced by the robot, or the program while it waits.
 
-The same program runs under both. In real time samples pass by themselves; in lock-step time stands still until the
-program waits for something, so a run is the same every time. Time passes for all arms of a program alike: whichever it
-waits for, none is left behind.
+The same program runs under both. In real time samples pass by themselves; on virtual time they pass when the program
+waits, in the order of `program_time`, so a run is the same every time.
 """
 
 from __future__ import annotations
@@ -10,35 +9,64 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
-from typing import ClassVar, Final, Protocol
-from weakref import WeakSet
+from contextlib import AbstractContextManager, nullcontext
+from typing import Final, Protocol
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
-from qrobot.rccl.task import TaskPhase, TrajectoryTask
-from qrobot.rci import Link
+from qrobot.rci.link import Link
+from qrobot.rci.program_time import NO_WAIT, Rank
+from qrobot.rci.robot_samples import RELEASED, RobotSamples
 from qrobot.realtime.interpreter import InterpreterShare
 from qrobot.realtime.setup import set_fifo
-from qrobot.units import NS_PER_S
-from qrobot.wire import Command
+from qrobot.wire import Command, State
 
-_PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
-_LOOK_S: Final = 0.5  # a waiting program looks up so often
+PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 AGAIN_S: Final = 0.5  # [A] between greetings of a bridge that has gone away
-_NO_WAIT: Final = "a function that is called at each sample must not wait: let it signal an event the program waits for"
+_LOOK_S: Final = 0.5  # a waiting program looks up so often
 
 
-class TrajectoryRunner(Protocol):
-    """Runs a task.
+class SampledTask(Protocol):
+    """A program's hold of one robot, which knows no clock, no link and no thread.
 
     Attributes:
-        error: what ended the task before its time, None as long as all is well.
+        period_s: sample period.
     """
 
-    error: BaseException | None
+    period_s: float
+
+    @property
+    def left(self) -> bool:
+        """True when it has let go of the robot, and has nothing more to say."""
+
+    def step(self, state: State, now_ns: int) -> Command:
+        """Answer a STATE, at `now_ns` of this end's clock. What it raises ends the hold."""
+
+    def lose_link(self, lost: LinkError) -> None:
+        """The link is broken. Raises `lost` unless the hold outlives it, and the link is to be opened anew."""
+
+    def insist(self) -> None:
+        """Called between greetings of a bridge that has gone away. Raises what is to end them."""
+
+    def lost(self) -> None:
+        """The hold has ended before its time; called with the lock held."""
+
+
+class SampleDriver(Protocol):
+    """Runs a task."""
+
+    @property
+    def share(self) -> InterpreterShare | None:
+        """Share of the interpreter that the thread has which answers samples, None where they need no thread."""
+
+    @property
+    def error(self) -> BaseException | None:
+        """Error that ended the task before its time, None as long as all is well."""
 
     def start(self) -> None:
         """Begin to run."""
+
+    def fail(self, error: BaseException) -> None:
+        """The hold has ended from outside."""
 
     def lock(self) -> AbstractContextManager[object]:
         """Held while the program touches the task."""
@@ -53,81 +81,83 @@ class TrajectoryRunner(Protocol):
         Raises:
             BaseException: `error`, if it happens, or what `predicate` raises.
             MotionError: called by a function that is itself called at each sample.
+            LinkLost: the robot was let go.
         """
 
     def end(self) -> None:
         """Let no more samples pass, whatever the task has come to, and close the link."""
 
 
-class LockstepRunner:
-    """Time passes inside `wait`."""
+def driver_for(
+    link: Link,
+    task: SampledTask,
+    name: str,
+    greeted: Callable[[], object] = lambda: None,
+    lock: threading.Condition | None = None,
+    before: SampleDriver | None = None,
+) -> SampleDriver:
+    """The driver that suits the link's time.
 
-    _running: ClassVar[WeakSet[LockstepRunner]] = WeakSet()
+    Args:
+        link: open.
+        task: to run.
+        name: of its thread.
+        greeted: called when a link that was lost is there again.
+        lock: that it shares with others; by default it has one of its own.
+        before: the driver of the same arm that has ended, whose place among all that run at an instant it takes.
+    """
+    if not link.virtual_time:
+        return ThreadDriver(link, task, name, greeted, lock)
+    return VirtualDriver(link, task, before.rank if isinstance(before, VirtualDriver) else None)
 
-    def __init__(self, link: Link, task: TrajectoryTask) -> None:
-        self.error: BaseException | None = None
-        self._link = link
-        self._task = task
+
+class VirtualDriver:
+    """See `SampleDriver`: time passes inside `wait`.
+
+    Attributes:
+        rank: its place among all that run at an instant.
+    """
+
+    share: None = None
+
+    def __init__(self, link: Link, task: SampledTask, rank: Rank | None = None) -> None:
+        self._link, self._task = link, task
         self._command: Command | None = None
-        self._origin_ns = 0
-        self._sampling = False
-        self._thread = threading.get_ident()  # of the program; another thread's time is its own
+        self._samples = RobotSamples(self._exchange, self._failed, rank)
+        self.rank = self._samples.rank
+
+    @property
+    def error(self) -> BaseException | None:
+        """See `SampleDriver.error`."""
+        return self._samples.error
 
     def start(self) -> None:
-        """Let time pass from now on, beside that of the program's other arms."""
-        now_ns = max((other._elapsed_ns for other in self._others()), default=0)
-        self._origin_ns = self._link.now_ns() - now_ns
-        self._running.add(self)
+        """See `SampleDriver.start`."""
+        self._samples.begin(self._task.period_s)
+
+    def fail(self, error: BaseException) -> None:
+        """See `SampleDriver.fail`."""
+        self._samples.error = error
 
     def lock(self) -> AbstractContextManager[object]:
-        """Nobody else is there."""
+        """See `SampleDriver.lock`: nobody else is there."""
         return nullcontext()
 
     def wait(self, predicate: Callable[[], bool], ours: bool = False) -> None:  # noqa: ARG002 (there is one thread)
-        """Let samples pass until `predicate` is true."""
-        if self._sampling:
-            raise MotionError(_NO_WAIT)
-        while not predicate():
-            if self.error is not None:
-                raise self.error
-            self._sample()
-            for other in self._others():
-                other._catch_up(self._elapsed_ns)
+        """See `SampleDriver.wait`."""
+        self._samples.wait(predicate)
 
     def end(self) -> None:
-        """Close the link."""
-        self._running.discard(self)
+        """See `SampleDriver.end`."""
+        self._samples.end()
         self._link.close("program ended")
 
-    def _others(self) -> list[LockstepRunner]:
-        """Tasks of the program's other arms."""
-        return [other for other in self._running if other is not self and other._thread == self._thread]
+    def _exchange(self) -> None:
+        self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
 
-    @property
-    def _elapsed_ns(self) -> int:
-        """Time of the program, which all its arms share."""
-        return self._link.now_ns() - self._origin_ns
-
-    def _catch_up(self, elapsed_ns: int) -> None:
-        """Let samples pass to about that time; what goes wrong is told when the program turns to this arm."""
-        nearly_ns = elapsed_ns - round(self._task.period_s * 0.5 * NS_PER_S)
-        with suppress(Exception):
-            while self.error is None and not self._sampling and self._elapsed_ns <= nearly_ns:
-                self._sample()
-
-    def _sample(self) -> None:
-        self._sampling = True
-        try:
-            self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
-        except BaseException as error:
-            self.error = error
-            self._running.discard(self)
-            self._link.close(str(error))
-            if self._task.group is not None:
-                self._task.group.lose(self._task)
-            raise
-        finally:
-            self._sampling = False
+    def _failed(self, error: BaseException) -> None:
+        self._link.close(str(error))
+        self._task.lost()
 
 
 class _Look:
@@ -153,32 +183,35 @@ class _Look:
             self.over, self.error = True, error
 
 
-class ThreadRunner:
-    """Time passes by itself: a thread answers every STATE.
+class ThreadDriver:
+    """See `SampleDriver`: time passes by itself, and a thread answers every STATE. See `driver_for`."""
 
-    Args:
-        link: open.
-        task: to run.
-        greeted: called when a link that was lost is there again.
-    """
-
-    def __init__(self, link: Link, task: TrajectoryTask, greeted: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        link: Link,
+        task: SampledTask,
+        name: str,
+        greeted: Callable[[], object] = lambda: None,
+        lock: threading.Condition | None = None,
+    ) -> None:
         self.error: BaseException | None = None
-        self._link = link
-        self._task = task
-        self._sampled = threading.Condition() if task.group is None else task.group.sampled
+        self.share = InterpreterShare()
+        self._link, self._task, self._greeted = link, task, greeted
+        self._sampled = lock or threading.Condition()
+        self._shared = lock is not None  # others wait for it
         self._over = False
-        self._thread = threading.Thread(target=self._run, name="rccl-trajectory", daemon=True)
-        self._share = InterpreterShare()
-        task.timing.share = self._share
-        self._greeted = greeted
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._looking = 0  # waits that look themselves
         self._looks: list[_Look] = []  # that the thread takes
 
     def start(self) -> None:
         """Start the thread, which has the interpreter when a sample is due."""
-        self._share.begin()
+        self.share.begin()
         self._thread.start()
+
+    def fail(self, error: BaseException) -> None:
+        """See `SampleDriver.fail`."""
+        self.error = error
 
     def lock(self) -> AbstractContextManager[object]:
         """The lock between program and thread; re-entrant."""
@@ -191,7 +224,7 @@ class ThreadRunner:
         then the thread waits for both.
         """
         if threading.current_thread() is self._thread:
-            raise MotionError(_NO_WAIT)
+            raise MotionError(NO_WAIT)
         with self._sampled:
             if ours:
                 self._sleep_through(_Look(predicate))
@@ -224,23 +257,24 @@ class ThreadRunner:
         if self.error is not None:
             raise self.error
         if not self._thread.is_alive():
-            raise LinkLost("the arm was released: nothing can happen any more")
+            raise LinkLost(RELEASED)
 
     def _tell_waiting(self) -> None:
         """Wake those who look themselves, and those whose predicate has come true."""
         for look in self._looks:
             look.take()
-        if self._looking or self._task.group is not None or any(look.over for look in self._looks):
+        if self._looking or self._shared or any(look.over for look in self._looks):
             self._sampled.notify_all()
 
     def end(self) -> None:
         """Wait for the thread, which closes the link after its sample."""
         self._over = True
-        self._thread.join()
-        self._share.end()
+        if self._thread.is_alive():
+            self._thread.join()
+        self.share.end()
 
     def _run(self) -> None:
-        set_fifo(_PRIORITY)
+        set_fifo(PRIORITY)
         reason = "program ended"
         try:
             self._answer_states()
@@ -248,15 +282,14 @@ class ThreadRunner:
             reason = str(error)
             with self._sampled:
                 self.error = error
-                if self._task.group is not None:
-                    self._task.group.lose(self._task)
+                self._task.lost()
                 self._sampled.notify_all()
         finally:
             self._link.close(reason)
 
     def _answer_states(self) -> None:
         command: Command | None = None
-        while not self._over and self._task.phase is not TaskPhase.LEFT:
+        while not self._over and not self._task.left:
             try:
                 state = self._link.exchange(command)
             except (LinkLost, LinkTimeout) as lost:
@@ -268,7 +301,7 @@ class ThreadRunner:
                 self._tell_waiting()
 
     def _greet_anew(self, lost: LinkError) -> None:
-        """Come back to the bridge with a path that is kept. Raises `lost`: it is not, or given up; LinkBusy."""
+        """Come back to the bridge with a hold that outlives its link. Raises `lost`: it does not; LinkBusy."""
         with self._sampled:
             self._task.lose_link(lost)
         while not self._over:
@@ -280,8 +313,3 @@ class ThreadRunner:
             else:
                 self._greeted()
                 return
-
-
-def runner_for(link: Link, task: TrajectoryTask, greeted: Callable[[], None] = lambda: None) -> TrajectoryRunner:
-    """The driver that suits the link's time; `greeted` is called when a link that was lost is there again."""
-    return LockstepRunner(link, task) if link.virtual_time else ThreadRunner(link, task, greeted)

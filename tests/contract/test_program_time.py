@@ -1,0 +1,127 @@
+"""One virtual time for all that a program runs: tasks of RCI beside arms of RCCL and machines of ARCL."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from qrobot import rccl, rci
+from qrobot.arcl.machine import MachineSettings, machine
+from qrobot.config import load_robot
+from qrobot.errors import LinkLost, MotionError
+from qrobot.rccl.offline import OfflineLink
+from qrobot.wire import Hello
+
+ROBOT = load_robot("puma560")
+SAMPLE_TICKS = 28  # of the clock of 1000 Hz; the arm's sample period is 28 ms
+
+
+class BreakingLink(OfflineLink):
+    """An arm whose link breaks when it is told to."""
+
+    broken = False
+
+    def exchange(self, command):
+        if type(self).broken:
+            raise LinkLost("it broke")
+        return super().exchange(command)
+
+
+@pytest.fixture
+def arm() -> Iterator[rccl.Channel]:
+    """An ideal arm beside a common clock of 1000 Hz."""
+    BreakingLink.broken = False
+    with rccl.use(BreakingLink), rci.use(BreakingLink):
+        channel = rccl.control()
+        rci.rci_clock(1000)
+        yield channel
+        rci.rci_close()
+        channel.release()
+
+
+def task(name: str, function, interval: int, offset: int = 0, priority: int = 0) -> rci.TaskDescriptor:
+    td = rci.rci_create(name, priority=priority)
+    rci.rci_control(td, function)
+    rci.rci_onclock(td, interval, offset)
+    return td
+
+
+def test_tasks_take_their_turn_before_and_behind_the_arms_sample_whoever_waits(arm: rccl.Channel) -> None:
+    """At one instant: what has a higher priority than the trajectory task, that task, what was created after it."""
+    seen: list[tuple[str, int]] = []
+
+    def note(td: rci.TaskDescriptor) -> None:
+        seen.append((td.name, rci.rci_ticks()))
+
+    tasks = [task("behind", note, SAMPLE_TICKS), task("before", note, SAMPLE_TICKS, priority=1)]
+    tasks.append(task("between", note, SAMPLE_TICKS, offset=9))
+    arm.each_sample(lambda: seen.append(("arm", rci.rci_ticks())))
+    rci.rci_start(sum(td.bit for td in tasks))
+    rci.rci_wait(lambda: rci.rci_ticks() == 1)
+    for wait in (arm.waitas, rci.rci_wait, arm.waitas):
+        seen.clear()
+        wait(lambda: sum(name == "behind" for name, _ in seen) >= 4)
+        order = ["before", "arm", "behind"]
+        assert [name for name, _ in seen if name != "between"][:12] == order * 4
+        assert {tick % SAMPLE_TICKS for name, tick in seen if name != "between"} == {0}
+        assert {tick % SAMPLE_TICKS for name, tick in seen if name == "between"} == {9}
+
+
+def test_a_sample_passes_for_the_arm_and_none_is_left_behind_when_the_program_waits_for_a_task(arm) -> None:
+    begun = arm.time
+    counted = task("counted", lambda _: None, 10)
+    rci.rci_start(counted.bit)
+    rci.rci_wait(lambda: counted.runs > 28)
+    assert arm.time - begun == 280.0
+
+
+def test_nobody_waits_while_time_passes(arm: rccl.Channel) -> None:
+    waits = task("waits", lambda _: arm.waitas(lambda: True), 1)
+    rci.rci_start(waits.bit)
+    with pytest.raises(MotionError, match="must not wait"):
+        rci.rci_wait(lambda: False)
+    arm.each_sample(lambda: rci.rci_wait(lambda: waits.active))
+    with pytest.raises(MotionError, match="must not wait"):
+        arm.waitas(lambda: False)
+
+
+def test_a_task_goes_on_when_the_arm_is_lost_and_the_arm_when_a_task_ends(arm: rccl.Channel) -> None:
+    fails, counted = task("fails", lambda _: 1 / 0, 5), task("counted", lambda _: None, 5)
+    rci.rci_start(fails.bit | counted.bit)
+    arm.waitas(lambda: arm.time > 1000.0)  # the arm's program hears of it where it waits for tasks
+    with pytest.raises(ZeroDivisionError):
+        rci.rci_wait(lambda: False)
+    BreakingLink.broken = True
+    runs = counted.runs
+    rci.rci_wait(lambda: counted.runs > runs + 20)
+    with pytest.raises(LinkLost, match="it broke"):
+        arm.check()
+    with pytest.raises(LinkLost, match="it broke"):
+        arm.waitas(lambda: False)
+
+
+def test_an_arcl_machine_shares_the_time_of_an_rccl_arm() -> None:
+    place = ROBOT.poses["park"]
+    with rccl.use(lambda hello: OfflineLink(hello, period_us=14_000)), rccl.control() as arm:
+        begun = arm.time
+        offline = machine("offline", MachineSettings(ROBOT, np.zeros(6), 28.0, start=place))
+        offline.open()
+        samples: list[float] = []
+        offline.start(lambda sample: (samples.append(sample.t_ms), place)[1])
+        offline.wait(lambda: len(samples) == 10)
+        assert arm.time - begun == 280.0
+        arm.waitas(lambda: arm.time - begun >= 560.0)
+        assert len(samples) == 20
+        offline.close(power_off=False)
+        arm.waitas(lambda: arm.time - begun >= 700.0)
+        assert len(samples) == 20
+
+
+def test_a_wait_for_an_arm_that_was_let_go_says_so() -> None:
+    with rccl.use(lambda hello: OfflineLink(Hello(hello.role, hello.robot, hello.program))):
+        arm = rccl.control()
+        arm.release()
+        with pytest.raises(LinkLost, match="released: nothing can happen"):
+            arm.waitas(lambda: False)
