@@ -8,6 +8,7 @@ frame.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.errors import ConfigError
 from qrobot.hwif.board_memory import BoardMemory, local_board_memory
-from qrobot.rccl_bridge.actions import carry_out
+from qrobot.rccl_bridge.actions import Action, SessionOutcome, carry_out
 from qrobot.rccl_bridge.lease import Lease
 from qrobot.rccl_bridge.mailbox_port import MailboxPort
 from qrobot.rccl_bridge.session import Peer, Session
@@ -153,6 +154,10 @@ class LockstepRig:
             self.keep()
             n -= chunk
 
+    def compute(self) -> None:
+        """One cycle of the servo, while the plant stands still."""
+        run_blocks(*self.loop_arguments, self.now_ns, 1, 0)
+
     def keep(self) -> None:
         """Take the newest telemetry out of the ring, which is short."""
         if self._kept is not None:
@@ -205,13 +210,20 @@ class LockstepBridge:
         if data and self._session.ended:  # the program has said goodbye and greets again
             self._session = self._new_session()
         if data:
-            answer = carry_out(self._session.receive(data, self._rig.now_ns), self._port).data
+            answer = self._carry_out(self._session.receive(data, self._rig.now_ns)).data
             self._rig.signal_names = self._rig.mailbox.signal_names() or self._rig.signal_names
         return answer or self._next_state()
 
+    def _carry_out(self, actions: Iterable[Action]) -> SessionOutcome:
+        return carry_out(actions, self._port)
+
+    def _pass(self, cycles: int) -> None:
+        """Let so many servo cycles pass."""
+        self._rig.ticks(cycles)
+
     def _next_state(self) -> bytes:
         rig, session = self._rig, self._session
-        rig.ticks(max(0, -(-(session.due_ns - rig.now_ns) // rig.period_ns)))
+        self._pass(max(0, -(-(session.due_ns - rig.now_ns) // rig.period_ns)))
         rig.realtime_factor = (rig.now_ns - self._began_ns) * 1e-9 / (time.perf_counter() - self._began_s)
         return carry_out(session.tick(rig.now_ns, self._port.read_state()), self._port).data
 

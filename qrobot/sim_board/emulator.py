@@ -127,6 +127,7 @@ class Emulator:
         physics: "mujoco", or "rigid": several times faster, without contact and so without a scene.
         payload_kg: point mass at the flange, of which the controller does not know.
         pots: the joints have potentiometers; without, their ADC channels are free inputs too.
+        plant: the arm in a model with others, of the same time step; default one of its own, as the arguments say.
 
     Raises:
         ConfigError: the robot has more joints than the board has channels, or cannot be simulated, or lacks the pose;
@@ -150,6 +151,7 @@ class Emulator:
         payload_kg: float = 0.0,
         pots: bool = True,
         faults: FaultPlan | None = None,
+        plant: PlantOwner | None = None,
     ) -> None:
         if robot.n > N_ENCODERS:
             raise ConfigError(f"{robot.name} has {robot.n} joints, the board has {N_ENCODERS} encoder channels")
@@ -159,7 +161,7 @@ class Emulator:
         self._panel: FaultPanel | None = None
         period_ns = NS_PER_S // plant_hz
         dt = period_ns / NS_PER_S
-        self.memory = _make_plant(
+        self.memory = plant or _make_plant(
             physics, robot, dt, self.mismatch.gravity, scene, payload_kg, force_sensor is not None
         )
         transmission, default = robot.transmission, BoardOptions(revision_f=robot.board.revision == "F")

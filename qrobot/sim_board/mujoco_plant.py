@@ -69,7 +69,7 @@ class PlantMemory:
         model, data, numbers, n = self.model, self.data, self._numbers, self._n
         force, acceleration = numbers[1:].ctypes.data, numbers[1 + model.nv :].ctypes.data
         handles = np.array([model._address, data._address, force, acceleration])
-        step = plant_step(_free_step if self._is_free else _step)
+        step = plant_step(_free_step if self._is_free else step_model)
         return Plant(step, handles, numbers, data.qpos[:n], data.qvel[:n], data.qfrc_applied[:n])
 
     @property
@@ -252,7 +252,7 @@ def _add_coupled_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 @lean_kernel
-def _step(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats, _torque: Floats) -> None:
+def step_model(handles: NDArray[np.int64], _constants: Floats, _q: Floats, _v: Floats, _torque: Floats) -> None:
     """Advance by the model's time step; positions, velocities and torques are views of its memory."""
     mj_step(handles[0], handles[1])
 

@@ -8,37 +8,17 @@ import numpy as np
 
 from qrobot import rci
 from qrobot.arrays import Floats
-from qrobot.config import load_robot
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse, so3_log
-from qrobot.multi_rccl import (
-    EQ,
-    TL,
-    TRANS,
-    RobotManip,
-    maintain,
-    make_position,
-    move,
-    rccl_control,
-    rccl_open,
-    setjvel,
-    setvel,
-    tracking_mode,
-    wait_as,
-    wait_for,
-)
-from qrobot.rccl import gentr_rpy, gentr_trsl
+from qrobot.multi_rccl import RobotManip, wait_as
 from qrobot.rccl.program import ending
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
+from tests.support.two_hands import ROBOT, TOOL, WORLD, carry, reach
 
-ROBOT = load_robot("puma560")
 ARM = Arm(ROBOT)
-TOOL = gentr_trsl("TOOL", 0, 0, 150)
-WORLD = {"left": gentr_trsl("LEFT", 0, 0, 0), "right": gentr_rpy("RIGHT", 1000, 0, 0, 180, 0, 0)}
-GRIP = {"left": gentr_trsl("GRIP1", 0, 100, 0), "right": gentr_trsl("GRIP2", 0, -100, 0)}
 
 
 def hand(robot: RobotManip, q: tuple[float, ...]) -> Floats:
@@ -60,23 +40,11 @@ def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors()
     }
     seen: list[list[tuple[Floats, Floats]]] = []
     with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}), ending():
-        obj = rccl_open("OBJECT_FRAME")
-        rccl_control(obj)
-        here, there = (gentr_rpy("AT", 500, 0, z, 0, 170 + z / 10, 0) for z in (0, 100))
-        maintain(obj, make_position(TRANS, EQ, here, TL, TRANS))
-        robots = [rccl_open(name) for name in rigs]
-        for robot in robots:
-            rccl_control(robot)
-            setjvel(robot, share=0.9)
-            tracking_mode(robot)
-            move(robot, make_position(TRANS, TOOL, EQ, WORLD[robot.name], obj.trans, GRIP[robot.name], TL, TOOL))
-        for robot in robots:
-            wait_for(robot.completed)
-        setvel(obj, 100, 30)
-        move(obj, make_position(TRANS, EQ, there, TL, TRANS))
+        obj, robots = reach()
+        carry(obj)
 
         def look() -> int:
-            states = [(robot, robot.channel.how) for robot in robots if isinstance(robot, RobotManip)]
+            states = [(robot, robot.channel.how) for robot in robots]
             seen.append([(hand(robot, how.q_setpoint), hand(robot, how.q)) for robot, how in states])
             return obj.completed.count
 

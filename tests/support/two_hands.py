@@ -1,0 +1,58 @@
+"""Two PUMAs face to face, a metre apart, with a hand each at an object between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from qrobot.config import load_robot
+from qrobot.multi_rccl import (
+    EQ,
+    TL,
+    TRANS,
+    Manip,
+    RobotManip,
+    maintain,
+    make_position,
+    move,
+    rccl_control,
+    rccl_open,
+    setjvel,
+    setvel,
+    tracking_mode,
+    wait_for,
+)
+from qrobot.rccl import gentr_rpy, gentr_trsl
+from qrobot.rccl.transforms import Transform
+
+ROBOT = load_robot("puma560")
+TOOL = gentr_trsl("TOOL", 0, 0, 150)
+WORLD: Final = {"left": gentr_trsl("LEFT", 0, 0, 0), "right": gentr_rpy("RIGHT", 1000, 0, 0, 180, 0, 0)}
+"""The world in the base of either arm."""
+GRIP: Final = {"left": gentr_trsl("GRIP1", 0, 100, 0), "right": gentr_trsl("GRIP2", 0, -100, 0)}
+"""Each hand in the object."""
+HERE = gentr_rpy("HERE", 500, 0, 0, 0, 170, 0)
+THERE = gentr_rpy("THERE", 500, 0, 100, 0, 180, 0)
+"""Where the object is, and where it is carried."""
+
+
+def reach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip]]:
+    """Open the object, which stays HERE, and both arms, whose hands go to it and track it."""
+    obj = rccl_open("OBJECT_FRAME")
+    rccl_control(obj)
+    maintain(obj, make_position(TRANS, EQ, HERE, TL, TRANS))
+    robots = [robot for name in WORLD if isinstance(robot := rccl_open(name), RobotManip)]
+    for robot in robots:
+        rccl_control(robot)
+        setjvel(robot, share=0.9)
+        tracking_mode(robot)
+        move(robot, make_position(TRANS, TOOL, EQ, WORLD[robot.name], obj.trans, grips[robot.name], TL, TOOL))
+    for robot in robots:
+        wait_for(robot.completed)
+    return obj, robots
+
+
+def carry(obj: Manip) -> None:
+    """Let the object go THERE, with both hands."""
+    setvel(obj, 100, 30)
+    move(obj, make_position(TRANS, EQ, THERE, TL, TRANS))
