@@ -207,6 +207,7 @@ def animate(
       qrobot log animate run.mcap --begin 12 --end 20 --speed 0.25 --output stop.mp4
 
     The orange line is the way of the tool; where the setpoint is elsewhere, an orange shadow of the arm stands there.
+    Fences of the run are drawn by their edges: dashed where the arm stays inside.
 
     Parameters
     ----------
@@ -297,6 +298,8 @@ def record(
     """
     from qrobot.cli.arms import choose_arm, robot_of_arm, tool_of_arm
     from qrobot.config import deployment_path, robot_path
+    from qrobot.fences.told_fences import told_fences
+    from qrobot.log.fences_of_log import fence_attachments
     from qrobot.log.follow import ServoFollower, follow, log_paths
     from qrobot.log.header import attach_files
     from qrobot.log.writer import LogWriter
@@ -307,6 +310,7 @@ def record(
     robot = robot_of_arm(chosen)
     await_turn()
     attachments = attach_files([robot_path(chosen.robot), deployment_path(deployment)])
+    attachments += fence_attachments(told_fences(chosen, robot))
     tool = tool_of_arm(chosen)
     paths = log_paths(output or checked_folder(Path(chosen.log.directory or ".")), chosen.name)
 

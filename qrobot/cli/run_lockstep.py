@@ -15,6 +15,8 @@ from qrobot.cli.program_settings import settings_of
 from qrobot.config import Robot, deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
+from qrobot.fences.told_fences import told_fences
+from qrobot.log.fences_of_log import fence_attachments
 from qrobot.log.follow import log_paths
 from qrobot.log.header import LOCKSTEP, attach_files, header_for
 from qrobot.log.record import write_log
@@ -76,6 +78,7 @@ class LockstepRun:
         choices = settings.velocity, settings.interpolation
         header = header_for(self._robot, rig.period_ns, settings.law, LOCKSTEP, plant, *choices)
         attachments = attach_files([robot_path(self.arm.robot), deployment_path(deployment)])
+        attachments += fence_attachments(told_fences(self.arm, self._robot))
         return write_log(
             next(log_paths(log, self.arm.name)), rig.rows(), header, attachments, laws=[rig.law_in_force()]
         )[0]

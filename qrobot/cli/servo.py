@@ -97,12 +97,16 @@ def servo(
 def _flight_recorder(arm: DeployedArm, robot: Robot) -> FlightRecorder:
     """Make the flight recorder; its files lie beside the arm's logs, in `incidents`."""
     from qrobot.cli.log import recorded_header
+    from qrobot.fences.told_fences import told_fences
+    from qrobot.log.fences_of_log import fence_attachments
     from qrobot.log.flight import FlightRecorder
 
     def header_of(servo: ServoInfo) -> LogHeader:
         return recorded_header(robot, servo, os.getpid(), arm.board.plant)
 
-    return FlightRecorder(Path(arm.log.directory) / "incidents", arm.name, header_of, note, robot=robot)
+    fences = fence_attachments(told_fences(arm, robot))
+    folder = Path(arm.log.directory) / "incidents"
+    return FlightRecorder(folder, arm.name, header_of, note, robot=robot, attachments=fences)
 
 
 @app.command(help_flags=[])

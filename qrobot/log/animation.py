@@ -1,7 +1,7 @@
 """A log as moving pictures: the arm in three dimensions beside its tracking errors, drawn without a screen.
 
 The arm is `model.arm_shape`, the same that viewers and the pendant show. Its shadow is where the servo wants it; the
-line behind the tool is the way that it has gone.
+line behind the tool is the way that it has gone. Fences that the log carries stand round it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from qrobot.config.document import parse_document
 from qrobot.config.robot import robot_of
 from qrobot.errors import ConfigError, LogError
 from qrobot.log.arm_drawing import SolidArm, put_faces, set_up_space, solid_faces
+from qrobot.log.fence_drawing import draw_fences, near_points
+from qrobot.log.fences_of_log import fences_of_log
 from qrobot.log.plot import COLOURS, DASHES, STYLE, thin
 from qrobot.log.read import Log
 from qrobot.modecodes import Mode
@@ -96,7 +98,8 @@ def write_animation(log: Log, path: Path, film: Film, progress: Progress = lambd
     """Write the film of a log; `.gif` or `.mp4` by the suffix.
 
     Raises:
-        LogError: another suffix, no ffmpeg for an `.mp4`, nothing to show, or the file cannot be written.
+        LogError: another suffix, no ffmpeg for an `.mp4`, nothing to show, damaged fences, or the file cannot be
+            written.
     """
     rows = film.rows(log.time_s if log.rows.size else np.empty(0), str(log.path))
     write_film(path, film, rows, lambda: _Stage(log, robot_of_log(log), rows), progress)
@@ -152,9 +155,11 @@ class _Stage:
         self._body, self._shadow = solid_faces(space, 1.0), solid_faces(space, 0.22)
         self._line = space.plot([], [], [], color=WAY_COLOUR, linewidth=1.2)[0]
         self._way: list[Floats] = []
-        set_up_space(
-            space, self._arm, np.array([self._arm.tip(q) for q in log.rows["q"][rows[:: max(1, rows.size // 50)]]])
-        )
+        told = fences_of_log(log)
+        fences = () if told is None else told.fences
+        way = [self._arm.tip(q) for q in log.rows["q"][rows[:: max(1, rows.size // 50)]]]
+        set_up_space(space, self._arm, np.vstack([*way, *near_points(fences)]))
+        draw_fences(space, fences)
         self._caption = self.figure.text(0.02, 0.94, "", fontsize=10, fontweight="bold")
         self._cursor = _set_up_errors(self.figure.add_axes((0.655, 0.27, 0.325, 0.62)), log, rows)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -45,6 +45,7 @@ class FlightRecorder:
         header_of: header of a log of the servo with these facts.
         report: takes one line for people for each file, and for each that the disk refused.
         robot: the arm, so that it can be looked at.
+        attachments: files to carry beside the incident, such as the fences in force.
     """
 
     def __init__(
@@ -55,9 +56,10 @@ class FlightRecorder:
         report: Callable[[str], None],
         keep: int = KEEP,
         robot: Robot | None = None,
+        attachments: Iterable[Attachment] = (),
     ) -> None:
         self._folder, self._arm, self._header_of, self._report, self._keep = folder, arm, header_of, report, keep
-        self._robot = robot
+        self._robot, self._attachments = robot, tuple(attachments)
         self._seen = 0
         self._waiting: list[Incident] = []
 
@@ -83,7 +85,7 @@ class FlightRecorder:
             self._folder.mkdir(parents=True, exist_ok=True)
             path = fresh_path(self._folder, f"{self._arm}-{code}")
             rows = _rows_since(mailbox, incidents[0].t_ns - BEFORE_NS)
-            attachments = [Attachment(ATTACHMENT, data, "application/json")]
+            attachments = [Attachment(ATTACHMENT, data, "application/json"), *self._attachments]
             write_log(path, rows, self._header_of(mailbox.info), attachments, laws=_laws(mailbox), robot=self._robot)
             self._thin_out()
         except (LogError, OSError) as error:

@@ -104,6 +104,21 @@ class PartScan:
         self.at = _take_next(self.found, self._data, self.at)
         return True
 
+    def take_head(self) -> None:
+        """Take the header, and the files attached behind it: all that stands before the rows."""
+        while self.found.header is None and self.step():
+            pass
+        while self._attached_next() and self.step():
+            pass
+
+    def _attached_next(self) -> bool:
+        if self.at is None:
+            return False
+        try:
+            return bool(record_at(self._data, self.at).opcode == Opcode.ATTACHMENT)
+        except _DAMAGE:
+            return False
+
     def rows_at(self, at: int) -> list[Rows]:
         """Rows, once more, of a chunk that was read, at offset `at`; none when it cannot be read any more."""
         again = replace(self.found, rows=[], laws=[], damage=[], topics=dict(self.found.topics))

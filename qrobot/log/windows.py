@@ -77,8 +77,7 @@ class LogWindows:
         self._first: Rows | None = None
         self.end_s, self.damaged, self.whole = 0.0, 0, True
         self._ended = False
-        while self._parts[0].found.header is None and self._parts[0].step():
-            pass
+        self._parts[0].take_head()
         if self._parts[0].found.header is None:
             raise LogError(f"{path} is not a log of this program, or was cut off before its header")
         self.header: LogHeader = self._parts[0].found.header
@@ -144,8 +143,7 @@ class LogWindows:
             self._ended = True
             return False
         part = PartScan(following)
-        while part.found.header is None and part.step():
-            pass
+        part.take_head()
         if part.found.header is None or replace(part.found.header, part=1) != self.header:
             raise LogError(f"{following} does not belong to {self.path}: move one of them")
         self._parts.append(part)

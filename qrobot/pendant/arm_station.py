@@ -13,6 +13,7 @@ import numpy as np
 from qrobot.config import Robot
 from qrobot.config.deployment import DeployedArm
 from qrobot.errors import MotionError
+from qrobot.fences.told_fences import told_fences
 from qrobot.model.arm_shape import link_frames
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
@@ -67,7 +68,7 @@ class ArmStation:
         programs: ProgramRunner | None = None,
     ) -> None:
         self.arm, self.robot = arm, robot
-        self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(arm, robot)}
+        self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(told_fences(arm, robot), robot)}
         self.requests = ServoRequests(arm.name, self.tell)
         self.watch = ArmWatch(arm, self._hear, on_change)
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)

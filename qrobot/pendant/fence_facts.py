@@ -7,33 +7,30 @@ from typing import Any
 import numpy as np
 
 from qrobot.config import Robot
-from qrobot.config.deployment import DeployedArm
 from qrobot.config.fences import Fence
 from qrobot.errors import ConfigError
-from qrobot.fences.deployed import deployed_shapes, tool_capsule
+from qrobot.fences.told_fences import ToldFences
 from qrobot.model.transform import rpy
 from qrobot.units import RAD_PER_DEG
 
 
-def fence_facts(arm: DeployedArm, robot: Robot) -> dict[str, Any]:
-    """Fences of the deployment, none at all for an arm without; SI units, base frame.
+def fence_facts(told: ToldFences | None, robot: Robot) -> dict[str, Any]:
+    """Fences of a deployment or of a log, none at all for an arm without; SI units, base frame.
 
     Raises:
         ConfigError: the robot file tells no body of the arm.
     """
-    chosen = arm.fences
-    if chosen is None:
+    if told is None:
         return {"fences": [], "capsules": [], "pairs": [], "self_margin": 0.0}
     if robot.shape is None:
         raise ConfigError(f"fences need the body of the arm: {robot.name} has no [shape] in its robot file")
-    tool = tool_capsule(arm, robot)
-    capsules = (*robot.shape.capsules, *((tool,) if tool else ()))
+    capsules = (*robot.shape.capsules, *((told.tool,) if told.tool else ()))
     names = [capsule.name for capsule in capsules]
     return {
-        "fences": [_fence(fence) for fence in deployed_shapes(arm, robot)],
+        "fences": [_fence(fence) for fence in told.fences],
         "capsules": [capsule.model_dump() for capsule in capsules],
-        "pairs": [list(map(names.index, pair)) for pair in robot.shape.apart] if chosen.self_collision else [],
-        "self_margin": chosen.self_margin_m,
+        "pairs": [list(map(names.index, pair)) for pair in robot.shape.apart] if told.self_collision else [],
+        "self_margin": told.self_margin_m,
     }
 
 

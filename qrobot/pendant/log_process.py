@@ -17,11 +17,13 @@ from mcap.reader import make_reader
 
 from qrobot.errors import LogError, QRobotError
 from qrobot.log.animation import robot_of_log
+from qrobot.log.fences_of_log import fences_of_log
 from qrobot.log.flight import incidents_of
 from qrobot.log.windows import QUANTITIES, LogWindows
 from qrobot.model.arm_shape import NO_TOOL
 from qrobot.pendant.answering import ProcessAnswer, serve_answers
 from qrobot.pendant.curve_bytes import CSV_NAMES, curve_bytes, cycles_csv
+from qrobot.pendant.fence_facts import fence_facts
 from qrobot.pendant.frames import arm_facts
 from qrobot.units import NS_PER_S
 
@@ -73,7 +75,8 @@ class OpenLogs:
         facts |= {"prismatic": header.prismatic or (False,) * header.n, "quantities": QUANTITIES}
         facts |= {"arm": None, "why": "", "incidents": []}
         try:
-            facts["arm"] = arm_facts(header.robot, robot_of_log(log.log), NO_TOOL)
+            robot = robot_of_log(log.log)
+            facts["arm"] = arm_facts(header.robot, robot, NO_TOOL) | fence_facts(fences_of_log(log.log), robot)
             facts["incidents"] = [incident.line(header.prismatic) for incident in incidents_of(log.log)]
         except QRobotError as error:
             facts["why"] = str(error)

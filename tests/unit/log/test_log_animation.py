@@ -11,11 +11,18 @@ import pytest
 from PIL import Image
 
 from qrobot.config import load_robot, robot_path
+from qrobot.config.fences import Fence
+from qrobot.config.shape import Capsule
 from qrobot.errors import LogError
+from qrobot.fences.fence_set import FenceSet
+from qrobot.fences.told_fences import ToldFences
 from qrobot.log.animation import Film, robot_of_log, write_animation
 from qrobot.log.arm_drawing import SolidArm
+from qrobot.log.fence_drawing import outline
+from qrobot.log.fences_of_log import ATTACHMENT, fence_attachments, fences_of_log
 from qrobot.log.header import header_for
-from qrobot.log.read import Log
+from qrobot.log.read import Log, read_log
+from qrobot.log.record import write_log
 from qrobot.model.arm_shape import arm_shape
 from qrobot.model.kinematics import forward, kinematics_params
 from qrobot.model.transform import transform
@@ -87,6 +94,43 @@ def test_a_log_that_carries_its_robot_is_drawn_with_it(log: Log) -> None:
     assert robot_of_log(replace(log, attachments={"emulator.toml": b"x = 1"})).geometry.flange_m == 0.05625
     with pytest.raises(LogError, match=r"cannot be drawn.*nowhere"):
         robot_of_log(replace(log, header=replace(log.header, robot="nowhere")))
+
+
+TURNED = {"position_m": (0.4, -0.2, 0.3), "rpy_deg": (30.0, 20.0, -40.0)}
+FENCES = (
+    Fence(name="bench", shape="box", size_m=(0.6, 1.2, 0.1), **TURNED),
+    Fence(name="cell", shape="cylinder", keep="in", radius_m=0.9, length_m=2.4, **TURNED),
+    Fence(name="wall", shape="plane", **TURNED),
+)
+
+
+@pytest.mark.parametrize("fence", FENCES, ids=lambda fence: fence.name)
+def test_the_edges_of_a_fence_lie_on_its_surface_as_the_servo_knows_it(fence: Fence) -> None:
+    """A small ball at the origin of link 1, which is that of the base, touches a fence moved there by its edge."""
+    edges = np.concatenate(outline(fence))
+    assert np.abs(edges - TURNED["position_m"]).max() > 0.5  # in all directions, not one point
+    ball = Capsule(name="ball", link=1, from_m=(0.0, 0.0, 0.0), to_m=(0.0, 0.0, 0.0), radius_m=1e-6)
+    for x, y, z in edges[:: max(1, len(edges) // 20)]:
+        moved = fence.model_copy(update={"position_m": tuple(np.array(fence.position_m) - (x, y, z))})
+        robot = ROBOT.model_copy(update={"shape": ROBOT.shape.model_copy(update={"capsules": (ball,), "apart": ()})})
+        assert FenceSet(robot, [moved]).distances(ROBOT.poses["park"])[0] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_log_carries_its_fences_and_its_film_shows_them(log: Log, tmp_path: Path) -> None:
+    told = ToldFences(fences=FENCES, self_collision=True, self_margin_m=0.01)
+    path, *_ = write_log(tmp_path / "fenced.mcap", log.rows, log.header, fence_attachments(told))
+    fenced = read_log(path)
+    assert (fences_of_log(fenced), fences_of_log(log)) == (told, None)
+    pictures = []
+    for number, each in enumerate((log, fenced)):
+        write_animation(each, tmp_path / f"{number}.gif", Film(frames_hz=1, end_s=0.5, width=480))
+        with Image.open(tmp_path / f"{number}.gif") as film:
+            pictures.append(np.asarray(film.convert("RGB"), dtype=float))
+    changed = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    assert changed[:, :300].sum() > 200  # the edges
+    assert changed[:, 320:].sum() < changed[:, :300].sum() / 20  # and not across the curves
+    with pytest.raises(LogError, match=r"fences\.json in .* is damaged"):
+        fences_of_log(replace(log, attachments={ATTACHMENT: b"{"}))
 
 
 @pytest.mark.parametrize(

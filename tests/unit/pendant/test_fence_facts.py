@@ -11,6 +11,7 @@ from qrobot.config import load_deployment, load_robot
 from qrobot.errors import ConfigError
 from qrobot.fences.fence_set import fences_of
 from qrobot.fences.table import CAPSULE_WORDS, CAPSULES, SHAPE_WORDS, SHAPES
+from qrobot.fences.told_fences import told_fences
 from qrobot.pendant.fence_facts import fence_facts
 
 CELL = """
@@ -31,7 +32,7 @@ def test_a_page_is_told_the_bodies_that_the_servo_guards(tmp_path: Path) -> None
     file = tmp_path / "cell.toml"
     file.write_text(CELL.format(robot="puma560"))
     arm, robot = load_deployment(file).arm[0], load_robot("puma560")
-    guarded, told = fences_of(arm, robot), fence_facts(arm, robot)
+    guarded, told = fences_of(arm, robot), fence_facts(told_fences(arm, robot), robot)
     assert guarded is not None
     assert [fence["name"] for fence in told["fences"]] == list(guarded.names[:-1]) == ["drum", "floor", "furniture"]
     for k, fence in enumerate(told["fences"]):
@@ -49,9 +50,9 @@ def test_a_page_is_told_the_bodies_that_the_servo_guards(tmp_path: Path) -> None
 
 
 def test_an_arm_without_fences_has_none_to_draw_and_one_without_a_body_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "cell.toml"
+    file, stanford = tmp_path / "cell.toml", load_robot("stanford")
     file.write_text(CELL.format(robot="stanford"))
     with pytest.raises(ConfigError, match=r"stanford has no \[shape\]"):
-        fence_facts(load_deployment(file).arm[0], load_robot("stanford"))
+        fence_facts(told_fences(load_deployment(file).arm[0], stanford), stanford)
     file.write_text(CELL.format(robot="stanford").partition("[arm.fences]")[0])
-    assert fence_facts(load_deployment(file).arm[0], load_robot("stanford"))["capsules"] == []
+    assert fence_facts(told_fences(load_deployment(file).arm[0], stanford), stanford)["capsules"] == []

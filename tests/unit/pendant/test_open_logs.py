@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from qrobot.config import load_robot
+from qrobot.config.fences import Fence
 from qrobot.errors import LogError
+from qrobot.fences.told_fences import ToldFences
+from qrobot.log.fences_of_log import fence_attachments
+from qrobot.log.header import header_for
 from qrobot.log.record import write_log
 from qrobot.pendant.answering_process import LOGS, AnsweringProcess
+from qrobot.pendant.fence_facts import fence_facts
 from qrobot.pendant.log_process import OpenLogs
 from qrobot.pendant.log_shelf import LogShelf
 from tests.support.log_samples import make_header, make_rows
@@ -46,6 +52,17 @@ def test_pages_open_the_logs_of_the_deployment_and_no_other_file(path: Path, tmp
     path.unlink()
     with pytest.raises(LogError, match="moved or removed"):
         shelf.path_of(str(path))
+
+
+def test_the_replay_of_a_log_is_told_the_fences_that_were_in_force(tmp_path: Path) -> None:
+    path, robot = tmp_path / "run.mcap", load_robot("puma560")
+    told = ToldFences(fences=(Fence(name="floor", shape="plane", position_m=(0.0, 0.0, -0.6)),), self_collision=True)
+    write_log(path, make_rows(ROWS, 6), header_for(robot, 1_000_000, "pd"), fence_attachments(told))
+    arm = ask(OpenLogs(), path, "open")["arm"]
+    assert {key: arm[key] for key in ("fences", "capsules", "pairs")} == {
+        key: value for key, value in fence_facts(told, robot).items() if key != "self_margin"
+    }
+    assert ([fence["name"] for fence in arm["fences"]], bool(arm["pairs"])) == (["floor"], True)
 
 
 def test_a_log_is_told_of_and_its_window_exported_with_every_number(path: Path) -> None:

@@ -17,7 +17,7 @@ class ArmFigure {
     this.solid = this.build((part) => new THREE.MeshStandardMaterial({ color: part.joint ? JOINT : LINK, roughness: 0.6 }));
     this.ghost = this.build(() => new THREE.MeshBasicMaterial({ color: GHOST, wireframe: true, transparent: true, opacity: 0.18 }));
     this.solid[facts.joints.length].add(marker(facts));
-    this.fences = facts.fences ? new FenceFigures(facts, this.root, this.solid) : null; // a log knows none
+    this.fences = facts.fences ? new FenceFigures(facts, this.root, this.solid) : null; // an old log knows none
     this.points = new Float32Array(3 * TRAIL);
     this.count = 0;
     this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACE }));
