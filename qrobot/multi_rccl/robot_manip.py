@@ -169,6 +169,7 @@ class RobotManip(Manip):
         """Have its samples count as those of the others."""
         self._task, self._arm = task, Arm(task.robot)
         task.group, task.generated = self._group, self._generated
+        task.td.name = self.name
 
     def _generated(self, q: Floats) -> None:
         task, arm = self._task, self._arm

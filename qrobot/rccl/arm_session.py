@@ -10,7 +10,7 @@ from typing import ClassVar
 from weakref import WeakSet
 
 from qrobot.errors import LinkError, MotionError, QRobotError
-from qrobot.rccl.task import TaskPhase, TrajectoryTask
+from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.sample_drivers import SampleDriver, driver_for
@@ -46,7 +46,11 @@ class ArmSession:
 
     def start(self) -> None:
         """Run until the servo follows our setpoints."""
-        self._begin()
+        try:
+            self._begin()
+        except BaseException:
+            self._driver.end()
+            raise
         atexit.register(self._at_exit)
         self._holds.add(self)
 
@@ -162,7 +166,7 @@ class ArmSession:
 
     def _begin(self) -> None:
         self._driver.start()
-        self.wait(lambda: self._task.phase is TaskPhase.TRACKING)
+        self.wait(lambda: self._task.follows_setpoints)
 
     def _come_to_rest(self) -> None:
         if (group := self._task.group) is not None and self._task.follows:
@@ -176,7 +180,7 @@ class ArmSession:
     def _leave(self, power_off: bool) -> None:
         with self._driver.lock():
             self._task.leave(power_off)
-        self.wait(lambda: self._task.phase is TaskPhase.LEFT)
+        self.wait(lambda: self._task.left)
 
     def _tell_error(self) -> None:
         if self._driver.error is not None and not self._error_told:

@@ -157,7 +157,8 @@ class Channel(MotionParameters, HandAndOutputs):
     def each_sample(self, function: Callable[[], object] | None) -> None:
         """Call `function` at every sample, when the command is made up and before it goes out; None ends that.
 
-        It may read `how` and change `chg`, and must be quick. What it raises stops the arm and reaches the program.
+        It may read `how` and change `chg`, and must be quick. What it raises stops the arm and reaches the program, as
+        does what it asks for and no task of RCI may: a joint out of its range, too fast, or a torque beyond the limit.
         The motions know nothing of joints it moves elsewhere: it has to bring them back before it ends.
         """
         if function is not None:

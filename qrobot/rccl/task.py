@@ -1,22 +1,15 @@
-"""The trajectory task: what a program's side says in every sample, from power-up to release.
+"""The trajectory task: an RCI task whose control function is the trajectory generator.
 
-    POWERING    all joints on hold, power requested          until the arm holds its position
-    STARTING    setpoints stream from where the arm stands   until the servo follows them
-    TRACKING    the generator runs
-    KEPT        the servo has stopped the arm              until somebody confirms that it may be led back to its path
-    LEAVING     the last setpoints play out, the stream ends
-    LEFT        nothing more to say
-
-Led back, it is POWERING and STARTING again (kept_path.py).
+From power-up to release it goes through the cycle of every task that has a robot (`qrobot.rci.robot_cycle`). The
+generator stands still while the servo begins to follow, and runs while it follows. A path that outlives a stop of the
+servo waits while the arm stands, until somebody confirms that it may be led back (kept_path.py).
 
 It knows no clock and no thread: a `SampleDriver` of RCI calls `step` once per STATE.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -46,26 +39,13 @@ from qrobot.rccl.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
-from qrobot.rci import Chg
-from qrobot.rci.power import PowerDown, PowerUp, servo_fault
-from qrobot.wire import Command, Mode, Payload, RobotState, State
+from qrobot.rci import RobotData, TaskDescriptor
+from qrobot.rci.descriptor import HOST, NO_BIT, local_area
+from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
+from qrobot.wire import Command, Payload, RobotState, State
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
 STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
-START_S: Final = 0.5  # for the servo to follow a stream that began
-TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
-_SEQ_MODULUS: Final = 1 << 32
-
-
-class TaskPhase(Enum):
-    """Phases of a program."""
-
-    POWERING = "powering"
-    STARTING = "starting"
-    TRACKING = "tracking"
-    KEPT = "kept"
-    LEAVING = "leaving"
-    LEFT = "left"
 
 
 class TrajectoryTask:
@@ -79,12 +59,10 @@ class TrajectoryTask:
         trace: is told what happens.
 
     Attributes:
-        phase: how far it is.
-        how: the robot as it was heard last, None before the first sample.
+        td: its descriptor, as RCI knows it; not in the table of the program's own tasks.
         chg: what the next command says; the task writes setpoints and requests, a program hand and outputs.
         completed: true while the arm has nothing to do.
         period_s: sample period.
-        tick: samples so far.
         force: what the arm exerts, and the joints that give way.
         motions: motions that have not ended.
         timing: the time that functional transforms take.
@@ -108,15 +86,16 @@ class TrajectoryTask:
     ) -> None:
         self.group: TaskGroup | None = None
         self.generated: Callable[[Floats], object] | None = None
-        self.how: RobotState | None = None
-        self.chg = Chg(robot.n)
+        data = RobotData(robot, fences)
+        self.td = TaskDescriptor(robot.name, NO_BIT, HOST, local_area(), data)
+        self.chg, self._data = self.td.chg, data
+        self._hooks = CycleHooks(self._hold, self._stand_still, self._wait, self._stopped, self._slowness)
         self.completed = Level("completed", 1)
-        self.tick = 0
+        self._tick_before = 0  # the first sample
         self.override, self.paused = FULL_SPEED, False
         self.keeps_path = False
         self._kept: KeptPath | None = None
         self.each_sample: Callable[[], object] | None = None
-        self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
         self._robot = robot
         self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
@@ -126,21 +105,27 @@ class TrajectoryTask:
         self.motions = OpenMotions(arm)
         self._load = Payload(0.0)
         self._player: SetpointPlayer | None = None  # whose setpoints go out instead of the generator's
-        self.begin(period_s, trace, clear_fault)
+        self._cycle = self._new_cycle(period_s, clear_fault)
+        self._begin(period_s, trace)
 
-    def begin(self, period_s: float, trace: Trace | None = None, clear_fault: bool = False) -> None:
-        """Take the arm with this sample period; anew, when it was taken before."""
-        self.phase = TaskPhase.POWERING
+    def begin(self, period_s: float, trace: Trace | None = None) -> None:
+        """Take the arm anew, with this sample period."""
+        self._tick_before = self.tick
+        self._cycle = self._new_cycle(period_s, clear_fault=False)
+        self._begin(period_s, trace)
+
+    def _new_cycle(self, period_s: float, clear_fault: bool) -> RobotCycle:
+        """The generator judges its own setpoints."""
+        adopts = self.td.heard is None
+        return RobotCycle(self.td, self._data, period_s, clear_fault, self._hooks, judged=False, adopts=adopts)
+
+    def _begin(self, period_s: float, trace: Trace | None) -> None:
         self.period_s = period_s
         self.force = ForceControl(self._robot, period_s, self._kinematics)
         self.carry(self._load)
         self.timing = CallbackTiming(period_s * 1e3)
-        self._power_up = PowerUp(period_s, clear_fault)
-        self._power_down = PowerDown(period_s, power_off=False)
         self._generator: Generator | None = None
         self._kept = None
-        self._seq: int | None = None
-        self._started_tick = 0
         self._trace = trace
 
     # -------------------------------------------------------------------------------------------- from the program
@@ -149,6 +134,25 @@ class TrajectoryTask:
         """Reckon with a payload in the forces that the arm exerts."""
         self._load = load
         self.force.carry(load.mass, np.array(load.centre), np.array(load.inertia))
+
+    @property
+    def how(self) -> RobotState | None:
+        """The robot as it was heard last, None before the first sample."""
+        return self.td.heard
+
+    @property
+    def tick(self) -> int:
+        """Samples so far; those that nobody heard count."""
+        return self._tick_before + self._cycle.samples
+
+    def count_from(self, tick: int) -> None:
+        """Let the newest sample be `tick`, unless it is later already."""
+        self._tick_before += max(0, tick - self.tick)
+
+    @property
+    def follows_setpoints(self) -> bool:
+        """The servo follows, so the arm is under control."""
+        return self._cycle.phase is CyclePhase.FOLLOWING
 
     @property
     def robot(self) -> Robot:
@@ -252,8 +256,7 @@ class TrajectoryTask:
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
-        self._power_down = PowerDown(self.period_s, power_off)
-        self.phase = TaskPhase.LEAVING
+        self._cycle.leave(power_off)
 
     # ------------------------------------------------------------------------------------------------ once per sample
 
@@ -264,75 +267,53 @@ class TrajectoryTask:
             ServoFault: the servo gave up, or power is refused.
             MotionError: the arm is not calibrated.
         """
+        command = self._cycle.step(state, now_ns, self._track)
+        self._cycle.describe()
+        return command
+
+    def _hold(self) -> None:
+        """The arm is held, and its setpoints are about to stream."""
         if self.how is None:
-            # What the hand holds stays held, and outputs that are kept stay as they are.
-            self.chg.hand, self.chg.outputs = state.robot.hand, state.robot.outputs
-        self.how = state.robot
-        self._heard.append(state.robot)
-        self._count(state.seq)
-        match self.phase:
-            case TaskPhase.POWERING:
-                self._power(state.robot, now_ns)
-            case TaskPhase.STARTING:
-                self._start(state.robot)
-            case TaskPhase.TRACKING:
-                self._track(state.robot)
-            case TaskPhase.KEPT:
-                self._wait(state.robot, self._kept)
-            case TaskPhase.LEAVING:
-                self._leave(state.robot)
-        return self.chg.command(state, now_ns)
-
-    def _count(self, seq: int) -> None:
-        """Samples since the first one; left-out ones count, and the number on the wire wraps."""
-        self.tick += 1 if self._seq is None else (seq - self._seq) % _SEQ_MODULUS
-        self._seq = seq
-
-    def _power(self, robot: RobotState, now_ns: int) -> None:
-        try:
-            holds = self._power_up.step(robot, self.chg)
-        except ServoFault as fault:
-            self._stopped(fault)
             return
-        if holds:
-            if self.group is not None:
-                self.group.join(self)
-            self._begin_at(np.array(robot.q_setpoint))
-            self.chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
-            self.chg.go_to(robot.q_setpoint)
-            self._started_tick = self.tick
-            self.phase = TaskPhase.STARTING
+        if self.group is not None:
+            self.group.join(self)
+        self._begin_at(np.array(self.how.q_setpoint))
 
-    def _start(self, robot: RobotState) -> None:
-        if robot.mode == Mode.TRACKING:
-            self.phase = TaskPhase.TRACKING
-        elif robot.mode != Mode.HOLDING or (self.tick - self._started_tick) * self.period_s > START_S:
-            self._stopped(servo_fault(robot, "the servo does not follow the setpoints", self._heard))
-            return
+    def _stand_still(self) -> None:
+        """The servo begins to follow: the generator has nothing to do yet, or leads back to a kept path."""
         self._generate()
 
-    def _track(self, robot: RobotState) -> None:
-        if robot.mode != Mode.TRACKING:
-            self._stopped(servo_fault(robot, f"the servo stopped the arm{self.timing.complaint()}", self._heard))
-            return
+    def _track(self) -> None:
+        """Control function of the task: the generator's setpoints, and the program's own function behind it."""
         self._generate()
         if self.each_sample is not None:
-            self.each_sample()
+            self._call(self.each_sample)
+
+    def _call(self, function: Callable[[], object]) -> None:
+        """Call a function of the program; joints that it moves elsewhere are judged as those of any task."""
+        made = self.chg.modes, self.chg.setpoints
+        function()
+        if self.chg.modes is not made[0] or self.chg.setpoints is not made[1]:
+            self._cycle.judge()
 
     @property
     def left(self) -> bool:
         """The arm was let go of."""
-        return self.phase is TaskPhase.LEFT
+        return self._cycle.phase is CyclePhase.LEFT
 
     def lost(self) -> None:
         """Control of the arm has ended before its time: arms that move together with it come to rest."""
         if self.group is not None:
             self.group.lose(self)
 
+    def _slowness(self) -> str:
+        """Remark for a stop of the servo that the program itself may have caused."""
+        return self.timing.complaint()
+
     def lose_link(self, lost: LinkError) -> None:
         """The link is broken, and may be opened anew. Raises `lost`: the path is not kept."""
         self._stopped(lost)
-        self._seq = None  # a bridge that is greeted counts anew
+        self._cycle.count_anew()
 
     def insist(self) -> None:
         """Raise what has stopped the arm, when the program has given its path up."""
@@ -341,57 +322,51 @@ class TrajectoryTask:
 
     def _stopped(self, fault: ServoFault | LinkError) -> None:
         """The servo holds the arm, or none does: keep the path if that is wanted. Raises `fault`: it is not kept."""
-        if self.phase is TaskPhase.LEAVING:
+        if self._cycle.phase is CyclePhase.STOPPING:
             raise fault
         if self._kept is None and self._generator is not None and self._may_keep(self._generator):
             self._kept = KeptPath(self._generator, self.tick, fault)
         if self._kept is None or self._kept.given_up:
             raise fault
         self._kept.wait_again(fault)
-        self.chg.hold()
-        self.phase = TaskPhase.KEPT
+        self._cycle.stand()
 
     def _may_keep(self, generator: Generator) -> bool:
         return self.keeps_path and self.group is None and self._player is None and generator.keepable
 
-    def _wait(self, robot: RobotState, kept: KeptPath | None) -> None:
+    def _wait(self) -> None:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
-        if kept is None:
+        if self._kept is None or self.how is None:
             return
-        kept.hear(robot)
+        self._kept.hear(self.how)
         self.insist()
-        if kept.confirmed:
-            self._power_up = PowerUp(self.period_s, clear_fault=True)
-            self.chg.power = robot.powered  # else it is asked for anew
-            self.phase = TaskPhase.POWERING
-
-    def _leave(self, robot: RobotState) -> None:
-        if self._power_down.step(robot, self.chg):
-            self.phase = TaskPhase.LEFT
+        if self._kept.confirmed:
+            self._cycle.take_again(self.how.powered)
 
     def _generate(self) -> None:
-        if self.how is None:
+        how, tick = self.how, self.tick
+        if how is None:
             return
         if self._kept is not None:
-            self._lead_back(self._kept, self.how)
+            self._lead_back(self._kept, how)
             return
         if self._player is not None:
-            self._play(self._player, self.how)
+            self._play(self._player, how)
             return
         if self.group is not None:
-            self.group.before_sample(self.tick)
-        seen = ArmSample(*(np.array(row) for row in (self.how.q, self.how.v, self.how.tau, self.how.q_setpoint)))
-        self.force.observe(seen, self.generator, self.tick)
-        self.generator.override = self._override_in_force(self.how)
-        output = self.generator.update(self.tick, self.force.standing)
-        command = self.force.command(output.q, seen, self.generator, self.tick)
+            self.group.before_sample(tick)
+        seen = ArmSample(*(np.array(row) for row in (how.q, how.v, how.tau, how.q_setpoint)))
+        self.force.observe(seen, self.generator, tick)
+        self.generator.override = self._override_in_force(how)
+        output = self.generator.update(tick, self.force.standing)
+        command = self.force.command(output.q, seen, self.generator, tick)
         self.chg.drive(command.setpoints, command.torque)
         if self._trace is not None:
             for event in output.events:
                 self._trace.told(event)
             self._trace.sampled(output.q, seen.q)
         if output.events:
-            self.motions.notify(output.events, seen.q, self.tick)
+            self.motions.notify(output.events, seen.q, tick)
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
@@ -403,7 +378,7 @@ class TrajectoryTask:
         self.chg.go_to(tuple(q.tolist()))
         if self._trace is not None:
             self._trace.sampled(q, np.array(how.q))
-        if self.phase is TaskPhase.TRACKING and kept.reached(self.tick):
+        if self.follows_setpoints and kept.reached(self.tick):
             self._kept = None
 
     def _override_in_force(self, how: RobotState) -> float:

@@ -57,7 +57,7 @@ class TaskGroup:
         """
         self.agree_on(task.period_s)
         if task not in self._tasks:
-            task.tick = max(task.tick, self.tick)
+            task.count_from(self.tick)
             self._tasks.append(task)
 
     def agree_on(self, period_s: float) -> None:

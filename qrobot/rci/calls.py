@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qrobot.errors import ConfigError
+from qrobot.rci import arm_tasks
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import environment
 from qrobot.rci.mail_lane import clear_word, set_word
@@ -319,7 +320,17 @@ def rci_signal(number: int = signal.SIGUSR1) -> None:
 
 
 def rci_descriptor(name: str) -> TaskDescriptor:
-    """The descriptor of a task. Raises ConfigError: there is none of that name."""
+    """The descriptor of a task, or of an arm that a library moves in this process, by the name of its robot.
+
+    An arm's is there from `control()` of RCCL, or `arcl_open`, to its release: its `how` and `chg`, `active`, `runs`
+    and `missed` are as those of any task; no mask names it, and `chg` belongs to the library.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
+    arm = arm_tasks.held(name)
+    if arm is not None and (_shared is None or not _shared.table.knows(name)):
+        return arm
     return _table().find(name)
 
 

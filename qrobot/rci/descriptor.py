@@ -16,6 +16,7 @@ from qrobot.units import NS_PER_S
 from qrobot.wire import Mode, RobotState
 
 PARENT: Final = 1  # the bit of the planning task
+NO_BIT: Final = 0  # of the task by which a library moves an arm: no mask names it
 HOST: Final = "host"  # its processor, and that of tasks that ask for none
 ALLOWED_S: Final = 0.5  # [A] for a control function; a robot stops by itself after two periods without a setpoint
 MOST_TASKS: Final = 30  # [A] the papers expect 1 to 5; masks fit 32 bits with the parent's
@@ -120,6 +121,11 @@ class TaskDescriptor:
     @how.setter
     def how(self, how: RobotState) -> None:
         self._how = how
+
+    @property
+    def heard(self) -> RobotState | None:
+        """The robot as it was heard last, None when nothing was."""
+        return self._how
 
     @property
     def left_with_power(self) -> bool:

@@ -9,11 +9,9 @@ and creation, each once a round until nothing is left. So a program of any mixtu
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from itertools import count, groupby
 from typing import Final, NamedTuple, Protocol
-from weakref import WeakSet
 
 from qrobot.errors import MotionError
 
@@ -75,7 +73,8 @@ class ProgramTime:
     def __init__(self) -> None:
         self.now_ns = 0
         self.passing = False
-        self._members: WeakSet[TimeMember] = WeakSet()
+        self._members: tuple[TimeMember, ...] = ()
+        self._rounds: list[list[Runnable]] | None = None  # of each processor, in their order
         self._numbers = count()
 
     def rank(self, processor: int = 0, priority: int = 0) -> Rank:
@@ -84,11 +83,18 @@ class ProgramTime:
 
     def join(self, member: TimeMember) -> None:
         """Let time pass for a member from now on; does nothing a second time."""
-        self._members.add(member)
+        if member not in self._members:
+            self._members = (*self._members, member)
+            self.reorder()
 
     def leave(self, member: TimeMember) -> None:
         """Let no more time pass for a member."""
-        self._members.discard(member)
+        self._members = tuple(other for other in self._members if other is not member)
+        self.reorder()
+
+    def reorder(self) -> None:
+        """Turns of a member have changed: work out the order anew."""
+        self._rounds = None
 
     def advance(self) -> None:
         """Go to the next event, and run what is due then; does nothing when there is none.
@@ -96,31 +102,29 @@ class ProgramTime:
         Raises:
             MotionError: called while time passes already.
         """
-        with self._pass():
-            members = list(self._members)
-            coming = [at for member in members if (at := member.next_ns) is not None]
-            if not coming:
-                return
+        if self.passing:
+            raise MotionError(NO_WAIT)
+        members = self._members
+        coming = [at for member in members if (at := member.next_ns) is not None]
+        if not coming:
+            return
+        self.passing = True
+        try:
             self.now_ns = max(self.now_ns, min(coming))
             for member in members:
                 member.come_to(self.now_ns)
-            self._run_due(members)
-
-    @contextmanager
-    def _pass(self) -> Iterator[None]:
-        if self.passing:
-            raise MotionError(NO_WAIT)
-        self.passing = True
-        try:
-            yield
+            for runners in self._in_order():
+                run_rounds(runners)
         finally:
             self.passing = False
 
-    def _run_due(self, members: list[TimeMember]) -> None:
-        """Run in rounds until nothing is runnable, one processor after the other."""
-        turns = sorted(turn for member in members for turn in member.turns)
-        for _, group in groupby(turns, key=lambda turn: turn.rank.processor):
-            run_rounds([turn.runner for turn in group])
+    def _in_order(self) -> list[list[Runnable]]:
+        """Everything that may run, of one processor after the other."""
+        if self._rounds is None:
+            turns = sorted(turn for member in self._members for turn in member.turns)
+            groups = groupby(turns, key=lambda turn: turn.rank.processor)
+            self._rounds = [[turn.runner for turn in group] for _, group in groups]
+        return self._rounds
 
 
 def run_rounds(runners: Sequence[Runnable]) -> None:

@@ -1,12 +1,17 @@
 """The cycle of a task that has a robot (Figure 4 of the paper), from power-up to release.
 
+Tasks of RCI go through it, the trajectory tasks of RCCL, and the bridge machine of ARCL.
+
 At each sample: read the robot - check - post `how` - control1 - check `chg` - send it - control2. Its phases:
 
     POWERING    power is asked for                            until the arm holds its position
     STARTING    its present setpoints stream                  until the servo follows them
     FOLLOWING   as above, once the task is active; at rest    until it is released, or something is wrong
                 where it stands before that
-    STOPPING    a controlled stop, on which the arm stays on its path
+    STANDING    the servo has stopped the arm, and the task      until it takes the arm again, or leaves it
+                outlives that: all joints are on hold
+    STOPPING    the last setpoints play out, or a controlled
+                stop, on which the arm stays on its path
     LEFT        nothing more to say
 """
 
@@ -14,21 +19,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
-from numbers import Integral
-from typing import Final, NamedTuple
+from typing import Final
 
-import numpy as np
-
-from qrobot.config.outputs import ALL_OUTPUTS
-from qrobot.errors import MotionError
+from qrobot.errors import ServoFault
 from qrobot.rci.blackboard import Chg
-from qrobot.rci.descriptor import TaskDescriptor
-from qrobot.rci.fenced_setpoints import check_setpoints
+from qrobot.rci.chg_check import Asked, check_chg
+from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.power import PowerDown, PowerUp, servo_fault
 from qrobot.rci.robot_data import RobotData
-from qrobot.wire import Command, JointMode, Mode, RobotState, State
-from qrobot.wire.vocabulary import Hand
+from qrobot.wire import Command, Mode, RobotState, State
 
 START_S: Final = 0.5  # for the servo to follow a stream that began
 TRACE_SAMPLES: Final = 36  # a second at 28 ms, for the report of a fault
@@ -41,8 +42,47 @@ class CyclePhase(Enum):
     POWERING = "powering"
     STARTING = "starting"
     FOLLOWING = "following"
+    STANDING = "standing"
     STOPPING = "stopping"
     LEFT = "left"
+
+
+_STATE, _MISSED, _RUNS = int(TaskWord.STATE), int(TaskWord.MISSED), int(TaskWord.RUNS)
+_STATES: Final = {
+    CyclePhase.POWERING: TaskState.ATTACHING,
+    CyclePhase.STARTING: TaskState.ATTACHING,
+    CyclePhase.FOLLOWING: TaskState.ACTIVE,
+    CyclePhase.STANDING: TaskState.READY,
+    CyclePhase.STOPPING: TaskState.RELEASING,
+    CyclePhase.LEFT: TaskState.RELEASED,
+}
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+def _raise(fault: ServoFault) -> None:
+    raise fault
+
+
+@dataclass(frozen=True)
+class CycleHooks:
+    """Functions that a task is called by at certain samples of its robot, besides its control function.
+
+    Attributes:
+        held: the arm holds its position; its setpoints stream from this answer on.
+        starting: they stream, and the servo begins to follow.
+        standing: the arm stands where the servo has stopped it.
+        stopped: told why the servo does not follow any more; raises that, or lets the arm stand (`RobotCycle.stand`).
+        remark: what the task adds to the message of a stop.
+    """
+
+    held: Callable[[], object] = _nothing
+    starting: Callable[[], object] = _nothing
+    standing: Callable[[], object] = _nothing
+    stopped: Callable[[ServoFault], object] = _raise
+    remark: Callable[[], str] = str
 
 
 class RobotCycle:
@@ -52,21 +92,39 @@ class RobotCycle:
         td: the task, with the data of its robot.
         period_s: sample period.
         clear_fault: clear a latched fault at power-up instead of raising it.
+        hooks: of the task.
+        judged: what the control function puts into `chg` is judged before it goes out; False for one that has judged
+            its setpoints itself.
+        adopts: hand and outputs are at first as the robot tells; else as `chg` has them.
 
     Attributes:
         phase: how far it is.
+        samples: of the robot since the first that was heard, those that nobody heard included.
         left_out: samples that the robot told and nobody heard.
     """
 
-    def __init__(self, td: TaskDescriptor, data: RobotData, period_s: float, clear_fault: bool = False) -> None:
+    def __init__(
+        self,
+        td: TaskDescriptor,
+        data: RobotData,
+        period_s: float,
+        clear_fault: bool = False,
+        hooks: CycleHooks = CycleHooks(),
+        judged: bool = True,
+        adopts: bool = True,
+    ) -> None:
         self.phase = CyclePhase.POWERING
-        self.left_out = 0
-        self._td, self._data, self._period_s = td, data, period_s
+        self.samples = self.left_out = 0
+        self._td, self._data, self._period_s, self._hooks = td, data, period_s, hooks
+        self._judged, self._adopts = judged, adopts
         self._power_up = PowerUp(period_s, clear_fault)
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
+        self._runs = 0  # of the control function, not told yet
+        self._told: tuple[CyclePhase, int] | None = None
+        self._words: memoryview | None = None  # of the descriptor, written in a tenth of NumPy's time
         self._seq: int | None = None
-        self._said = Asked((), ())  # in the command before
+        self._said: Asked | Command = Asked((), ())  # in the command before
         self._heard: deque[RobotState] = deque(maxlen=TRACE_SAMPLES)
 
     def stop(self, power_off: bool = False) -> None:
@@ -75,11 +133,31 @@ class RobotCycle:
         A stop that has begun already ends without power when this one is to.
         """
         if self.phase not in (CyclePhase.STOPPING, CyclePhase.LEFT):
-            self._power_down = PowerDown(self._period_s, power_off)
             self._td.chg.hold()
-            self.phase = CyclePhase.STOPPING
+            self.leave(power_off)
         elif power_off:
             self._power_down.ask_off()
+
+    def leave(self, power_off: bool) -> None:
+        """Let the last setpoints play out, and go."""
+        self._power_down = PowerDown(self._period_s, power_off)
+        self.phase = CyclePhase.STOPPING
+
+    def stand(self) -> None:
+        """Put all joints on hold until the arm is taken again, or left."""
+        self._td.chg.hold()
+        self.phase = CyclePhase.STANDING
+
+    def take_again(self, powered: bool) -> None:
+        """Take an arm that stands: a fault is cleared, and power asked for anew unless it is `powered`."""
+        self._power_up = PowerUp(self._period_s, clear_fault=True)
+        self._td.chg.power = powered
+        self._waited_s = 0.0
+        self.phase = CyclePhase.POWERING
+
+    def count_anew(self) -> None:
+        """Another bridge, or the same one greeted again, numbers its samples from now on."""
+        self._seq = None
 
     def step(self, state: State, now_ns: int, control: Callable[[], object] | None) -> Command:
         """Answer a STATE. `control` is the first control function, None while the task is not active.
@@ -90,8 +168,9 @@ class RobotCycle:
             Exception: whatever `control` raises.
         """
         chg, robot = self._td.chg, state.robot
-        if self._seq is None:  # what the hand holds stays held, and outputs that are kept stay as they are
+        if self._adopts:  # what the hand holds stays held, and outputs that are kept stay as they are
             chg.hand, chg.outputs = robot.hand, robot.outputs
+            self._adopts = False
         self._count(state.seq)
         self._td.how = robot
         self._heard.append(robot)
@@ -102,14 +181,25 @@ class RobotCycle:
                 self._start(robot)
             case CyclePhase.FOLLOWING:
                 self._follow(robot, chg, control)
+            case CyclePhase.STANDING:
+                self._hooks.standing()
             case CyclePhase.STOPPING:
                 self._stop(robot, chg)
         return self._say(chg, state, now_ns)
 
     def _say(self, chg: Chg, state: State, now_ns: int) -> Command:
-        command = chg.command(state, now_ns)
-        self._said = Asked(tuple(command.modes), tuple(command.setpoints))
+        self._said = command = chg.command(state, now_ns)
         return command
+
+    def describe(self) -> None:
+        """Keep up the descriptor of a task that no processor of RCI runs."""
+        words = self._words = self._words or self._td.words.data
+        told = self.phase, self.left_out
+        if told != self._told:
+            self._told = told
+            words[_STATE], words[_MISSED] = _STATES[self.phase], self.left_out
+        words[_RUNS] += self._runs
+        self._runs = 0
 
     def answer(self, state: State, now_ns: int) -> Command:
         """Answer a STATE that was taken in already, after something went wrong."""
@@ -118,11 +208,20 @@ class RobotCycle:
         return self._say(self._td.chg, state, now_ns)
 
     def _count(self, seq: int) -> None:
-        self.left_out += 0 if self._seq is None else (seq - self._seq - 1) % _SEQ_MODULUS
+        """Samples that were left out count, and the number on the wire wraps."""
+        passed = 1 if self._seq is None else (seq - self._seq) % _SEQ_MODULUS
+        self.samples += passed
+        self.left_out += (passed - 1) % _SEQ_MODULUS
         self._seq = seq
 
     def _power(self, robot: RobotState, chg: Chg, now_ns: int) -> None:
-        if self._power_up.step(robot, chg):
+        try:
+            holds = self._power_up.step(robot, chg)
+        except ServoFault as fault:
+            self._hooks.stopped(fault)
+            return
+        if holds:
+            self._hooks.held()
             chg.stream = (now_ns >> 20) % _SEQ_MODULUS  # any number that no earlier run had
             chg.go_to(robot.q_setpoint)
             self.phase = CyclePhase.STARTING
@@ -132,69 +231,36 @@ class RobotCycle:
         if robot.mode == Mode.TRACKING:
             self.phase = CyclePhase.FOLLOWING
         elif robot.mode != Mode.HOLDING or self._waited_s > START_S:
-            raise servo_fault(robot, "the servo does not follow the setpoints", self._heard)
+            self._hooks.stopped(servo_fault(robot, "the servo does not follow the setpoints", self._heard))
+            return
+        self._hooks.starting()
 
     def _follow(self, robot: RobotState, chg: Chg, control: Callable[[], object] | None) -> None:
         if robot.mode != Mode.TRACKING:
-            raise servo_fault(robot, "the servo stopped the arm", self._heard)
-        if control is not None:
+            what = f"the servo stopped the arm{self._hooks.remark()}"
+            self._hooks.stopped(servo_fault(robot, what, self._heard))
+        elif control is not None:
             self._control(chg, control)
 
     def _control(self, chg: Chg, control: Callable[[], object]) -> None:
         """Call the control function; what it says of hand and outputs is forgotten when it cannot be."""
         lines, stream = (chg.hand, chg.outputs), chg.stream
         try:
+            self._runs += 1
             control()
-            chg.modes, chg.setpoints = check_chg(self._td.name, chg, self._data, self._said, self._period_s)
+            if self._judged:
+                self.judge()
         except BaseException:
             chg.hand, chg.outputs = lines
             raise
         finally:
             chg.stream = stream  # which names this run of setpoints, for the servo
 
+    def judge(self) -> None:
+        """Judge what `chg` asks for. Raises what `check_chg` does."""
+        chg = self._td.chg
+        chg.modes, chg.setpoints = check_chg(self._td.name, chg, self._data, self._said, self._period_s)
+
     def _stop(self, robot: RobotState, chg: Chg) -> None:
         if self._power_down.step(robot, chg):
             self.phase = CyclePhase.LEFT
-
-
-class Asked(NamedTuple):
-    """Modes and setpoints of one command, which nobody can change in place."""
-
-    modes: tuple[int, ...]
-    setpoints: tuple[float, ...]
-
-
-def check_chg(name: str, chg: Chg, data: RobotData, before: Asked, period_s: float) -> Asked:
-    """Judge what a control function asks for, `before` being what went out at the sample before; returns its copy.
-
-    Raises:
-        MotionError: no setpoints of this arm, no such hand or outputs, a torque beyond its limit, a number that is
-            none, or a joint that would be too fast.
-        JointLimit: a position outside the range. FenceCrossed: one from which the arm could not stop before a fence.
-    """
-    whole = all(isinstance(number, Integral) for number in (chg.hand, chg.outputs))
-    if not whole or chg.hand not in list(Hand) or not 0 <= chg.outputs <= ALL_OUTPUTS:
-        raise MotionError(f"task {name}: hand {chg.hand!r} and outputs {chg.outputs!r}, 0 to 2 and 16 bits exist")
-    modes, setpoints = np.array(chg.modes), np.array(chg.setpoints, dtype=np.float64)  # copies, which are judged
-    if (
-        modes.dtype.kind not in "iu"
-        or modes.shape != (data.n,)
-        or setpoints.shape != (data.n,)
-        or not np.isin(modes, list(JointMode)).all()
-    ):
-        raise MotionError(f"task {name}: chg needs a mode and a setpoint for each of {data.n} joints")
-    positions, torques = modes == JointMode.POSITION, modes == JointMode.TORQUE
-    data.limits.check_position(np.where(positions, setpoints, data.limits.q_min), f"task {name}")
-    excess = torques & ~(np.abs(setpoints) <= data.tau_max)
-    if excess.any():
-        j = int(excess.argmax())
-        raise MotionError(f"task {name}: {setpoints[j]:.4g} on joint {j + 1}, at most {data.tau_max[j]:.4g} allowed")
-    if not np.isfinite(setpoints).all():
-        raise MotionError(f"task {name}: setpoints {setpoints.tolist()} are no finite numbers")
-    went_on = positions & (np.asarray(before.modes) == JointMode.POSITION)
-    step = np.where(went_on, setpoints - np.asarray(before.setpoints), 0.0)
-    data.limits.check_velocity(step / period_s, f"task {name}", "make smaller steps from sample to sample")
-    if data.fences is not None and went_on.all():
-        stop = data.limits.a_stop
-        check_setpoints(data.fences, f"task {name}", setpoints - step, setpoints, stop, period_s)
-    return Asked(tuple(modes.tolist()), tuple(setpoints.tolist()))

@@ -13,6 +13,8 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Final, Protocol
 
 from qrobot.errors import LinkError, LinkLost, LinkTimeout, MotionError
+from qrobot.rci import arm_tasks
+from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.link import Link
 from qrobot.rci.program_time import NO_WAIT, Rank
 from qrobot.rci.robot_samples import RELEASED, RobotSamples
@@ -29,9 +31,11 @@ class SampledTask(Protocol):
     """A program's hold of one robot, which knows no clock, no link and no thread.
 
     Attributes:
+        td: its descriptor.
         period_s: sample period.
     """
 
+    td: TaskDescriptor
     period_s: float
 
     @property
@@ -111,6 +115,12 @@ def driver_for(
     return VirtualDriver(link, task, before.rank if isinstance(before, VirtualDriver) else None)
 
 
+def end_badly(td: TaskDescriptor, error: BaseException) -> None:
+    """A hold has ended before its time: whoever has its descriptor sees so."""
+    td.error, td.words[TaskWord.STATE] = error, TaskState.ENDED
+    arm_tasks.let_go(td)
+
+
 class VirtualDriver:
     """See `SampleDriver`: time passes inside `wait`.
 
@@ -133,6 +143,8 @@ class VirtualDriver:
 
     def start(self) -> None:
         """See `SampleDriver.start`."""
+        self._task.td.begin()
+        arm_tasks.hold(self._task.td)
         self._samples.begin(self._task.period_s)
 
     def fail(self, error: BaseException) -> None:
@@ -149,6 +161,7 @@ class VirtualDriver:
 
     def end(self) -> None:
         """See `SampleDriver.end`."""
+        arm_tasks.let_go(self._task.td)
         self._samples.end()
         self._link.close("program ended")
 
@@ -156,6 +169,7 @@ class VirtualDriver:
         self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
 
     def _failed(self, error: BaseException) -> None:
+        end_badly(self._task.td, error)
         self._link.close(str(error))
         self._task.lost()
 
@@ -206,6 +220,8 @@ class ThreadDriver:
 
     def start(self) -> None:
         """Start the thread, which has the interpreter when a sample is due."""
+        self._task.td.begin()
+        arm_tasks.hold(self._task.td)
         self.share.begin()
         self._thread.start()
 
@@ -282,9 +298,11 @@ class ThreadDriver:
             reason = str(error)
             with self._sampled:
                 self.error = error
+                end_badly(self._task.td, error)
                 self._task.lost()
                 self._sampled.notify_all()
         finally:
+            arm_tasks.let_go(self._task.td)
             self._link.close(reason)
 
     def _answer_states(self) -> None:

@@ -58,6 +58,10 @@ class TaskTable:
         """Let all know a task."""
         self._by_name[td.name] = td
 
+    def knows(self, name: str) -> bool:
+        """True when there is a task of that name."""
+        return name in self._by_name
+
     def find(self, name: str) -> TaskDescriptor:
         """The descriptor of a name. Raises ConfigError: there is no such task."""
         if name not in self._by_name:

@@ -62,6 +62,7 @@ class VirtualProcessors:
         for runner in self._monitors[processor].runners:
             if runner.td.bit not in self._ranks:
                 self._ranks[runner.td.bit] = self._time.rank(self._place(processor), runner.td.priority)
+                self._time.reorder()
 
     def _place(self, processor: str) -> int:
         """The place of a processor in the order of all, of which "host" is the first."""

@@ -10,7 +10,7 @@ import pytest
 from qrobot import rccl, rci
 from qrobot.arcl.machine import MachineSettings, machine
 from qrobot.config import load_robot
-from qrobot.errors import LinkLost, MotionError
+from qrobot.errors import ConfigError, LinkLost, MotionError
 from qrobot.rccl.offline import OfflineLink
 from qrobot.wire import Hello
 
@@ -75,6 +75,30 @@ def test_a_sample_passes_for_the_arm_and_none_is_left_behind_when_the_program_wa
     rci.rci_start(counted.bit)
     rci.rci_wait(lambda: counted.runs > 28)
     assert arm.time - begun == 280.0
+
+
+def test_a_task_finds_the_descriptor_of_the_trajectory_task_by_the_name_of_the_arm(arm: rccl.Channel) -> None:
+    heard: list[tuple[int, bool, int]] = []
+
+    def look(_td: rci.TaskDescriptor) -> None:
+        trajectory = rci.rci_descriptor("puma560")
+        heard.append((trajectory.how.t_ns, trajectory.active, trajectory.runs))
+
+    looks = task("looks", look, SAMPLE_TICKS)
+    rci.rci_start(looks.bit)
+    rci.rci_wait(lambda: looks.runs == 4)
+    assert np.diff([t_ns for t_ns, _, _ in heard]).tolist() == [28_000_000] * 3
+    assert [active for _, active, _ in heard] == [True] * 4
+    assert np.diff([runs for _, _, runs in heard]).tolist() == [1] * 3
+    trajectory = rci.rci_descriptor("puma560")
+    with pytest.raises(ConfigError, match="names no control task"):
+        rci.rci_start(trajectory.bit)
+    with pytest.raises(ConfigError, match="no task 'puma560'"):
+        rci.rci_control(trajectory, look)
+    arm.release()
+    assert trajectory.state is rci.TaskState.RELEASED
+    with pytest.raises(ConfigError, match="no task 'puma560'"):
+        rci.rci_descriptor("puma560")
 
 
 def test_nobody_waits_while_time_passes(arm: rccl.Channel) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
-from qrobot.errors import ServoFault
+from qrobot.errors import JointLimit, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, newtrans, t6
 from qrobot.rccl.offline import OfflineLink
@@ -125,6 +125,17 @@ def test_what_a_function_of_every_sample_raises_reaches_the_program(robot) -> No
         with pytest.raises(LookupError, match="no sensor"):
             arm.waitas(lambda: False)
     assert robot.goodbyes
+
+
+def test_what_a_function_asks_of_joints_is_judged_before_it_goes_out(robot) -> None:
+    """As what a control function of RCI asks for; a function that leaves the joints to the motions is not judged."""
+    with rccl.control() as arm:
+        arm.each_sample(lambda: arm.chg.go_to(tuple(np.add(PARK, (0.0005, 0.0, 0.0, 0.0, 0.0, 0.0)))))
+        arm.waitas(lambda: arm.how.q[0] > PARK[0] + 0.0004)
+        arm.each_sample(lambda: arm.chg.go_to((9.0, *PARK[1:])))
+        with pytest.raises(JointLimit, match="task puma560"):
+            arm.waitas(lambda: False)
+    assert max(command.setpoints[0] for command in robot.commands) < PARK[0] + 0.001
 
 
 def test_no_sample_passes_while_update_calls_functions() -> None:

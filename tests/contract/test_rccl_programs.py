@@ -274,7 +274,7 @@ def test_a_fault_of_our_own_in_the_generator_thread_reaches_the_program(monkeypa
     fake = FakeRobot(PARK, period_us=4_000, patience=PATIENCE)
     with in_real_time(fake):
         arm = rccl.control()
-        monkeypatch.setattr(arm._task, "_track", lambda _robot: 1 / 0)
+        monkeypatch.setattr(arm._task, "_generate", lambda: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             arm.waitas(lambda: False)
         wait_until(lambda: fake.goodbyes)

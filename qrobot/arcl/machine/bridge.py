@@ -22,7 +22,7 @@ from qrobot.arcl.stream import RecordKind, StreamWriter
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError
 from qrobot.motion import MotionLimits
-from qrobot.rci.descriptor import HOST, TaskDescriptor, local_area
+from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
@@ -34,7 +34,6 @@ from qrobot.wire import Command, RobotState, State, Welcome
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, Hand
 
 _HANDS: Final = {Grip.GRIP_OPEN: Hand.OPEN, Grip.GRIP_CLOSE: Hand.CLOSED, Grip.GRIP_RELAX: Hand.RELAXED}
-_TASK_BIT: Final = 2  # the first behind the program's own
 
 
 class BridgeMachine:
@@ -59,7 +58,7 @@ class BridgeMachine:
         self.virtual_time = self._link.virtual_time
         self.period_s = 0.0  # as the bridge says when it is greeted
         self._data = RobotData(settings.robot)
-        self._td = TaskDescriptor(settings.robot.name, _TASK_BIT, HOST, local_area(), self._data)
+        self.td = TaskDescriptor(settings.robot.name, NO_BIT, HOST, local_area(), self._data)
         self._cycle: SetpointCycle | None = None
         self._driver: SampleDriver | None = None
         self._error: BaseException | None = None  # that no driver has met
@@ -106,7 +105,7 @@ class BridgeMachine:
             if self._driver is not None:
                 self._driver.end()
             raise
-        return np.array(self._td.chg.setpoints) - self._settings.zero
+        return np.array(self.td.chg.setpoints) - self._settings.zero
 
     def narrow(self, limits: MotionLimits) -> MotionLimits:
         """See `RobotMachine.narrow`: the servo has those of the robot file."""
@@ -147,12 +146,12 @@ class BridgeMachine:
         if command not in _HANDS:
             name = Grip(command).name
             raise MotionError(f"{name}: this hand opens, closes and relaxes; it has no positions to go to")
-        self._td.chg.hand = _HANDS[Grip(command)]
+        self.td.chg.hand = _HANDS[Grip(command)]
         self._write(RecordKind.GRIPPER, np.array([command, value]))
 
     def write_outputs(self, first: int, count: int, value: int) -> None:
         """See `RobotMachine.write_outputs`."""
-        self._td.chg.outputs = set_bits(self._td.chg.outputs, first, count, value)
+        self.td.chg.outputs = set_bits(self.td.chg.outputs, first, count, value)
         self._write(RecordKind.OUTPUT, np.array([first, count, value], dtype=np.float64))
 
     def close(self, power_off: bool) -> None:
@@ -185,7 +184,7 @@ class BridgeMachine:
         """Begin the conversation. Raises LinkError: the bridge has another robot."""
         check_welcome(welcome, self._settings.robot, "the program")
         self.period_s = welcome.period_us * 1e-6
-        self._robot = RobotCycle(self._td, self._data, self.period_s, self._settings.clear_fault)
+        self._robot = RobotCycle(self.td, self._data, self.period_s, self._settings.clear_fault)
 
     @property
     def left(self) -> bool:
@@ -194,7 +193,9 @@ class BridgeMachine:
 
     def step(self, state: State, now_ns: int) -> Command:
         """See `SampledTask.step`."""
-        return self._robot.step(state, now_ns, None if self._cycle is None else self._control)
+        command = self._robot.step(state, now_ns, None if self._cycle is None else self._control)
+        self._robot.describe()
+        return command
 
     def lose_link(self, lost: LinkError) -> None:
         """See `SampledTask.lose_link`. Raises `lost`, always."""
@@ -210,9 +211,9 @@ class BridgeMachine:
         """Ask the generator for setpoints; the robot's cycle checks them."""
         if self._cycle is None:
             return
-        self.sample = self._sample_of(self._td.how)
+        self.sample = self._sample_of(self.td.how)
         q = self._cycle(self.sample)
-        self._td.chg.go_to(tuple((q + self._settings.zero).tolist()))
+        self.td.chg.go_to(tuple((q + self._settings.zero).tolist()))
         self._write(RecordKind.MEASURED, self.sample.q)
         self._write(RecordKind.JOINTS, q)
 
