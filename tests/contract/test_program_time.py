@@ -12,7 +12,10 @@ from qrobot.arcl.machine import MachineSettings, machine
 from qrobot.config import load_robot
 from qrobot.errors import ConfigError, LinkLost, MotionError
 from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import TcpLink
 from qrobot.wire import Hello
+from tests.support.fake_robot import FakeRobot, SocketRobot
+from tests.support.patience import give_time, wait_until
 
 ROBOT = load_robot("puma560")
 SAMPLE_TICKS = 28  # of the clock of 1000 Hz; the arm's sample period is 28 ms
@@ -149,3 +152,26 @@ def test_a_wait_for_an_arm_that_was_let_go_says_so() -> None:
         arm.release()
         with pytest.raises(LinkLost, match="released: nothing can happen"):
             arm.waitas(lambda: False)
+
+
+@pytest.mark.realtime
+def test_in_real_time_a_slow_task_does_not_delay_the_arm_beside_it() -> None:
+    """The arm has a thread of its own; the processor `host` another."""
+    fake = FakeRobot(tuple(ROBOT.poses["park"].tolist()), name="puma560", period_us=4_000, patience=100_000)
+    with SocketRobot(fake) as server:
+        link = lambda hello: TcpLink(hello, ("test", 0), lambda _: server.socket)  # noqa: E731
+        with rccl.use(link), rci.use(link, virtual_time=False), rccl.control() as arm:
+            beside: list[int] = []
+
+            def linger(_td: rci.TaskDescriptor) -> None:
+                first = arm.how.t_ns
+                give_time(0.1)
+                beside.append(arm.how.t_ns - first)
+
+            slow = task("slow", linger, 2)
+            rci.rci_start(slow.bit)
+            rci.rci_wait(lambda: slow.runs >= 2)
+            assert rci.rci_descriptor("puma560").active
+            rci.rci_close()
+        wait_until(lambda: fake.goodbyes)
+    assert min(beside) > 4_000_000  # samples of the arm passed while the task ran

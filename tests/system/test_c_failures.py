@@ -151,7 +151,7 @@ def test_a_program_waits_for_its_arm_to_come_to_rest_unless_it_is_interrupted_tw
         int parent = getpid(), left = %d;
         %s
         if (!fork()) {
-            while (left-- && getppid() == parent) { kill(parent, SIGINT); creat("%s", 0600); usleep(20000); }
+            while (left-- && getppid() == parent) { creat("%s", 0600); kill(parent, SIGINT); usleep(20000); }
             _exit(0);
         }
         for (;;) pause();

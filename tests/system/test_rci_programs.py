@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot import rci
+from qrobot import rccl, rci
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.modecodes import Mode
+from qrobot.rccl.offline import OfflineLink
+from qrobot.rci import LinkFactory
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from tests.support.puma import PARK, ROBOT
@@ -98,6 +100,25 @@ def test_a_hybrid_controller_in_the_place_of_the_generator_makes_a_spring_of_one
     assert "joint 1 has gone" in capsys.readouterr().out
 
 
+def test_an_arm_of_rccl_follows_what_a_camera_task_of_rci_sees(capsys: pytest.CaptureFixture[str]) -> None:
+    """Off line to the same number each time; in lock-step the servo is up to two samples later."""
+
+    def followed(link: LinkFactory) -> tuple[float, float]:
+        with rccl.use(link), rci.use(link):
+            runpy.run_path(str(EXAMPLES / "25_camera_task.py"), run_name="__main__")
+        speed, distance = re.findall(r"([0-9.]+) mm", capsys.readouterr().out)
+        return float(speed), float(distance)
+
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0))
+    runs = [followed(link) for link in (OfflineLink, OfflineLink, partial(link_factory, rig, 28_000))]
+    assert runs[0] == runs[1]
+    assert [speed for speed, _ in runs] == pytest.approx([60.0] * 3, abs=1.0)
+    sample = 60.0 * 0.028  # mm of the belt
+    assert runs[0][1] == pytest.approx(sample, abs=0.5)  # and the camera's pixel
+    assert sample < runs[2][1] < 3 * sample
+    assert not rig.rows()["fault"].any()
+
+
 @pytest.mark.realtime
 def test_the_table_of_two_tasks_in_real_time_has_both_in_turn_s10(capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(EXAMPLES / "15_rci_tasks.py"), run_name="__main__")
@@ -108,7 +129,7 @@ def test_the_table_of_two_tasks_in_real_time_has_both_in_turn_s10(capsys: pytest
 
 
 FAILING = """
-from qrobot import rci
+from qrobot import rccl, rci
 from tests.support.rci_compiled import fail
 
 td = rci.rci_create("filter", "compiled")
