@@ -62,7 +62,7 @@ RING_ROWS = 16
 FRAME_NS = 28_000_000
 FIRST_COUNTER = IMAGE_ENC_COUNT
 WORD_MASK = 0xFFFF
-LANES = tuple((lane, lane.value) for lane in Lane)
+LANES = tuple(Lane)
 
 
 @lean_kernel
@@ -72,12 +72,18 @@ def cycle_of_blocks(params: Any, state: Any, mail: Any, ring: Any, board: Any, n
 
 
 @lean_kernel
-def take_lane(board: Any, lane: int, operations: Any) -> int:
-    """Take all that was posted to one lane; its number."""
-    taken = 0
-    while taken < operations.shape[0] and take_operation(board, lane, operations[taken]):
-        taken += 1
-    return taken
+def publish_in_block(board: Any, image: Any) -> None:
+    """`publish_image` for a call from Python."""
+    publish_image(board[0], image)
+
+
+@lean_kernel
+def take_lanes(board: Any, operations: Any, taken: Any) -> None:
+    """Take all that was posted to the lanes of a block; how many of each. Shapes (lanes, k, OP_FIELDS), (lanes,)."""
+    for lane in range(taken.size):
+        taken[lane] = 0
+        while taken[lane] < operations.shape[1] and take_operation(board[0], lane, operations[lane, taken[lane]]):
+            taken[lane] += 1
 
 
 def callable_block(record: Any) -> Any:
@@ -193,10 +199,12 @@ class ServoBench:
         self._rows: list[NDArray[np.int64]] = []
         self._transmission = transmission_params(self.robot)
         self._counts = np.zeros(n, dtype=np.int64)
-        self._operations = np.zeros((LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
+        self._operations = np.zeros((len(Lane), LANE_CAPACITY, OP_FIELDS), dtype=np.int64)
+        self._taken = np.zeros(len(Lane), dtype=np.int64)
         self._blocks = callable_block(in_python(self.params)), callable_block(self.state)
         # Views, taken once: to find a field of a record by its name takes Python longer than a cycle takes.
         self._row, self._q_ref = view_words(self.state.row), self.state.q_ref
+        self._published = self.mailbox.memory.published.state
 
     @property
     def law(self) -> Law:
@@ -255,9 +263,11 @@ class ServoBench:
 
     def collect(self) -> None:
         """The board applies what was posted, lane by lane."""
-        for lane, number in LANES:
-            taken = 0 if self.deaf else take_lane(self.board, number, self._operations)
-            for kind, offset, value in self._operations[:taken].tolist():
+        if self.deaf:
+            return
+        take_lanes(callable_block(self.board), self._operations, self._taken)
+        for lane, taken, operations in zip(LANES, self._taken.tolist(), self._operations, strict=True):
+            for kind, offset, value in operations[:taken].tolist():
                 self._apply(lane, kind, offset, value)
 
     def _apply(self, lane: Lane, kind: int, offset: int, value: int) -> None:
@@ -277,15 +287,15 @@ class ServoBench:
 
     @property
     def mode(self) -> Mode:
-        return Mode(self.snapshot.mode)
+        return Mode(int(self._published["mode"]))
 
     @property
     def event(self) -> FaultCode:
-        return FaultCode(self.snapshot.event)
+        return FaultCode(int(self._published["event"]))
 
     @property
     def fault(self) -> FaultCode:
-        return FaultCode(self.snapshot.fault)
+        return FaultCode(int(self._published["fault"]))
 
     @property
     def snapshot(self) -> ServoSnapshot:
@@ -327,7 +337,7 @@ class ServoBench:
         for joint, slipped in self.slip.items():
             counts[joint] += slipped
         image[FIRST_COUNTER : FIRST_COUNTER + counts.size] = counts & WORD_MASK
-        publish_image(self.board, image)
+        publish_in_block(callable_block(self.board), image)
 
 
 def writes_at(bench: ServoBench, t_ns: int) -> list[tuple[int, int]]:
