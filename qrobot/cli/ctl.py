@@ -28,6 +28,11 @@ An arm has one commander: while a program commands it over the bridge, only `sto
 Everybody may look.
 """
 
+PATH_WAITS: Final = (
+    "A program waits to go back to its path: put right what stopped the arm, look that nothing is in between, "
+    "then `qrobot ctl resume`."
+)
+
 app = App(name="ctl", help=HELP, help_format="plaintext", group_commands="Commands")
 
 
@@ -93,6 +98,8 @@ def status(*, where: Where | None = None) -> int:
         write_json(now.model_dump())
         return SUCCESS
     out.print(_line(now), soft_wrap=True)
+    if now.path_waits:
+        out.print(PATH_WAITS, soft_wrap=True)
     print_table(_joints(robot_of_arm(chosen), now))
     out.print(_lines_line(now), soft_wrap=True)
     if any(value is not None for value in now.force):

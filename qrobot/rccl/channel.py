@@ -25,8 +25,9 @@ from qrobot.rccl.position import Position, require_position, there
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace, add_trace
+from qrobot.rccl.way_back import WayBackLimit
 from qrobot.rci import Chg, Link
-from qrobot.units import M_PER_MM, NS_PER_MS, RAD_PER_DEG, S_PER_MS
+from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG, S_PER_MS
 from qrobot.wire import RobotState
 
 YES: Final = 1
@@ -309,15 +310,28 @@ class Channel(MotionParameters, HandAndOutputs):
         """
         self._task.resume()
 
-    def keep_path(self, keep: bool = True) -> None:
+    def keep_path(self, keep: bool = True, way_back_mm: float | None = None, way_back_deg: float | None = None) -> None:
         """Let motions outlive a stop of the servo, and a bridge that comes back: they wait until somebody confirms.
 
         Instead of ServoFault or LinkLost the program sees them stand still (`kept` tells why). After `resume`, or
         `qrobot ctl resume`, a fault is cleared, the arm gets power and goes back to its path at a tenth of its speed,
         as joints go, and the motions go on where they were left. Not kept are motions to goals that move or give way,
         those of a group or being stopped, and setpoints that are played; and `stop` and `release` give the path up.
+
+        The arm is led back where its flange, straight for the joints, has no more than `way_back_mm` to go (300 when
+        left out) and no joint turns by more than `way_back_deg` (45). Else it waits on, and `kept` tells how far it is;
+        another `keep_path` may allow more meanwhile.
+
+        Raises:
+            MotionError: no such distance or angle.
         """
-        self._task.keeps_path = keep
+        usual = WayBackLimit()
+        told = (usual.way_m * MM_PER_M if way_back_mm is None else way_back_mm,
+                usual.turn * DEG_PER_RAD if way_back_deg is None else way_back_deg)  # fmt: skip
+        way_mm, turn_deg = numbers("keep_path", *told)
+        if way_mm < 0.0 or turn_deg < 0.0:
+            raise MotionError(f"keep_path({way_mm:g} mm, {turn_deg:g} deg): a way back is no shorter than 0")
+        self._task.keeps_path, self._task.way_back = keep, WayBackLimit(way_mm * M_PER_MM, turn_deg * RAD_PER_DEG)
 
     @property
     def kept(self) -> str:

@@ -28,7 +28,8 @@ class KeptPath:
         fault: that the program is told when it gives the path up.
 
     Attributes:
-        fault: as given.
+        fault: as given, or what has stopped the arm since.
+        refusal: why the arm was not led back when that was confirmed last; None when it was not refused.
         confirmed: the arm may be led back.
         given_up: the program wants to stop, so the path is of no use any more.
     """
@@ -36,6 +37,7 @@ class KeptPath:
     def __init__(self, generator: Generator, tick: int, fault: ServoFault | LinkError) -> None:
         generator.stand_still(tick)
         self.fault = fault
+        self.refusal: MotionError | None = None
         self.confirmed = self.given_up = False
         self._generator = generator
         self._back: Generator | None = None
@@ -48,7 +50,18 @@ class KeptPath:
 
     def wait_again(self, fault: ServoFault | LinkError) -> None:
         """Wait for somebody to confirm, as the servo has stopped the arm, or stopped it once more, with `fault`."""
-        self.fault, self.confirmed, self._back = fault, False, None
+        self.fault, self.refusal, self.confirmed, self._back = fault, None, False, None
+
+    @property
+    def reason(self) -> Exception:
+        """Reason for which the arm stands off its path."""
+        return self.fault if self.refusal is None else self.refusal
+
+    def judge(self, objection_to: Callable[[Floats], MotionError | None]) -> bool:
+        """Whether an arm that may go back is near enough to the last setpoint; else it waits for another word."""
+        self.refusal = objection_to(self._generator.newest)
+        self.confirmed = self.refusal is None
+        return self.confirmed
 
     def give_up(self, seconds: float) -> None:
         """Stop on the way back, in at least `seconds`; what waits on the path will not be done."""

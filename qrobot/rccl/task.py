@@ -39,6 +39,7 @@ from qrobot.rccl.setpoint_player import SetpointPlayer
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
+from qrobot.rccl.way_back import WayBackLimit
 from qrobot.rci import RobotData, TaskDescriptor
 from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
@@ -69,6 +70,7 @@ class TrajectoryTask:
         override: the program's speed override, 0 to 1; that of the operator counts besides.
         paused: the program wants its motions to stand still on their path.
         keeps_path: a stop of the servo does not end the program's hold; its motions wait until somebody confirms.
+        way_back: how far the arm is led back to its path.
         fences: that the arm keeps off, None for none.
         each_sample: called at each sample once the command is made up, before it goes out.
         group: the arms that move together with this one, None for an arm by itself.
@@ -93,7 +95,7 @@ class TrajectoryTask:
         self.completed = Level("completed", 1)
         self._tick_before = 0  # the first sample
         self.override, self.paused = FULL_SPEED, False
-        self.keeps_path = False
+        self.keeps_path, self.way_back = False, WayBackLimit()
         self._kept: KeptPath | None = None
         self.each_sample: Callable[[], object] | None = None
         self._robot = robot
@@ -250,9 +252,9 @@ class TrajectoryTask:
             self._kept.confirmed = True
 
     @property
-    def kept(self) -> ServoFault | LinkError | None:
-        """Fault for which the arm stands off its kept path, until somebody confirms that it may go back."""
-        return None if self._kept is None or self._kept.confirmed else self._kept.fault
+    def kept(self) -> Exception | None:
+        """Reason for which the arm stands off its kept path, until somebody confirms that it may go back."""
+        return None if self._kept is None or self._kept.confirmed else self._kept.reason
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
@@ -330,6 +332,7 @@ class TrajectoryTask:
             raise fault
         self._kept.wait_again(fault)
         self._cycle.stand()
+        self.chg.path_waits = True
 
     def _may_keep(self, generator: Generator) -> bool:
         return self.keeps_path and self.group is None and self._player is None and generator.keepable
@@ -340,8 +343,14 @@ class TrajectoryTask:
             return
         self._kept.hear(self.how)
         self.insist()
-        if self._kept.confirmed:
+        if self._kept.confirmed and self._kept.judge(self._way_objection):
             self._cycle.take_again(self.how.powered)
+        self.chg.path_waits = self.kept is not None
+
+    def _way_objection(self, goal: Floats) -> MotionError | None:
+        if self.how is None:
+            return None
+        return self.way_back.objection(self._robot, self.motions.arm.forward, np.array(self.how.q), goal)
 
     def _generate(self) -> None:
         how, tick = self.how, self.tick

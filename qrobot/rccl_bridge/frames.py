@@ -67,4 +67,5 @@ class FrameMaker:
             hold_to_run=command.hold_to_run,
             key_held=command.key_held,
             signals=command.signals,
+            path_waits=command.path_waits,
         )

@@ -25,10 +25,11 @@ class Lease:
 
     Attributes:
         refusal: why the last `take` failed, in words for people.
+        path_waits: the holder waits for somebody to confirm that the arm may go back to its path.
     """
 
     def __init__(self, authority: ArmAuthority | None = None) -> None:
-        self.refusal = ""
+        self.refusal, self.path_waits = "", False
         self._authority = authority
         self._label = ""
         self._holder: object = None
@@ -57,7 +58,7 @@ class Lease:
         """Let go; False when `who` did not hold it."""
         if self._holder is not who or who is None:
             return False
-        self._holder, self._label = None, ""
+        self._holder, self._label, self.path_waits = None, "", False
         if self._authority is not None:
             self._authority.release()
         return True

@@ -248,6 +248,7 @@ def _pass_on_requests(mailbox: ServoMailbox, frame: SetpointFrame) -> None:
         mailbox.request_power(False)
     mailbox.request_hand(frame.hand)
     mailbox.request_outputs(frame.outputs, frame.t_ns)
+    mailbox.tell_path_waits(frame.t_ns if frame.path_waits else 0)
     if frame.clear_fault:
         mailbox.request_clear()
     if frame.stop:

@@ -28,6 +28,7 @@ class SetpointFrame:
         outputs: bits of the binary outputs.
         hold_to_run: the stream moves the arm only while a key is held. key_held: it is held now.
         signals: numbers that the program tells, NaN for none. Shape (8,).
+        path_waits: the program waits for somebody to confirm that the arm may go back to its path.
     """
 
     stream: int
@@ -44,6 +45,7 @@ class SetpointFrame:
     hold_to_run: bool = False
     key_held: bool = False
     signals: tuple[float, ...] = NO_SIGNALS
+    path_waits: bool = False
 
 
 class RobotPort(Protocol):

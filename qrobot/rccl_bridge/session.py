@@ -215,6 +215,7 @@ class Session:
         self._heard_ns = now_ns
         if self._frames is None or self._servo_gone:
             return []
+        self._lease.path_waits = command.path_waits
         frame = self._frames.make(command, self._connection.received.newest or 0, now_ns)
         return [Forward(frame)] if frame is not None else _stop_if_asked(command)
 
@@ -266,6 +267,7 @@ class Session:
             dropped=self._connection.received.refused + self.invalid,
             you_command=self._frames is not None,
             commanded=self._lease.taken,
+            path_waits=self._lease.path_waits,
         )
         return [SendBytes(self._connection.send(state))]
 

@@ -34,6 +34,7 @@ class Chg:
     hold_to_run: bool = False
     key_held: bool = False
     signals: Values = NO_SIGNALS
+    path_waits: bool = False
 
     def __post_init__(self) -> None:
         self.hold()
@@ -69,6 +70,7 @@ class Chg:
         command = Command(
             state.seq, self.modes, self.setpoints, self.power, self.clear_fault, self.stop, self.stream, self.hand,
             self.outputs, state.seq, t_ns, self.hold_to_run, self.key_held, self.signals,
+            self.path_waits,
         )  # fmt: skip
         self.clear_fault = self.stop = self.key_held = False
         return command

@@ -51,9 +51,10 @@ LONGEST_AUTH: Final = 1024
 _FIRST: Final = 7  # fields of the header
 _POWER, _CLEAR, _STOP = int(Request.POWER), int(Request.CLEAR_FAULT), int(Request.STOP)
 _HOLD_TO_RUN, _KEY_HELD = int(Request.HOLD_TO_RUN), int(Request.KEY_HELD)
-_YOU, _SOMEBODY = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED)
+_PATH_WAITS = int(Request.PATH_WAITS)
+_YOU, _SOMEBODY, _WAITS = int(RobotFlag.YOU_COMMAND), int(RobotFlag.COMMANDED), int(RobotFlag.PATH_WAITS)
 _U32: Final = 0xFFFFFFFF
-_SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY)
+_SERVO_FLAGS: Final = _U32 & ~(_YOU | _SOMEBODY | _WAITS)
 _WRAPPING: Final = frozenset(row.name for row in rows_of(StateTable) if row.wraps)
 
 
@@ -133,7 +134,7 @@ def _encode_command(packet: Command) -> bytes:
     if len(packet.signals) != N_SIGNALS:
         raise LocalProtocolError(f"COMMAND with {len(packet.signals)} signals: {N_SIGNALS} numbers, NaN for none")
     requests = _POWER * packet.power | _CLEAR * packet.clear_fault | _STOP * packet.stop
-    requests |= _HOLD_TO_RUN * packet.hold_to_run | _KEY_HELD * packet.key_held
+    requests |= _HOLD_TO_RUN * packet.hold_to_run | _KEY_HELD * packet.key_held | _PATH_WAITS * packet.path_waits
     return pack(
         layout.COMMAND, n, packet.seq, packet.ack, packet.t_ns, n, packet.hand, requests, packet.stream,
         packet.outputs, *packet.signals, *packet.setpoints, *packet.modes,
@@ -152,6 +153,7 @@ def _decode_command(frame: bytes) -> Command:
     return Command(
         seq, modes, setpoints, bool(requests & _POWER), bool(requests & _CLEAR), bool(requests & _STOP),
         stream, hand, outputs, ack, t_ns, bool(requests & _HOLD_TO_RUN), bool(requests & _KEY_HELD), signals,
+        bool(requests & _PATH_WAITS),
     )  # fmt: skip
 
 
@@ -184,7 +186,8 @@ def _number(packet: State, name: str) -> float:
     if name == "dropped":
         return packet.dropped & _U32
     if name == "flags":
-        return packet.robot.flags & _SERVO_FLAGS | _YOU * packet.you_command | _SOMEBODY * packet.commanded
+        bridge = _YOU * packet.you_command | _SOMEBODY * packet.commanded | _WAITS * packet.path_waits
+        return packet.robot.flags & _SERVO_FLAGS | bridge
     number: float = getattr(packet.robot, name)
     return int(number) & _U32 if name in _WRAPPING else number
 
@@ -200,7 +203,7 @@ def _decode_state(frame: bytes) -> State:
             at = end
     _, dropped, flags = told.pop("joints"), told.pop("dropped"), told.pop("flags")
     robot = RobotState(t_ns=t_ns, flags=flags & _SERVO_FLAGS, **told)
-    return State(seq, robot, ack, dropped, bool(flags & _YOU), bool(flags & _SOMEBODY))
+    return State(seq, robot, ack, dropped, *(bool(flags & each) for each in (_YOU, _SOMEBODY, _WAITS)))
 
 
 def _encode_error(packet: WireError) -> bytes:

@@ -62,6 +62,7 @@ class Command:
         hold_to_run: this stream moves the arm only while a key is held; for as long as the stream lasts.
         key_held: the key is held now; said again at least every 100 ms.
         signals: numbers that the program tells, in the order of the names of its `Signals`; NaN for none. Shape (8,).
+        path_waits: the arm stands off the program's path, and goes back when somebody confirms; for people.
     """
 
     seq: int
@@ -78,6 +79,7 @@ class Command:
     hold_to_run: bool = False
     key_held: bool = False
     signals: Values = NO_SIGNALS
+    path_waits: bool = False
 
     @property
     def n(self) -> int:
@@ -108,6 +110,7 @@ class State:
         dropped: COMMANDs of this client that were refused: repeated, out of order or invalid.
         you_command: this client holds the commander's lease.
         commanded: somebody does.
+        path_waits: their arm stands off its path, until somebody confirms that it may go back.
     """
 
     seq: int
@@ -116,6 +119,7 @@ class State:
     dropped: int = 0
     you_command: bool = False
     commanded: bool = False
+    path_waits: bool = False
 
 
 @dataclass(frozen=True, slots=True)

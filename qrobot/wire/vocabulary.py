@@ -59,6 +59,7 @@ class RobotFlag(IntFlag):
     PAUSED = 64  # the operator wants motions to stand still on their path
     YOU_COMMAND = 0x100
     COMMANDED = 0x200  # somebody commands
+    PATH_WAITS = 0x400  # the commander's arm stands off its path, until somebody confirms that it may go back
 
 
 class Request(IntFlag):
@@ -69,6 +70,7 @@ class Request(IntFlag):
     STOP = 4
     HOLD_TO_RUN = 8
     KEY_HELD = 16
+    PATH_WAITS = 32
 
 
 class ErrorCode(IntEnum):

@@ -190,7 +190,7 @@ def test_nothing_is_told_before_its_time(client: Client) -> None:
     assert len(client.wait(1)) == 1
 
 
-def test_a_state_says_who_commands(port: FakePort, lease: Lease) -> None:
+def test_a_state_says_who_commands_and_whether_their_path_waits(port: FakePort, lease: Lease) -> None:
     observer = Client(port, lease).join(OBSERVER)
     (alone,) = observer.wait(PERIOD_NS)
     commander = Client(port, lease).join()
@@ -199,6 +199,11 @@ def test_a_state_says_who_commands(port: FakePort, lease: Lease) -> None:
     assert [(state.you_command, state.commanded) for state in (alone, watched, own)] == [
         (False, False), (False, True), (True, True),
     ]  # fmt: skip
+    commander.say(replace(MOVE, seq=1, path_waits=True))
+    (waits,) = observer.wait(PERIOD_NS)
+    commander.exchange(commander.session.lose())
+    (gone,) = observer.wait(PERIOD_NS)
+    assert [state.path_waits for state in (watched, waits, gone)] == [False, True, False]
 
 
 def test_a_state_carries_the_sample_and_what_became_of_the_commands(client: Client, port: FakePort) -> None:

@@ -29,9 +29,11 @@ def test_after_a_stop_and_after_a_fault_the_operator_leads_the_arm_back_and_the_
             stands = arm.joints
             arm.waitas(lambda: arm.time > begin + 1e3 * seconds + 300.0)
             assert arm.joints == pytest.approx(stands, abs=0.01)
+            assert rig.mailbox.path_waits(rig.mailbox.snapshot().t_ns)  # what `qrobot ctl status` tells
             stopped.append(arm.joints[0])
             rig.mailbox.request_pause(False)
             arm.waitas(lambda: not arm.kept)
+            arm.waitas(lambda: not rig.mailbox.path_waits(rig.mailbox.snapshot().t_ns))
 
         arm.keep_path()
         end = arm.pose("ready")

@@ -20,6 +20,7 @@ from qrobot.servo.memory.setpoint_queue import make_frame, push_block
 from qrobot.wire import Payload
 
 _READ_TRIES: Final = 20
+WAITING_NS: Final = 500_000_000  # what a program said so long ago of its path does not count: it is gone [A]
 _READ_PAUSE_S: Final = 0.001
 
 
@@ -96,6 +97,15 @@ class ServoMailbox:
     def request_pause(self, paused: bool) -> None:
         """Ask for motions to stand still on their path, or to go on."""
         self.memory.command.paused = int(paused)
+
+    def tell_path_waits(self, t_ns: int) -> None:
+        """A program waits to be led back to its path, as it said at `t_ns` of the servo's clock; 0: it does not."""
+        self.memory.command.path_waits_ns = t_ns
+
+    def path_waits(self, now_ns: int) -> bool:
+        """True while a program says that it waits to be led back to its path."""
+        said_ns = int(self.memory.command.path_waits_ns)
+        return said_ns > 0 and abs(now_ns - said_ns) < WAITING_NS
 
     def request_payload(self, payload: Payload) -> None:
         """Reckon with `payload` from now on; see `servo.payload` for what an arm can carry."""

@@ -124,6 +124,7 @@ class CommandBlock:
     program_signals: Floats = floats(N_SIGNALS)  # numbers that the program tells; NaN for none
     names_told: int = word()  # raised when the names behind have changed
     signal_names: bytes = text(SIGNAL_NAME_BYTES)  # of the program's numbers, a blank between two
+    path_waits_ns: int = word()  # when a program said last that it waits to be led back to its path; 0: it does not
 
 
 class ServoFront:

@@ -201,6 +201,7 @@ class ServoStatus(OperatorMessage):
         outputs: the lines of the deployment by name, true for on.
         board: what became of the way to the board.
         override, paused: what the operator wants of motions: a factor of their speed, to stand still on their path.
+        path_waits: a program waits for somebody to confirm that the arm may go back to its path.
         speed_limit, tool_speed_limit: within which programs plan; see `wire.robot_state`.
         payload_mass: kg, of the payload that the servo reckons with.
         page_faults: how often the loop had to wait for memory since it began.
@@ -234,6 +235,7 @@ class ServoStatus(OperatorMessage):
     outputs: dict[str, bool]
     override: float = 1.0
     paused: bool = False
+    path_waits: bool = False
     speed_limit: float = 1.0
     tool_speed_limit: float = 0.0
     payload_mass: float = 0.0

@@ -250,6 +250,7 @@ class Controls:
             force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
             override=snapshot.override,
             paused=snapshot.paused,
+            path_waits=servo.mailbox.path_waits(snapshot.t_ns),
             speed_limit=snapshot.speed_limit,
             tool_speed_limit=snapshot.tool_speed_limit,
             payload_mass=snapshot.payload_mass,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from random import Random
 
@@ -10,7 +11,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config.fences import Fence
-from qrobot.errors import FenceCrossed, ServoFault
+from qrobot.errors import FenceCrossed, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
@@ -115,7 +116,7 @@ def test_a_program_that_stops_gives_the_path_up_and_is_told_why_the_servo_has_st
     fake: FakeRobot, when: str
 ) -> None:
     with rccl.control("puma560") as arm:
-        arm.keep_path()
+        arm.keep_path(way_back_mm=1000)
         motions(arm)
         arm.waitas(lambda: arm.time > 700)
         fail(fake, "fault")
@@ -162,7 +163,7 @@ def test_a_way_back_through_a_fence_is_an_error_that_moves_nothing(fake: FakeRob
     turned = PARK + np.radians([40.0, 0, 0, 0, 0, 0])
     post = Fence(name="post", shape="box", size_m=(0.1, 0.1, 0.1), position_m=tuple(puma().forward(turned)[:3, 3]))
     with use_fences(FenceSet(ROBOT, [post])), rccl.control("puma560") as arm:
-        arm.keep_path()
+        arm.keep_path(way_back_mm=2000, way_back_deg=120)
         arm.move(arm.jposition("LIFTED", (np.degrees(PARK) + np.array([0, 0, -20, 0, 0, 0])).tolist()))
         arm.waitas(lambda: arm.time > 400)
         fake.halt(FaultCode.STREAM_LOST)
@@ -173,3 +174,40 @@ def test_a_way_back_through_a_fence_is_an_error_that_moves_nothing(fake: FakeRob
         with pytest.raises(FenceCrossed, match=r"the way back to the path.*post"):
             arm.waitfor(arm.completed)
         assert len(fake.path) == followed
+
+
+@pytest.mark.parametrize(
+    ("moved", "told"),
+    [
+        ([0, 0, 0, 0, 0, 90.0], r"\d mm at the flange and 90 deg of flange, 300 mm and 45 deg are allowed"),
+        ([0, 30.0, 0, 0, 0, 0], r"[34]\d\d mm at the flange and 30 deg of shoulder, 300 mm and 45 deg are allowed"),
+    ],
+)
+def test_a_way_back_that_is_too_long_is_refused_before_power_and_waits_until_more_is_allowed(
+    fake: FakeRobot, moved: list[float], told: str
+) -> None:
+    with rccl.control("puma560") as arm:
+        arm.keep_path()
+        end = arm.jposition("LIFTED", (np.degrees(PARK) + np.array([0, 0, -20, 0, 0, 0])).tolist())
+        arm.move(end)
+        arm.waitas(lambda: arm.time > 400)
+        fail(fake, "fault")
+        arm.waitas(lambda: arm.kept)
+        fake.q = tuple(np.array(fake.q) + np.radians(moved) - 0.02)
+        followed, powered = len(fake.path), fake.seq
+        arm.resume()
+        arm.waitas(lambda: "too long" in arm.kept)
+        assert re.search(told, arm.kept)
+        assert (fake.mode, len(fake.path)) == (Mode.FAULT, followed)  # nothing was cleared, nothing moved
+        assert all(command.path_waits for command in fake.commands if powered < command.ack <= fake.seq - 3)
+        arm.keep_path(way_back_mm=1000, way_back_deg=100)
+        arm.resume()
+        arm.waitfor(arm.completed)
+        assert (end.code, arm.kept) == (Termination.COMPLETED, "")
+        assert not fake.commands[-1].path_waits
+
+
+@pytest.mark.parametrize("wrong", [{"way_back_mm": -1.0}, {"way_back_deg": float("nan")}])
+def test_a_way_back_has_a_length_that_can_be(fake: FakeRobot, wrong: dict[str, float]) -> None:
+    with rccl.control("puma560") as arm, pytest.raises(MotionError, match="keep_path"):
+        arm.keep_path(**wrong)

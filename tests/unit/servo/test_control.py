@@ -712,3 +712,11 @@ def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: B
         client.pause()
         client.resume()
         assert seen == [True]
+
+
+def test_status_tells_that_a_program_waits_to_go_back_to_its_path_until_it_is_silent(servo: Bench) -> None:
+    with ServoClient(servo.arm) as client:
+        assert not client.status().path_waits
+        for said_ago_ns, waits in ((100_000_000, True), (2_000_000_000, False)):
+            servo.mailbox.tell_path_waits(servo.mailbox.snapshot().t_ns - said_ago_ns)
+            assert client.status().path_waits is waits

@@ -12,7 +12,7 @@ const SHARES = [["0.1", "slowest"], ["0.25", "slow"], ["0.5", "half"], ["1", "no
 const STEPS = [["0", "while held"], ["0.1", "0.1 mm or °"], ["1", "1 mm or °"], ["10", "10 mm or °"]];
 const AXIS_KEYS = { x: 0, y: 1, z: 2, u: 3, v: 4, w: 5 };
 const TYPING = "input, textarea, select, [contenteditable]";
-const PAUSED = 64; // of the flags
+const PAUSED = 64, PATH_WAITS = 1024; // of the flags
 const MAY_POWER = ["OFF"], MAY_CLEAR = ["FAULT"];
 
 function select(label, options, chosen) {
@@ -148,8 +148,9 @@ function axisRow(title, axisUnit, a, ask) {
 export function speedCard(prefix = "") {
   const slider = el("input", { type: "range", id: `${prefix}override`, min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
   const told = el("output", { class: "number", id: `${prefix}override-told` });
-  const pause = el("button", { id: `${prefix}pause`, onclick: () => link.act(paused() ? "resume" : "pause") });
-  const paused = () => Boolean((link.arm?.state?.flags ?? 0) & PAUSED);
+  const pause = el("button", { id: `${prefix}pause`, onclick: () => link.act(paused() || waits() ? "resume" : "pause") });
+  const flag = (bit) => Boolean((link.arm?.state?.flags ?? 0) & bit);
+  const paused = () => flag(PAUSED), waits = () => flag(PATH_WAITS);
   let asked = -Infinity;
   slider.addEventListener("input", () => (asked = performance.now()));
   slider.addEventListener("change", () => {
@@ -159,9 +160,9 @@ export function speedCard(prefix = "") {
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
-    pause.disabled = !state || (paused() && !link.driving);
-    setText(pause, paused() ? "▶ Go on" : "‖ Pause motions");
-    setAttribute(pause, "data-on", paused());
+    pause.disabled = !state || ((paused() || waits()) && !link.driving);
+    setText(pause, waits() ? "▶ Go back to the path" : paused() ? "▶ Go on" : "‖ Pause motions");
+    setAttribute(pause, "data-on", paused() || waits());
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
   };
