@@ -13,7 +13,7 @@ from qrobot.config import Robot
 from qrobot.errors import MotionError
 from qrobot.units import DEG_PER_RAD, MM_PER_M, RAD_PER_DEG
 
-Forward: TypeAlias = Callable[[Floats], Floats]  # joints (n,) to T6 (4, 4)
+ToolPose: TypeAlias = Callable[[Floats], Floats]  # of joints (n,): T6 (4, 4)
 
 PIECES: Final = 16  # of the way, straight for the joints, along which the flange is followed
 
@@ -30,7 +30,7 @@ class WayBackLimit:
     way_m: float = 0.3  # [A] an arm that sags, is pushed away or was thrown back by what it met stays within
     turn: float = 45.0 * RAD_PER_DEG  # [A]
 
-    def objection(self, robot: Robot, forward: Forward, q: Floats, goal: Floats) -> MotionError | None:
+    def objection(self, robot: Robot, forward: ToolPose, q: Floats, goal: Floats) -> MotionError | None:
         """Reason for which an arm at `q` may not go to `goal`, both (n,), in a straight line of its joints."""
         flange = [forward(q + share * (goal - q))[:3, 3] for share in np.linspace(0.0, 1.0, PIECES + 1)]
         way = float(np.linalg.norm(np.diff(flange, axis=0), axis=1).sum())
