@@ -58,6 +58,8 @@ def measure(_td):
 
 def part(t):
     """A functional transform, at each sample of the arm: the part is where the camera makes it expected."""
+    if not camera.active:
+        raise RuntimeError("the camera has failed")  # which stops the arm
     t.p.y = expected()
 
 

@@ -11,8 +11,8 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.transform import so3_exp, transform
 from qrobot.motion import ForceLimits
-from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS, US_PER_MS
-from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
+from qrobot.rci.link import sample_period_us as period_us
+from qrobot.units import M_PER_MM, RAD_PER_DEG, S_PER_MS
 
 DIRECTIONS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 FORCES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -29,11 +29,7 @@ def milliseconds(ta: float, ts: float) -> tuple[float, float]:
 def sample_period_us(call: str, ms: float) -> int:
     """A sample period, microseconds. Raises MotionError when the bridge has no such period."""
     (period_ms,) = numbers(call, ms)
-    period_us = round(period_ms * US_PER_MS)
-    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
-        possible = f"{SHORTEST_PERIOD_US / US_PER_MS:g} to {LONGEST_PERIOD_US / US_PER_MS:g} ms"
-        raise MotionError(f"{call}: a sample period of {ms:g} ms; {possible} are possible")
-    return period_us
+    return period_us(call, period_ms)
 
 
 def numbers(call: str, *values: object) -> tuple[float, ...]:

@@ -12,11 +12,11 @@ from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_loop import Order, ProcessorLoop
+from qrobot.rci.sample_drivers import PRIORITY
 from qrobot.realtime.interpreter import InterpreterShare, prepare_interpreter
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S
 
-PRIORITY: Final = 20  # ahead of ordinary programs where that is allowed, behind bridge and servo
 WATCH_S: Final = 0.005  # [A] between two looks at how long tasks have been running
 PATIENCE_S: Final = 1.0  # [A] with a task that was told to end and is inside a library that knows no exceptions
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Final, Protocol, TypeAlias
 
 from qrobot.config import Robot
-from qrobot.errors import LinkError
+from qrobot.errors import LinkError, MotionError
 from qrobot.rci.client import Beside
+from qrobot.units import US_PER_MS
 from qrobot.wire import ClientRole, Command, Hello, State, Welcome
+from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 PROGRAM_NAME_LENGTH = 32
 NEW_PERIOD: Final = "another sample period"  # why a program says goodbye that greets again at once
@@ -65,6 +67,15 @@ def hello_for(robot_name: str, period_us: int = 0) -> Hello:
     """Greeting of a program as commander of `robot_name`; a period of 0 takes the server's."""
     program = Path(sys.argv[0] or "python").name[:PROGRAM_NAME_LENGTH]
     return Hello(ClientRole.COMMANDER, robot_name, program, period_us)
+
+
+def sample_period_us(call: str, ms: float) -> int:
+    """A sample period, microseconds. Raises MotionError when bridges have no such period."""
+    period_us = round(ms * US_PER_MS)
+    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
+        possible = f"{SHORTEST_PERIOD_US / US_PER_MS:g} to {LONGEST_PERIOD_US / US_PER_MS:g} ms"
+        raise MotionError(f"{call}: a sample period of {ms:g} ms; {possible} are possible")
+    return period_us
 
 
 def check_welcome(welcome: Welcome, robot: Robot, who: str) -> None:

@@ -129,6 +129,36 @@ def test_a_task_goes_on_when_the_arm_is_lost_and_the_arm_when_a_task_ends(arm: r
         arm.waitas(lambda: False)
 
 
+def test_an_arm_stops_when_the_task_that_it_follows_has_failed(arm: rccl.Channel) -> None:
+    def fail_at_last(td: rci.TaskDescriptor) -> None:
+        seen[0] += 0.5
+        if td.runs == 200:
+            raise LookupError("no picture")
+
+    def follow(t: rccl.Transform) -> None:
+        if not camera.active:
+            raise RuntimeError("the camera has failed")
+        t.p.y = seen[0]
+
+    seen = [0.0]
+    camera = task("camera", fail_at_last, 10, priority=1)
+    here = rccl.gentr_trsl("HERE", 0, 0, 0)
+    arm.update(here, rccl.makeposition("STARTS", rccl.t6, rccl.EQ, here, rccl.TL, here))
+    arm.move(arm.there)
+    arm.waitfor(arm.completed)
+    rci.rci_start(camera.bit)
+    arm.setmode("cartesian")
+    arm.setime(300, 600)
+    arm.move(rccl.makeposition("ON", rccl.t6, rccl.EQ, here, rccl.newtrans("PART", follow), rccl.TL, here))
+    arm.waitfor(arm.completed)
+    assert camera.runs < 200
+    with pytest.raises(RuntimeError, match="the camera has failed"):
+        arm.waitas(lambda: False)
+    assert camera.state is rci.TaskState.ENDED
+    with pytest.raises(LookupError, match="no picture"):
+        rci.rci_close()
+
+
 def test_an_arcl_machine_shares_the_time_of_an_rccl_arm() -> None:
     place = ROBOT.poses["park"]
     with rccl.use(lambda hello: OfflineLink(hello, period_us=14_000)), rccl.control() as arm:

@@ -24,14 +24,14 @@ from qrobot.errors import LinkError, MotionError
 from qrobot.motion import MotionLimits
 from qrobot.rci.descriptor import HOST, NO_BIT, TaskDescriptor, local_area
 from qrobot.rci.environment import environment
-from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for
+from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
 from qrobot.rci.sample_drivers import SampleDriver, driver_for
 from qrobot.realtime.interpreter import prepare_interpreter
-from qrobot.units import NS_PER_MS, US_PER_MS
+from qrobot.units import NS_PER_MS
 from qrobot.wire import Command, RobotState, State, Welcome
-from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, Hand
+from qrobot.wire.vocabulary import Hand
 
 _HANDS: Final = {Grip.GRIP_OPEN: Hand.OPEN, Grip.GRIP_CLOSE: Hand.CLOSED, Grip.GRIP_RELAX: Hand.RELAXED}
 
@@ -236,7 +236,4 @@ def _period_us(period_ms: float | None) -> int:
     """A sample period as the bridge takes it; 0 for its own. Raises MotionError: there is no such period."""
     if period_ms is None:
         return 0
-    period_us = round(period_ms * US_PER_MS)
-    if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
-        raise MotionError(f"ARCL_PERIOD: a sample period of {period_ms:g} ms; 1 to 100 ms are possible")
-    return period_us
+    return sample_period_us("ARCL_PERIOD", period_ms)
