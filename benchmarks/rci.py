@@ -1,4 +1,7 @@
-"""Wake-ups of RCI tasks, in Python and in C, and what messages and shared memory take between processors."""
+"""Wake-ups of RCI tasks, in Python, compiled and in C, and what messages and shared memory take between processors.
+
+The peer of all is a bare loop in C, measured in the same run; where cyclictest is installed it stands beside it.
+"""
 
 from __future__ import annotations
 
@@ -15,22 +18,27 @@ from numpy.typing import NDArray
 
 from benchmarks.c_programs import made
 from benchmarks.ctwin import compiler
+from benchmarks.rci_pairs import latencies
 from benchmarks.rows import Row, against, row
 from benchmarks.timing import Effort
-from benchmarks.wakeup import BUSY, IDLE, busy_thread
+from benchmarks.wakeup import BUSY, CYCLICTEST, IDLE, busy_thread, cyclictest_turn
 from qrobot import rci
+from qrobot.rci.compiled import time_of_tick
+from qrobot.realtime.clock import monotonic_ns
+from qrobot.realtime.jit import lean_kernel
 
 RATES_HZ: Final = (36, 100, 250, 1000)
 TASKS: Final = (1, 3, 5)
 QUANTILES: Final = {"p50": 0.5, "p99": 0.99}
 TWIN: Final = "C loop"
+NOTES: Final = 3  # words of a compiled task in front of its notes
 CLOSE_NS: Final = 5000  # to which the instant of a tick is found
 NS_PER_S: Final = 1_000_000_000
 Latencies = NDArray[np.float64]
 
 
 def rows(effort: Effort) -> Iterator[Row]:
-    """The rows; those of C only with a compiler."""
+    """The rows; those of C only with a compiler, those of cyclictest where it may run."""
     with tempfile.TemporaryDirectory() as folder:
         program = None if compiler() is None else made("rci_wakeup", Path(folder))
         for rate in RATES_HZ:
@@ -39,11 +47,16 @@ def rows(effort: Effort) -> Iterator[Row]:
             for what in ("messages", "memory"):
                 late, _ = measured_in_c(program, what, 1000, 1, max(100, round(5000 * effort.wake_up_s)))
                 yield from lone(f"RCI in C, {what} from one processor to another", late)
+        for what in ("messages", "memory"):
+            late = latencies(what, max(20, round(1000 * effort.wake_up_s)))
+            yield from lone(f"RCI in Python, {what} from one processor to another", late)
 
 
 def rate_rows(program: Path | None, rate: int, runs: int) -> Iterator[Row]:
-    """One to five tasks at a rate: in C, and in Python beside an interpreter at rest or at work."""
+    """One to five tasks at a rate: in C, and in Python and compiled beside an interpreter at rest or at work."""
     peer = None if program is None else measured_in_c(program, "twin", rate, 1, runs)[0]
+    if (turn := cyclictest_turn(NS_PER_S // rate, runs / rate)) is not None:
+        yield from beside(f"RCI at {rate} Hz, {CYCLICTEST}", turn.late_us, peer)
     for count in TASKS:
         name = f"RCI at {rate} Hz, tasks: {count}"
         if program is not None and peer is not None:
@@ -51,8 +64,10 @@ def rate_rows(program: Path | None, rate: int, runs: int) -> Iterator[Row]:
             yield from beside(f"{name}, C", late, peer, missed)
         for load in (IDLE, BUSY):
             with busy_thread(load == BUSY):
-                late, missed = measured_in_python(rate, count, runs)
-            yield from beside(f"{name}, Python, {load}", late, peer, missed)
+                measured = {"Python": measured_in_python(rate, count, runs)}
+                measured["compiled"] = measured_compiled(rate, count, runs)
+            for kind, (late, missed) in measured.items():
+                yield from beside(f"{name}, {kind}, {load}", late, peer, missed)
 
 
 def measured_in_c(program: Path, what: str, rate: int, count: int, runs: int) -> tuple[Latencies, int]:
@@ -78,6 +93,33 @@ def measured_in_python(rate: int, count: int, runs: int) -> tuple[Latencies, int
     return np.array(late, float) / 1e3, missed
 
 
+def measured_compiled(rate: int, count: int, runs: int) -> tuple[Latencies, int]:
+    """The same of tasks on the processors "compiled", one each."""
+    rci.rci_clock(rate)
+    tds = [rci.rci_create(f"task{k}", f"compiled{k}") for k in range(count)]
+    memories = [rci.rci_shared_memory(td.name, 8 * (NOTES + runs)).view(np.float64) for td in tds]
+    epoch_ns = _epoch_ns(rate)
+    for td, memory in zip(tds, memories, strict=True):
+        memory[:NOTES] = epoch_ns, rate, 0.0
+        rci.rci_control(td, note_compiled)
+        rci.rci_onclock(td, 1)
+    rci.rci_start(sum(td.bit for td in tds))
+    rci.rci_wait(lambda: all(memory[2] >= runs for memory in memories))
+    missed = sum(td.missed for td in tds)
+    rci.rci_close()
+    return np.concatenate([memory[NOTES:] for memory in memories]) / 1e3, missed
+
+
+@lean_kernel
+def note_compiled(tick: int, memory: Latencies) -> None:
+    """Words 0 to 2 are the instant of tick 0, the clock's rate and the number of notes; notes follow, ns."""
+    late_ns = monotonic_ns() - int(memory[0]) - time_of_tick(tick, int(memory[1]))
+    at = NOTES + int(memory[2])
+    if at < memory.size:
+        memory[at] = late_ns
+        memory[2] += 1.0
+
+
 def _note(late: list[int], epoch_ns: int, rate: int, _td: rci.TaskDescriptor) -> None:
     late.append(time.monotonic_ns() - epoch_ns - rci.rci_ticks() * NS_PER_S // rate)
 
@@ -93,15 +135,16 @@ def _epoch_ns(rate: int) -> int:
     return (earliest + latest) // 2
 
 
-def beside(name: str, late: Latencies, peer: Latencies | None, missed: int) -> Iterator[Row]:
-    """Quantiles beside those of the bare loop, and what was missed."""
+def beside(name: str, late: Latencies, peer: Latencies | None, missed: int | None = None) -> Iterator[Row]:
+    """Quantiles beside those of the bare loop, and what was missed where that is counted."""
     for label, share in QUANTILES.items():
         value = float(np.quantile(late, share))
         if peer is None:
             yield row(f"{name}, {label}", value, "us")
         else:
             yield against(f"{name}, {label}", value, "us", TWIN, float(np.quantile(peer, share)))
-    yield row(f"{name}, missed", missed, "")
+    if missed is not None:
+        yield row(f"{name}, missed", missed, "")
 
 
 def lone(name: str, late: Latencies) -> Iterator[Row]:

@@ -1,0 +1,39 @@
+"""The benchmarks of RCI at a tiny size: they run, count every wake-up, and judge nothing by the clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.c_programs import made
+from benchmarks.rci import beside, measured_compiled, measured_in_c, measured_in_python
+from benchmarks.rci_pairs import latencies
+from tests.support.c_programs import needs_compiler
+
+pytestmark = pytest.mark.realtime
+CLOSE_US = 10.0  # to which the instant of a tick is found, twice
+
+
+@pytest.mark.parametrize("measured", [measured_in_python, measured_compiled])
+def test_each_wake_up_of_two_tasks_is_measured_and_none_is_early(measured) -> None:
+    late, missed = measured(1000, 2, 10)
+    assert late.size >= 15
+    assert late.min() > -CLOSE_US
+    assert missed >= 0
+
+
+@needs_compiler
+def test_tasks_in_c_stand_beside_their_bare_loop(tmp_path: Path, own_cache: Path) -> None:
+    program = made("rci_wakeup", tmp_path)
+    (late, missed), (peer, _) = (measured_in_c(program, what, 1000, 1, 10) for what in ("tasks", "twin"))
+    rows = list(beside("RCI", late, peer, missed))
+    assert [row.name for row in rows] == ["RCI, p50", "RCI, p99", "RCI, missed"]
+    assert rows[0].ratio == pytest.approx(np.quantile(late, 0.5) / np.quantile(peer, 0.5))
+
+
+def test_messages_between_processors_that_are_processes_are_timed() -> None:
+    late = latencies("messages", 5)
+    assert late.shape == (5,)
+    assert (late > 0.0).all()
