@@ -13,7 +13,8 @@ from qrobot.errors import LinkError, MotionError, QRobotError
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
-from qrobot.rci.sample_drivers import SampleDriver, driver_for
+from qrobot.rci.sample_drivers import driver_for
+from qrobot.rci.sampled_task import SampleDriver
 from qrobot.wire import Payload, Signals
 from qrobot.wire.codec import check_signal_names
 

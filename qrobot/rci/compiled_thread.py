@@ -14,9 +14,9 @@ from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.compiled import no_function, pointer_to, refuse_order, refuse_task, run_control
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.host_thread import PATIENCE_S, lateness, refuse_start
-from qrobot.rci.sample_drivers import PRIORITY
 from qrobot.rci.schedule import ClockEntry
 from qrobot.rci.task_runner import ControlFunctions, nothing
+from qrobot.rci.thread_driver import PRIORITY
 from qrobot.realtime.setup import set_fifo, tighten_timers
 from qrobot.units import NS_PER_S
 

@@ -12,7 +12,7 @@ from qrobot.rci.common_clock import CommonClock
 from qrobot.rci.descriptor import TaskDescriptor, TaskState, TaskWord
 from qrobot.rci.monitor import Monitor
 from qrobot.rci.processor_loop import Order, ProcessorLoop
-from qrobot.rci.sample_drivers import PRIORITY
+from qrobot.rci.thread_driver import PRIORITY
 from qrobot.realtime.interpreter import InterpreterShare, prepare_interpreter
 from qrobot.realtime.setup import set_fifo
 from qrobot.units import NS_PER_S

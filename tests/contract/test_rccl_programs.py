@@ -16,7 +16,7 @@ from qrobot.config import load_robot
 from qrobot.errors import LinkError, LinkLost, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.motion import Termination
-from qrobot.rci import TcpLink, VirtualLink, sample_drivers
+from qrobot.rci import TcpLink, VirtualLink, thread_driver
 from qrobot.wire import JointMode, Mode
 from tests.support.fake_robot import FakeRobot, SocketRobot
 from tests.support.patience import wait_until
@@ -311,7 +311,7 @@ def test_a_lost_link_raises_where_the_program_waits() -> None:
 def test_a_program_that_keeps_its_path_greets_a_bridge_that_comes_back_and_goes_on_when_that_is_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sample_drivers, "AGAIN_S", 0.02)
+    monkeypatch.setattr(thread_driver, "AGAIN_S", 0.02)
     fake, bridges = FakeRobot(PARK, period_us=4_000, patience=PATIENCE), []
 
     def connect(_: object) -> socket.socket:

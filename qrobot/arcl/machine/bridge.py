@@ -27,7 +27,8 @@ from qrobot.rci.environment import environment
 from qrobot.rci.link import Link, LinkFactory, check_welcome, hello_for, sample_period_us
 from qrobot.rci.robot_cycle import CyclePhase, RobotCycle
 from qrobot.rci.robot_data import KnownRobot, RobotData
-from qrobot.rci.sample_drivers import SampleDriver, driver_for
+from qrobot.rci.sample_drivers import driver_for
+from qrobot.rci.sampled_task import SampleDriver
 from qrobot.realtime.interpreter import prepare_interpreter
 from qrobot.units import NS_PER_MS
 from qrobot.wire import Command, RobotState, State, Welcome

@@ -1,0 +1,66 @@
+"""The driver of a task on virtual time: samples pass while the program waits, in the order of `program_time`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
+from qrobot.rci import arm_tasks
+from qrobot.rci.link import Link
+from qrobot.rci.program_time import Rank
+from qrobot.rci.robot_samples import RobotSamples
+from qrobot.rci.sampled_task import SampledTask, end_badly
+from qrobot.wire import Command
+
+
+class VirtualDriver:
+    """See `SampleDriver`: time passes inside `wait`.
+
+    Attributes:
+        rank: its place among all that run at an instant.
+    """
+
+    share: None = None
+
+    def __init__(self, link: Link, task: SampledTask, rank: Rank | None = None) -> None:
+        self._link, self._task = link, task
+        self._command: Command | None = None
+        self._samples = RobotSamples(self._exchange, self._failed, rank)
+        self.rank = self._samples.rank
+
+    @property
+    def error(self) -> BaseException | None:
+        """See `SampleDriver.error`."""
+        return self._samples.error
+
+    def start(self) -> None:
+        """See `SampleDriver.start`."""
+        self._task.td.begin()
+        arm_tasks.hold(self._task.td)
+        self._samples.begin(self._task.period_s)
+
+    def fail(self, error: BaseException) -> None:
+        """See `SampleDriver.fail`."""
+        self._samples.error = error
+
+    def lock(self) -> AbstractContextManager[object]:
+        """See `SampleDriver.lock`: nobody else is there."""
+        return nullcontext()
+
+    def wait(self, predicate: Callable[[], bool], ours: bool = False) -> None:  # noqa: ARG002 (there is one thread)
+        """See `SampleDriver.wait`."""
+        self._samples.wait(predicate)
+
+    def end(self) -> None:
+        """See `SampleDriver.end`."""
+        arm_tasks.let_go(self._task.td)
+        self._samples.end()
+        self._link.close("program ended")
+
+    def _exchange(self) -> None:
+        self._command = self._task.step(self._link.exchange(self._command), self._link.now_ns())
+
+    def _failed(self, error: BaseException) -> None:
+        end_badly(self._task.td, error)
+        self._link.close(str(error))
+        self._task.lost()
