@@ -72,6 +72,23 @@ def test_tasks_take_their_turn_before_and_behind_the_arms_sample_whoever_waits(a
         assert {tick % SAMPLE_TICKS for name, tick in seen if name == "between"} == {9}
 
 
+def test_two_arms_are_sampled_in_the_order_in_which_they_were_taken_whichever_is_waited_for(arm: rccl.Channel) -> None:
+    """A task created between the two takes its turn between them; another sample period changes no place."""
+    seen: list[str] = []
+    between = task("between", lambda _td: seen.append("between"), 14)
+    other = rccl.control("stanford", period_ms=14)
+    arm.sample(14)
+    rci.rci_start(between.bit)
+    arm.each_sample(lambda: seen.append("arm"))
+    other.each_sample(lambda: seen.append("other"))
+    for waited in (other, arm, other):
+        waited.waitas(lambda: seen[-1:] == ["other"])
+        seen.clear()
+        waited.waitas(lambda: len(seen) >= 12)
+        assert seen[:12] == ["arm", "between", "other"] * 4
+    other.release()
+
+
 def test_a_sample_passes_for_the_arm_and_none_is_left_behind_when_the_program_waits_for_a_task(arm) -> None:
     begun = arm.time
     counted = task("counted", lambda _: None, 10)
