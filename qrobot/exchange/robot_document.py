@@ -12,6 +12,7 @@ from qrobot.config.robot import Robot
 from qrobot.config.toml_text import toml_lines
 from qrobot.errors import ConfigError
 from qrobot.units import DEG_PER_RAD
+from qrobot.whole_file import replace_file
 
 Document = dict[str, Any]
 
@@ -52,7 +53,7 @@ def robot_document(robot: Robot) -> Document:
 def write_robot(path: Path, document: Document) -> None:
     """Write a robot file. Raises ConfigError when that fails."""
     try:
-        path.write_text(robot_text(document), encoding="utf-8")
+        replace_file(path, robot_text(document))
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
 

@@ -20,6 +20,7 @@ from qrobot.ident.inertia import InertialModel
 from qrobot.ident.model import CLEARLY, Identified
 from qrobot.ident.physical_gravity import nearest_links
 from qrobot.servo.memory.telemetry import Rows
+from qrobot.whole_file import replace_file
 
 SECTIONS: Final = ("links", "friction", "drives", "quality")
 WORSE: Final = 1.5  # times the robot file's error, on passes held back: such a model is none
@@ -131,6 +132,6 @@ def write_model(path: Path, model: IdentifiedModel) -> None:
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(head + "\n".join([toml_lines(plain), *tables, *values]), encoding="utf-8")
+        replace_file(path, head + "\n".join([toml_lines(plain), *tables, *values]))
     except OSError as error:
         raise IdentificationError(f"cannot write the model to {path}: {error.strerror}") from error

@@ -25,6 +25,7 @@ from qrobot.errors import ConfigError
 from qrobot.model.orientation import rpy_angles
 from qrobot.model.transform import rpy, transform
 from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, RAD_PER_DEG
+from qrobot.whole_file import replace_file
 
 _COLUMNS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 HEADING: Final = "# name         " + " ".join(f"{column:>12}" for column in _COLUMNS)
@@ -108,12 +109,7 @@ class TransformFile:
             raise ConfigError(f"cannot write {self._path}: {error.strerror}") from error
 
     def _write(self, lines: list[str]) -> None:
-        new = self._path.with_name(f"{self._path.name}.{os.getpid()}")
-        with new.open("w") as file:
-            file.write("\n".join(lines) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(self._path)
+        replace_file(self._path, "\n".join(lines) + "\n")
 
     @contextmanager
     def _lock(self) -> Iterator[None]:

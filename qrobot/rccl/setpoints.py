@@ -23,6 +23,7 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError, MotionError
 from qrobot.motion.world.limits import MotionLimits
+from qrobot.whole_file import replace_file
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 FIRST_LINE: Final = "# qrobot setpoints 1"
@@ -89,7 +90,7 @@ def write_setpoints(path: Path, setpoints: Setpoints) -> None:
     head = [FIRST_LINE, f"# robot {setpoints.robot}", f"# period_us {setpoints.period_us}", ",".join(heading)]
     rows = (",".join([f"{t:.6f}", *(f"{x:.12g}" for x in q)]) for t, q in zip(setpoints.t, setpoints.q, strict=True))
     try:
-        path.write_text("\n".join([*head, *rows]) + "\n")
+        replace_file(path, "\n".join([*head, *rows]) + "\n")
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
 

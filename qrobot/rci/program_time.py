@@ -14,6 +14,7 @@ from itertools import count, groupby
 from typing import Final, NamedTuple, Protocol
 
 from qrobot.errors import MotionError
+from qrobot.rci.interruption import WholeSamples
 
 NO_WAIT: Final = (
     "a function that is called at each sample must not wait: let it signal an event, or give a semaphore, "
@@ -73,6 +74,7 @@ class ProgramTime:
     def __init__(self) -> None:
         self.now_ns = 0
         self.passing = False
+        self._whole_samples = WholeSamples()
         self._members: tuple[TimeMember, ...] = ()
         self._rounds: list[list[Runnable]] | None = None  # of each processor, in their order
         self._numbers = count()
@@ -101,6 +103,7 @@ class ProgramTime:
 
         Raises:
             MotionError: called while time passes already.
+            KeyboardInterrupt: Ctrl-C was hit meanwhile; what was due has run, unless it was hit twice.
         """
         if self.passing:
             raise MotionError(NO_WAIT)
@@ -108,9 +111,13 @@ class ProgramTime:
         coming = [at for member in members if (at := member.next_ns) is not None]
         if not coming:
             return
+        with self._whole_samples:
+            self._pass_to(min(coming), members)
+
+    def _pass_to(self, event_ns: int, members: Iterable[TimeMember]) -> None:
         self.passing = True
         try:
-            self.now_ns = max(self.now_ns, min(coming))
+            self.now_ns = max(self.now_ns, event_ns)
             for member in members:
                 member.come_to(self.now_ns)
             for runners in self._in_order():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -42,6 +43,9 @@ HELP: Final[dict[str, str]] = {
     "CALIBRATE": "whether the arm is calibrated; `qrobot calibrate` does it",
     "QUIT": "leave the monitor",
 }
+
+_COUNT: Final = re.compile("-?[0-9]{1,9}")
+_WORD: Final = 40  # characters of a word that are shown again
 
 
 class ValMonitor:
@@ -99,7 +103,7 @@ class ValMonitor:
         Raises:
             LinkError, ServoFault: the arm is lost.
         """
-        word, _, rest = line.strip().partition(" ")
+        word, rest = [*line.split(None, 1), "", ""][:2]
         if not word or word.startswith(";"):
             return ""
         try:
@@ -118,16 +122,18 @@ class ValMonitor:
         if word in self._commands:
             found = [word]
         if len(found) > 1:
-            raise ProgramError(f"{printable(word)} may be {', '.join(found)}", column=1)
+            raise ProgramError(f"{word} may be {', '.join(found)}", column=1)
         if not found:
-            raise ProgramError(f"there is no command {printable(word)}; ? lists them, and DO does a step", column=1)
+            raise ProgramError(
+                f"there is no command {printable(word[:_WORD])}; ? lists them, and DO does a step", column=1
+            )
         return self._commands[found[0]](rest)
 
     # ------------------------------------------------------------------------------------------------------- programs
 
     def _execute(self, rest: str, single: bool = False) -> str:
         name, *numbers = [part.strip() for part in rest.split(",")]
-        if not all(number.lstrip("-").isdecimal() for number in numbers) or len(numbers) > 2:
+        if not all(_COUNT.fullmatch(number) for number in numbers) or len(numbers) > 2:
             raise ProgramError(f"expected {'XSTEP' if single else 'EXECUTE'} program, cycles, step", column=1)
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
         return self._told(self._run.execute(name.lower(), cycles, step, single))

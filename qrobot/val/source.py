@@ -29,6 +29,7 @@ from qrobot.printable import printable
 from qrobot.val.parser import parse_line, parse_variable
 from qrobot.val.printer import print_expression, print_number, print_program
 from qrobot.val.tree import NumberLiteral, ProgramLine, UnaryOperation, ValProgram, VariableName
+from qrobot.whole_file import replace_file
 
 MOST_LINES: Final = 100_000  # of a file [A]
 NUMBERS_OF_LOCATION: Final = 6
@@ -66,9 +67,9 @@ def load_source(path: Path) -> SourceFile:
 def store_source(path: Path, source: SourceFile) -> None:
     """Write a file. Raises ConfigError when it cannot be written."""
     try:
-        path.write_text(print_source(source), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+        replace_file(path, print_source(source))
+    except (OSError, ValueError) as error:  # the latter of a name that none can have
+        raise ConfigError(f"cannot write {printable(str(path))}: {_reason(error)}") from error
 
 
 def source_text(path: Path) -> str:
@@ -80,9 +81,15 @@ def source_text(path: Path) -> str:
 
 def _text(path: Path) -> str:
     try:
+        if path.exists() and not path.is_file():  # a device may have no end
+            raise ConfigError(f"cannot read {printable(str(path))}: it is no file")
         return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {error}") from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"cannot read {printable(str(path))}: {_reason(error)}") from error
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return str(error.strerror if isinstance(error, OSError) else error)
 
 
 def print_source(source: SourceFile) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Iterator
 
 import numpy as np
@@ -222,3 +224,31 @@ def test_in_real_time_a_slow_task_does_not_delay_the_arm_beside_it() -> None:
             rci.rci_close()
         wait_until(lambda: fake.goodbyes)
     assert min(beside) > 4_000_000  # samples of the arm passed while the task ran
+
+
+def test_a_program_that_is_interrupted_in_a_sample_has_its_arm_still(arm: rccl.Channel) -> None:
+    def hit(_td: rci.TaskDescriptor) -> None:
+        if not done:
+            os.kill(os.getpid(), signal.SIGINT)
+        done.append(rci.rci_ticks())
+
+    done: list[int] = []
+    td = task("hit", hit, 100 * SAMPLE_TICKS)
+    rci.rci_start(td.bit)
+    with pytest.raises(KeyboardInterrupt):
+        rci.rci_wait(lambda: False)
+    assert len(done) == 1
+    arm.move(arm.pose("end"))
+    arm.waitfor(arm.completed)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_function_without_an_end_is_ended_by_a_second_ctrl_c(arm: rccl.Channel) -> None:
+    def endless(_td: rci.TaskDescriptor) -> None:
+        while True:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    rci.rci_start(task("endless", endless, SAMPLE_TICKS).bit)
+    with pytest.raises(KeyboardInterrupt):
+        rci.rci_wait(lambda: False)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

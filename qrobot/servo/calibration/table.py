@@ -13,10 +13,7 @@ The first one may carry a checksum of the rows, `# crc32 89abcdef`, by which a d
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
-import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +26,7 @@ from qrobot.config import Robot
 from qrobot.config.document import packaged_path
 from qrobot.config.kinds import FileKind
 from qrobot.errors import ConfigError
+from qrobot.whole_file import replace_file
 
 MOST_ROWS: Final = 256  # per joint; the PUMA 560 has up to 80
 FEWEST_ROWS: Final = 8
@@ -231,28 +229,8 @@ def format_table(table: CalibrationTable, about: str, form: TableFormat = "qrobo
 
 def write_table(path: Path, table: CalibrationTable, about: str, form: TableFormat = "qrobot") -> None:
     """Write a table so that the file is the old one or the new one, whatever dies meanwhile. Raises ConfigError."""
-    handle, name = -1, ""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "w", encoding="ascii", newline="") as file:
-            file.write(format_table(table, about, form))
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-        _sync_directory(path.parent)
+        replace_file(path, format_table(table, about, form), "ascii")
     except OSError as error:
-        if name:
-            with contextlib.suppress(OSError):
-                Path(name).unlink()
         raise ConfigError(f"the table cannot be written to {path}: {error.strerror}") from error
-
-
-def _sync_directory(directory: Path) -> None:
-    """Make the new name last through a loss of supply."""
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
