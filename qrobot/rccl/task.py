@@ -35,7 +35,8 @@ from qrobot.rccl.event import Level
 from qrobot.rccl.kept_path import KeptPath
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
-from qrobot.rccl.setpoint_player import SetpointPlayer
+from qrobot.rccl.retreat import Retreat, TravelledPath, is_collision
+from qrobot.rccl.setpoint_player import SetpointPlayer, check_fences, check_start
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
@@ -45,7 +46,6 @@ from qrobot.rci.descriptor import HOST, NO_BIT, local_area
 from qrobot.rci.robot_cycle import CycleHooks, CyclePhase, RobotCycle
 from qrobot.wire import Command, Payload, RobotState, State
 
-START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
 STANDING: Final = 1e-6  # rad/s or m/s: of a setpoint that stands, but for rounding
 
 
@@ -71,6 +71,7 @@ class TrajectoryTask:
         paused: the program wants its motions to stand still on their path.
         keeps_path: a stop of the servo does not end the program's hold; its motions wait until somebody confirms.
         way_back: how far the arm is led back to its path.
+        retract_m: how far the flange goes back after a collision, m; 0 for not at all.
         fences: that the arm keeps off, None for none.
         each_sample: called at each sample once the command is made up, before it goes out.
         group: the arms that move together with this one, None for an arm by itself.
@@ -96,7 +97,9 @@ class TrajectoryTask:
         self._tick_before = 0  # the first sample
         self.override, self.paused = FULL_SPEED, False
         self.keeps_path, self.way_back = False, WayBackLimit()
+        self.retract_m, self._travelled = 0.0, TravelledPath()
         self._kept: KeptPath | None = None
+        self._retreat: Retreat | None = None
         self.each_sample: Callable[[], object] | None = None
         self._robot = robot
         self._limits = self._full_limits = motion_limits(robot)
@@ -215,30 +218,16 @@ class TrajectoryTask:
         if self.busy:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
         setpoints.check(self._limits, label)
-        self._check_start(setpoints.q[0], label)
-        self._check_fences(setpoints.q, label)
+        check_start(setpoints.q[0], self.generator.state()[0], self._limits, label)
+        check_fences(setpoints.q, self.fences, label)
         self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
-    def _check_start(self, q: Floats, label: str) -> None:
-        away = np.abs(q - self.generator.state()[0])
-        if (away > START_TOLERANCE).any():
-            j = int(away.argmax())
-            far = f"{away[j]:.4g} {'m' if self._limits.prismatic[j] else 'rad'}"
-            where = f"joint {j + 1} ({self._limits.names[j]}) stands {far} away"
-            raise MotionError(f"{label}: does not begin where the arm is: {where}; move there first")
-
-    def _check_fences(self, q: Floats, label: str) -> None:
-        """Raise FenceCrossed when one of the setpoints (k, n) is too near a fence."""
-        if self.fences is None:
-            return
-        floor = self.fences.floor(q[0])
-        for number, row in enumerate(q):
-            self.fences.check(row, floor, label, number / len(q))
-
     def stop(self, seconds: float = 0.0) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
-        if self._kept is not None:
+        if self._retreat is not None:
+            self._retreat.stop()
+        elif self._kept is not None:
             self._kept.give_up(seconds)
         elif self._player is not None:
             self._player.stop()
@@ -326,6 +315,10 @@ class TrajectoryTask:
         """The servo holds the arm, or none does: keep the path if that is wanted. Raises `fault`: it is not kept."""
         if self._cycle.phase is CyclePhase.STOPPING:
             raise fault
+        again, self._retreat = self._retreat is not None, None
+        if not again and self._may_retract(fault):
+            self._retract(fault)
+            return
         if self._kept is None and self._generator is not None and self._may_keep(self._generator):
             self._kept = KeptPath(self._generator, self.tick, fault)
         if self._kept is None or self._kept.given_up:
@@ -333,6 +326,15 @@ class TrajectoryTask:
         self._kept.wait_again(fault)
         self._cycle.stand()
         self.chg.path_waits = True
+
+    def _may_retract(self, fault: ServoFault | LinkError) -> bool:
+        return is_collision(fault) and self.retract_m > 0.0 and self.group is None and self._kept is None
+
+    def _retract(self, fault: ServoFault | LinkError) -> None:
+        """Take the arm again, to lead it a little back."""
+        self._retreat = Retreat(fault, self._travelled, self.retract_m)
+        self._cycle.stand()
+        self._cycle.take_again(self.how is not None and self.how.powered)
 
     def _may_keep(self, generator: Generator) -> bool:
         return self.keeps_path and self.group is None and self._player is None and generator.keepable
@@ -355,6 +357,9 @@ class TrajectoryTask:
     def _generate(self) -> None:
         how, tick = self.how, self.tick
         if how is None:
+            return
+        if self._retreat is not None:
+            self._go_back(self._retreat, how)
             return
         if self._kept is not None:
             self._lead_back(self._kept, how)
@@ -379,14 +384,25 @@ class TrajectoryTask:
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
+        self._travelled.note(output.q)
         if self.generated is not None:
             self.generated(output.q)
 
-    def _lead_back(self, kept: KeptPath, how: RobotState) -> None:
-        q = kept.way_back(self.tick, self._override_in_force(how))
+    def _go_back(self, retreat: Retreat, how: RobotState) -> None:
+        """Go a little back from what was met; there the program is told, or its path waits."""
+        self._send(retreat.step(), how)
+        if retreat.done and self.follows_setpoints:
+            self._travelled.forget()
+            self._stopped(retreat.fault)
+            self.chg.stop = True  # this run of setpoints has ended
+
+    def _send(self, q: Floats, how: RobotState) -> None:
         self.chg.go_to(tuple(q.tolist()))
         if self._trace is not None:
             self._trace.sampled(q, np.array(how.q))
+
+    def _lead_back(self, kept: KeptPath, how: RobotState) -> None:
+        self._send(kept.way_back(self.tick, self._override_in_force(how)), how)
         if self.follows_setpoints and kept.reached(self.tick):
             self._kept = None
 
@@ -396,9 +412,8 @@ class TrajectoryTask:
 
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()
-        self.chg.go_to(tuple(q.tolist()))
-        if self._trace is not None:
-            self._trace.sampled(q, np.array(how.q))
+        self._send(q, how)
+        self._travelled.note(q)
         if player.done:
             self._player = None
             self._stand_at(q)
@@ -406,7 +421,10 @@ class TrajectoryTask:
 
     def _begin_at(self, q: Floats) -> None:
         """Begin with an arm that is held at `q` (n,): anew, or with the way back to a path that was kept."""
-        if self._kept is None:
+        if self._retreat is not None:
+            self._retreat.begin(q, self._limits, self.period_s, self.motions.arm.forward)
+        elif self._kept is None:
+            self._travelled.forget()
             self._stand_at(q)
         else:
             self._kept.lead_back(self._generator_at, q)

@@ -1,0 +1,154 @@
+"""A short way back after a collision: along the path just travelled, slowly, then rest.
+
+The servo stops an arm that meets something, and holds it where it got to, often in touch
+(`servo.stages.collision_stop`). Where a program wants that, its task takes the arm again, and leads it back over the
+setpoints that it had sent: the way by which the arm came was free a moment ago. What the arm stands off its path by
+fades out on the way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+
+from qrobot.arrays import Floats
+from qrobot.errors import LinkError, ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.motion.world.limits import MotionLimits
+from qrobot.rccl.setpoint_player import SetpointPlayer
+from qrobot.rccl.way_back import ToolPose
+
+MOST_SETPOINTS: Final = 1000  # that are remembered, of an arm that moves
+MOVED: Final = 1e-6  # rad or m: less is rest
+SHARE: Final = 0.1  # [A] of the joints' greatest speeds
+FLANGE_M_S: Final = 0.1  # [A]
+SHORTEST_S: Final = 0.4  # [A]
+DEGREE: Final = 7  # of the polynomials that the joints go by
+PIECES: Final = 16  # along which the flange is followed
+LAST: Final = 6  # samples at the end, until the servo has followed
+PEAK: Final = 1.875  # of the quintic's speed, its mean being 1
+ACCELERATION: Final = 0.25  # [A] of the joints' greatest
+STRETCH: Final = 1.25
+
+
+def is_collision(fault: ServoFault | LinkError) -> bool:
+    """The servo has stopped the arm because it has met something."""
+    return isinstance(fault, ServoFault) and fault.code == FaultCode.COLLISION
+
+
+class TravelledPath:
+    """The newest setpoints of an arm that moved."""
+
+    def __init__(self) -> None:
+        self._q: deque[Floats] = deque(maxlen=MOST_SETPOINTS)
+
+    def note(self, q: Floats) -> None:
+        """Remember a setpoint (n,), unless the arm rests there."""
+        if not self._q or np.abs(q - self._q[-1]).max() > MOVED:
+            self._q.append(q.copy())
+
+    def forget(self) -> None:
+        """Begin anew: what follows comes from elsewhere."""
+        self._q.clear()
+
+    def way_back(self, q: Floats, length_m: float, forward: ToolPose) -> Floats:
+        """Places from `q` (n,) back over them, until the flange has gone `length_m`, or where it begins.
+
+        Shape (k, n), the first of them `q`; alone when there are none.
+        """
+        if not self._q:
+            return q[None].copy()
+        travelled = np.array(self._q)
+        nearest = int(np.abs(travelled - q).max(axis=1).argmin())
+        back = travelled[nearest::-1]
+        places = np.array([forward(each)[:3, 3] for each in back])
+        gone = np.concatenate([[0.0], np.linalg.norm(np.diff(places, axis=0), axis=1).cumsum()])
+        count = max(1, int(np.searchsorted(gone, length_m, side="right")))
+        way = back[: count + 1].copy()
+        if len(way) > count:  # the last piece, as far as it goes
+            way[-1] = way[-2] + (length_m - gone[count - 1]) / (gone[count] - gone[count - 1]) * (way[-1] - way[-2])
+        share = np.linspace(1.0, 0.0, len(way))[:, None]
+        way += share**2 * (3.0 - 2.0 * share) * (q - way[0])
+        return way
+
+
+def slow_setpoints(way: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> Floats:
+    """Setpoints along a way (k, n), from rest to rest, within shares of speed and acceleration. Shape (samples, n)."""
+    steps = (np.abs(np.diff(way, axis=0)) / limits.v_max).max(axis=1)
+    moved = np.concatenate([[True], steps > 0.0])
+    at, way = np.concatenate([[0.0], steps.cumsum()])[moved], way[moved]
+    if len(way) < 2:
+        return np.repeat(way[:1], LAST, axis=0)
+    fitted = _fitted(at / at[-1], way)
+    places = np.array([forward(q)[:3, 3] for q in fitted(np.linspace(0.0, 1.0, PIECES + 1))])
+    flange_m = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    seconds = max(SHORTEST_S, PEAK * float(at[-1]) / SHARE, PEAK * flange_m / FLANGE_M_S)
+    while not _gentle(q := fitted(_clock(seconds, period_s)), limits, period_s):
+        seconds *= STRETCH
+    return q
+
+
+def _fitted(at: Floats, way: Floats) -> Callable[[Floats], Floats]:
+    """Smooth places (k, n) of `at` (k,), from 0 to 1, along a way, through both its ends."""
+    joints = [Chebyshev.fit(at, joint, min(DEGREE, len(way) - 1), domain=(0.0, 1.0)) for joint in way.T]
+    ends = np.array([[joint(0.0), joint(1.0)] for joint in joints]).T
+    first, last = way[0] - ends[0], way[-1] - ends[1]
+
+    def fitted(s: Floats) -> Floats:
+        bent = np.column_stack([joint(s) for joint in joints])
+        q: Floats = bent + np.outer(1.0 - s, first) + np.outer(s, last)
+        return q
+
+    return fitted
+
+
+def _clock(seconds: float, period_s: float) -> Floats:
+    """Share of the way at each sample: 0 to 1 in so many seconds, from rest to rest, and a few samples more."""
+    s = np.minimum(np.arange(int(seconds / period_s) + 2 + LAST) * period_s / seconds, 1.0)
+    clock: Floats = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return clock
+
+
+def _gentle(q: Floats, limits: MotionLimits, period_s: float) -> bool:
+    v, a = np.abs(np.diff(q, axis=0)) / period_s, np.abs(np.diff(q, n=2, axis=0)) / period_s**2
+    return bool((v <= 2.0 * SHARE * limits.v_max).all() and (a <= ACCELERATION * limits.a_max).all())
+
+
+class Retreat:
+    """One way back of an arm that the servo has stopped.
+
+    Args:
+        fault: that the program is told when the arm is there.
+        travelled: setpoints of the arm.
+        length_m: of the flange.
+    """
+
+    def __init__(self, fault: ServoFault | LinkError, travelled: TravelledPath, length_m: float) -> None:
+        self.fault = fault
+        self._travelled, self._length_m = travelled, length_m
+        self._player: SetpointPlayer | None = None
+
+    def begin(self, q: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> None:
+        """The arm is held at `q` (n,)."""
+        way = self._travelled.way_back(q, self._length_m, forward)
+        self._player = SetpointPlayer(slow_setpoints(way, limits, period_s, forward), period_s, limits)
+
+    def step(self) -> Floats:
+        """The next setpoint. Shape (n,). Raises the fault: it has not begun."""
+        if self._player is None:
+            raise self.fault
+        return self._player.step()
+
+    @property
+    def done(self) -> bool:
+        """The arm is there, or has been stopped on the way."""
+        return self._player is not None and self._player.done
+
+    def stop(self) -> None:
+        """Come to rest on the way."""
+        if self._player is not None:
+            self._player.stop()

@@ -1,0 +1,109 @@
+"""A tool comes down on a table in lock-step: a program that wants that has the arm go back a little afterwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.arrays import Floats
+from qrobot.config.scene import Scene
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.motion import Termination
+from qrobot.rig.lockstep import LockstepRig, link_factory
+from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
+from qrobot.sim_board.mujoco_plant import PlantMemory
+from tests.support.dead_encoder import TABLE
+from tests.support.pressing import tip_down
+from tests.support.puma import LIMITS, ROBOT
+from tests.support.puma import arm as puma
+
+TOP, X = -0.3, 0.5  # m
+ABOVE, BELOW = 0.05, 0.05  # m, where the motion begins, and where it would end
+SCENE = Scene(kind="table", position_m=(X, 0.0, TOP))
+BEGIN, END = (tip_down(X, 0.0, TOP + height, SCENE) for height in (ABOVE, -BELOW))
+
+
+class Table(LockstepRig):
+    """A table, and an arm above it whose program is to go straight down into it; each cycle of 1 ms is noted."""
+
+    def __init__(self) -> None:
+        self.forces: list[float] = []
+        self.setpoints: list[Floats] = []
+        super().__init__(
+            ROBOT, ServoSettings(rate_hz=1000.0, calibration=TABLE), Emulator(ROBOT, start=BEGIN, scene=SCENE)
+        )
+
+    @property
+    def plant(self) -> PlantMemory:
+        """Arm and table."""
+        plant = self.emulator.memory
+        assert isinstance(plant, PlantMemory)
+        return plant
+
+    def ticks(self, n: int) -> None:
+        """So many cycles, one by one."""
+        for _ in range(n):
+            super().ticks(1)
+            self.forces.append(float(np.linalg.norm(self.plant.contact_force())))
+            self.setpoints.append(np.array(self.mailbox.snapshot().q_setpoint))
+
+    def tip_m(self) -> float:
+        """Height of the tool's tip above the table by the measured joints."""
+        T = puma().forward(np.array(self.mailbox.snapshot().q))
+        return float(T[2, 3] + T[2, 2] * (ROBOT.geometry.flange_m + SCENE.tool.length_m)) - TOP
+
+
+def go_down(arm: rccl.Channel) -> rccl.Position:
+    """Ask for the way into the table, at 150 mm/s."""
+    goal = rccl.newtrans("GOAL", "const")
+    goal.set(puma().forward(END))
+    end = rccl.makeposition("END", rccl.t6, rccl.EQ, goal, rccl.TL, goal)
+    arm.setmode("cartesian")
+    arm.setvel(150, 30)
+    arm.move(end)
+    return end
+
+
+def run(rig: LockstepRig, retract_mm: float) -> None:
+    """A program that goes on until it is told of a fault."""
+    with rccl.use(lambda hello: link_factory(rig, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+        arm.retract(retract_mm)
+        go_down(arm)
+        arm.waitfor(arm.completed)
+
+
+def test_after_a_collision_the_arm_goes_back_slowly_by_the_way_it_came_and_the_program_is_told() -> None:
+    one = Table()
+    with pytest.raises(ServoFault) as told:
+        run(one, retract_mm=25)
+    assert told.value.code == FaultCode.COLLISION
+    one.run_for(0.3)
+    assert 0.018 < one.tip_m() < 0.027
+    forces, q = np.array(one.forces), np.array(one.setpoints)
+    met = int(np.argmax(forces > 1.0))
+    after = met + 250  # ms: the servo has stopped the arm, and holds it
+    assert forces[met:after].max() > 100.0  # N, the blow itself
+    assert forces[after:].max() < 30.0
+    assert forces[-1000:].max() == 0.0
+    flange = np.array([puma().forward(each)[:3, 3] for each in q[after::28]])
+    assert 0.015 < np.linalg.norm(np.diff(flange, axis=0), axis=1).sum() < 0.05  # there, and not back
+    assert np.abs(flange[:, :2] - [X, 0.0]).max() < 0.01
+    assert (np.abs(np.diff(q[after::28], axis=0)) <= 0.2 * LIMITS.v_max * 0.028).all()
+
+
+def test_a_path_that_is_kept_waits_off_what_was_met_and_goes_on_when_that_is_gone() -> None:
+    one = Table()
+    with rccl.use(lambda hello: link_factory(one, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+        arm.keep_path()
+        arm.retract(20)
+        end = go_down(arm)
+        arm.waitas(lambda: arm.kept)
+        assert one.tip_m() > 0.01
+        one.plant.model.geom_contype[:] = one.plant.model.geom_conaffinity[:] = 0  # the table is taken away
+        arm.resume()
+        arm.waitfor(arm.completed)
+        assert end.code == Termination.COMPLETED
+    assert one.tip_m() == pytest.approx(-BELOW, abs=0.003)

@@ -1,0 +1,108 @@
+"""The way back after a collision: over the path just travelled, slow, from rest to rest, and once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from random import Random
+
+import numpy as np
+import pytest
+
+from qrobot import rccl
+from qrobot.errors import MotionError, ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.rci import VirtualLink
+from qrobot.wire import Mode
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.puma import arm as puma
+
+VIA, END = (np.degrees(PARK) + np.array(turn) for turn in ([40.0, -10, 5, 0, 0, 0], [20.0, 15, -10, 20, 0, 0]))
+LENGTH_M = 0.04
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeRobot]:
+    robot = FakeRobot(tuple(PARK))
+    with rccl.use(lambda hello: VirtualLink(hello, robot.transfer)):
+        yield robot
+
+
+def go(arm: rccl.Channel) -> None:
+    for name, goal in (("VIA", VIA), ("END", END)):
+        arm.move(arm.jposition(name, goal.tolist()))
+
+
+def flange(path: np.ndarray) -> np.ndarray:
+    return np.array([puma().forward(q)[:3, 3] for q in path])
+
+
+def told(arm: rccl.Channel) -> ServoFault:
+    with pytest.raises(ServoFault) as fault:
+        arm.waitfor(arm.completed)
+    return fault.value
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_at_any_instant_the_arm_goes_back_over_the_places_that_it_came_by(fake: FakeRobot, seed: int) -> None:
+    random = Random(seed)
+    thrown = np.array([random.uniform(-0.02, 0.02) for _ in PARK])
+    with rccl.control("puma560") as arm:
+        arm.retract(1e3 * LENGTH_M)
+        go(arm)
+        arm.waitas(lambda: arm.time > random.uniform(300, 1700))
+        fake.halt(FaultCode.COLLISION)
+        fake.q = tuple(np.array(fake.q) + thrown)
+        before = np.array(fake.path)
+        assert told(arm).code == FaultCode.COLLISION
+    back = np.array(fake.path)[len(before) :]
+    v, a = np.diff(back, axis=0) / PERIOD_S, np.diff(back, n=2, axis=0) / PERIOD_S**2
+    assert (np.abs(v) <= 0.2 * LIMITS.v_max).all()
+    assert (np.abs(a) <= 0.3 * LIMITS.a_max).all()
+    assert np.abs(v[-2:]).max() < 1e-6
+    off = np.abs(back[:, None] - before[None]).max(axis=2).min(axis=1)
+    assert off.max() < 0.03  # what the arm was thrown off by
+    assert off[-1] < 0.005  # and is on its path again; setpoints lie further apart than that
+    gone = np.linalg.norm(np.diff(flange(before), axis=0), axis=1).sum()
+    way = np.linalg.norm(np.diff(flange(back), axis=0), axis=1).sum()
+    assert abs(way - min(LENGTH_M, gone)) < 0.03
+
+
+@pytest.mark.parametrize("why", ["another fault", "no way behind it", "not wanted"])
+def test_an_arm_stays_where_it_is_when_there_is_nothing_to_go_back_from(fake: FakeRobot, why: str) -> None:
+    with rccl.control("puma560") as arm:
+        arm.retract(0 if why == "not wanted" else 50)
+        if why != "no way behind it":
+            go(arm)
+            arm.waitas(lambda: arm.time > 700)
+        code = FaultCode.STREAM_LOST if why == "another fault" else FaultCode.COLLISION
+        fake.halt(code)
+        before = len(fake.path)
+        if why == "no way behind it":
+            go(arm)
+        assert told(arm).code == code
+    assert all(np.abs(np.array(q) - fake.path[before - 1]).max() < 1e-9 for q in fake.path[before:])
+
+
+@pytest.mark.parametrize("how", ["met again", "stopped"])
+def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str) -> None:
+    with rccl.control("puma560") as arm:
+        arm.retract(200)
+        go(arm)
+        arm.waitas(lambda: arm.time > 1200)
+        fake.halt(FaultCode.COLLISION)
+        before = len(fake.path)
+        arm.waitas(lambda: fake.mode is Mode.TRACKING and len(fake.path) > before + 30)
+        there = len(fake.path)
+        if how == "stopped":
+            arm.stop()
+        else:
+            fake.halt(FaultCode.COLLISION)
+        assert told(arm).code == FaultCode.COLLISION
+    assert len(fake.path) - there < 20
+
+
+@pytest.mark.parametrize("wrong", [-1.0, 301.0, float("nan")])
+def test_a_way_back_has_a_length_that_can_be(fake: FakeRobot, wrong: float) -> None:
+    with rccl.control("puma560") as arm, pytest.raises(MotionError, match="retract"):
+        arm.retract(wrong)
