@@ -153,8 +153,9 @@ class ArmSession:
         """
         try:
             self._driver.wait(predicate, ours)
-        finally:
-            self._error_told = self._error_told or self._driver.error is not None
+        except BaseException as error:
+            self._error_told = self._error_told or error is self._driver.error
+            raise
 
     def task(self) -> AbstractContextManager[object]:
         """The lock under which a program touches the task. Raises what ended the hold, LinkError after `release`."""

@@ -148,6 +148,14 @@ def test_a_task_goes_on_when_the_arm_is_lost_and_the_arm_when_a_task_ends(arm: r
         arm.waitas(lambda: False)
 
 
+def test_a_wait_that_is_over_when_the_arm_is_lost_leaves_its_loss_to_be_told(arm: rccl.Channel) -> None:
+    over = task("over", lambda _: setattr(BreakingLink, "broken", True), SAMPLE_TICKS, priority=1)
+    rci.rci_start(over.bit)
+    arm.waitas(lambda: BreakingLink.broken)
+    with pytest.raises(LinkLost, match="it broke"):
+        arm.release()
+
+
 def test_an_arm_stops_when_the_task_that_it_follows_has_failed(arm: rccl.Channel) -> None:
     def fail_at_last(td: rci.TaskDescriptor) -> None:
         seen[0] += 0.5
