@@ -26,6 +26,7 @@ EXTRAS: Final = {
     "nicegui": Extra("pendant", "the pendant in a browser"),
     "fastapi": Extra("pendant", "the pendant in a browser"),
     "uvicorn": Extra("pendant", "the pendant in a browser"),
+    "evdev": Extra("gamepad", "a gamepad or a SpaceMouse"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

@@ -9,17 +9,24 @@ import termios
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
 from qrobot.cli.console import out
 from qrobot.errors import ConfigError
 
+if TYPE_CHECKING:
+    from qrobot.config.deployment import DeployedArm
+    from qrobot.rci import LinkFactory
+
 PERIOD_MS: Final = 28.0  # the servo must hear of the key every 70 ms
 MOST_CHARACTERS: Final = 256
 
 
-def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None) -> None:
+def jog(
+    *, offline: bool = False, stick: str | None = None, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None
+) -> None:
     """Move one joint, or along or about one axis, as long as a key is held.
 
     A terminal tells no release of a key: the arm moves from the first repeat of the key on, and is braked 0.12 s after
@@ -29,8 +36,13 @@ def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str
       1 2 ...  joint      x y z  along an axis      u v w  about it      b t  axes of the base, of the last link
       . ,      HOLD to move one way, the other      f s    faster, slower      q  quit
 
+    With `--stick` a gamepad or a SpaceMouse moves it: hold the left shoulder button, or the first button, and draw a
+    stick, the further the faster. The other of these buttons changes the axes; Ctrl-C quits.
+
     Parameters
     ----------
+    stick
+        Device of Linux input, such as /dev/input/event5; needs python-evdev.
     offline
         On an ideal arm inside this process, on virtual time.
     deployment
@@ -41,17 +53,31 @@ def jog(*, offline: bool = False, deployment: str = DEFAULT_DEPLOYMENT, arm: str
     from qrobot.rccl.connect import open_channel
     from qrobot.rccl.hold_to_run import KEYS, HeldJog
     from qrobot.rccl.offline import OfflineLink
-    from qrobot.rci import LinkFactory, TcpLink
+    from qrobot.rci import TcpLink
 
     chosen = choose_arm(deployment, arm)
     factory: LinkFactory = lambda hello: TcpLink(hello, (chosen.bridge.host, chosen.bridge.port))  # noqa: E731
     if offline:
         robot = robot_of_arm(chosen)
         factory = lambda hello: OfflineLink(hello, robot)  # noqa: E731
+    if stick is not None:
+        _jog_by_stick(Path(stick), chosen, factory)
+        return
     keys_of = single_keys("jog")
     with keys_of as keys, inside_fences(chosen), open_channel(factory, chosen.robot, PERIOD_MS) as channel:
         out.print(KEYS, markup=False)
         HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True)).run()
+
+
+def _jog_by_stick(path: Path, chosen: DeployedArm, factory: LinkFactory) -> None:
+    from qrobot.cli.stick_device import open_stick
+    from qrobot.rccl.connect import open_channel
+    from qrobot.rccl.held_stick import StickJog
+
+    device = open_stick(path)
+    tell = lambda line: out.print(line, markup=False, soft_wrap=True)  # noqa: E731
+    with inside_fences(chosen), open_channel(factory, chosen.robot, PERIOD_MS) as channel:
+        StickJog(channel, device.layout, device.read, tell).run()
 
 
 class TerminalKeys:
