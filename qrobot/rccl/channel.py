@@ -161,7 +161,8 @@ class Channel(MotionParameters, HandAndOutputs):
 
         It may read `how` and change `chg`, and must be quick. What it raises stops the arm and reaches the program, as
         does what it asks for and no task of RCI may: a joint out of its range, too fast, or a torque beyond the limit.
-        The motions know nothing of joints it moves elsewhere: it has to bring them back before it ends.
+        The motions know nothing of joints it moves elsewhere: it has to bring them back before it ends, or the way back
+        is such a thing.
         """
         if function is not None:
             require_function("each_sample", function)

@@ -92,7 +92,7 @@ class TrajectoryTask:
         data = RobotData(robot, fences)
         self.td = TaskDescriptor(robot.name, NO_BIT, HOST, local_area(), data)
         self.chg, self._data = self.td.chg, data
-        self._hooks = CycleHooks(self._hold, self._stand_still, self._wait, self._stopped, self._slowness)
+        self._hooks = CycleHooks(self._hold, self._generate, self._wait, self._stopped, self._slowness)
         self.completed = Level("completed", 1)
         self._tick_before = 0  # the first sample
         self.override, self.paused = FULL_SPEED, False
@@ -101,6 +101,7 @@ class TrajectoryTask:
         self._kept: KeptPath | None = None
         self._retreat: Retreat | None = None
         self.each_sample: Callable[[], object] | None = None
+        self._moved = False  # joints, by that function in the sample before
         self._robot = robot
         self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
@@ -270,22 +271,21 @@ class TrajectoryTask:
             self.group.join(self)
         self._begin_at(np.array(self.how.q_setpoint))
 
-    def _stand_still(self) -> None:
-        """The servo begins to follow: the generator has nothing to do yet, or leads back to a kept path."""
-        self._generate()
-
     def _track(self) -> None:
-        """Control function of the task: the generator's setpoints, and the program's own function behind it."""
-        self._generate()
-        if self.each_sample is not None:
-            self._call(self.each_sample)
+        """Control function of the task: the generator's setpoints, and the program's own function behind it.
 
-    def _call(self, function: Callable[[], object]) -> None:
-        """Call a function of the program; joints that it moves elsewhere are judged as those of any task."""
+        Joints that the function moves elsewhere are judged as those of any task, and so is the first sample without.
+        """
+        self._generate()
+        moved, self._moved = self._moved, self.each_sample is not None and self._call(self.each_sample)
+        if moved or self._moved:
+            self._cycle.judge()
+
+    def _call(self, function: Callable[[], object]) -> bool:
+        """Call a function of the program; True when it has moved joints elsewhere."""
         made = self.chg.modes, self.chg.setpoints
         function()
-        if self.chg.modes is not made[0] or self.chg.setpoints is not made[1]:
-            self._cycle.judge()
+        return self.chg.modes is not made[0] or self.chg.setpoints is not made[1]
 
     @property
     def left(self) -> bool:

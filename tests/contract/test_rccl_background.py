@@ -11,7 +11,7 @@ import pytest
 
 from qrobot import rccl
 from qrobot.config import load_robot
-from qrobot.errors import JointLimit, ServoFault
+from qrobot.errors import JointLimit, MotionError, ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.rccl import EQ, TL, gentr_trsl, makeposition, newtrans, t6
 from qrobot.rccl.offline import OfflineLink
@@ -136,6 +136,17 @@ def test_what_a_function_asks_of_joints_is_judged_before_it_goes_out(robot) -> N
         with pytest.raises(JointLimit, match="task puma560"):
             arm.waitas(lambda: False)
     assert max(command.setpoints[0] for command in robot.commands) < PARK[0] + 0.001
+
+
+def test_a_function_that_ends_without_bringing_joints_back_is_refused_the_way_back(robot) -> None:
+    away = iter(np.linspace(0.0, 0.1, 200))
+    with rccl.control() as arm:
+        arm.each_sample(lambda: arm.chg.go_to((PARK[0] + next(away, 0.1), *PARK[1:])))
+        arm.waitas(lambda: next(away, None) is None)
+        arm.each_sample(None)
+        with pytest.raises(MotionError, match=r"task puma560.*make smaller steps"):
+            arm.waitas(lambda: False)
+    assert robot.commands[-1].setpoints[0] > PARK[0] + 0.09
 
 
 def test_no_sample_passes_while_update_calls_functions() -> None:
