@@ -27,6 +27,7 @@ EXTRAS: Final = {
     "fastapi": Extra("pendant", "the pendant in a browser"),
     "uvicorn": Extra("pendant", "the pendant in a browser"),
     "evdev": Extra("gamepad", "a gamepad or a SpaceMouse"),
+    "zenoh": Extra("hosts", "processors of RCI on other hosts"),
     "distributed": Extra("study", "campaigns on a Dask scheduler"),
 }
 

@@ -3,6 +3,7 @@
 host            a thread of the program, with its interpreter and its memory
 cpu0, cpu1 ...  a process of its own, kept on that processor of this machine; of one program at a time
 aux, aux1 ...   a process of its own, where the system puts it
+host:lab2       the host lab2 of the file that QROBOT_HOSTS names, see `hosts`
 compiled ...    a thread of the program that never waits for the interpreter, for one task of compiled functions
 """
 
@@ -60,8 +61,18 @@ def _cpu_info(cpu: int) -> ProcessorInfo:
 
 def check_processor_name(name: str) -> None:
     """Raise ConfigError for a name that is none of a processor, on this machine or any other."""
-    if not re.fullmatch(rf"{HOST}|aux\d*|cpu\d+|{COMPILED}\d*", name):
+    if not re.fullmatch(rf"{HOST}|aux\d*|cpu\d+|{COMPILED}\d*", name) and not is_remote(name):
         cpu_of(name)
+
+
+def is_remote(name: str) -> bool:
+    """A processor of that name is on another host."""
+    return name.startswith(f"{HOST}:")
+
+
+def host_name_of(name: str) -> str:
+    """The host of a processor on another one."""
+    return name.removeprefix(f"{HOST}:")
 
 
 def is_compiled(name: str) -> bool:
@@ -80,15 +91,13 @@ def cpu_of(name: str) -> int | None:
     found = re.fullmatch(r"cpu(\d{1,4})", name)
     allowed = sorted(os.sched_getaffinity(0))
     if found is None or int(found[1]) not in allowed:
-        if "://" in name or ":" in name:
-            raise ConfigError(f"processor {name!r}: tasks on another host are not there yet; {_known(allowed)}")
         raise ConfigError(f"no processor {name!r}; {_known(allowed)}")
     return int(found[1])
 
 
 def _known(allowed: list[int]) -> str:
     cpus = ", ".join(f"cpu{cpu}" for cpu in allowed)
-    return f"there are {HOST}, {cpus}, and aux and {COMPILED}, with numbers or without"
+    return f"there are {HOST}, {cpus}, and aux and {COMPILED}, with numbers or without; {HOST}:NAME is another host"
 
 
 def claim_processor(name: str) -> SharedMemory:

@@ -16,10 +16,11 @@ from qrobot.rci.compiled_thread import CompiledThread
 from qrobot.rci.descriptor import HOST
 from qrobot.rci.environment import Environment
 from qrobot.rci.host_thread import WATCH_S, HostThread
+from qrobot.rci.hosts.remote_processor import RemoteProcessor
 from qrobot.rci.mapped_area import MappedArea
 from qrobot.rci.process_processor import ProcessProcessor
 from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskNumbers, TaskRecord
-from qrobot.rci.processor_names import is_compiled
+from qrobot.rci.processor_names import is_compiled, is_remote
 from qrobot.rci.task_runner import current_task
 from qrobot.rci.task_table import Bytes
 
@@ -37,7 +38,7 @@ class RealTimeProcessors:
 
     def __init__(self) -> None:
         self.clock = CommonClock(time.monotonic_ns, epoch_ns=time.monotonic_ns())
-        self._processors: dict[str, HostThread | CompiledThread | ProcessProcessor] = {}
+        self._processors: dict[str, HostThread | CompiledThread | ProcessProcessor | RemoteProcessor] = {}
         self._areas: dict[int, MappedArea] = {}  # by the address of their words
         self._numbers = TaskNumbers()
         self._happened = threading.Event()
@@ -65,12 +66,14 @@ class RealTimeProcessors:
         if not self._watch.is_alive():
             self._watch.start()
 
-    def _new(self, processor: str) -> HostThread | CompiledThread | ProcessProcessor:
+    def _new(self, processor: str) -> HostThread | CompiledThread | ProcessProcessor | RemoteProcessor:
         happened = self._happened.set
         if processor == HOST:
             return HostThread(processor, self.clock, happened)
         if is_compiled(processor):
             return CompiledThread(processor, self.clock, self._numbers.of, happened)
+        if is_remote(processor):
+            return RemoteProcessor(processor, happened)
         return ProcessProcessor(processor, happened)
 
     def order(self, processor: str, order: str, *arguments: object) -> None:
@@ -84,7 +87,7 @@ class RealTimeProcessors:
         return area.words
 
     def seal(self, tasks: list[KnownTask], areas: list[KnownArea], environment: Environment) -> None:
-        """Start the processors that are processes, now that all tasks and memory are known."""
+        """Start the processors that are processes, or on other hosts, now that all tasks and memory are known."""
         self._numbers.know(areas)
         records = [
             TaskRecord(t.td.name, t.td.bit, t.td.processor, t.td.priority, self._area_of(t.td.words), t.robot)
@@ -96,7 +99,7 @@ class RealTimeProcessors:
         ]
         rate_hz, epoch_ns = self.clock.rate_hz, self.clock.epoch_ns
         for processor in self._processors.values():
-            if isinstance(processor, ProcessProcessor):
+            if isinstance(processor, ProcessProcessor | RemoteProcessor):
                 processor.boot(
                     ProcessorImage(
                         processor.name, processor.cpu, rate_hz, epoch_ns, os.getpid(), records, regions, environment

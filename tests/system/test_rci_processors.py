@@ -182,15 +182,10 @@ def test_a_processor_of_this_machine_belongs_to_one_program() -> None:
             rci.rci_create("a", cpu)
 
 
-@pytest.mark.parametrize("name", ["cpu999", "gpu", "auxiliary", "cpu-1"])
+@pytest.mark.parametrize("name", ["cpu999", "gpu", "auxiliary", "cpu-1", "zenoh://10.0.0.7"])
 def test_a_processor_that_is_not_there_is_refused_with_those_that_are(name: str) -> None:
     with pytest.raises(ConfigError, match=r"no processor .*there are host, cpu"):
         rci.rci_create("a", name)
-
-
-def test_another_host_is_refused_for_now() -> None:
-    with pytest.raises(ConfigError, match="tasks on another host are not there yet"):
-        rci.rci_create("a", "zenoh://10.0.0.7")
 
 
 def test_functions_that_no_other_process_can_find_are_refused() -> None:
