@@ -18,6 +18,7 @@ from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
     from qrobot.config.deployment import DeployedArm
+    from qrobot.rccl.transforms import Transform
     from qrobot.rci import LinkFactory
 
 PERIOD_MS: Final = 28.0  # the servo must hear of the key every 70 ms
@@ -25,7 +26,12 @@ MOST_CHARACTERS: Final = 256
 
 
 def jog(
-    *, offline: bool = False, stick: str | None = None, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None
+    *,
+    offline: bool = False,
+    stick: str | None = None,
+    frame: str | None = None,
+    deployment: str = DEFAULT_DEPLOYMENT,
+    arm: str | None = None,
 ) -> None:
     """Move one joint, or along or about one axis, as long as a key is held.
 
@@ -33,7 +39,7 @@ def jog(
     the last one came. When this program or its link hangs the servo stops the arm. This is no safety function: keep the
     emergency stop at hand.
 
-      1 2 ...  joint      x y z  along an axis      u v w  about it      b t  axes of the base, of the last link
+      1 2 ...  joint      x y z  along an axis      u v w  about it      b t n  axes of base, last link, frame
       . ,      HOLD to move one way, the other      f s    faster, slower      q  quit
 
     With `--stick` a gamepad or a SpaceMouse moves it: hold the left shoulder button, or the first button, and draw a
@@ -43,6 +49,8 @@ def jog(
     ----------
     stick
         Device of Linux input, such as /dev/input/event5; needs python-evdev.
+    frame
+        FILE:NAME of a taught transform, such as parts.db:TABLE; the key n chooses its axes.
     offline
         On an ideal arm inside this process, on virtual time.
     deployment
@@ -63,10 +71,21 @@ def jog(
     if stick is not None:
         _jog_by_stick(Path(stick), chosen, factory)
         return
+    named = None if frame is None else _named_frame(frame)
     keys_of = single_keys("jog")
     with keys_of as keys, inside_fences(chosen), open_channel(factory, chosen.robot, PERIOD_MS) as channel:
         out.print(KEYS, markup=False)
-        HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True)).run()
+        HeldJog(channel, keys.read, lambda line: out.print(line, markup=False, soft_wrap=True), frame=named).run()
+
+
+def _named_frame(told: str) -> Transform:
+    """The transform FILE:NAME. Raises ConfigError: there is none."""
+    from qrobot.rccl.database import DataBase
+
+    file, colon, name = told.rpartition(":")
+    if not (file and colon and name):
+        raise ConfigError(f"--frame {told}: say file and name, as in parts.db:TABLE")
+    return DataBase(Path(file)).get(name)
 
 
 def _jog_by_stick(path: Path, chosen: DeployedArm, factory: LinkFactory) -> None:

@@ -16,7 +16,7 @@ from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.motion import Termination
 from qrobot.rccl.arguments import small_move
 from qrobot.rccl.channel import Channel
-from qrobot.rccl.jog import SETTLING_MS, measure, moved_by, position_of
+from qrobot.rccl.jog import SETTLING_MS, along_axes, measure, moved_by, position_of
 from qrobot.rccl.position import Position
 from qrobot.rccl.trace import reason_of
 from qrobot.rccl.transforms import newtrans
@@ -72,13 +72,19 @@ class HeldMotion(Generic[HeldT]):
             arm.setjvel(self._joint_speed(share, [joint]))
             self._follow(arm.jposition(f"joint {joint + 1}", goal.tolist()))
 
-    def go_along(self, axis: str, way: float, share: float, in_base: bool, step: float = 0.0) -> None:
+    def go_along(
+        self, axis: str, way: float, share: float, in_base: bool, step: float = 0.0, axes: Floats | None = None
+    ) -> None:
         """Go straight along an axis (dx dy dz) or turn about it (rx ry rz), by `step` mm or degrees, 0 for on and on.
+
+        The axes are those of the base or of the last link, or the columns of `axes` (3, 3), in the base.
 
         Raises what `turn_joint` raises.
         """
         speed = (AXIS_DEG_S if axis.startswith("r") else AXIS_MM_S) * share
         piece = small_move(axis, (way * (step or speed * PIECE_S),))
+        if axes is not None:
+            piece, in_base = along_axes(piece, axes), True
         with self._brought_to_rest():
             value = measure(self._arm, "HERE").value
             self._go_straight(share)

@@ -10,6 +10,7 @@ from qrobot.rccl.channel import Channel
 from qrobot.rccl.held_key import HeldKey
 from qrobot.rccl.held_motion import AXIS_DEG_S, AXIS_MM_S, JOINT_RAD_S, HeldMotion
 from qrobot.rccl.jog import measure, place
+from qrobot.rccl.transforms import Transform
 
 PLUS, MINUS = ".", ","  # neighbours on every keyboard
 AXES: Final = {"x": "dx", "y": "dy", "z": "dz", "u": "rx", "v": "ry", "w": "rz"}
@@ -20,7 +21,7 @@ x y z       choose an axis to move along; u v w to turn about it
 b t         axes of the base; of the last link
 . ,         HOLD to move one way; the other way
 f s         faster; slower"""
-KEYS: Final = f"{MOVING_KEYS}\nq           quit"
+KEYS: Final = f"{MOVING_KEYS}\nn           axes of the frame that was named, if any\nq           quit"
 
 NO_OTHERS: Final[Mapping[str, Callable[[], object]]] = {}
 
@@ -33,6 +34,7 @@ class HeldJog:
         read_keys: what has been typed since it was asked last; called at each sample, it must not wait.
         tell: takes a line for people.
         others: what other keys do, with the arm at rest; true ends it.
+        frame: whose axes the key n chooses, None for none.
     """
 
     def __init__(
@@ -41,10 +43,12 @@ class HeldJog:
         read_keys: Callable[[], str],
         tell: Callable[[str], None],
         others: Mapping[str, Callable[[], object]] = NO_OTHERS,
+        frame: Transform | None = None,
     ) -> None:
         self._arm, self._read_keys, self._tell, self._others = arm, read_keys, tell, others
         self._keys = HeldKey()
-        self._joint, self._axis, self._in_base, self._speed = 0, "", True, SPEEDS.index(1.0)
+        self._joint, self._axis, self._along, self._speed = 0, "", "b", SPEEDS.index(1.0)
+        self._frame = frame
         self._motion = HeldMotion(arm, self._held_key)
 
     def run(self) -> None:
@@ -76,8 +80,8 @@ class HeldJog:
             self._joint, self._axis = int(key) - 1, ""
         elif key in AXES:
             self._axis = AXES[key]
-        elif key in ("b", "t"):
-            self._in_base = key == "b"
+        elif key in ("b", "t") or (key == "n" and self._frame is not None):
+            self._along = key
         elif key in ("f", "s"):
             self._speed = min(max(self._speed + (1 if key == "f" else -1), 0), len(SPEEDS) - 1)
         elif key in (PLUS, MINUS):
@@ -95,7 +99,11 @@ class HeldJog:
             return f"joint {self._joint + 1} ({name}) at {self._joint_speed():.3g} rad/s or m/s"
         turns = self._axis.startswith("r")
         speed = f"{AXIS_DEG_S * share:g} deg/s" if turns else f"{AXIS_MM_S * share:g} mm/s"
-        return f"{self._axis} along the axes of the {'base' if self._in_base else 'last link'} at {speed}"
+        return f"{self._axis} along the axes of {self._whose()} at {speed}"
+
+    def _whose(self) -> str:
+        named = "" if self._frame is None else self._frame.name
+        return {"b": "the base", "t": "the last link", "n": named}[self._along]
 
     def _joint_speed(self) -> float:
         return JOINT_RAD_S * SPEEDS[self._speed]
@@ -105,7 +113,8 @@ class HeldJog:
         share = SPEEDS[self._speed]
         try:
             if self._axis:
-                self._motion.go_along(self._axis, way, share, self._in_base)
+                axes = self._frame.value[:3, :3] if self._frame is not None and self._along == "n" else None
+                self._motion.go_along(self._axis, way, share, self._along == "b", axes=axes)
             else:
                 self._motion.turn_joint(self._joint, way, share)
         except (LinkError, ServoFault):

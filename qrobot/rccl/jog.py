@@ -77,8 +77,8 @@ class Stepper:
         except QRobotError as error:
             return f"error: {error}"
 
-    def _step(self, words: list[str], in_world: bool) -> str:
-        step = _small_move(words)
+    def _step(self, words: list[str], in_world: bool, axes: Floats | None = None) -> str:
+        step = _small_move(words) if axes is None else along_axes(_small_move(words), axes)
         goal = measure(self._arm, "GOAL")
         goal.set(moved_by(goal.value, step, in_world))
         return self._go(position_of(goal))
@@ -141,6 +141,13 @@ def moved_by(value: Floats, step: Floats, in_base: bool) -> Floats:
     moved[:3, :3] = step[:3, :3] @ value[:3, :3]
     moved[:3, 3] += step[:3, 3]
     return moved
+
+
+def along_axes(step: Floats, axes: Floats) -> Floats:
+    """A step (4, 4) along the axes of the base, of one told along the columns of `axes` (3, 3) in the base."""
+    turned = step.copy()
+    turned[:3, :3], turned[:3, 3] = axes @ step[:3, :3] @ axes.T, axes @ step[:3, 3]
+    return turned
 
 
 def position_of(trsf: Transform) -> Position:

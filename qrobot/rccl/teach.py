@@ -13,6 +13,7 @@ HELP: Final = f"""\
 {STEPPING_HELP}
 record NAME        put where the arm is into the data base
 move NAME          go to what was recorded
+frame NAME dx 10   move along the axes of what was recorded
 list               names that were recorded
 help, quit"""
 
@@ -31,10 +32,15 @@ class Teacher(Stepper):
         self._commands |= {
             "record": self._record,
             "move": lambda words: self._go(position_of(self._database.get(_name(words)))),
+            "frame": self._step_along,
             "list": lambda _: "\n".join(self._database.names()) or "nothing recorded yet",
             "help": lambda _: HELP,
             "quit": lambda _: self._quit(),
         }
+
+    def _step_along(self, words: list[str]) -> str:
+        frame = self._database.get(_name(words[:1]))
+        return self._step(words[1:], in_world=True, axes=frame.value[:3, :3])
 
     def _record(self, words: list[str]) -> str:
         here = self._measure(_name(words))

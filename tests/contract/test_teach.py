@@ -46,6 +46,20 @@ def test_a_step_of_the_tool_moves_along_its_own_axes(teacher: Teacher) -> None:
     np.testing.assert_allclose(pose()[:3, :3], before[:3, :3], atol=1e-9)
 
 
+def test_a_step_along_a_named_frame_moves_and_turns_along_its_axes(teacher: Teacher, tmp_path: Path) -> None:
+    teacher.obey("world rz 20 ry 30")
+    teacher.obey("record TABLE")
+    axes = pose()[:3, :3]
+    teacher.obey("joint 1 15")
+    before = pose()
+    assert teacher.obey("frame TABLE dz -20 rx 10").startswith("at ")
+    np.testing.assert_allclose(pose()[:3, 3] - before[:3, 3], axes @ [0.0, 0.0, -0.02], atol=1e-5)
+    turned = pose()[:3, :3] @ before[:3, :3].T
+    np.testing.assert_allclose(
+        turned, axes @ rccl.gentr_rot("R", 0, 0, 0, [1, 0, 0], 10).value[:3, :3] @ axes.T, atol=1e-5
+    )
+
+
 def test_one_joint_is_stepped_by_hand(teacher: Teacher) -> None:
     before = np.array(rccl.how.q)
     teacher.obey("joint 2 -5")
@@ -80,6 +94,8 @@ def test_what_was_recorded_is_found_again(teacher: Teacher) -> None:
         ("world dq 3", "dq"),
         ("tool dx 5000", "reach"),
         ("move NOWHERE", "no transform 'NOWHERE'"),
+        ("frame NOWHERE dx 5", "no transform 'NOWHERE'"),
+        ("frame", "say one name"),
         ("record", "say one name"),
         ("joint 3", "say a joint and how far"),
         ("joint 9 5", "joints 1 to 6"),

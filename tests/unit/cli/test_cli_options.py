@@ -65,6 +65,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "--execute": ("nobody", "", "/"),
     "--tip": ("nobody", ""),
     "--like": ("norobot", "/", "/dev/null", ""),
+    "--frame": ("nobody", "", ":", "missing.db:TABLE", "/:TABLE"),
     "--stick": ("nowhere", "/", "/dev/null", ""),
 }
 """What a word may not be, by option; `--plant` of `log record` is free text."""

@@ -49,10 +49,12 @@ class Desk:
         del self._typed[: len(came)]
         return "".join(came)
 
-    def jog(self, spoil: Callable[[rccl.Channel], None] = lambda _arm: None) -> Desk:
+    def jog(
+        self, spoil: Callable[[rccl.Channel], None] = lambda _arm: None, frame: rccl.Transform | None = None
+    ) -> Desk:
         with rccl.use(partial(link_factory, self.rig, round(PERIOD_MS * 1e3))), rccl.control() as arm:
             self._now_ms = lambda: arm.time
-            jog = HeldJog(arm, self.read_keys, self.said.append)
+            jog = HeldJog(arm, self.read_keys, self.said.append, frame=frame)
             spoil(arm)
             jog.run()
         return self
@@ -83,12 +85,14 @@ def test_a_joint_moves_at_its_speed_while_the_key_is_held_and_no_other_does() ->
 
 
 @pytest.mark.parametrize(("key", "way"), [(".", 1.0), (",", -1.0)])
-@pytest.mark.parametrize("frame", ["b", "t"])
+@pytest.mark.parametrize("frame", ["b", "t", "n"])
 def test_the_tool_goes_straight_along_its_axis(key: str, way: float, frame: str) -> None:
-    desk = Desk([(100.0, "x"), (400.0, frame)], held(key, 700.0, 2500.0), [(4000.0, "q")]).jog()
+    desk = Desk([(100.0, "x"), (400.0, frame)], held(key, 700.0, 2500.0), [(4000.0, "q")])
+    named = rccl.gentr_rpy("TABLE", 0.0, 0.0, 0.0, 30.0, 20.0, 10.0)
+    desk.jog(frame=named)
     arm, rows = Arm(ROBOT), moving(desk.rows)
     poses = np.array([arm.forward(q) for q in rows["q_ref"][::10]])
-    axis = np.eye(3)[0] if frame == "b" else poses[0][:3, 0]
+    axis = {"b": np.eye(3)[0], "t": poses[0][:3, 0], "n": named.value[:3, 0]}[frame]
     travelled = (poses[:, :3, 3] - poses[0][:3, 3]) * MM_PER_M
     along = way * travelled @ axis
     assert set(desk.rows["fault"].tolist()) == {FaultCode.NONE}
