@@ -131,10 +131,11 @@ class Retreat:
         self.fault = fault
         self._travelled, self._length_m = travelled, length_m
         self._player: SetpointPlayer | None = None
+        self._stopped = False
 
     def begin(self, q: Floats, limits: MotionLimits, period_s: float, forward: ToolPose) -> None:
         """The arm is held at `q` (n,)."""
-        way = self._travelled.way_back(q, self._length_m, forward)
+        way = q[None] if self._stopped else self._travelled.way_back(q, self._length_m, forward)
         self._player = SetpointPlayer(slow_setpoints(way, limits, period_s, forward), period_s, limits)
 
     def step(self) -> Floats:
@@ -149,6 +150,7 @@ class Retreat:
         return self._player is not None and self._player.done
 
     def stop(self) -> None:
-        """Come to rest on the way."""
+        """Come to rest on the way, or do not begin it."""
+        self._stopped = True
         if self._player is not None:
             self._player.stop()

@@ -328,6 +328,8 @@ class TrajectoryTask:
         self.chg.path_waits = True
 
     def _may_retract(self, fault: ServoFault | LinkError) -> bool:
+        if self._generator is None or self._generator.stopping:  # it is wanted at rest
+            return False
         return is_collision(fault) and self.retract_m > 0.0 and self.group is None and self._kept is None
 
     def _retract(self, fault: ServoFault | LinkError) -> None:

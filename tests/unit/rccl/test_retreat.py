@@ -84,7 +84,7 @@ def test_an_arm_stays_where_it_is_when_there_is_nothing_to_go_back_from(fake: Fa
     assert all(np.abs(np.array(q) - fake.path[before - 1]).max() < 1e-9 for q in fake.path[before:])
 
 
-@pytest.mark.parametrize("how", ["met again", "stopped"])
+@pytest.mark.parametrize("how", ["met again", "stopped", "stopped before", "stopped at first"])
 def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str) -> None:
     with rccl.control("puma560") as arm:
         arm.retract(200)
@@ -92,14 +92,21 @@ def test_what_comes_between_on_the_way_back_ends_it(fake: FakeRobot, how: str) -
         arm.waitas(lambda: arm.time > 1200)
         fake.halt(FaultCode.COLLISION)
         before = len(fake.path)
-        arm.waitas(lambda: fake.mode is Mode.TRACKING and len(fake.path) > before + 30)
+        if how.startswith("stopped "):
+            begin = arm.time
+            arm.waitas(lambda: how == "stopped before" or arm.time > begin)
+            arm.stop()
+        else:
+            arm.waitas(lambda: fake.mode is Mode.TRACKING and len(fake.path) > before + 30)
         there = len(fake.path)
         if how == "stopped":
             arm.stop()
-        else:
+        elif how == "met again":
             fake.halt(FaultCode.COLLISION)
         assert told(arm).code == FaultCode.COLLISION
-    assert len(fake.path) - there < 20
+    after = np.array(fake.path[there - 1 :])
+    assert len(after) <= 20
+    assert not how.startswith("stopped ") or np.ptp(after, axis=0).max() < 1e-9
 
 
 @pytest.mark.parametrize("wrong", [-1.0, 301.0, float("nan")])

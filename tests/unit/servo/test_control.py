@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from qrobot.cli import ctl
 from qrobot.config import Robot, load_robot
 from qrobot.config.fences import Fence
 from qrobot.errors import LinkBusy, LinkError, LinkTimeout, QRobotError, RemoteProtocolError
@@ -714,9 +715,20 @@ def test_resume_is_heard_as_the_end_of_a_pause_also_when_there_was_none(servo: B
         assert seen == [True]
 
 
-def test_status_tells_that_a_program_waits_to_go_back_to_its_path_until_it_is_silent(servo: Bench) -> None:
-    with ServoClient(servo.arm) as client:
-        assert not client.status().path_waits
-        for said_ago_ns, waits in ((100_000_000, True), (2_000_000_000, False)):
-            servo.mailbox.tell_path_waits(servo.mailbox.snapshot().t_ns - said_ago_ns)
+def test_status_tells_that_a_program_waits_to_go_back_to_its_path_until_it_is_silent(
+    servo: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ctl, "choose_arm", lambda *_: SimpleNamespace(name=servo.arm))
+    monkeypatch.setattr(ctl, "robot_of_arm", lambda _: servo.robot)
+    said_ns, late_ns = 5_000_000_000, 6_000_000_000
+    servo.mailbox.tell_path_waits(said_ns)
+    assert servo.mailbox.path_waits(said_ns + 100_000_000)
+    assert not servo.mailbox.path_waits(late_ns)
+    servo.mailbox.tell_path_waits(0)
+    assert not servo.mailbox.path_waits(100_000_000)
+    for waits in (True, False):
+        monkeypatch.setattr(ServoMailbox, "path_waits", lambda _self, _now_ns, waits=waits: waits)
+        with ServoClient(servo.arm) as client:
             assert client.status().path_waits is waits
+        ctl.status()
+        assert ("then `qrobot ctl resume`" in " ".join(capsys.readouterr().out.split())) is waits
