@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import runpy
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from qrobot import rci
 from qrobot.arrays import Floats
@@ -18,6 +22,7 @@ from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
 from tests.support.two_hands import ROBOT, TOOL, WORLD, carry, reach
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 ARM = Arm(ROBOT)
 
 
@@ -30,6 +35,17 @@ def off(there: Floats, here: Floats) -> tuple[float, float]:
     """Distance, m, and angle, rad, between two poses."""
     between = inverse(there) @ here
     return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
+
+
+def test_the_dual_arm_program_grasps_and_carries_what_its_camera_tracks_s08(capsys: pytest.CaptureFixture[str]) -> None:
+    """`examples/22_two_hands.py` with two servos that stay behind their setpoints; off line both hands are ideal."""
+    rigs = {name: LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for name in WORLD}
+    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}), ending():
+        runpy.run_path(str(EXAMPLES / "22_two_hands.py"), run_name="__main__")
+    assert not any(rig.rows()["fault"].any() for rig in rigs.values())
+    found = re.search(r"the hands came ([0-9.]+) mm closer", capsys.readouterr().out)
+    assert found is not None
+    assert 0.0 < float(found[1]) < 2.0
 
 
 def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors() -> None:

@@ -40,8 +40,8 @@ second: 4 runs, 0 missed
 
 
 def test_the_table_of_two_tasks_is_the_same_every_time_s10(capsys: pytest.CaptureFixture[str]) -> None:
-    for _ in range(2):
-        assert run_app(make_app("run"), ["run", "--offline", str(EXAMPLES / "15_rci_tasks.py")]) == 0
+    for way in ("--offline", "--offline", "--lockstep"):
+        assert run_app(make_app("run"), ["run", way, str(EXAMPLES / "15_rci_tasks.py")]) == 0
         assert capsys.readouterr().out == TABLE
 
 
