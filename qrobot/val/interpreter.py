@@ -67,7 +67,8 @@ class Interpreter:
         self.beside: list[ValTask] = []
         self._unfinished: list[Destination] = []
         self._run_signal = 0
-        self._single = self._single_begun = self._step_failed = False
+        self._single = self._single_begun = False
+        self._failed: ValTask | None = None  # whose step it was that failed
 
     # ------------------------------------------------------------------------------------------------------- commands
 
@@ -81,12 +82,13 @@ class Interpreter:
         self._need_path()
         self.machine.reset_manner()
         self.task, self._unfinished = ValTask(self.machine, program, cycles=cycles, step=step - 1), []
+        self._forget_failure()
         return self._run(single)
 
     def proceed(self, single: bool = False) -> RunState:
         """Go on: first with the motions that were interrupted, then with the step behind. Raises as `execute`.
 
-        An arm that the servo has stopped goes back to its path first.
+        An arm that the servo has stopped goes back to its path first. A process control program goes on, too.
         """
         self._need_task()
         self.machine.arm.resume()
@@ -98,14 +100,15 @@ class Interpreter:
             self._unfinished = unfinished
             self._fail(error)
             return self.state
+        self._failed = None
         return self._run(single)
 
     def retry(self) -> RunState:
         """Go on: with the interrupted motions, and with the step that failed once more. Raises as `execute`."""
-        task = self._need_task()
-        if self._step_failed and task.last is not None:
-            frame, pc = task.last
-            if frame in task.frames:
+        self._need_task()
+        if self._failed is not None and self._failed.last is not None:
+            frame, pc = self._failed.last
+            if frame in self._failed.frames:
                 frame.pc = pc
         return self.proceed()
 
@@ -114,7 +117,7 @@ class Interpreter:
         self.stop_arm()
         self._settle()
         self.machine.arm.unfinished()
-        self.task, self._unfinished, self.beside = None, [], []
+        self.task, self._unfinished, self.beside, self._failed = None, [], [], None
         self.state, self.message = RunState.ABORTED, ""
 
     def do(self, text: str) -> RunState:
@@ -123,7 +126,7 @@ class Interpreter:
         line = parse_line(text)
         if isinstance(line.action, tree.Block | tree.ForLoop | tree.CaseValues | tree.Goto):
             raise ProgramError("DO takes a step that stands by itself, no part of a structure", column=1)
-        kept = self.task, self.state, self.message, self._unfinished
+        kept = self.task, self.state, self.message, self._unfinished, self._failed
         name = "do:"
         self.machine.programs[name] = tree.ValProgram(name, (), (line,))
         try:
@@ -135,8 +138,13 @@ class Interpreter:
             return self.state
         finally:
             del self.machine.programs[name]
-            self.task, self.state, self.message, self._unfinished = kept
+            self.task, self.state, self.message, self._unfinished, self._failed = kept
             self.error = None
+
+    def _forget_failure(self) -> None:
+        """A process control program that failed is given up with the program beside which it ran."""
+        self.beside = [task for task in self.beside if task is not self._failed]
+        self._failed = None
 
     def start_beside(self, program: str, cycles: int) -> None:
         """Begin a process control program. Raises ProgramError: it runs already, or too many do."""
@@ -199,7 +207,7 @@ class Interpreter:
 
     def _run(self, single: bool) -> RunState:
         self.state, self.message, self.error = RunState.RUNNING, "", None
-        self._single, self._single_begun, self._step_failed = single, False, False
+        self._single, self._single_begun = single, False
         try:
             while self.state is RunState.RUNNING:
                 self._turn()
@@ -239,7 +247,7 @@ class Interpreter:
         if failure := self.machine.arm.failure():
             self._fail(MotionError(failure))
             return
-        for task in list(self.beside):
+        for task in [task for task in self.beside if task is not self._failed]:
             self._attempt(task)
             if task.over:
                 self.beside.remove(task)
@@ -344,15 +352,11 @@ class Interpreter:
             self.message = str(told)
             self._call_reaction(task, Watch(handler, task.frames[-1].priority if task.frames else 0, True))
             return
-        if task is not self.task:
-            self.beside.remove(task)
-            told = ProgramError(f"beside: {told}")
-        self._fail(told)
-        self._step_failed = task is self.task
+        self._fail(told if task is self.task else ProgramError(f"beside: {told}"))
+        self._failed = task
 
     def _fail(self, error: QRobotError) -> None:
         self.stop_arm()
         self._settle()
         self._unfinished = self.machine.arm.unfinished()
-        self._step_failed = False
         self.state, self.message, self.error = RunState.FAILED, str(error), error
