@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -191,9 +192,12 @@ class FenceSet:
     def floor(self, q: Floats) -> Floats:
         """Slack that a motion from `q` (n,) has to keep: none, or what there is where the arm stands too near already.
 
-        Shape (m + 1,).
+        Shape (m + 1,); where the arm stands too near a fence, of each of its parts by itself: (k m + 1,) for k parts.
         """
-        floor: Floats = np.minimum(self.slack(q), 0.0) - SLACK_M
+        slack = self.slack(q)
+        if (slack[:-1] < 0.0).any():
+            slack = self._slack_of_parts(q)
+        floor: Floats = np.minimum(slack, 0.0) - SLACK_M
         return floor
 
     def check(self, q: Floats, floor: Floats, what: str, share: float) -> float:
@@ -202,13 +206,47 @@ class FenceSet:
         Raises:
             FenceCrossed: there is none.
         """
-        left = self.slack(q) - floor
-        k = int(left.argmin())
-        if not left[k] >= 0.0:
-            distance = float(self._rows[k])
-            raise FenceCrossed(_sentence(what, self.names[k], self._body_at(k), distance, self.margins[k], share),
-                               self.names[k], self._body_at(k), self.margins[k] - distance, share)  # fmt: skip
-        return float(left[k])
+        slack = self._slack_like(q, floor)
+        left = slack - floor
+        row = int(left.argmin())
+        if not left[row] >= 0.0:
+            k, body = self._fence_and_body(row, floor)
+            distance = float(slack[row] + self.margins[k])
+            raise FenceCrossed(_sentence(what, self.names[k], body, distance, self.margins[k], share),
+                               self.names[k], body, self.margins[k] - distance, share)  # fmt: skip
+        return float(left[row])
+
+    def _slack_like(self, q: Floats, floor: Floats) -> Floats:
+        """The slack at `q` (n,) that a floor is compared with: of the arm as a whole, or of each of its parts."""
+        return self.slack(q) if floor.size == self.margins.size else self._slack_of_parts(q)
+
+    def _slack_of_parts(self, q: Floats) -> Floats:
+        """Slack of each part of the arm to each fence, then of the arm to itself. Shape (k m + 1,)."""
+        parts = []
+        for words in self._words_of_parts:
+            n_rows = clearances(q + self._zero, words, self._work, self._rows, self._nearest)
+            parts.append(self._rows[: n_rows - 1] - self.margins[:-1])
+        return np.concatenate([*parts, self.slack(q)[-1:]])
+
+    @cached_property
+    def _words_of_parts(self) -> list[Floats]:
+        """The table for each part of the arm, in which the others are of its base: that is compared with no fence."""
+        tables = []
+        for i in range(len(self.bodies)):
+            table = self.words.copy()
+            links = table[CAPSULES : CAPSULES + CAPSULE_WORDS * len(self.bodies) : CAPSULE_WORDS]
+            links[np.arange(len(self.bodies)) != i] = 0.0
+            table[N_PAIRS] = 0.0
+            tables.append(table)
+        return tables
+
+    def _fence_and_body(self, row: int, floor: Floats) -> tuple[int, str]:
+        """Number of the fence and name of the part of the arm in a row of the slack that `floor` is compared with."""
+        fences = self.margins.size - 1
+        if floor.size == self.margins.size or row == floor.size - 1:
+            k = row if floor.size == self.margins.size else fences
+            return k, self._body_at(k)
+        return row % fences, self.bodies[row // fences]
 
     def check_path(self, joints_at: Callable[[float, Floats], Floats], start: Floats, what: str) -> None:
         """Look at a path at so many places that no body enters a margin unseen, to half of `RESOLUTION_M`.
@@ -248,7 +286,7 @@ class FenceSet:
         return 1.0
 
     def _left(self, q: Floats, floor: Floats) -> float:
-        return float((self.slack(q) - floor).min())
+        return float((self._slack_like(q, floor) - floor).min())
 
 
 def _sentence(what: str, fence: str, body: str, distance: float, margin: float, share: float) -> str:

@@ -161,6 +161,31 @@ def test_a_fence_in_which_the_base_stands_is_one_for_all_that_moves() -> None:
         generator(fences).push(MoveRequest("down", down, JointSpeed(1.0)))
 
 
+def test_a_part_that_is_inside_a_fence_lets_no_other_part_in() -> None:
+    """Against an oracle with points on each capsule; `whole` is what an arm judged as a whole would be allowed."""
+    hand = ARM.flange(PARK)[:3, 3]
+    box = Fence(
+        name="box", shape="box", size_m=(0.3, 0.3, 0.3), position_m=(hand[0] + 0.1, hand[1], hand[2]), bodies="all"
+    )
+    fences, rng, whole = FenceSet(ROBOT, [box]), np.random.default_rng(3), 0
+    moving = [capsule for capsule in ROBOT.shape.capsules if capsule.link > 0]
+    first = np.array([slowly.distance(ROBOT, capsule, box, PARK) for capsule in moving])
+    assert first.min() < -0.02
+    assert first.max() > box.margin_m
+    floor, kept = fences.floor(PARK), np.minimum(first, box.margin_m)
+    for _ in range(150):
+        q = PARK + rng.uniform(-0.6, 0.6, PARK.size)
+        above = np.array([slowly.distance(ROBOT, capsule, box, q) for capsule in moving]) - kept
+        if above.min() < -0.003:
+            whole += bool((above + kept).min() >= first.min())
+            with pytest.raises(FenceCrossed, match="fence 'box'") as crossed:
+                fences.check(q, floor, "motion", 0.5)
+            assert crossed.value.body == moving[int(above.argmin())].name
+        elif above.min() > 0.003:
+            assert fences.check(q, floor, "motion", 0.5) >= 0.0
+    assert whole > 3
+
+
 def test_an_arm_that_stands_too_near_may_leave_and_come_no_nearer() -> None:
     motion = generator(wall_ahead(0.0))  # on its surface, 20 mm inside the margin
     turn = np.radians([0.0, 10.0, -20.0, 0.0, 0.0, 0.0])
