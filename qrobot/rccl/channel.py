@@ -340,7 +340,7 @@ class Channel(MotionParameters, HandAndOutputs):
 
         When the servo has stopped the arm for COLLISION and holds it, the arm goes back slowly (100 mm/s at most), and
         comes to rest; then the program is told ServoFault, or its path is kept. It goes back once: what it meets
-        on the way ends that. Arms that move together stay where they are.
+        on the way ends that. Arms that move together stay where they are. The path is remembered from this call on.
 
         Raises:
             MotionError: no such distance.

@@ -371,11 +371,12 @@ class TrajectoryTask:
             return
         if self.group is not None:
             self.group.before_sample(tick)
-        seen = ArmSample(*(np.array(row) for row in (how.q, how.v, how.tau, how.q_setpoint)))
-        self.force.observe(seen, self.generator, tick)
-        self.generator.override = self._override_in_force(how)
-        output = self.generator.update(tick, self.force.standing)
-        command = self.force.command(output.q, seen, self.generator, tick)
+        generator = self.generator
+        seen = ArmSample(np.array(how.q), np.array(how.v), np.array(how.tau), np.array(how.q_setpoint))
+        self.force.observe(seen, generator, tick)
+        generator.override = self._override_in_force(how)
+        output = generator.update(tick, self.force.standing)
+        command = self.force.command(output.q, seen, generator, tick)
         self.chg.drive(command.setpoints, command.torque)
         if self._trace is not None:
             for event in output.events:
@@ -386,7 +387,8 @@ class TrajectoryTask:
             if any(event.kind is EventKind.IDLE for event in output.events):
                 self.completed.signal()
         self.motions.update_progress(output)
-        self._travelled.note(output.q)
+        if self.retract_m > 0.0:
+            self._travelled.note(output.q)
         if self.generated is not None:
             self.generated(output.q)
 

@@ -121,7 +121,8 @@ class RobotCycle:
         self._power_down = PowerDown(period_s, power_off=False)
         self._waited_s = 0.0
         self._runs = 0  # of the control function, not told yet
-        self._told: tuple[CyclePhase, int] | None = None
+        self._told_phase: CyclePhase | None = None
+        self._told_left_out = 0
         self._words: memoryview | None = None  # of the descriptor, written in a tenth of NumPy's time
         self._seq: int | None = None
         self._said: Asked | Command = Asked((), ())  # in the command before
@@ -175,12 +176,12 @@ class RobotCycle:
         self._td.how = robot
         self._heard.append(robot)
         match self.phase:
+            case CyclePhase.FOLLOWING:  # nearly always
+                self._follow(robot, chg, control)
             case CyclePhase.POWERING:
                 self._power(robot, chg, now_ns)
             case CyclePhase.STARTING:
                 self._start(robot)
-            case CyclePhase.FOLLOWING:
-                self._follow(robot, chg, control)
             case CyclePhase.STANDING:
                 self._hooks.standing()
             case CyclePhase.STOPPING:
@@ -194,12 +195,11 @@ class RobotCycle:
     def describe(self) -> None:
         """Keep up the descriptor of a task that no processor of RCI runs."""
         words = self._words = self._words or self._td.words.data
-        told = self.phase, self.left_out
-        if told != self._told:
-            self._told = told
-            words[_STATE], words[_MISSED] = _STATES[self.phase], self.left_out
         words[_RUNS] += self._runs
         self._runs = 0
+        if self.phase is not self._told_phase or self.left_out != self._told_left_out:
+            self._told_phase, self._told_left_out = self.phase, self.left_out
+            words[_STATE], words[_MISSED] = _STATES[self.phase], self.left_out
 
     def answer(self, state: State, now_ns: int) -> Command:
         """Answer a STATE that was taken in already, after something went wrong."""
