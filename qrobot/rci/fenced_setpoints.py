@@ -31,7 +31,7 @@ def check_setpoints(
     Raises:
         FenceCrossed: names fence, part of the arm and distance.
     """
-    floor = np.minimum(fences.slack(before), -SLACK_M)
+    floor = np.minimum(fences.floor(before) + SLACK_M, -SLACK_M)  # each sample has its own: no creeping in
     v = (setpoints - before) / period_s
     seconds = 0.5 * STOP_PEAK * float((np.abs(v) / a_stop).max()) + period_s
     for share in STOP_SHARES:

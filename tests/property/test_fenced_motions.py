@@ -24,6 +24,7 @@ from qrobot.motion import (
     kinematics_of,
     motion_limits,
 )
+from qrobot.rci.fenced_setpoints import check_setpoints
 from tests.support import fences as slowly
 
 ROBOT = load_robot("puma560")
@@ -181,6 +182,8 @@ def test_a_part_that_is_inside_a_fence_lets_no_other_part_in() -> None:
             with pytest.raises(FenceCrossed, match="fence 'box'") as crossed:
                 fences.check(q, floor, "motion", 0.5)
             assert crossed.value.body == moving[int(above.argmin())].name
+            with pytest.raises(FenceCrossed, match="fence 'box'"):  # nor from one sample of a task to the next
+                check_setpoints(fences, "task", PARK, q, LIMITS.a_stop, 3.0)
         elif above.min() > 0.003:
             assert fences.check(q, floor, "motion", 0.5) >= 0.0
     assert whole > 3
