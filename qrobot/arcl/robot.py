@@ -45,12 +45,14 @@ class ArclRobot:
 
     Attributes:
         name: of the arm.
-        aki, ami: as given.
+        aki: as given, with the limits that motions have on this machine.
+        ami: as given.
     """
 
     def __init__(self, robot: Robot, aki: ManipulatorKinematics, ami: RobotMachine) -> None:
         self.name = robot.name
-        self.aki, self.ami = _on_machine(aki, ami), ami
+        self.aki, self.ami = aki, ami
+        self._full_aki = aki
         self._robot = robot
         self._units = units_of(robot)
         self._options = MotionOptions()
@@ -60,7 +62,8 @@ class ArclRobot:
         self._begin_at(ami.open())
 
     def _begin_at(self, q: Floats) -> None:
-        """Begin to move the arm from where it is held."""
+        """Begin to move the arm from where it is held, within the limits that the machine has now."""
+        self.aki = _on_machine(self._full_aki, self.ami)
         fences = fences_for(self.name)
         fences = None if fences is None else fences.seen_from(self.aki.zero)
         self._motions = MotionQueue(self.aki, self.ami.period_s, q, self, fences)

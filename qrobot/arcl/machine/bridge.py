@@ -109,8 +109,8 @@ class BridgeMachine:
         return np.array(self.td.chg.setpoints) - self._settings.zero
 
     def narrow(self, limits: MotionLimits) -> MotionLimits:
-        """See `RobotMachine.narrow`: the servo has those of the robot file."""
-        return limits
+        """See `RobotMachine.narrow`: those of the robot file, slowed as the servo's reduced speed asks for."""
+        return limits.slowed(self.td.how.speed_limit)
 
     def start(self, cycle: SetpointCycle) -> None:
         """See `RobotMachine.start`."""

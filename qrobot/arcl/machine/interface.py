@@ -101,7 +101,10 @@ class RobotMachine(Protocol):
         """Take the arm. Gives the joint positions at which it is held. Shape (n,). Raises what a link raises."""
 
     def narrow(self, limits: MotionLimits) -> MotionLimits:
-        """The limits that motions have on this machine, of an arm whose joints have `limits`: those, or narrower."""
+        """The limits that motions have on this machine, of an arm whose joints have `limits`: those, or narrower.
+
+        Asked whenever the arm has been taken: when it is opened, and after it was lent.
+        """
 
     def start(self, cycle: SetpointCycle) -> None:
         """Call `cycle` once per sample from now on, and deliver what it gives."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from qrobot import rccl
+from qrobot import arcl, rccl, rci
 from qrobot.config import load_robot
 from qrobot.config.deployment import ServoChoice
 from qrobot.errors import ConfigError
@@ -21,6 +24,7 @@ from qrobot.servo.checks.tip_speed import check_tip_speed, tip_speed
 from qrobot.servo.settings import ServoSettings
 from qrobot.servo.speed_share import speed_share
 from qrobot.sim_board.emulator import Emulator
+from tests.support.arcl import forget_programs
 from tests.support.puma import ROBOT
 from tests.support.servo_bench import ServoBench, cruise, moving, play
 
@@ -58,13 +62,31 @@ def test_joints_that_keep_their_share_of_speed_keep_the_limit_of_the_tool(name: 
     assert speed_share(robot, tip, 0.0) == speed_share(robot, tip, 1e3) == 1.0
 
 
-def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped() -> None:
-    settings = ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT)
-    rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid", start=ROBOT.poses["end"] + 0.1))
-    with rccl.use(lambda hello: link_factory(rig, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+def by_rccl() -> None:
+    with rccl.control(ROBOT.name) as arm:
         assert (arm.how.tool_speed_limit, 0 < arm.how.speed_limit < 0.5) == (LIMIT, True)
         arm.move(arm.jposition("beside", np.degrees(ROBOT.poses["end"])))
         arm.waitfor(arm.completed)
+
+
+def by_arcl() -> None:
+    """As fast as the joints may be, which is too fast for the tool."""
+    forget_programs()
+    rp = arcl.arcl_open(0)
+    try:
+        arcl.move(rp, rp.pose("end"), arcl.MOV_SHARE, 100, 0)
+        arcl.arcl_close(rp)
+    finally:
+        forget_programs()
+
+
+@pytest.mark.parametrize("program", [by_rccl, by_arcl])
+def test_a_program_at_reduced_speed_goes_slowly_instead_of_being_stopped(program: Callable[[], None]) -> None:
+    settings = ServoSettings(rate_hz=500.0, reduced_speed_m_s=LIMIT)
+    rig = LockstepRig(ROBOT, settings, Emulator(ROBOT, physics="rigid", start=ROBOT.poses["end"] + 0.1))
+    links = partial(link_factory, rig, 28_000)
+    with rccl.use(links), rci.use(links):
+        program()
     rows, tip = rig.rows(), tuple(np.array(rig.params.tip))
     chain = chain_params(ROBOT)
     fastest = max(tip_speed(row["q_ref"].copy(), row["v_ref"].copy(), chain, tip) for row in rows[::50])
