@@ -114,8 +114,7 @@ class Interpreter:
 
     def abort(self) -> None:
         """Give the program up; the arm comes to rest on its path."""
-        self.stop_arm()
-        self._settle()
+        self._come_to_rest()
         self.machine.arm.unfinished()
         self.task, self._unfinished, self.beside, self._failed = None, [], [], None
         self.state, self.message = RunState.ABORTED, ""
@@ -213,11 +212,11 @@ class Interpreter:
                 self._turn()
                 if self.state is RunState.RUNNING:
                     self.machine.arm.sample()
+            if self.state is RunState.PAUSED:
+                self._settle()
         except (KeyboardInterrupt, LinkError, ServoFault):
             self._interrupted()
             raise
-        if self.state is RunState.PAUSED:
-            self._settle()
         if self._run_signal:
             self.machine.set_signal(-self._run_signal)
         return self.state
@@ -226,11 +225,20 @@ class Interpreter:
         """Ctrl-C is the panic button: the arm comes to rest, and PROCEED takes up the motion."""
         self.pause("interrupted")
         try:
-            self.stop_arm()
-            self._settle()
+            self._come_to_rest()
             self._unfinished = self.machine.arm.unfinished()
         except QRobotError:
             self.task = None  # the arm is lost
+
+    def _come_to_rest(self) -> None:
+        """Stop the arm on its path and wait until it stands; another Ctrl-C meanwhile changes nothing."""
+        while True:
+            try:
+                self.stop_arm()
+                self._settle()
+                return
+            except KeyboardInterrupt:
+                continue
 
     def _settle(self) -> None:
         """Let samples pass until the arm stands."""
@@ -356,7 +364,6 @@ class Interpreter:
         self._failed = task
 
     def _fail(self, error: QRobotError) -> None:
-        self.stop_arm()
-        self._settle()
+        self._come_to_rest()
         self._unfinished = self.machine.arm.unfinished()
         self.state, self.message, self.error = RunState.FAILED, str(error), error

@@ -17,6 +17,7 @@ from qrobot.val.source import load_source, store_source
 from qrobot.val.values import JointLocation, numbers_of, stored_numbers
 from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS
 
+LEAST_SPEED: Final = 0.1  # percent [A], as of `qrobot val run`; slower, an arm seems to stand
 HELP: Final[dict[str, str]] = {
     "EXECUTE": "p, cycles, step    run a program",
     "XSTEP": "p, cycles, step    run a program up to behind its first step; NEXT does the next one",
@@ -133,9 +134,11 @@ class ValMonitor:
 
     def _execute(self, rest: str, single: bool = False) -> str:
         name, *numbers = [part.strip() for part in rest.split(",")]
-        if not all(_COUNT.fullmatch(number) for number in numbers) or len(numbers) > 2:
+        if not name or not all(_COUNT.fullmatch(number) for number in numbers) or len(numbers) > 2:
             raise ProgramError(f"expected {'XSTEP' if single else 'EXECUTE'} program, cycles, step", column=1)
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
+        if not cycles:
+            raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
         return self._told(self._run.execute(name.lower(), cycles, step, single))
 
     def _told(self, state: RunState) -> str:
@@ -195,6 +198,8 @@ class ValMonitor:
     # ------------------------------------------------------------------------------------------------ files, settings
 
     def _load(self, rest: str) -> str:
+        if not rest:
+            raise ProgramError("expected LOAD file")
         source = load_source(Path(rest))
         self._machine.load(source)
         return f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
@@ -210,8 +215,8 @@ class ValMonitor:
             speed = float(rest)
         except ValueError:
             speed = 0.0
-        if not 0.0 < speed <= 100.0:
-            raise ProgramError("expected SPEED and a number above 0 and up to 100")
+        if not LEAST_SPEED <= speed <= 100.0:
+            raise ProgramError(f"expected SPEED and a number from {LEAST_SPEED} to 100")
         self._machine.arm.override = speed
         return ""
 

@@ -87,7 +87,11 @@ def _written(value: float, form: str) -> str:
 
 
 def _prompt(run: Interpreter, task: ValTask, action: tree.PromptFor) -> None:
-    answer = run.machine.ask(action.text).strip()
+    try:
+        answer = run.machine.ask(action.text).strip()
+    except KeyboardInterrupt:
+        task.frame_now.pc -= 1  # PROCEED asks again
+        raise
     try:
         number = float(answer or 0.0)
     except ValueError:

@@ -267,20 +267,22 @@ def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
 
 
-def test_a_motion_that_is_interrupted_is_taken_up_by_proceed() -> None:
-    program = main_program("MOVE a", "BREAK", "SPEED 20", "MOVES b", "BREAK", "x = y", 'TYPE "end"', rest=PLACES)
-    with interpreter(program) as (run, typed):
-        stop_at = iter(range(60))
+@pytest.mark.parametrize(("single", "times"), [(False, 1), (False, 4), (True, 2)])
+def test_a_motion_that_is_interrupted_is_taken_up_by_proceed(single: bool, times: int) -> None:
+    """Also by Ctrl-C again while the arm comes to rest, and by one while NEXT waits for its motion's end."""
+    lines = "MOVE a", "BREAK", "SPEED 20", "MOVES b", "BREAK", "x = y", 'TYPE "end"'
+    with interpreter(main_program(*lines, rest=PLACES)) as (run, typed):
+        count = iter(range(1000))
         sample = run.machine.arm.sample
 
         def interrupted() -> None:
             sample()
-            if next(stop_at, None) == 59:
+            if 60 <= next(count) < 60 + times:
                 raise KeyboardInterrupt
 
         run.machine.arm.sample = interrupted  # type: ignore[method-assign]
         with pytest.raises(KeyboardInterrupt):
-            run.execute("main")
+            _run_on(run, single)
         assert run.state is RunState.PAUSED
         where = run.machine.frame("here")[:3, 3]
         assert where[[0, 2]] == pytest.approx([0.45, 0.0], abs=1e-4)  # on its straight line
@@ -290,6 +292,27 @@ def test_a_motion_that_is_interrupted_is_taken_up_by_proceed() -> None:
         run.machine.values["y", ()] = 1.0
         assert run.retry() is RunState.COMPLETED
         assert typed == ["end"]
+
+
+def _run_on(run: Interpreter, single: bool) -> None:
+    """Run `main` to its end, by single steps or in one go."""
+    run.execute("main", single=single)
+    while single and run.state is RunState.PAUSED:
+        run.proceed(single=True)
+
+
+def test_a_question_that_is_interrupted_is_asked_again() -> None:
+    with interpreter(main_program('PROMPT "n", x', "y = x"), "7") as (run, typed):
+        answer, run.machine.ask = typed.ask, _interrupted
+        with pytest.raises(KeyboardInterrupt):
+            run.execute("main")
+        run.machine.ask = answer
+        assert run.proceed() is RunState.COMPLETED
+        assert run.machine.values["y", ()] == 7.0
+
+
+def _interrupted(_text: str) -> str:
+    raise KeyboardInterrupt
 
 
 def test_a_mistake_in_a_reaction_is_retried_and_the_stopped_motion_counts_as_ended() -> None:

@@ -65,7 +65,21 @@ def test_a_program_is_stepped_from_its_beginning() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        *("SPEED 0", "SPEED nan", "EX nobody", "EX main,x", "EX main,1,99", "LOAD missing.v2", "STORE", "DO GOTO 3"),
+        *(
+            "SPEED 0",
+            "SPEED 1e-300",
+            "SPEED nan",
+            "EX",
+            "LOAD",
+            "EX main,0",
+            "EX main,--1",
+            "EX nobody",
+            "EX main,x",
+            "EX main,1,99",
+            "LOAD missing.v2",
+            "STORE",
+            "DO GOTO 3",
+        ),
         *(
             "HERE 3",
             "POINT a = 3",
