@@ -83,7 +83,8 @@ def attribute_values(call: str, given: Sequence[Any]) -> dict[Attribute, tuple[A
             raise MotionError(f"{call}: {attribute.name} needs {count} value{'s' if count > 1 else ''} behind it")
         found[attribute], words = tuple(words[:count]), words[count:]
     if len(words) > 1:
-        raise MotionError(f"{call}: {words[1]!r} stands behind the end of the list")
+        extra = words[1].name if isinstance(words[1], Attribute) else repr(words[1])
+        raise MotionError(f"{call}: {extra} stands behind the end of the list")
     return found
 
 

@@ -53,7 +53,8 @@ class IOD:
 
 
 def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1) -> IOD:
-    """A group of `count` lines from line `first` on. Raises MotionError: there are no such lines."""
+    """A group of `count` lines from line `first` on. Raises MotionError: no such lines, or no robot."""
+    _check_robot("new_iod", rp)
     if not isinstance(direction, LineDirection):
         raise MotionError(f"new_iod: IOD_IN or IOD_OUT is needed, not {direction!r}")
     if not all(isinstance(number, int) and not isinstance(number, bool) for number in (first, count)):
@@ -64,8 +65,7 @@ def new_iod(rp: ArclRobot, direction: LineDirection, first: int, count: int = 1)
 
 def named_iod(rp: ArclRobot, name: str) -> IOD:
     """Lines, or an analogue channel, that have that name in the deployment file. Raises ConfigError: none has it."""
-    if not isinstance(rp, ArclRobot):
-        raise MotionError(f"named_iod: a robot is needed, from arcl_open, not {rp!r}")
+    _check_robot("named_iod", rp)
     if not isinstance(name, str):
         raise MotionError(f"named_iod: a name of the deployment file is needed, not {name!r}")
     signal = rp.signal(name)
@@ -107,6 +107,11 @@ def iod_write(iod: IOD, value: int) -> None:
         raise MotionError(f"iod_write: a whole number is needed, not {value!r}")
     set_bits(0, iod.first, iod.count, value)
     iod.rp.write_outputs(iod.first, iod.count, value)
+
+
+def _check_robot(call: str, given: object) -> None:
+    if not isinstance(given, ArclRobot):
+        raise MotionError(f"{call}: a robot is needed, from arcl_open, not {given!r}")
 
 
 def _iod(call: str, given: object) -> IOD:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -58,15 +58,24 @@ from qrobot.arcl.stream import RecordKind, Stream, cartesian_table, read_stream
 from qrobot.cli.arms import choose_arm, servo_settings
 from qrobot.cli.teach_pendant import teach_by_keys, terminal_pendant
 from qrobot.errors import ConfigError, LinkBusy, LinkError, MotionError, ServoFault
+from qrobot.hwif.modbus.device import ModbusDevice
+from qrobot.hwif.modbus.io import RemoteModule
+from qrobot.hwif.modbus.panel import PanelModules
+from qrobot.hwif.modbus.server import ModbusServer
+from qrobot.hwif.registers import DAC, ENC_COUNT
 from qrobot.rci.machine_choice import MachineChoice, use_machine
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from tests.support.arcl import HELD, at, forget_programs, keys_of_a_terminal, run_example
+from tests.support.paper_board import PaperBoard
+from tests.support.patience import PATIENCE_MS
 from tests.support.puma import ROBOT
+from tests.support.virtual_clock import VirtualClock
 
 SAMPLE_US = 28_000
 MEASURED = 0.02  # rad: the servo's error on the way, and half a sample of it
+PUMP = DAC // 2 + 3  # register of a module
 AWAY = (20.0, 120.0, -10.0, 10.0, 60.0, -160.0)
 
 
@@ -226,6 +235,58 @@ def test_lines_and_channels_reach_the_board_and_come_from_it_by_number_and_by_na
             iod_write(pressure, 1)
         with pytest.raises(ConfigError, match=r"no signal 'presure'; it has glue, grip, lamps, pressure, switches"):
             named_iod(rp, "presure")
+        arcl_close(rp)
+
+
+MODULE = """
+[[arm.board.io]]
+host = "127.0.0.1"
+port = {port}
+inputs = [{{ address = 15, input = 1 }}, {{ address = 0, input = 2 }}]
+analog = [{{ address = {register}, channel = 6, volt_per_count = 0.001 }}]
+outputs = [
+  {{ address = 3, output = 1, name = "red", on = 0, off = 1 }},
+  {{ address = {pump}, output = 2, name = "green", kind = "register", on = 700 }},
+]
+"""
+
+
+def test_names_reach_the_lines_and_channels_of_a_module_on_modbus(tmp_path: Path) -> None:
+    paper, clock = PaperBoard(), VirtualClock()
+    paper.inputs[ENC_COUNT // 2] = 2500  # of 1 mV
+    paper.status = 1
+    with ExitStack() as stack:
+        server = stack.enter_context(ModbusServer(ModbusDevice(paper, watchdog_ms=0, now_ns=clock)))
+        text = NAMED.split("board = ", maxsplit=1)[0] + MODULE.format(
+            port=server.address[1], register=ENC_COUNT // 2, pump=PUMP
+        )
+        (tmp_path / "here.toml").write_text(text)
+        arm = choose_arm(str(tmp_path / "here.toml"), None)
+        (choice,) = arm.board.io
+        module = RemoteModule(choice.model_copy(update={"timeout_ms": PATIENCE_MS}), now_ns=clock)
+        stack.callback(module.close)
+        rig = LockstepRig(ROBOT, servo_settings(arm))
+        wires = PanelModules(rig.board, [module])
+
+        def asked() -> bool:
+            module.poll()
+            wires.step(clock())
+            return ami_treal() > end
+
+        stack.enter_context(use_machine(MachineChoice("bridge", None, ROBOT, arm.named_signals)))
+        stack.enter_context(rci.use(partial(link_factory, rig, SAMPLE_US)))
+        rp = arcl_open(0)
+        iod_write(named_iod(rp, "lamps"), 0b10)
+        end = ami_treal() + 300
+        arcl_wait(rp, asked)
+        assert iod_read(named_iod(rp, "switches")) == 0b010  # of three lines from the first on, the second is on
+        assert iod_value(named_iod(rp, "pressure")) == pytest.approx(4.0, abs=0.02)
+        assert (iod_read(named_iod(rp, "red")), iod_read(named_iod(rp, "green"))) == (0, 1)
+        assert [value for _, offset, value in paper.applied if offset == 2 * PUMP][-1] == 700
+        iod_write(named_iod(rp, "lamps"), 0)
+        end = ami_treal() + 300
+        arcl_wait(rp, asked)
+        assert [value for _, offset, value in paper.applied if offset == 2 * PUMP][-1] == 0
         arcl_close(rp)
 
 

@@ -14,7 +14,9 @@ __all__ = ["N_INPUTS", "N_OUTPUTS", "check_lines", "get_bits", "set_bits"]
 
 def check_lines(first: int, count: int, lines: int) -> None:
     """Raises MotionError when there are no such lines; line 1 is the first."""
-    if not (first >= 1 and count >= 1 and first + count - 1 <= lines):
+    if count < 1:
+        raise MotionError(f"a group has 1 line or more, not {count}")
+    if not (first >= 1 and first + count - 1 <= lines):
         raise MotionError(f"lines {first} to {first + count - 1}: there are lines 1 to {lines}")
 
 
