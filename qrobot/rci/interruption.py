@@ -4,42 +4,57 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any, Final
-
-HANDS_OFF: Final = None  # the handler of a thread, or of a process, whose Ctrl-C is somebody else's
+from typing import Any
 
 
 class WholeSamples:
-    """Block at whose end Ctrl-C comes into force: half a sample would cost the robot. A second one does not wait.
+    """Guard of samples: Ctrl-C in one, while the program waits, comes into force behind it; a second one does not wait.
 
-    So a program can stop its arm and go on after Ctrl-C, and one whose own function never ends can be ended. Other
-    threads, and processes whose Ctrl-C Python does not hear, are left alone.
+    So a program can stop its arm and go on after Ctrl-C, and one whose own function never ends can be ended. Waits of
+    other threads, and processes whose Ctrl-C Python does not hear, are left alone.
     """
 
     def __init__(self) -> None:
-        self._handler: Callable[[int, FrameType | None], Any] | None = HANDS_OFF
-        self._came = False
+        self._handler: Callable[[int, FrameType | None], Any] | None = None  # that was there before, while one waits
+        self._inside = self._came = False
 
-    def __enter__(self) -> None:
+    @contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Block in which samples pass."""
         handler = signal.getsignal(signal.SIGINT)
-        if not callable(handler) or threading.current_thread() is not threading.main_thread():
-            self._handler = HANDS_OFF
+        mine = threading.current_thread() is threading.main_thread()
+        if self._handler is not None or not callable(handler) or not mine:
+            yield
             return
-        self._handler, self._came = handler, False
+        self._handler = handler
         signal.signal(signal.SIGINT, self._hear)
+        try:
+            yield
+        finally:
+            self._handler = None
+            signal.signal(signal.SIGINT, handler)
 
-    def __exit__(self, *_: object) -> None:
-        if self._handler is HANDS_OFF:
-            return
-        signal.signal(signal.SIGINT, self._handler)
+    def begin(self) -> None:
+        """A sample begins."""
+        self._inside = True
+
+    def end(self) -> None:
+        """The sample is whole. Raises KeyboardInterrupt, or does what else Ctrl-C does, when that has come."""
+        self._inside = False
         if self._came:
-            self._handler(signal.SIGINT, None)
+            self._came = False
+            self._obey(signal.SIGINT, None)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
-        if self._came and self._handler is not HANDS_OFF:
-            self._came = False
-            self._handler(number, frame)
+        if self._inside and not self._came:
+            self._came = True
             return
-        self._came = True
+        self._came = False
+        self._obey(number, frame)
+
+    def _obey(self, number: int, frame: FrameType | None) -> None:
+        if self._handler is not None:
+            self._handler(number, frame)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from itertools import count, groupby
 from typing import Final, NamedTuple, Protocol
 
@@ -98,6 +99,10 @@ class ProgramTime:
         """Turns of a member have changed: work out the order anew."""
         self._rounds = None
 
+    def waiting(self) -> AbstractContextManager[None]:
+        """Block in which a program waits: Ctrl-C leaves whole what passes in it."""
+        return self._whole_samples.waiting()
+
     def advance(self) -> None:
         """Go to the next event, and run what is due then; does nothing when there is none.
 
@@ -111,8 +116,11 @@ class ProgramTime:
         coming = [at for member in members if (at := member.next_ns) is not None]
         if not coming:
             return
-        with self._whole_samples:
+        self._whole_samples.begin()
+        try:
             self._pass_to(min(coming), members)
+        finally:
+            self._whole_samples.end()
 
     def _pass_to(self, event_ns: int, members: Iterable[TimeMember]) -> None:
         self.passing = True

@@ -64,8 +64,9 @@ class RobotSamples:
         """
         if self._time.passing:
             raise MotionError(NO_WAIT)
-        while not predicate():
-            self._await_sample()
+        with self._time.waiting():
+            while not predicate():
+                self._await_sample()
 
     def _await_sample(self) -> None:
         if self.error is not None:

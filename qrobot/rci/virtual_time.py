@@ -79,9 +79,10 @@ class VirtualProcessors:
         if current_task() is not None:
             raise ConfigError("a control function must not wait: let it signal the program, or come again")
         self._begin()
-        while not predicate():
-            self._time.advance()
-            look()
+        with self._time.waiting():
+            while not predicate():
+                self._time.advance()
+                look()
 
     def _begin(self) -> None:
         """Let time pass from now on; the clock's first tick is now."""
