@@ -19,7 +19,6 @@ from qrobot.errors import ConfigError
 from qrobot.rci import arm_tasks
 from qrobot.rci.descriptor import TaskDescriptor
 from qrobot.rci.environment import environment
-from qrobot.rci.hosts.remote_processor import host_processors
 from qrobot.rci.mail_lane import clear_word, set_word
 from qrobot.rci.processor_names import ProcessorInfo, processors
 from qrobot.rci.program import HasFileno, RciProgram
@@ -115,6 +114,8 @@ def rci_create(name: str, proc: str | None = None, priority: int = 0) -> TaskDes
 
 def rci_processors() -> list[ProcessorInfo]:
     """The processors that tasks can run on, and whether a program can have them now; other hosts are asked."""
+    from qrobot.rci.hosts.remote_processor import host_processors
+
     return [*processors(), *host_processors()]
 
 

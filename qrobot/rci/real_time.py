@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from qrobot.arrays import Words
 from qrobot.errors import ConfigError
@@ -16,13 +16,15 @@ from qrobot.rci.compiled_thread import CompiledThread
 from qrobot.rci.descriptor import HOST
 from qrobot.rci.environment import Environment
 from qrobot.rci.host_thread import WATCH_S, HostThread
-from qrobot.rci.hosts.remote_processor import RemoteProcessor
 from qrobot.rci.mapped_area import MappedArea
 from qrobot.rci.process_processor import ProcessProcessor
 from qrobot.rci.processor_image import AreaRecord, KnownArea, KnownTask, ProcessorImage, TaskNumbers, TaskRecord
 from qrobot.rci.processor_names import is_compiled, is_remote
 from qrobot.rci.task_runner import current_task
 from qrobot.rci.task_table import Bytes
+
+if TYPE_CHECKING:
+    from qrobot.rci.hosts.remote_processor import RemoteProcessor
 
 START_LEAD_S: Final = 0.01  # [A] in which every processor hears that its tasks are to begin at one tick
 _log = logging.getLogger(__name__)
@@ -73,6 +75,8 @@ class RealTimeProcessors:
         if is_compiled(processor):
             return CompiledThread(processor, self.clock, self._numbers.of, happened)
         if is_remote(processor):
+            from qrobot.rci.hosts.remote_processor import RemoteProcessor
+
             return RemoteProcessor(processor, happened)
         return ProcessProcessor(processor, happened)
 
@@ -99,7 +103,7 @@ class RealTimeProcessors:
         ]
         rate_hz, epoch_ns = self.clock.rate_hz, self.clock.epoch_ns
         for processor in self._processors.values():
-            if isinstance(processor, ProcessProcessor | RemoteProcessor):
+            if not isinstance(processor, HostThread | CompiledThread):
                 processor.boot(
                     ProcessorImage(
                         processor.name, processor.cpu, rate_hz, epoch_ns, os.getpid(), records, regions, environment

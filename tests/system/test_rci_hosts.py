@@ -17,7 +17,8 @@ from qrobot.errors import ConfigError, LinkBusy, LinkError, LinkLost, RogueTask
 from qrobot.modecodes import Mode
 from qrobot.rci import TaskDescriptor, TaskState
 from qrobot.rci.hosts.remote_processor import RemoteProcessor
-from qrobot.rci.hosts.settings import HOSTS_VARIABLE
+from qrobot.rci.hosts.session import answer_questions, connecting, open_session
+from qrobot.rci.hosts.settings import HOSTS_VARIABLE, find_host
 from tests.support import rci_on_host as functions
 from tests.support.processes import RunningArm, free_port
 
@@ -94,6 +95,8 @@ def heard() -> tuple[bytes, TaskDescriptor]:
 def test_a_task_on_another_host_answers_messages_and_interrupts_and_ends_there_when_it_turns_rogue(
     host: RunningHost,
 ) -> None:
+    impostor, asked = open_session(connecting(find_host("lab2")), "the host"), list[object]()
+    answer_questions(impostor, "lab2", "**", lambda data: asked.append(data) or b"")
     (info,) = (each for each in rci.rci_processors() if each.name == "host:lab2")
     assert (info.available, "Python" in info.description) == (True, True)
     td, wants = task("far", functions.answer, functions.introduce), task("wants", functions.reach)
@@ -109,12 +112,12 @@ def test_a_task_on_another_host_answers_messages_and_interrupts_and_ends_there_w
         rci.rci_start(td.bit)
         process = int(heard()[0].removeprefix(b"process "))
         assert process == host.process.pid
-        asked = rci.rci_ticks()
+        before_it = rci.rci_ticks()
         assert rci.rci_send(td.bit, b"how far") == 7
         answer, sender = heard()
         assert sender is td
         assert answer.startswith(b"HOW FAR ")
-        assert asked <= int(answer.split()[-1]) <= rci.rci_ticks() + 1
+        assert before_it <= int(answer.split()[-1]) <= rci.rci_ticks() + 1
         rci.rci_send(td.bit, b"interrupt")
         rci.rci_wait(lambda: interrupts)
     finally:
@@ -125,6 +128,8 @@ def test_a_task_on_another_host_answers_messages_and_interrupts_and_ends_there_w
     with pytest.raises(ConfigError, match="does not reach tasks on host lab2: send them messages"):
         rci.rci_wait(lambda: False)
     assert (wants.state, td.state) == (TaskState.ENDED, TaskState.ACTIVE)
+    assert asked == []  # nobody answers in the place of the host
+    impostor.close()
     rci.rci_release(td.bit)
     assert td.state is TaskState.RELEASED
     assert td.runs > 0

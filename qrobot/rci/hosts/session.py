@@ -31,6 +31,7 @@ def listening(settings: HostSettings) -> dict[str, Any]:
         "mode": "peer",
         "listen/endpoints": [settings.endpoint],
         "connect/endpoints": [],
+        "access_control": _access(settings),
     }
     if settings.tls is not None:
         entries["transport/link/tls"] = {
@@ -39,7 +40,6 @@ def listening(settings: HostSettings) -> dict[str, Any]:
             "listen_private_key": settings.tls.key,
             "enable_mtls": True,
         }
-        entries["access_control"] = _access(settings)
     return entries
 
 
@@ -72,21 +72,19 @@ def _common(host: KnownHost) -> dict[str, Any]:
 
 
 def _access(settings: HostSettings) -> dict[str, Any]:
-    """Programs with these certificates may ask this host; all else is refused."""
-    messages = ["query", "reply", "declare_queryable", "liveliness_token"]
-    rule = {
-        "id": "ask",
-        "permission": "allow",
-        "flows": ["ingress", "egress"],
-        "messages": messages,
-        "key_exprs": [key_of(settings.name, "**")],
-    }
+    """Programs may ask this host, those of the list where there is one; none may answer in its place, or ask others."""
+    key = [key_of(settings.name, "**")]
+    rule = {"permission": "allow", "key_exprs": key}
+    programs = {"id": "programs"} | ({"cert_common_names": list(settings.allow)} if settings.allow else {})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [rule],
-        "subjects": [{"id": "programs", "cert_common_names": list(settings.allow)}],
-        "policies": [{"rules": ["ask"], "subjects": ["programs"]}],
+        "rules": [
+            rule | {"id": "ask", "flows": ["ingress"], "messages": ["query"]},
+            rule | {"id": "answer", "flows": ["egress"], "messages": ["reply", "declare_queryable"]},
+        ],
+        "subjects": [programs],
+        "policies": [{"rules": ["ask", "answer"], "subjects": ["programs"]}],
     }
 
 

@@ -64,6 +64,8 @@ def test_beyond_the_loopback_interface_both_ends_ask_for_certificates_and_the_ho
     assert entries["transport/link/tls"]["enable_mtls"]
     assert entries["access_control"]["default_permission"] == "deny"
     assert entries["access_control"]["subjects"][0]["cert_common_names"] == ["planner"]
+    answers = {rule["id"]: rule["flows"] for rule in entries["access_control"]["rules"]}
+    assert answers == {"ask": ["ingress"], "answer": ["egress"]}
     assert connecting(settings)["transport/link/tls"]["verify_name_on_connect"]
     for each in (entries, connecting(settings)):
         assert not each["scouting/multicast/enabled"]
