@@ -114,13 +114,12 @@ static interrupted()
 {
     signals(SIGALRM, on_alarm);
     signals(SIGUSR1, on_user);
-    tick(700);
+    tick(100); /* from before the program has its engine to its end */
     control(each);
     by_words();
     waitfor(completed)
     while (!alarms)
         pause();
-    tick(0);
     printf("%d\n", users > 0);
 }
 

@@ -289,11 +289,15 @@ void shim_close(void)
     shutdown(foreground, SHUT_WR);
 }
 
-/* Async-signal-safe. The engine closes its end when it has let go of the arm. */
+/* Async-signal-safe. The engine closes its end when it has let go of the arm. Signals of the program may interrupt this. */
 void shim_wait_closed(int timeout_ms)
 {
     struct message m;
     struct pollfd wanted = {foreground, POLLIN, 0};
-    while (poll(&wanted, 1, timeout_ms) > 0 && recv(foreground, &m, sizeof m, 0) > 0)
-        ;
+    long left, until = now_ns() + timeout_ms * 1000000L;
+    while ((left = until - now_ns()) > 0) {
+        int ready = poll(&wanted, 1, (int) (left / 1000000 + 1));
+        if (ready == 0 || (ready < 0 && errno != EINTR) || (ready > 0 && recv(foreground, &m, sizeof m, 0) <= 0))
+            return;
+    }
 }

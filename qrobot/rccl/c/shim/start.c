@@ -187,7 +187,7 @@ static void find_engine(int *ours)
     }
 }
 
-/* The first message carries the file of the shared memory. */
+/* The first message carries the file of the shared memory. The program's own signals may interrupt us. */
 static void greet(int channel, int file)
 {
     union {
@@ -203,7 +203,8 @@ static void greet(int channel, int file)
     control.header.cmsg_type = SCM_RIGHTS;
     control.header.cmsg_len = CMSG_LEN(sizeof(int));
     memcpy(CMSG_DATA(&control.header), &file, sizeof file);
-    if (sendmsg(channel, &packet, MSG_NOSIGNAL) < 0 || recv(channel, &m, sizeof m, 0) != sizeof m)
+    if (TEMP_FAILURE_RETRY(sendmsg(channel, &packet, MSG_NOSIGNAL)) < 0
+        || TEMP_FAILURE_RETRY(recv(channel, &m, sizeof m, 0)) != sizeof m)
         shim_die("the motion engine did not start");
     if (m.op == OP_ERROR)
         shim_die(m.text);
