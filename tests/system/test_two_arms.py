@@ -13,6 +13,7 @@ from qrobot.log.read import read_log
 from qrobot.modecodes import Mode
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms
+from tests.support.shared_arm import settle
 
 pytestmark = pytest.mark.realtime
 
@@ -35,6 +36,14 @@ def arms(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[RunningArm]]
         yield running
 
 
+@pytest.fixture(autouse=True)
+def settled(arms: list[RunningArm]) -> Iterator[None]:
+    """Both arms are as they were at first again, whatever a test, or a first try of one, has left."""
+    yield
+    for arm in arms:
+        settle(arm)
+
+
 @pytest.fixture
 def program(tmp_path: Path) -> Path:
     path = tmp_path / "back_and_forth.py"
@@ -44,7 +53,6 @@ def program(tmp_path: Path) -> Path:
 
 def test_a_program_moves_its_own_arm_alone(arms: list[RunningArm]) -> None:
     left, right = arms
-    right.wait_for_rest()  # its wrist has no brakes, and may still be falling from where it was made
     stood = right.encoders()
     with left.swinging(rad_s=0.2):
         assert np.abs(np.subtract(right.encoders(), stood)).max() <= CREEP_COUNTS
@@ -78,4 +86,3 @@ def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list
         rows = right.telemetry()
     assert (rows["mode"][rows["tick"] > tick] == Mode.TRACKING).all()
     assert (right.trace()[:, 1] == Lane.SERVO).all()
-    left.processes.start("servo", "bridge")

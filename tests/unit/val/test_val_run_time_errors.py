@@ -26,7 +26,7 @@ MISTAKES = {
 }
 LATE = "05_machine_handshake"  # waits for a machine by a timer, which goes on while the program is mended
 RECOVERS = "10_recover"  # hands errors to a program of its own
-DRAWS = 4
+DRAWS = 2
 
 
 def broken(text: str, mistake: str, drawn: random.Random) -> tuple[str, int]:
