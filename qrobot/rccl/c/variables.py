@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from qrobot.c_transport.memory import ProgramMemory
+from qrobot.config.outputs import ALL_OUTPUTS
 from qrobot.model.arm import Arm
 from qrobot.motion import TransformKind
 from qrobot.rccl.c.shared import CHG, HOW, SharedTransform
@@ -94,7 +95,7 @@ class Variables:
     def take_outputs(self, channel: Channel) -> None:
         """Take what the program wants of outputs and hand: it may say so anywhere. Of the hand OPEN and CLOSE do
         too."""
-        channel.chg.outputs = int(self._chg["outputs"])
+        channel.chg.outputs = int(self._chg["outputs"]) & ALL_OUTPUTS  # a C program may set all bits of an int
         with self._comparing:
             asked = int(self._chg["hand"])
             if asked != self._hand:
