@@ -102,29 +102,30 @@ class HeldBody:
             ArmInModel(self._model, self._data, first.n, second, steps=True),
         )
         self._hands = [self._model.body(f"{k}{robot.joint_names[-1]}").id for k, robot in enumerate(robots)]
+        self._welds = [self._model.equality(f"{BODY}{k}").id for k in range(len(robots))]
+        self._stand, self._body = self._model.equality(STAND).id, self._model.body(BODY).id
         self._put(pose)
 
     @property
     def pose(self) -> Floats:
         """Pose of the body in the world. Shape (4, 4)."""
-        return self._pose_of(self._model.body(BODY).id)
+        return self._pose_of(self._body)
 
     def hold(self, hand: int) -> None:
         """Hand 0 or 1 takes the body, as and where both are; it stands on its own no longer."""
-        weld = self._model.equality(f"{BODY}{hand}").id
-        self._tie(weld, inverse(self._pose_of(self._hands[hand])) @ self.pose)
-        self._data.eq_active[self._model.equality(STAND).id] = 0
+        self._tie(self._welds[hand], inverse(self._pose_of(self._hands[hand])) @ self.pose)
+        self._data.eq_active[self._stand] = 0
 
     def let_go(self, hand: int) -> None:
         """Hand 0 or 1 opens; when none is left, the body stays where it is."""
-        self._data.eq_active[self._model.equality(f"{BODY}{hand}").id] = 0
+        self._data.eq_active[self._welds[hand]] = 0
         if not any(self._data.eq_active):
-            self._tie(self._model.equality(STAND).id, self.pose)
+            self._tie(self._stand, self.pose)
 
     @property
     def forces(self) -> Floats:
         """Forces of the body on either hand in the last step, N, in the world. Shape (2, 3)."""
-        return np.array([self._force(self._model.equality(f"{BODY}{hand}").id) for hand in range(2)])
+        return np.array([self._force(weld) for weld in self._welds])
 
     @property
     def tension(self) -> float:
@@ -142,7 +143,7 @@ class HeldBody:
         import mujoco
 
         self._data.qpos[-7:] = [*pose[:3, 3], *quaternion(pose)]
-        self._tie(self._model.equality(STAND).id, pose)
+        self._tie(self._stand, pose)
         mujoco.mj_forward(self._model, self._data)
 
     def _tie(self, weld: int, there: Floats) -> None:

@@ -83,7 +83,7 @@ def holding(way: str) -> DyingBench:
 
 def tracking(way: str) -> DyingBench:
     bench = DyingBench(way)
-    moving(bench, seconds=0.45)
+    moving(bench, seconds=0.15)
     return bench
 
 
@@ -143,7 +143,7 @@ def test_a_servo_that_dies_where_a_category_1_stop_ends_in_fault(way: str) -> No
     strict = Overrun(misses_in_a_row=3, late_share=1.0, window_s=1.0)
     trial, bench = DyingBench(overrun=strict), DyingBench(way, overrun=strict)
     for each in (trial, bench):
-        moving(each, seconds=0.45)
+        moving(each, seconds=0.15)
         late(each)
         assert each.mode is Mode.STOPPING
     ticks = trial.until(lambda: trial.mode is Mode.FAULT)
@@ -283,7 +283,7 @@ def test_a_board_that_is_deaf_when_the_servo_dies_gets_power_off_as_soon_as_it_h
 # --------------------------------------------------------------------------------------------------------- stalled
 
 
-@pytest.mark.parametrize(("way", "step"), [("memory", 17), ("port", 71), ("gateway", 71)])
+@pytest.mark.parametrize(("way", "step"), [("memory", 23), ("port", 97), ("gateway", 97)])
 @pytest.mark.parametrize("asks", [True, False], ids=["power on", "power off"])
 def test_a_servo_that_stalls_anywhere_and_goes_on_does_not_undo_what_the_guardian_did(
     asks: bool, way: str, step: int

@@ -27,6 +27,7 @@ from tests.support.two_hands import GRIP, HERE, ROBOT, WORLD, carry, reach
 BODY_KG = 2.0
 WEIGHT_N = BODY_KG * 9.81
 SQUEEZE_MM = 8.0
+PLANT_HZ = 1000  # as the servo: four steps a cycle would take longer, and move as little
 FRAME = 28  # cycles
 SOFT = ServoSettings(
     law="cartesian_impedance",
@@ -43,9 +44,9 @@ class Cell:
 
     def __init__(self, right: ServoSettings) -> None:
         bases = [inverse(WORLD[name].value) for name in WORLD]
-        self.body = HeldBody((ROBOT, ROBOT), bases, HERE.value, BODY_KG)
+        self.body = HeldBody((ROBOT, ROBOT), bases, HERE.value, BODY_KG, dt=1.0 / PLANT_HZ)
         self.rigs = {
-            name: LockstepRig(ROBOT, settings, Emulator(ROBOT, plant=arm))
+            name: LockstepRig(ROBOT, settings, Emulator(ROBOT, plant=arm, plant_hz=PLANT_HZ))
             for name, settings, arm in zip(WORLD, (ServoSettings(), right), self.body.arms, strict=True)
         }
         self.tensions: list[float] = []
