@@ -75,7 +75,8 @@ def go_to_the_end(arm: RunningArm) -> None:
 def test_a_law_that_hangs_on_the_way_loses_torque_and_power_and_the_arm_still_answers(
     arm: RunningArm, laws: Path
 ) -> None:
-    fail_on_the_way(arm, f"{laws}:hangs", "the servo of .* does not run")
+    # With one processor the bridge does not run either, until the loop has lost its priority.
+    fail_on_the_way(arm, f"{laws}:hangs", "the servo of .* does not run|the bridge at .* has fallen silent")
     wait_until(lambda: not arm.powered, "power off")
     last = arm.telemetry()[-1]
     assert abs(last["v_ref"][0]) > 0.9 * BAD_FROM  # it hung on the way: no cycle came after this one

@@ -12,6 +12,7 @@ import os
 import shutil
 import signal
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -420,7 +421,7 @@ class _Running:
         """
         front = self._process.memory.front
         self._thread.join(POLL_S)
-        self._priority.look(self._process.beat_ns)
+        self._priority.look(self._process.beat_ns, time.monotonic_ns())
         if self._beat != front.heartbeat.t_ns or not front.command.shutdown:
             self._beat, self._patience = int(front.heartbeat.t_ns), Deadline(HUNG_S)
         if self._thread.is_alive() and self._patience.passed:

@@ -12,7 +12,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-PATIENT_LOOKS: Final = 20  # without a cycle, in a row: one second
+from qrobot.units import NS_PER_S
+
+PATIENCE_NS: Final = NS_PER_S  # without a cycle
+# One look may stand for so much of it: a process that was stopped as a whole looks before its loop can run again.
+LOOK_NS: Final = PATIENCE_NS // 2
 
 
 class LoopPriority:
@@ -25,17 +29,21 @@ class LoopPriority:
 
     def __init__(self, thread: int, say: Callable[[str], None]) -> None:
         self._thread, self._say = thread, say
-        self._beat, self._looks = -1, 0
+        self._beat, self._looked_ns, self._waited_ns = -1, 0, 0
         self._lent: tuple[int, os.sched_param] | None = None  # what to give back
 
-    def look(self, beat: int) -> None:
-        """Look at the thread, whose cycles count `beat`; to be called again and again."""
+    def look(self, beat: int, now_ns: int) -> None:
+        """Look at the thread, whose cycles count `beat`; to be called again and again.
+
+        With one processor the looks are rare while the loop hangs: the caller has a twentieth of it, too.
+        """
+        since_ns, self._looked_ns = now_ns - self._looked_ns, now_ns
         if beat != self._beat:
-            self._beat, self._looks = beat, 0
+            self._beat, self._waited_ns = beat, 0
             self._give_back()
             return
-        self._looks += 1
-        if self._looks == PATIENT_LOOKS and self._lent is None:
+        self._waited_ns += min(since_ns, LOOK_NS)
+        if self._waited_ns >= PATIENCE_NS and self._lent is None:
             self._take()
 
     def _take(self) -> None:

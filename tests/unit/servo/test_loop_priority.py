@@ -6,7 +6,8 @@ import os
 
 import pytest
 
-from qrobot.servo.process.loop_priority import PATIENT_LOOKS, LoopPriority
+from qrobot.servo.process.loop_priority import LOOK_NS, PATIENCE_NS, LoopPriority
+from qrobot.units import NS_PER_S
 
 THREAD = 4711
 FIFO = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -29,33 +30,64 @@ class FakeScheduler:
         self.now = policy, param.sched_priority
 
 
-def look(priority: LoopPriority, beat: int, times: int) -> None:
-    for _ in range(times):
-        priority.look(beat)
+LOOK_EVERY_NS = 50_000_000
+PATIENT_LOOKS = PATIENCE_NS // LOOK_EVERY_NS
+
+
+class Looks:
+    """Looks at a loop, 50 ms apart where no time is given."""
+
+    def __init__(self, said: list[str]) -> None:
+        self._priority, self._now_ns = LoopPriority(THREAD, said.append), 10**12
+
+    def look(self, beat: int, times: int = 1, every_ns: int = LOOK_EVERY_NS) -> None:
+        for _ in range(times):
+            self._now_ns += every_ns
+            self._priority.look(beat, self._now_ns)
 
 
 def test_a_loop_that_hangs_is_an_ordinary_thread_until_it_runs_cycles_again(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), LoopPriority(THREAD, said.append)
+    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
     for beat in range(5 * PATIENT_LOOKS):
         priority.look(beat)
-    look(priority, 1000, PATIENT_LOOKS)
+    priority.look(1000, PATIENT_LOOKS)
     assert (scheduler.now, said) == ((FIFO, 80), [])
     priority.look(1000)
     assert scheduler.now == (ORDINARY, 0)
-    look(priority, 1000, 5 * PATIENT_LOOKS)
+    priority.look(1000, 5 * PATIENT_LOOKS)
     assert len(said) == 1
     priority.look(1001)
     assert scheduler.now == (FIFO, 80)
     assert "runs again, at its real-time priority" in said[1]
-    look(priority, 1001, PATIENT_LOOKS)
+    priority.look(1001, PATIENT_LOOKS)
     assert scheduler.now == (ORDINARY, 0)
+
+
+def test_with_one_processor_two_looks_of_the_twentieth_that_is_left_to_others_are_enough(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+    scheduler, looks = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
+    looks.look(1)
+    looks.look(1, 2, every_ns=NS_PER_S)
+    assert scheduler.now == (ORDINARY, 0)
+
+
+def test_a_process_that_was_stopped_as_a_whole_keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    scheduler, looks = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
+    for beat in range(5):
+        looks.look(beat)
+        looks.look(beat, every_ns=60 * NS_PER_S)
+        looks.look(beat, LOOK_NS // LOOK_EVERY_NS - 1)
+    assert (scheduler.now, said) == ((FIFO, 80), [])
 
 
 def test_a_priority_that_cannot_be_given_back_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), LoopPriority(THREAD, said.append)
-    look(priority, 1, PATIENT_LOOKS + 1)
+    scheduler, priority = FakeScheduler(monkeypatch, FIFO, 80), Looks(said)
+    priority.look(1, PATIENT_LOOKS + 1)
     scheduler.refuses = True
     priority.look(2)
     assert "without a real-time priority" in said[-1]
@@ -64,6 +96,6 @@ def test_a_priority_that_cannot_be_given_back_is_told(monkeypatch: pytest.Monkey
 
 def test_an_ordinary_thread_stays_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    scheduler, priority = FakeScheduler(monkeypatch, os.SCHED_OTHER, 0), LoopPriority(THREAD, said.append)
-    look(priority, 1, 5 * PATIENT_LOOKS)
+    scheduler, priority = FakeScheduler(monkeypatch, os.SCHED_OTHER, 0), Looks(said)
+    priority.look(1, 5 * PATIENT_LOOKS)
     assert (scheduler.now, said) == ((os.SCHED_OTHER, 0), [])
