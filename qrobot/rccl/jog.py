@@ -26,6 +26,7 @@ STEPPING_HELP: Final = """\
 world dx 10 rz 5   move by mm (dx dy dz) and degrees (rx ry rz) along the axes of the base
 tool dz -10        the same along the axes of the last link
 joint 3 -5         turn one joint by degrees (mm on a sliding one)
+joints 0 -45 ...   go to these joint positions, one for each joint; joints alone tells them
 where              where the arm is
 park               go to the park pose
 open, close        the hand"""
@@ -50,6 +51,7 @@ class Stepper:
             "world": lambda words: self._step(words, in_world=True),
             "tool": lambda words: self._step(words, in_world=False),
             "joint": self._turn,
+            "joints": self._go_to_joints,
             "where": lambda _: place(self._measure("HERE").value),
             "park": lambda _: self._go(self._arm.pose("park")),
             "open": lambda _: self._hand(self._arm.OPEN),
@@ -94,6 +96,16 @@ class Stepper:
             raise MotionError(f"there are joints 1 to {joints.size}")
         joints[joint] += by
         return self._go(self._arm.jposition(f"joint {number}", joints.tolist()))
+
+    def _go_to_joints(self, words: list[str]) -> str:
+        """The test entry of the QRobot paper: joint setpoints typed in degrees."""
+        if words:
+            try:
+                goal = [float(word) for word in words]
+            except ValueError:
+                raise MotionError("say a number for each joint, degrees or mm, as `joints` alone tells them") from None
+            self._go(self._arm.jposition("joints", goal))
+        return "joints " + " ".join(f"{round(joint, 2) + 0.0:.2f}" for joint in self._arm.joints)
 
     def _measure(self, name: str) -> Transform:
         return measure(self._arm, name)

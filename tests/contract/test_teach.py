@@ -66,6 +66,14 @@ def test_one_joint_is_stepped_by_hand(teacher: Teacher) -> None:
     np.testing.assert_allclose(np.degrees(np.array(rccl.how.q) - before), [0, -5, 0, 0, 0, 0], atol=1e-9)
 
 
+def test_joint_positions_are_typed_and_told_in_degrees(teacher: Teacher) -> None:
+    assert teacher.obey("joints 10 -50 170.5 -1 40 0") == "joints 10.00 -50.00 170.50 -1.00 40.00 0.00"
+    np.testing.assert_allclose(np.degrees(rccl.how.q), [10, -50, 170.5, -1, 40, 0], atol=1e-9)
+    told = teacher.obey("joints")
+    teacher.obey("park")
+    assert teacher.obey(told) == told
+
+
 def test_an_answer_has_the_numbers_that_make_the_same_transform(teacher: Teacher) -> None:
     for line in ("world dx 10 rz 5 ry 20", "tool rx -35", "where", "record PART"):
         numbers = [float(number) for number in re.findall(r"-?\d+\.\d", teacher.obey(line))]
@@ -100,6 +108,10 @@ def test_what_was_recorded_is_found_again(teacher: Teacher) -> None:
         ("joint 3", "say a joint and how far"),
         ("joint 9 5", "joints 1 to 6"),
         ("joint 3 inf", "inf is not a finite number"),
+        ("joints 1 2 3", "has 6 joints, not 3"),
+        ("joints 0 0 0 0 0 far", "a number for each joint"),
+        ("joints 0 0 0 0 0 nan", "nan is not a finite number"),
+        ("joints 0 0 9000 0 0 0", "joint 3 (elbow) at 9000.00 deg is outside"),
         ("world dx 5 dx 5", "each once"),
     ],
 )
