@@ -3,8 +3,9 @@
 The master's task moves its arm and posts where the arm was measured. The slave's task, which runs behind it at the same
 tick, sends its own arm to the mirror image of that, left for right, no faster than its joints may go.
 
-    qrobot run --offline examples/16_mirror.py              # two ideal arms
-    qrobot up two_arms & python examples/16_mirror.py       # two emulated ones, in real time
+    qrobot run --offline examples/16_mirror.py                           # two ideal arms
+    qrobot run --lockstep --deployment two_arms examples/16_mirror.py    # two emulated ones, on virtual time
+    qrobot up two_arms & python examples/16_mirror.py                    # the same in real time
 """
 
 import numpy as np

@@ -2,8 +2,9 @@
 
 The object has a frame of its own with one path; both arms keep constant offsets to it. Here the camera is a function.
 
-    qrobot run --offline examples/22_two_hands.py              # two ideal arms
-    qrobot up two_arms & python examples/22_two_hands.py       # two emulated ones, in real time
+    qrobot run --offline examples/22_two_hands.py                            # two ideal arms
+    qrobot run --lockstep --deployment two_arms examples/22_two_hands.py     # two emulated ones, on virtual time
+    qrobot up two_arms & python examples/22_two_hands.py                     # the same in real time
 """
 
 import numpy as np

@@ -43,6 +43,11 @@ def choose_arm(deployment: str, name: str | None) -> DeployedArm:
     raise ConfigError(f"{deployment} has no arm {name!r}; there are: {known}")
 
 
+def choose_arms(deployment: str, name: str | None) -> tuple[DeployedArm, ...]:
+    """The arm called `name`, or all of the file. Raises ConfigError when there is none of that name."""
+    return load_deployment(deployment).arm if name is None else (choose_arm(deployment, name),)
+
+
 def robot_of_arm(arm: DeployedArm) -> Robot:
     """The robot file an arm names."""
     return load_robot(arm.robot)

@@ -7,14 +7,14 @@ import runpy
 import sys
 import traceback as python_traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, inside_fences, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, choose_arms, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
 from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
@@ -25,6 +25,7 @@ from qrobot.units import US_PER_MS
 if TYPE_CHECKING:
     from qrobot.c_transport.memory import ProgramMemory
     from qrobot.c_transport.program_link import CallDispatcher, ProgramLink
+    from qrobot.cli.arm_links import ArmLinks
     from qrobot.config.deployment import DeployedArm
     from qrobot.rci import LinkFactory
 
@@ -56,6 +57,7 @@ def run(
 
       qrobot run examples/01_park_and_return.py
       qrobot run --lockstep examples/01_park_and_return.py
+      qrobot run --lockstep --deployment two_arms examples/22_two_hands.py
       qrobot run --offline examples/02_four_corners.py
       qrobot run --output out/box examples/12_box.py
       qrobot run --offline ./four_corners
@@ -69,7 +71,8 @@ def run(
     deployment
         Deployment file, or the name of a packaged one: tells where the bridge is.
     arm
-        Which arm of the file; may be left out when there is only one.
+        Which arm of the file; may be left out when there is only one. With --lockstep or --offline it may be left out
+        for a program of several arms, which takes them by their names or the addresses of their bridges.
     lockstep
         On virtual time, without processes.
     offline
@@ -96,37 +99,45 @@ def run(
     emulated = {"plant": plant, "scene": scene, "law": law, "model": model, "rate": rate, "log": log}
     given = [f"--{name}" for name, value in emulated.items() if value is not None]
     _check(program, given, lockstep, offline)
-    from qrobot.cli.teach_pendant import terminal_pendant
-    from qrobot.rci.machine_choice import MachineChoice, use_machine
+    from qrobot.cli.arm_links import links_of
 
-    chosen = choose_arm(deployment, arm)
-    start = partial(_start, program, arguments, chosen.robot)
+    arms = choose_arms(deployment, arm) if lockstep or offline else (choose_arm(deployment, arm),)
+    start = partial(_start, program, arguments, arms[0].robot)
+    folder = output
+    if offline and folder is None:
+        folder = checked_folder(Path("out") / "offline" / program.stem)
 
     def perform() -> int:
         if offline:
-            folder = output or checked_folder(Path("out") / "offline" / program.stem)
-            with use_machine(
-                MachineChoice("offline", folder, robot_of_arm(chosen), chosen.named_signals, terminal_pendant)
-            ):
-                return run_virtual(offline_links(chosen), start, folder, ideal=True)
-        with use_machine(MachineChoice("bridge", output, robot_of_arm(chosen), chosen.named_signals, terminal_pendant)):
-            return perform_on_bridge()
-
-    def perform_inside_fences() -> int:
-        with inside_fences(chosen):
-            return perform()
-
-    def perform_on_bridge() -> int:
+            return run_virtual(links_of(arms, offline_links), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
-            return run_through(bridge_links(chosen), start, output)
+            return run_through(bridge_links(arms[0]), start, folder)
         from qrobot.cli.run_lockstep import LockstepRun
 
-        return LockstepRun(chosen, program, plant, scene, law, model, rate).perform(
-            partial(run_virtual, start=start, output=output), deployment, log
+        return LockstepRun(arms, program, plant, scene, law, model, rate).perform(
+            partial(run_virtual, start=start, output=folder), deployment, log
         )
 
-    return _told(perform_inside_fences, traceback)
+    def perform_as_chosen() -> int:
+        with _machine(arms, "offline" if offline else "bridge", folder), _fences(arms):
+            return perform()
+
+    return _told(perform_as_chosen, traceback)
+
+
+def _machine(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> AbstractContextManager[None]:
+    """Block in which programs of ARCL have that machine; only a single arm stands for the robot of its name."""
+    from qrobot.cli.teach_pendant import terminal_pendant
+    from qrobot.rci.machine_choice import MachineChoice, use_machine
+
+    robot, signals = (robot_of_arm(arms[0]), arms[0].named_signals) if len(arms) == 1 else (None, ())
+    return use_machine(MachineChoice(ami, folder, robot, signals, terminal_pendant))
+
+
+def _fences(arms: Sequence[DeployedArm]) -> AbstractContextManager[None]:
+    """Block in which motions keep off the fences of a single arm; those of several are their servos' alone."""
+    return inside_fences(arms[0]) if len(arms) == 1 else nullcontext()
 
 
 def _check(program: Path, emulated: Sequence[str], lockstep: bool, offline: bool) -> None:
@@ -168,13 +179,14 @@ def _told(perform: Callable[[], int], everything: bool) -> int:
     return FAILURE
 
 
-def run_virtual(factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False) -> int:
+def run_virtual(links: ArmLinks, start: Callable[[], int], output: Path | None = None, ideal: bool = False) -> int:
     """`run_through` on virtual time, which tasks of RCI have to be told; they end with the program."""
     from qrobot import rci
+    from qrobot.cli.arm_links import the_only
 
-    with rci.use(factory):
+    with rci.use(links):
         try:
-            return run_through(factory, start, output, ideal)
+            return run_through(the_only(links), start, output, ideal)
         finally:
             rci.rci_close()
 

@@ -1,38 +1,40 @@
-"""A program on an emulated arm inside this process, on virtual time, with the servo's log."""
+"""A program on emulated arms inside this process, on virtual time, with the logs of their servos."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
+from qrobot.cli.arm_links import ArmLinks, links_of
 from qrobot.cli.arms import check_law, controlled_robot, robot_of_arm, servo_settings
 from qrobot.cli.console import note
 from qrobot.cli.program_settings import settings_of
-from qrobot.config import Robot, deployment_path, robot_path
+from qrobot.config import deployment_path, robot_path
 from qrobot.config.deployment import DeployedArm
 from qrobot.config.scene import SceneKind
+from qrobot.errors import ConfigError, LinkBusy
 from qrobot.fences.told_fences import told_fences
 from qrobot.log.fences_of_log import fence_attachments
 from qrobot.log.follow import log_paths
 from qrobot.log.header import LOCKSTEP, attach_files, header_for
 from qrobot.log.record import write_log
-from qrobot.rci import LinkFactory
+from qrobot.rci import Link
 from qrobot.realtime.interrupt import heed_interrupts
 from qrobot.rig.compile_ahead import compiled_beside
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.sim_board.deployed import emulator_of_arm
 from qrobot.units import US_PER_MS
+from qrobot.wire import ClientRole, Hello
 
 
 @dataclass(frozen=True)
 class LockstepRun:
-    """An arm of a deployment file, with what the command line and the program say otherwise; None says nothing."""
+    """Arms of a deployment file, with what the command line and the program say otherwise; None says nothing."""
 
-    arm: DeployedArm
+    arms: tuple[DeployedArm, ...]
     program: Path
     plant: Literal["nominal", "mismatched"] | None = None
     scene: SceneKind | None = None
@@ -40,45 +42,74 @@ class LockstepRun:
     model: str | None = None
     rate_hz: float | None = None
 
-    def perform(self, run: Callable[[LinkFactory], int], deployment: str, log: Path | None) -> int:
-        """Let `run` do it; its status. The log is written however it ends.
+    def perform(self, run: Callable[[ArmLinks], int], deployment: str, log: Path | None) -> int:
+        """Let `run` do it; its status. The log of each arm is written however it ends.
 
         Raises:
-            ConfigError: law, model, rate or the program's own settings cannot be. LogError: no log can be written.
+            ConfigError: law, model, rate or the program's own settings cannot be, or several logs are to be one file.
+            LogError: no log can be written.
         """
-        with compiled_beside(self.arm.robot) as compile_loop:
-            rig = self._rig(keep=log is not None)
-            compile_loop(rig)
-        factory = partial(link_factory, rig, round(self.arm.bridge.period_ms * US_PER_MS))
-        with heed_interrupts(), self._logged(rig, deployment, log):
-            return run(factory)
+        if log is not None and log.suffix == ".mcap" and len(self.arms) > 1:
+            raise ConfigError(f"--log {log}: each of {len(self.arms)} arms has a log of its own; give a folder")
+        with compiled_beside(self.arms[0].robot) as compile_loop:
+            emulated = [LockstepArm(self, arm, keep=log is not None) for arm in self.arms]
+            for each in emulated:
+                compile_loop(each.rig)
+        links = {each.arm.name: each.link for each in emulated}
+        with heed_interrupts(), ExitStack() as logs:
+            for each in emulated:
+                logs.enter_context(each.logged(deployment, log))
+            return run(links_of(self.arms, lambda arm: links[arm.name]))
 
-    @cached_property
-    def _robot(self) -> Robot:
-        return robot_of_arm(self.arm)
 
-    def _rig(self, keep: bool) -> LockstepRig:
-        law = None if self.law is None else check_law(self.law, self._robot)
-        scene = self.scene or settings_of(self.program).scene
-        believed, _ = controlled_robot(self.arm, self.model)
-        emulator = emulator_of_arm(self.arm, self._robot, plant=self.plant, scene=scene)
-        return LockstepRig(believed, servo_settings(self.arm, self.rate_hz, law), emulator, keep_telemetry=keep)
+class LockstepArm:
+    """One arm of a run, with emulated board and servo of its own.
+
+    Args:
+        run: what it belongs to.
+        arm: of the deployment file.
+        keep: its telemetry, for a log.
+
+    Attributes:
+        arm: as given. rig: board and servo.
+
+    Raises:
+        ConfigError: law, model, rate or the program's own settings cannot be.
+    """
+
+    def __init__(self, run: LockstepRun, arm: DeployedArm, keep: bool) -> None:
+        self.arm, self._plant, self._several = arm, run.plant, len(run.arms) > 1
+        self._robot = robot_of_arm(arm)
+        law = None if run.law is None else check_law(run.law, self._robot)
+        scene = run.scene or settings_of(run.program).scene
+        believed, _ = controlled_robot(arm, run.model)
+        emulator = emulator_of_arm(arm, self._robot, plant=run.plant, scene=scene)
+        self.rig = LockstepRig(believed, servo_settings(arm, run.rate_hz, law), emulator, keep_telemetry=keep)
+
+    def link(self, hello: Hello) -> Link:
+        """A program's way to it. Raises LinkBusy: the program of a single emulated arm takes a second one."""
+        if self.rig.lease.taken and hello.role is ClientRole.COMMANDER and not self._several:
+            raise LinkBusy(
+                f"the program commands {self.arm.name!r}, the one emulated arm, already; for several arms choose a "
+                "deployment file that has them and leave out --arm, as in `qrobot run --lockstep --deployment two_arms`"
+            )
+        return link_factory(self.rig, round(self.arm.bridge.period_ms * US_PER_MS), hello)
 
     @contextmanager
-    def _logged(self, rig: LockstepRig, deployment: str, log: Path | None) -> Iterator[None]:
+    def logged(self, deployment: str, log: Path | None) -> Iterator[None]:
+        """Block behind which the log is written, if there is to be one."""
         try:
             yield
         finally:
             if log is not None:
-                path = self._write(rig, deployment, log)
+                path = self._write(deployment, log)
                 note(f"log {path}: look at it with `qrobot log info {path}`")
 
-    def _write(self, rig: LockstepRig, deployment: str, log: Path) -> Path:
-        settings, plant = rig.settings, self.plant or self.arm.board.plant
+    def _write(self, deployment: str, log: Path) -> Path:
+        arm, rig = self.arm, self.rig
+        settings, plant = rig.settings, self._plant or arm.board.plant
         choices = settings.velocity, settings.interpolation
         header = header_for(self._robot, rig.period_ns, settings.law, LOCKSTEP, plant, *choices)
-        attachments = attach_files([robot_path(self.arm.robot), deployment_path(deployment)])
-        attachments += fence_attachments(told_fences(self.arm, self._robot))
-        return write_log(
-            next(log_paths(log, self.arm.name)), rig.rows(), header, attachments, laws=[rig.law_in_force()]
-        )[0]
+        attachments = attach_files([robot_path(arm.robot), deployment_path(deployment)])
+        attachments += fence_attachments(told_fences(arm, self._robot))
+        return write_log(next(log_paths(log, arm.name)), rig.rows(), header, attachments, laws=[rig.law_in_force()])[0]

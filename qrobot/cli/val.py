@@ -16,8 +16,8 @@ from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
 from qrobot.errors import ConfigError
 
 if TYPE_CHECKING:
+    from qrobot.cli.arm_links import ArmLinks
     from qrobot.config.deployment import DeployedArm
-    from qrobot.rci import LinkFactory
     from qrobot.val.interpreter import Interpreter
 
 HELP: Final = """
@@ -176,10 +176,10 @@ def _perform(
             return run_through(bridge_links(chosen), start, output)
         from qrobot.cli.run_lockstep import LockstepRun
 
-        def perform(factory: LinkFactory) -> int:
-            return run_virtual(factory, start, output)
+        def perform(links: ArmLinks) -> int:
+            return run_virtual(links, start, output)
 
-        return LockstepRun(chosen, file).perform(perform, deployment, log)
+        return LockstepRun((chosen,), file).perform(perform, deployment, log)
 
 
 def _start(file: Path | None, robot: str, act: Callable[[Interpreter], int]) -> int:

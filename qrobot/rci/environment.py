@@ -12,7 +12,7 @@ from typing import Final, TypeAlias
 from qrobot.errors import ConfigError
 from qrobot.rci.link import Link, LinkFactory, hello_for
 from qrobot.rci.robot_data import KnownRobot, RobotData
-from qrobot.rci.tcp import TcpLink, bridge_address
+from qrobot.rci.tcp import TcpLink, address_text, bridge_address
 from qrobot.wire import Hello
 
 OpenLink: TypeAlias = Callable[[int], Link]
@@ -59,14 +59,18 @@ def _greet(environment: Environment, known: KnownRobot, robot: str, period_us: i
 
 @contextmanager
 def use(factory: LinkFactory | dict[str, LinkFactory], virtual_time: bool = True) -> Iterator[None]:
-    """Programs run in this context reach their robots by the links of `factory`, by name when there are several."""
+    """Programs run in this context reach their robots by the links of `factory`.
+
+    When there are several each has the name of its robot, or "host:port" of a bridge that a program may name instead.
+    """
 
     def links(robot: KnownRobot, hello: Hello) -> Link:
         if not isinstance(factory, dict):
             return factory(hello)
-        if robot.name not in factory:
+        place = address_text(robot.bridge) if robot.bridge else ""
+        if (chosen := factory.get(robot.name) or factory.get(place)) is None:
             raise ConfigError(f"no way to robot {robot.name!r} is given here; there is one to {', '.join(factory)}")
-        return factory[robot.name](hello)
+        return chosen(hello)
 
     token = _environment.set(Environment(links, virtual_time))
     try:

@@ -41,6 +41,11 @@ def bridge_address(text: str | None = None) -> SocketAddress:
     return host or LOCALHOST, int(port) if port else DEFAULT_PORT
 
 
+def address_text(bridge: str) -> str:
+    """The address of a bridge in full, "host:port". Raises ConfigError: that is no address."""
+    return "{}:{}".format(*bridge_address(bridge))
+
+
 def connect(address: SocketAddress) -> socket.socket:
     """A TCP connection without Nagle's delay. Raises LinkTimeout or LinkLost."""
     where = f"{address[0]}:{address[1]}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import runpy
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +11,8 @@ import pytest
 
 from qrobot import rci
 from qrobot.arrays import Floats
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse, so3_log
 from qrobot.multi_rccl import RobotManip, wait_as
@@ -37,15 +38,37 @@ def off(there: Floats, here: Floats) -> tuple[float, float]:
     return float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(so3_log(between[:3, :3])))
 
 
+def run(*words: str) -> int:
+    return run_app(make_app("run"), ["run", *words])
+
+
 def test_the_dual_arm_program_grasps_and_carries_what_its_camera_tracks_s08(capsys: pytest.CaptureFixture[str]) -> None:
     """`examples/22_two_hands.py` with two servos that stay behind their setpoints; off line both hands are ideal."""
-    rigs = {name: LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for name in WORLD}
-    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}), ending():
-        runpy.run_path(str(EXAMPLES / "22_two_hands.py"), run_name="__main__")
-    assert not any(rig.rows()["fault"].any() for rig in rigs.values())
+    assert run("--lockstep", "--deployment", "two_arms", str(EXAMPLES / "22_two_hands.py")) == 0
     found = re.search(r"the hands came ([0-9.]+) mm closer", capsys.readouterr().out)
     assert found is not None
     assert 0.0 < float(found[1]) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--lockstep", "22_two_hands.py"), "the one emulated arm, already.* --deployment two_arms"),
+        (("--lockstep", "--deployment", "two_arms", "--log", "x.mcap", "22_two_hands.py"), "give a folder"),
+        (("--offline", "--deployment", "two_arms", "01_park_and_return.py"), "several arms.* with --arm"),
+        (("--deployment", "two_arms", "22_two_hands.py"), r"with --arm \(left, right\)"),
+    ],
+)
+def test_a_run_whose_arms_are_not_clear_says_what_to_give(
+    words: tuple[str, ...],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*words[:-1], str(EXAMPLES / words[-1])) == 1
+    assert re.search(told, capsys.readouterr().err)
 
 
 def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors() -> None:
