@@ -118,7 +118,7 @@ class DriveFloor:
 
     def sampled(self, arm: int, state: State) -> None:
         """A sample of an arm."""
-        frame = state_frame(arm, state.robot)
+        frame = state_frame(arm, state)
         for page in self._pages.values():
             page.show(frame)
 

@@ -17,23 +17,25 @@ from qrobot.faultcodes import EXPLANATION
 from qrobot.modecodes import Mode
 from qrobot.model.arm_shape import arm_shape
 from qrobot.units import NS_PER_S
-from qrobot.wire import RobotState
-from qrobot.wire.vocabulary import LARGEST_OVERRIDE
+from qrobot.wire import State
+from qrobot.wire.vocabulary import LARGEST_OVERRIDE, RobotFlag
 
 STATE_FRAME: Final = 1
 HEAD: Final = struct.Struct("<BBBBHHhHId")
 THOUSAND: Final = 1000
 
 
-def state_frame(arm: int, state: RobotState) -> bytes:
+def state_frame(arm: int, state: State) -> bytes:
     """A sample of arm number `arm` (from 0) as bytes."""
-    override = state.override if 0.0 <= state.override <= LARGEST_OVERRIDE else 1.0  # NaN, and what is beyond
-    joint = max(-1, min(state.event_joint, 0x7FFF))
+    robot = state.robot
+    override = robot.override if 0.0 <= robot.override <= LARGEST_OVERRIDE else 1.0  # NaN, and what is beyond
+    joint = max(-1, min(robot.event_joint, 0x7FFF))
+    flags = robot.flags | (RobotFlag.PATH_WAITS if state.path_waits else 0)
     head = HEAD.pack(
-        STATE_FRAME, arm, state.mode & 0xFF, state.hand & 0xFF, state.fault & 0xFFFF, state.event & 0xFFFF, joint,
-        round(override * THOUSAND), state.flags & 0xFFFFFFFF, state.t_ns / NS_PER_S,
+        STATE_FRAME, arm, robot.mode & 0xFF, robot.hand & 0xFF, robot.fault & 0xFFFF, robot.event & 0xFFFF, joint,
+        round(override * THOUSAND), flags & 0xFFFFFFFF, robot.t_ns / NS_PER_S,
     )  # fmt: skip
-    return head + np.array([*state.q, *state.q_setpoint, *state.v, *state.tau], dtype="<f4").tobytes()
+    return head + np.array([*robot.q, *robot.q_setpoint, *robot.v, *robot.tau], dtype="<f4").tobytes()
 
 
 def arm_facts(name: str, robot: Robot, tool_m: tuple[float, float, float]) -> dict[str, Any]:

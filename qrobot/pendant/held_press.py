@@ -28,6 +28,7 @@ class Press:
         name: the joint's number from 1; the axis (dx dy dz rx ry rz); the name of a place; of no meaning for a hand.
         way: 1.0 or -1.0.
         in_base: the axis is one of the base, else of the last link.
+        frame: name of a taught place whose axes are meant, "" for none.
         share: of the speeds at which jogging begins.
         step: rad or m for a joint; mm or degrees along or about an axis; 0 moves for as long as it is held.
     """
@@ -39,6 +40,7 @@ class Press:
     in_base: bool = True
     share: float = 1.0
     step: float = 0.0
+    frame: str = ""
 
 
 class HeldPress:

@@ -91,7 +91,9 @@ class JogProcess:
         try:
             session.run()
         except QRobotError as error:
-            why = STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}"
+            why = (
+                STOPPED if self._stopped else f"the pendant no longer commands the arm: {error}. Take it again to go on"
+            )
             self._wanted.clear()  # a second "on" of the session that has ended does not take the arm again
         self._led, self._session = self._recorded(), None
         self._say("no", why)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
 from qrobot.errors import LinkError, MotionError, QRobotError, ServoFault
 from qrobot.pendant.held_press import HeldPress, Press
@@ -95,7 +96,8 @@ class JogSession:
                 case "joint":
                     motion.turn_joint(_joint(robot, press.name), press.way, press.share, press.step)
                 case "axis":
-                    motion.go_along(press.name, press.way, press.share, press.in_base, press.step)
+                    axes = self._axes(press.frame)
+                    motion.go_along(press.name, press.way, press.share, press.in_base, press.step, axes)
                 case "place":
                     motion.go_to(self._place(press.name), press.share)
                 case "guide":
@@ -106,6 +108,10 @@ class JogSession:
             self._tell(f"not done: {error}")
         self.press.end_of(press)
         self._done = press
+
+    def _axes(self, frame: str) -> Floats | None:
+        """Axes of a taught place, columns (3, 3), in the base; None for "". Raises ConfigError: no such place."""
+        return DataBase(self._taught).get(frame).value[:3, :3] if frame else None
 
     def _place(self, name: str) -> Position:
         """A pose of the robot, or one that was taught. Raises ConfigError: there is none."""

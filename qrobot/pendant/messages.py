@@ -92,6 +92,7 @@ class PagePressed(PageMessage):
     name: PlaceName
     way: Literal[-1, 1] = 1
     in_base: bool = True
+    frame: str = Field(default="", max_length=40)
     share: float = Field(default=1.0, gt=0, le=MOST_SHARE, allow_inf_nan=False, strict=False)
     step: float = Field(default=0.0, ge=0, le=MOST_STEP, allow_inf_nan=False, strict=False)
 

@@ -74,7 +74,8 @@ def test_only_the_page_that_drives_moves_the_arm_and_everybody_may_stop_it(floor
     assert json.loads(floor.status(floor.pages[1]))["arms"][0]["driver"] == 1
     pressed = floor.says(0, **PRESS)
     assert pressed[0] == {"do": "release"}
-    assert pressed[1] == {key: value for key, value in PRESS.items() if key != "arm"} | {"in_base": True, "step": 0.0}
+    more = {"in_base": True, "step": 0.0, "frame": ""}
+    assert pressed[1] == {key: value for key, value in PRESS.items() if key != "arm"} | more
     assert floor.says(0, do="beat", arm=0, number=1) == [{"do": "beat", "number": 1}]
     acts = [{"do": "act", "arm": 0, "name": name} for name in ("power on", "clear", "resume")]
     others = [{"do": "beat", "arm": 0, "number": 1}, {"do": "release"}, {"do": "command", "arm": 0, "on": True}]

@@ -14,6 +14,7 @@ from qrobot.errors import LinkLost
 from qrobot.fences.fence_set import FenceSet
 from qrobot.fences.in_force import use_fences
 from qrobot.model.arm import Arm
+from qrobot.model.transform import rpy, transform
 from qrobot.model.transform_file import TransformFile
 from qrobot.pendant.held_press import BEAT_S, PATIENCE_S, Press
 from qrobot.pendant.jog_session import PERIOD_MS, JogSession
@@ -121,20 +122,28 @@ def test_a_page_that_stalls_and_comes_back_with_its_button_down_moves_nothing_un
     assert desk.at(8.4)[0] > desk.at(5.9)[0] + 0.1
 
 
-def test_steps_end_by_themselves_straight_and_inside_the_range(tmp_path: Path) -> None:
+def test_steps_end_by_themselves_straight_inside_the_range_and_along_the_axes_of_a_taught_place(tmp_path: Path) -> None:
     low = ROBOT.limits.q_max[4]
+    taught = tmp_path / "t.db"
+    table = transform(rpy(0.4, -0.3, 0.2), (0.5, 0.1, -0.2))
+    TransformFile(taught).write("TABLE", table)
     desk = Desk(
-        tmp_path / "t.db",
+        taught,
         *hold(Press(1, "joint", "2", -1.0, step=0.02), 1.0, 4.0),
         *hold(Press(2, "axis", "dz", 1.0, in_base=True, step=10.0), 5.0, 9.0),
-        *hold(Press(3, "joint", "5", 1.0, share=4.0, step=50.0), 10.0, 16.0),
-        leave(17.0),
+        *hold(Press(3, "axis", "dy", -1.0, step=10.0, frame="TABLE"), 10.0, 14.0),
+        *hold(Press(4, "axis", "dy", -1.0, frame="CHAIR"), 14.5, 15.0),
+        *hold(Press(5, "joint", "5", 1.0, share=4.0, step=50.0), 15.5, 21.5),
+        leave(22.5),
     )
     arm = Arm(ROBOT)
     assert desk.at(4.5)[1] - desk.at(0.9)[1] == pytest.approx(-0.02, abs=1e-6)
     risen = arm.forward(desk.at(9.5))[:3, 3] - arm.forward(desk.at(4.5))[:3, 3]
     assert risen == pytest.approx([0.0, 0.0, 0.010], abs=1e-5)
-    assert desk.at(16.9)[4] == pytest.approx(low - MARGIN, abs=1e-6)
+    gone = arm.forward(desk.at(14.4))[:3, 3] - arm.forward(desk.at(9.5))[:3, 3]
+    assert gone == pytest.approx(-0.010 * table[:3, 1], abs=1e-5)
+    assert ["no transform 'CHAIR'" in desk.said[0], len(desk.said)] == [True, 1]
+    assert desk.at(22.4)[4] == pytest.approx(low - MARGIN, abs=1e-6)
 
 
 def test_a_place_is_gone_to_and_what_cannot_be_done_is_told_and_ends_nothing(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 import { el, setAttribute, setText } from "./dom.js";
 import { link } from "./link.js";
 
-const POWERED = 1, CALIBRATED = 2, ESTOP_OK = 4;
+const POWERED = 1, CALIBRATED = 2, ESTOP_OK = 4, PATH_WAITS = 1024; // of the flags
 const TYPING = "input:not([type=checkbox]):not([type=range]), textarea, [contenteditable]";
 
 function watchKeys() {
@@ -25,29 +25,34 @@ export function makeBar(root) {
   const mode = el("span", { class: "chip", id: "mode" });
   const power = el("span", { class: "chip", id: "power" });
   const data = el("span", { class: "chip", id: "data" });
-  const driver = el("span", { class: "chip", id: "driver" });
   const drive = el("button", { id: "drive", onclick: () => link.drive() });
   const stop = el("button", { class: "stop", id: "stop", "aria-keyshortcuts": "Escape Space" }, "STOP", el("small", {}, "Esc · Space"));
   stop.addEventListener("pointerdown", () => link.stop());
   stop.addEventListener("click", (event) => event.detail === 0 && link.stop()); // by the keyboard
   const fault = el("div", { class: "fault", role: "alert", id: "fault", hidden: true });
-  const notice = el("div", { class: "notice", role: "status", id: "notice", hidden: true });
+  const said = el("span", {});
+  const notice = el("div", { class: "notice", role: "status", id: "notice", hidden: true }, said, el("button", { class: "dismiss", "aria-label": "take this line away", onclick: () => tell("") }, "×"));
+  const brand = el("strong", { class: "brand" }, "QRobot");
+  const own = el("span", { class: "own" });
+  const who = el("span", {});
+  const driver = el("span", { class: "chip", id: "driver" }, who, own);
   root.append(
-    el("header", { class: "bar" }, el("strong", { class: "brand" }, "QRobot"), arms, mode, power, data, el("span", { class: "gap" }), driver, drive, stop),
+    el("header", { class: "bar" }, brand, arms, mode, power, data, el("span", { class: "gap" }), driver, drive, stop),
     fault, notice,
   );
 
   new ResizeObserver(() => document.documentElement.style.setProperty("--bar", `${root.offsetHeight}px`)).observe(root);
 
-  let seen = [], own = 0, buttons = []; // notices of each arm, and those for this page alone
+  let seen = [], heard = 0, buttons = []; // notices of each arm, and those for this page alone
   const tell = (text) => {
     notice.hidden = !text;
-    setText(notice, `ℹ ${text}`);
+    setText(said, `ℹ ${text}`);
   };
   const show = () => {
     const arm = link.arm, status = link.armStatus;
     const others = !link.open ? "—" : link.driving ? "✔ you drive" : status?.driver ? `page ${status.driver} drives` : "nobody drives";
-    setText(driver, link.open ? `${others} · you are page ${link.page}` : "no pendant");
+    setText(who, link.open ? others : "no pendant");
+    setText(own, link.open ? ` · you are page ${link.page}` : "");
     setText(drive, link.driving ? "Give up driving" : "Drive from here");
     drive.disabled = !link.open || (!link.driving && Boolean(status?.driver));
     setAttribute(drive, "data-on", link.driving);
@@ -57,9 +62,9 @@ export function makeBar(root) {
       if (seen[k] !== undefined && notices !== seen[k]) tell(link.arms.length > 1 ? `${link.arms[k].facts.name}: ${notice}` : notice);
       seen[k] = notices;
     });
-    if (link.status && link.status.notices !== own) {
+    if (link.status && link.status.notices !== heard) {
       if (link.status.notices) tell(link.status.notice);
-      own = link.status.notices;
+      heard = link.status.notices;
     }
   };
 
@@ -95,13 +100,14 @@ export function makeBar(root) {
     if (!link.open) lines.push(["✖ The pendant does not answer", "Is `qrobot pendant` still running? This page connects again by itself."]);
     else if (status?.problem) lines.push(["✖ No arm", status.problem]);
     else if (state) {
-      const code = state.fault || state.event;
+      const code = state.fault || state.event, waits = Boolean(state.flags & PATH_WAITS);
       if (code) {
         const [name, what, remedy] = link.words.codes[code] ?? [`code ${code}`, "unknown to this version", "see the documentation"];
         const joint = state.joint >= 0 ? `joint ${state.joint + 1} (${arm.facts.joints[state.joint]}): ` : "";
-        lines.push([`${state.fault ? "✖ FAULT" : "⚠ Last event"} ${name}`, `${joint}${what}. What to do: ${remedy.replaceAll("`", "")}.`]);
+        lines.push([`${state.fault ? "✖ FAULT" : "⚠ Last event"} ${name}`, `${joint}${what}.${waits ? "" : ` What to do: ${remedy.replaceAll("`", "")}.`}`]);
       }
-      if (!(state.flags & ESTOP_OK)) lines.push(["✖ Emergency stop", "It is pressed."]);
+      if (waits) lines.push(["⚠ A program waits beside its path", "Put right what stopped it, look that nothing is between the arm and its path, then press Go back to the path on the tab Drive."]);
+      if (!(state.flags & ESTOP_OK) && link.words.codes[state.fault]?.[0] !== "ESTOP") lines.push(["✖ Emergency stop", "It is pressed."]);
       if (!(state.flags & CALIBRATED)) lines.push(["⚠ Not calibrated", "Positions are not true: calibrate the arm before it moves."]);
     }
     setAttribute(fault, "data-level", state && !state.fault ? "warn" : "bad");
@@ -115,10 +121,11 @@ export function makeBar(root) {
 
   link.addEventListener("hello", () => {
     seen = [];
-    own = 0;
+    heard = 0;
     buttons = link.arms.map((arm, k) => el("button", { class: "arm", "data-arm": k, onclick: () => link.choose(k) }, el("span", {}, arm.facts.name), el("small", {}, "")));
     arms.replaceChildren(...buttons);
     arms.hidden = link.arms.length < 2;
+    setText(brand, link.arms.length === 1 ? link.arms[0].facts.name : "QRobot");
     show();
   });
   for (const name of ["status", "chosen"]) link.addEventListener(name, show);

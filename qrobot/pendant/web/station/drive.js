@@ -2,24 +2,17 @@
 import { el, setAttribute, setText } from "./dom.js";
 import { guideCard } from "./guide.js";
 import { holdButton } from "./hold.js";
+import { JogCard } from "./jog_card.js";
 import { digits, lastFrame, place, shown, tip, unit } from "./kinematics.js";
 import { link } from "./link.js";
 import { View } from "./view3d.js";
 
 const AXES = [["dx", "X", "mm"], ["dy", "Y", "mm"], ["dz", "Z", "mm"], ["rx", "about x", "°"], ["ry", "about y", "°"], ["rz", "about z", "°"]];
 const SHOWN = [0, 1, 2, 5, 4, 3]; // of x y z roll pitch yaw (about z, y, x), in the order of AXES
-const SHARES = [["0.1", "slowest"], ["0.25", "slow"], ["0.5", "half"], ["1", "normal"], ["2", "fast"], ["4", "fastest"]];
-const STEPS = [["0", "while held"], ["0.1", "0.1 mm or °"], ["1", "1 mm or °"], ["10", "10 mm or °"]];
 const AXIS_KEYS = { x: 0, y: 1, z: 2, u: 3, v: 4, w: 5 };
 const TYPING = "input, textarea, select, [contenteditable]";
 const PAUSED = 64, PATH_WAITS = 1024; // of the flags
 const MAY_POWER = ["OFF"], MAY_CLEAR = ["FAULT"];
-
-function select(label, options, chosen) {
-  const made = el("select", { "aria-label": label }, ...options.map(([value, text]) => el("option", { value }, text)));
-  made.value = chosen;
-  return made;
-}
 
 export function makeDrive(root) {
   const scene = el("section", { class: "scene", id: "scene" });
@@ -30,29 +23,25 @@ export function makeDrive(root) {
   link.view = view;
   view.onChoose = (k) => link.choose(k);
 
-  const speed = select("speed of the jog", SHARES, "0.5");
-  const step = select("length of a jog", STEPS, "0");
-  const frame = select("axes of the jog", [["base", "axes of the base"], ["tool", "axes of the last link"]], "base");
-  const how = () => ({ share: Number(speed.value) });
+  const jog = new JogCard((T) => link.arms.forEach((_, k) => view.showAxes(k, k === link.chosen ? T : null)));
   const joints = el("div", { class: "rows" });
   const tool = el("div", { class: "rows axes" });
   side.append(
     powerCard(),
     speedCard(),
+    jog.element,
     el("div", { class: "card" }, el("h2", {}, "Joints"), joints),
-    el("div", { class: "card" }, el("h2", {}, "Tool"), tool),
-    el("div", { class: "card options" }, el("label", {}, "Speed ", speed), el("label", {}, "Step ", step), el("label", {}, "Along ", frame)),
+    el("div", { class: "card" }, el("h2", {}, "Last link, in the base"), tool),
     guideCard(),
-    el("p", { class: "hint" }, "Keys as in qrobot jog: 1 2 … choose a joint, x y z u v w an axis; hold . or , to move. Esc or Space stops."),
+    el("p", { class: "hint" }, "Keys as in qrobot jog: 1 2 … choose a joint, x y z u v w an axis, b t n axes of base, last link, next place; hold . or , to move. Esc or Space stops."),
   );
 
   let rows = [], cells = [], picked = 0;
   const askJoint = (j, way) => {
-    const length = Number(step.value);
-    const inUnits = link.arm.facts.prismatic[j] ? length / 1000 : (length * Math.PI) / 180;
-    return { target: "joint", name: String(j + 1), way, step: inUnits, ...how() };
+    const inUnits = link.arm.facts.prismatic[j] ? jog.length / 1000 : (jog.length * Math.PI) / 180;
+    return { target: "joint", name: String(j + 1), way, step: inUnits, ...jog.how };
   };
-  const askAxis = (a, way) => ({ target: "axis", name: AXES[a][0], way, in_base: frame.value === "base", step: Number(step.value), ...how() });
+  const askAxis = (a, way) => ({ target: "axis", name: AXES[a][0], way, step: jog.length, ...jog.along, ...jog.how });
   const askPicked = (way) => (picked < rows.length ? askJoint(picked, way) : askAxis(picked - rows.length, way));
   const pick = (k) => {
     picked = k;
@@ -99,8 +88,7 @@ export function makeDrive(root) {
       const { target, name, ...extra } = askPicked(event.key === "." ? 1 : -1);
       link.hold(target, name, extra);
     } else if (event.key in AXIS_KEYS) pick(rows.length + AXIS_KEYS[event.key]);
-    else if (event.key === "b") frame.value = "base";
-    else if (event.key === "t") frame.value = "tool";
+    else if ("btn".includes(event.key)) jog.choose(event.key);
     else if (Number(event.key) >= 1 && Number(event.key) <= rows.length) pick(Number(event.key) - 1);
   });
   window.addEventListener("keyup", (event) => (event.key === "." || event.key === ",") && link.release());
@@ -113,12 +101,11 @@ function jointRow(facts, name, j, ask) {
   const number = el("output", { class: "number" });
   const low = shown(facts, j, facts.q_min[j]), high = shown(facts, j, facts.q_max[j]);
   const bar = el("div", { class: "track", role: "meter", "aria-label": `joint ${j + 1} ${name}`, "aria-valuemin": low.toFixed(0), "aria-valuemax": high.toFixed(0) }, ghost, fill);
-  const ends = el("span", { class: "ends" }, el("i", {}, low.toFixed(0)), el("i", {}, high.toFixed(0)));
   const warn = el("span", { class: "warn" });
   const row = el(
     "div", { class: "row" },
     holdButton("−", `joint ${j + 1} ${name} backwards`, () => ask(j, -1)),
-    el("div", { class: "middle" }, el("div", { class: "names" }, el("span", {}, `${j + 1} ${name.replaceAll("_", " ")}`), warn, number), bar, ends),
+    el("div", { class: "middle" }, el("div", { class: "names" }, el("span", {}, `${j + 1} ${name.replaceAll("_", " ")}`), warn, number), el("div", { class: "ends" }, el("i", {}, low.toFixed(0)), bar, el("i", {}, high.toFixed(0)))),
     holdButton("+", `joint ${j + 1} ${name} forwards`, () => ask(j, 1)),
   );
   const share = (value) => Math.min(Math.max((value - facts.q_min[j]) / (facts.q_max[j] - facts.q_min[j]), 0), 1);
@@ -175,8 +162,8 @@ function powerCard() {
   const off = el("button", { id: "power-off", onclick: () => link.act("power off") }, "Power off");
   const clear = el("button", { id: "clear", onclick: () => link.act("clear") }, "Clear fault");
   const take = el("button", { id: "take", onclick: () => link.say({ do: "command", arm: link.chosen, on: link.armStatus.session === "no" }) });
-  const open = el("button", { onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open hand");
-  const close = el("button", { onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close hand");
+  const open = el("button", { "aria-label": "open hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: true }) }, "Open");
+  const close = el("button", { "aria-label": "close hand", onclick: () => link.say({ do: "hand", arm: link.chosen, opened: false }) }, "Close");
   const hand = el("span", { class: "chip" });
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
@@ -186,9 +173,11 @@ function powerCard() {
     off.disabled = !link.open || !state || !(state.flags & 1);
     clear.disabled = !link.driving || !MAY_CLEAR.includes(mode);
     take.disabled = !link.driving || !state || (session === "no" && mode !== "HOLDING" && mode !== "OFF");
+    const others = session === "no" && Boolean(link.armStatus?.commanded); // a program has it
+    if (others) take.disabled = true;
     const led = link.armStatus?.guide && session !== "no"; // see guide.js
     if (led) take.disabled = true;
-    setText(take, led ? "led by hand" : { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
+    setText(take, led ? "led by hand" : others ? "a program has it" : { no: "Take the arm", opening: "taking …", ready: "Let go of the arm" }[session]);
     setAttribute(take, "data-on", link.ready);
     open.disabled = close.disabled = !link.ready;
     setText(hand, state ? `hand ${["relaxed", "open", "closed"][state.hand] ?? "?"}` : "hand ?");
@@ -196,5 +185,5 @@ function powerCard() {
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   setInterval(show, 100);
   show();
-  return el("div", { class: "card buttons" }, on, off, clear, take, open, close, hand);
+  return el("div", { class: "card buttons" }, on, off, clear, take, hand, open, close);
 }

@@ -36,6 +36,12 @@ export function place(T) {
   return [m[12] * MM, m[13] * MM, m[14] * MM, roll * DEG, Math.atan2(-m[2], cosine) * DEG, yaw * DEG];
 }
 
+// Pose of such numbers.
+export function frameOf([x, y, z, roll, pitch, yaw]) {
+  const T = new THREE.Matrix4().makeRotationFromEuler(new THREE.Euler(yaw / DEG, pitch / DEG, roll / DEG, "ZYX"));
+  return T.setPosition(x / MM, y / MM, z / MM);
+}
+
 // A joint's value in the units of people.
 export function shown(facts, j, value) {
   return value * (facts.prismatic[j] ? MM : DEG);

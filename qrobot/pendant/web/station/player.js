@@ -35,6 +35,7 @@ export class Player {
       this.drawWay();
     }
     const figure = this.view.figures[0];
+    if (arm.state) figure.reveal();
     if (arm.state) figure.pose(figure.solid, arm.state.q);
     if (!this.samples && arm.state) figure.pose(figure.ghost, arm.state.setpoint);
     this.view.due = true;
@@ -76,6 +77,7 @@ export class Player {
     if (!this.samples || !this.view || this.joints !== this.facts.joints.length) return;
     const k = Math.min(Math.max(Math.round(t / this.period), 0), this.samples - 1);
     const figure = this.view.figures[0];
+    figure.ghost[0].visible = true; // also while nothing is heard of the arm
     figure.pose(figure.ghost, this.sample(k));
     this.at.value = String(k);
     setText(this.told, `${(k * this.period).toFixed(1)} of ${((this.samples - 1) * this.period).toFixed(1)} s`);

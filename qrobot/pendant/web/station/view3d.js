@@ -28,7 +28,8 @@ class ArmFigure {
     this.label.position.set(0, 0, 0.06 - facts.base_height);
     this.ring = ring();
     this.ring.position.z = 0.004 - facts.base_height;
-    this.root.add(this.label, this.ring);
+    this.named = namedAxes();
+    this.root.add(this.label, this.ring, this.named);
     this.choose(false, false);
     for (const frames of [this.solid, this.ghost]) frames[0].visible = false; // until it was heard where it is
     this.old = false;
@@ -72,8 +73,12 @@ class ArmFigure {
     for (let j = 0; j < q.length; j++) linkFrame(this.facts, j, q[j], frames[j + 1].matrix);
   }
 
-  show(state, follow = true) {
+  reveal() {
     for (const frames of [this.solid, this.ghost]) frames[0].visible = true;
+  }
+
+  show(state, follow = true) {
+    this.reveal();
     this.pose(this.solid, state.q);
     this.pose(this.ghost, state.setpoint);
     this.q = state.q;
@@ -113,6 +118,15 @@ function marker(facts) {
   group.position.set(...facts.tip);
   group.add(new THREE.Mesh(new THREE.SphereGeometry(0.022, 16, 12), new THREE.MeshBasicMaterial({ color: TOOL })));
   group.add(new THREE.AxesHelper(0.14));
+  return group;
+}
+
+// The axes of a place along which the buttons move the arm.
+function namedAxes() {
+  const group = new THREE.Group();
+  group.matrixAutoUpdate = false;
+  group.visible = false;
+  group.add(new THREE.AxesHelper(0.25), new THREE.Mesh(new THREE.SphereGeometry(0.012, 12, 8), new THREE.MeshBasicMaterial({ color: CHOSEN })));
   return group;
 }
 
@@ -196,6 +210,16 @@ export class View {
 
   show(k, state, follow = true) {
     this.figures[k]?.show(state, follow);
+    this.due = true;
+  }
+
+  // Show the axes of a frame in the base of an arm, null for none.
+  showAxes(k, T) {
+    const axes = this.figures[k]?.named;
+    if (!axes) return;
+    axes.visible = T !== null;
+    if (T) axes.matrix.copy(T);
+    axes.matrixWorldNeedsUpdate = true;
     this.due = true;
   }
 
