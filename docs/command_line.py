@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 from cyclopts import App
 
+from qrobot.cli.help_text import PLAIN_OPTIONS
 from qrobot.cli.main import COMMANDS
 
 INDENTED = re.compile(r"(?:^ {2}\S.*\n)+", re.MULTILINE)
@@ -25,7 +26,7 @@ def command_line() -> str:
 
 def _app() -> App:
     """The command with every function loaded, so that each shows its whole docstring."""
-    app = App(name="qrobot", help_format="plaintext")
+    app = App(name="qrobot", help_format="plaintext", default_parameter=PLAIN_OPTIONS)
     for command in COMMANDS:
         app.command(_load(command.target), name=command.name)
     return app

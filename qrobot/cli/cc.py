@@ -28,8 +28,8 @@ def cc(
     its arm by itself, as one in Python does; `qrobot run` takes it as well.
 
       qrobot cc prog.c -o prog
-      ./prog                                   moves the arm of `qrobot up`
-      qrobot run --offline ./prog              moves none: what the program asks for is written down
+      ./prog                         moves the arm of `qrobot up`
+      qrobot run --offline ./prog    moves none, and writes down what is asked for
       cc $(qrobot cc --cflags) prog.c -o prog $(qrobot cc --libs)
 
     Parameters

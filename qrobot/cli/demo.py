@@ -108,7 +108,7 @@ def _run_all(runs: list[ExperimentRun], deployment: str, directory: Path) -> lis
                 note(what)
 
         if realtime:
-            results += _run_on_the_wall_clock(realtime, deployment, directory, progress)
+            results += _run_on_the_wall_clock(realtime, len(runs), deployment, directory, progress)
         for number, run in enumerate(runs[len(realtime) :], len(realtime) + 1):
             progress(f"run {number} of {len(runs)}: {_describe(run)}")
             with heed_interrupts():
@@ -116,7 +116,9 @@ def _run_all(runs: list[ExperimentRun], deployment: str, directory: Path) -> lis
     return results
 
 
-def _run_on_the_wall_clock(runs: list[ExperimentRun], deployment: str, directory: Path, progress: Any) -> list[Result]:
+def _run_on_the_wall_clock(
+    runs: list[ExperimentRun], of: int, deployment: str, directory: Path, progress: Callable[[str], None]
+) -> list[Result]:
     from qrobot.cli.arms import choose_arm
     from qrobot.rig.deployed import ArmProcesses
     from qrobot.rig.experiment import run_realtime
@@ -125,10 +127,10 @@ def _run_on_the_wall_clock(runs: list[ExperimentRun], deployment: str, directory
     results = []
     with ProcessRig(directory / "processes") as rig:
         processes = ArmProcesses(rig, deployment, choose_arm(deployment, None))
-        progress("starting the board (a first start compiles for a minute or two)")
+        progress("starting the board (a first start compiles for half a minute or more)")
         processes.start("board", "bridge")
         for number, run in enumerate(runs, 1):
-            progress(f"run {number}: {_describe(run)} (a first start compiles)")
+            progress(f"run {number} of {of}: {_describe(run)}")
             results.append(_tried_twice(partial(run_realtime, run, processes, directory), note))
     return results
 

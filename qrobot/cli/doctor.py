@@ -74,7 +74,7 @@ def _tried(arm: DeployedArm) -> list[SetupStep]:
     from qrobot.servo.process.daemon import warm_up
     from qrobot.servo.process.rate_trial import try_rate
 
-    note(f"trying the rate of {arm.name} (a first time compiles for a minute or two)")
+    note(f"trying the rate of {arm.name} (a first time compiles for half a minute or more)")
     (robot, _), settings = controlled_robot(arm, None), servo_settings(arm)
     return try_rate(robot, settings, warm_up(robot, settings))
 

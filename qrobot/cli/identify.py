@@ -29,12 +29,14 @@ UNTOLD: Final = 2.0  # a factor within which a speed is known, at most
 HELP: Final = """
 Find what an arm weighs, how it rubs and how strong its motors are, and make a model of it that the servo uses.
 
-  qrobot identify plan                                   see what the arm would do, and what that tells
-  qrobot identify record --lockstep --output run.mcap    do it on an emulated arm
-  qrobot identify fit run.mcap --output model.toml       find the numbers, with their uncertainty
-  qrobot identify report run.mcap --output model.html    look at them
-  qrobot identify friction run.mcap                      friction near standstill; record with --slow
-  qrobot servo --model model.toml                        use them
+Step by step, from a look at what the arm would do to a servo that uses the numbers:
+
+  qrobot identify plan
+  qrobot identify record --lockstep --output run.mcap    on an emulated arm
+  qrobot identify fit run.mcap --output model.toml       with uncertainties
+  qrobot identify report run.mcap --output model.html    a page to look at
+  qrobot identify friction run.mcap                      near standstill
+  qrobot servo --model model.toml
 
 Inertia takes fast motion besides: `record --dynamic --output fast.mcap`, then `fit run.mcap --dynamic fast.mcap`.
 A running arm is recorded with --go in place of --lockstep. Keep clear of it: it moves through most of its range.

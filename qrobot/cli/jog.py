@@ -39,8 +39,10 @@ def jog(
     the last one came. When this program or its link hangs the servo stops the arm. This is no safety function: keep the
     emergency stop at hand.
 
-      1 2 ...  joint      x y z  along an axis      u v w  about it      b t n  axes of base, last link, frame
-      . ,      HOLD to move one way, the other      f s    faster, slower      q  quit
+      1 2 ...  joint                  b t n  axes of base, last link, frame
+      x y z    along an axis          . ,    HOLD to move one way, the other
+      u v w    about it               f s    faster, slower
+      q        quit
 
     With `--stick` a gamepad or a SpaceMouse moves it: hold the left shoulder button, or the first button, and draw a
     stick, the further the faster. The other of these buttons changes the axes; Ctrl-C quits.

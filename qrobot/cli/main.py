@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from cyclopts import App, Group
 
 from qrobot.cli.console import EveryTenth, run_app
+from qrobot.cli.help_text import PLAIN_OPTIONS, FlowingHelp
 from qrobot.realtime.compile_progress import tell_compiling
 from qrobot.realtime.startup_order import turn_is_awaited
 from qrobot.realtime.supervised import end_with_supervisor
@@ -93,7 +94,15 @@ def make_app(chosen: str = "") -> App:
 
     The `chosen` one brings its own, longer help; the others have a line in the list.
     """
-    app = App(name="qrobot", help=HELP, help_format="plaintext", version=program_version, group_commands=EVERYDAY)
+    app = App(
+        name="qrobot",
+        help=HELP,
+        help_format="plaintext",
+        help_formatter=FlowingHelp(),
+        default_parameter=PLAIN_OPTIONS,
+        version=program_version,
+        group_commands=EVERYDAY,
+    )
     for place, command in enumerate(COMMANDS):
         line = {} if command.name == chosen else {"help": command.help}
         app.command(command.target, name=command.name, group=command.group, sort_key=place, **line)

@@ -19,11 +19,14 @@ app = App(
     help="""
 Look at robot files, and exchange them with other programs.
 
+For example:
+
   qrobot robot show puma560
   qrobot robot export puma560 --format urdf --output puma560.urdf
   qrobot robot import arm.urdf --like puma560 --output arm.toml
 """,
     help_format="plaintext",
+    group_commands="Commands",
 )
 
 MJCF_STEP_S = 0.25e-3  # [A] that of the emulator at 4 kHz

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 HELP: Final = """
 Try something on many emulated arms, each off the robot file in its own way, on all processors or on many hosts.
 
-  qrobot study identify --arms 50 --output out/arms.jsonl    how well are they identified?
-  qrobot study gains --arms 20 --output out/gains.jsonl      which gains serve all of them?
-  qrobot study show out/arms.jsonl --plot arms.png           what came of it, also while it runs
+How well are they identified? Which gains serve all of them? What came of it, also while it runs:
+
+  qrobot study identify --arms 50 --output out/arms.jsonl
+  qrobot study gains --arms 20 --output out/gains.jsonl
+  qrobot study show out/arms.jsonl --plot arms.png
 
 An arm is drawn by its number, so it is the same everywhere. Each outcome is kept as it comes in: after an interruption
 the same command goes on, and one with more --arms adds to what is there.
@@ -68,7 +70,7 @@ def identify(
     campaign: Campaign,
     poses: PosesOption = 24,
     torque: Literal["known", "unknown"] = "unknown",
-    tracking: bool = True,
+    tracking: Annotated[bool, Parameter(negative="--no-tracking")] = True,
     stiction: Stiction = 1.0,
     dynamic: bool = False,
 ) -> None:

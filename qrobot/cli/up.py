@@ -57,7 +57,7 @@ def up(
             checked_folder(Path(arm.log.directory))
     with ProcessRig(out_dir) as rig:
         for arm in arms:
-            note(f"starting {arm.name} (a first start compiles for a minute or two)")
+            note(f"starting {arm.name} (a first start compiles for half a minute or more)")
             ArmProcesses(rig, deployment, arm, ("--reduced-speed",) if reduced_speed else ()).start_all()
             if calibrate or arm.board.calibrate_at_start:
                 _calibrate(arm)

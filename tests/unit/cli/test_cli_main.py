@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from qrobot.cli.main import COMMANDS, make_app
 from qrobot.errors import ConfigError
 from tests.support.patience import PATIENCE_S
 
+COLUMNS = 80
 HEAVY = ("numpy", "numba", "mujoco", "matplotlib", "pydantic", "foxglove", "pyarrow")
 
 
@@ -54,11 +56,38 @@ def test_an_unknown_command_is_one_line_with_a_proposal_and_status_2(
 
 
 @pytest.mark.parametrize("command", [command.name for command in COMMANDS])
-def test_the_command_asked_for_shows_its_own_longer_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_asked_for_shows_its_own_longer_help_in_whole_lines(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(COLUMNS))
     assert run_app(make_app(command), [command, "--help"]) == 0
     long = capsys.readouterr().out
     assert run_app(make_app(), [command, "--help"]) == 0
     assert len(long) >= len(capsys.readouterr().out)
+    assert broken_lines(long.partition("╭")[0].splitlines()) == []
+
+
+def broken_lines(lines: list[str]) -> list[str]:
+    """Lines that end before the terminal does though the sentence goes on, and indented ones that it breaks."""
+    indented = [
+        line for line, after in pairwise(lines) if line.startswith("  ") and after.strip() and not after.startswith(" ")
+    ]
+    early = [
+        line
+        for line, after in pairwise(lines)
+        if line.strip() and after.strip() and not (line + after).startswith("  ")
+        if len(line.rstrip()) + 1 + len(after.split()[0]) <= COLUMNS
+    ]
+    return indented + early
+
+
+def test_help_names_no_option_that_asks_for_what_is_so_anyway(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_app(make_app("run"), ["run", "--help"]) == 0
+    told = capsys.readouterr().out
+    assert "--lockstep" in told
+    assert [
+        noise for noise in ("--no-", "--empty-", "default: False", "default: None", "default: ()") if noise in told
+    ] == []
 
 
 def test_a_command_is_imported_without_a_look_for_garbage_and_then_garbage_is_looked_for_again() -> None:
