@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def default_told(value: Any) -> str | None:
-    """What help says of an option's default; None for a flag that is off, what is not given, and an empty list."""
+    """The default that help tells of an option; None for a flag that is off, what is not given, and an empty list."""
     if isinstance(value, tuple):
         return " ".join(map(str, value)) or None
     return None if value is False or value is None else str(value)
