@@ -10,7 +10,7 @@ from rich.text import Text
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm
 from qrobot.cli.console import out, plain_table, print_table, write_json
-from qrobot.errors import LinkLost
+from qrobot.errors import ConfigError, LinkLost
 
 if TYPE_CHECKING:
     from qrobot.hwif.board_memory import BoardMemory
@@ -60,11 +60,11 @@ def show(
 def force(*lines: str, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = None) -> None:
     """Work the panel of an emulated board that runs, as somebody who stands beside it would.
 
+    A real board has its panel, and is refused. `qrobot board show` tells what came of it.
+
       qrobot board force "estop on"
       qrobot board force "input:3 on" "analog:7 1.5" "push:1 -20"
       qrobot board force clear
-
-    A real board has its panel, and is refused.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ def force(*lines: str, deployment: str = DEFAULT_DEPLOYMENT, arm: str | None = N
     from qrobot.hwif.board_memory import attach_board_memory, local_board_memory
     from qrobot.sim_board.panel_lines import force_panel
 
+    if not lines:
+        raise ConfigError("what is to be done? `qrobot board force 'estop on'`, for example; `--help` has them all")
     chosen = choose_arm(deployment, arm)
     with attach_board_memory(chosen.name) as segment:
         require_emulator(segment.memory, chosen.name)

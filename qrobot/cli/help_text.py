@@ -1,4 +1,4 @@
-"""How help looks: paragraphs as wide as the terminal, one name for a flag, no default that says nothing."""
+"""Looks of the help: paragraphs as wide as the terminal, one name for a flag, no default that says nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def default_told(value: Any) -> str | None:
-    """The default that help tells of an option; None for a flag that is off, what is not given, and an empty list."""
+    """Write an option's default as help tells it: None for a flag that is off, what is not given, an empty list."""
     if isinstance(value, tuple):
         return " ".join(map(str, value)) or None
     return None if value is False or value is None else str(value)

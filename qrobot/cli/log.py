@@ -205,11 +205,11 @@ def animate(
 ) -> None:
     """Make a film of a log: the arm in three dimensions beside its tracking errors. No screen is needed.
 
-      qrobot log animate out/demo/lockstep-1000-nominal-qrobot.mcap
-      qrobot log animate run.mcap --begin 12 --end 20 --speed 0.25 --output stop.mp4
-
     The orange line is the way of the tool; where the setpoint is elsewhere, an orange shadow of the arm stands there.
     Fences of the run are drawn by their edges: dashed where the arm stays inside.
+
+      qrobot log animate out/demo/lockstep-1000-nominal-qrobot.mcap
+      qrobot log animate run.mcap --begin 12 --end 20 --speed 0.25 --output stop.mp4
 
     Parameters
     ----------
