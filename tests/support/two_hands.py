@@ -38,6 +38,14 @@ THERE = gentr_rpy("THERE", 500, 0, 100, 0, 180, 0)
 
 def reach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip]]:
     """Open the object, which stays HERE, and both arms, whose hands go to it and track it."""
+    obj, robots = approach(grips)
+    for robot in robots:
+        wait_for(robot.completed)
+    return obj, robots
+
+
+def approach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip]]:
+    """The same, without waiting until they are there."""
     obj = rccl_open("OBJECT_FRAME")
     rccl_control(obj)
     maintain(obj, make_position(TRANS, EQ, HERE, TL, TRANS))
@@ -47,8 +55,6 @@ def reach(grips: Mapping[str, Transform] = GRIP) -> tuple[Manip, list[RobotManip
         setjvel(robot, share=0.9)
         tracking_mode(robot)
         move(robot, make_position(TRANS, TOOL, EQ, WORLD[robot.name], obj.trans, grips[robot.name], TL, TOOL))
-    for robot in robots:
-        wait_for(robot.completed)
     return obj, robots
 
 

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from qrobot.hwif.board_memory import Lane
+from qrobot import rci
+from qrobot.errors import ServoFault
+from qrobot.hwif.board_memory import Lane, attach_board_memory
 from qrobot.log.read import read_log
 from qrobot.modecodes import Mode
+from qrobot.model.transform import inverse
+from qrobot.multi_rccl import wait_as, wait_for
+from qrobot.rccl.program import ending
+from qrobot.rci import LinkFactory, TcpLink
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms
 from tests.support.shared_arm import settle
+from tests.support.two_hands import GRIP, HERE, TOOL, WORLD, approach
 
 pytestmark = pytest.mark.realtime
 
+GOAL = WORLD["right"].value @ HERE.value @ GRIP["right"].value @ inverse(TOOL.value)  # of the right arm, T6
 CREEP_COUNTS = 10  # of a wrist that only friction holds; the left arm goes some thousands meanwhile
 BACK_AND_FORTH = """
 import sys
@@ -73,16 +82,47 @@ def test_each_arm_has_a_log_of_its_own(arms: list[RunningArm]) -> None:
         assert np.all(np.diff(read_log(paths[0]).rows["tick"]) == 1)
 
 
+def estop(arm: RunningArm, pressed: bool) -> None:
+    with attach_board_memory(arm.name) as board:
+        board.memory.panel.estop = int(pressed)
+
+
+def test_when_one_arm_of_a_program_loses_its_power_the_other_stops_on_its_path(arms: list[RunningArm]) -> None:
+    left, right = arms
+    addresses = [(each.arm.bridge.host, each.arm.bridge.port) for each in arms]
+    links: dict[str, LinkFactory] = {n: partial(TcpLink, address=at) for n, at in zip(WORLD, addresses, strict=True)}
+    before = right.snapshot().tick
+    with rci.use(links, virtual_time=False), ending():
+        _, robots = approach()
+        wait_as(lambda: all(max(np.abs(robot.channel.how.v)) > 0.2 for robot in robots))
+        lost = right.snapshot().tick
+        estop(left, pressed=True)
+        try:
+            with pytest.raises(ServoFault, match="ESTOP"):
+                wait_for(robots[1].completed)
+        finally:
+            estop(left, pressed=False)
+    right.wait_for(Mode.HOLDING)
+    rows = right.telemetry()
+    rows = rows[rows["tick"] > before]
+    way = rows["q_ref"] - rows["q_ref"][0]
+    line = way[-1] / np.linalg.norm(way[-1])
+    assert way == pytest.approx(np.outer(way @ line, line), abs=1e-9)  # that of its joints
+    assert np.abs(rows["v_ref"][rows["tick"] >= lost]).max() > 0.1
+    assert not rows["v_ref"][-1].any()
+    assert np.linalg.norm((inverse(robots[1].trans.value) @ GOAL)[:3, 3]) > 0.02  # m: it has not arrived
+    assert not rows["fault"].any()
+
+
 def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list[RunningArm], program: Path) -> None:
     left, right = arms
-    with left.moving(program, rad_s=0.2) as lefts, right.moving(program, rad_s=0.2) as rights:
+    with left.moving(program, rad_s=0.2) as lefts, right.swinging(rad_s=0.2):
         tick = right.snapshot().tick
         left.kill("servo")
         left.kill("bridge")
         wait_until(lambda: not left.powered, "the guardian of the left arm acts")
         wait_until(lambda: right.snapshot().tick > tick + 1000, "a second goes by")
         assert lefts.wait() == 1
-        assert rights.poll() is None
         rows = right.telemetry()
     assert (rows["mode"][rows["tick"] > tick] == Mode.TRACKING).all()
     assert (right.trace()[:, 1] == Lane.SERVO).all()
