@@ -56,6 +56,12 @@ class Op(IntEnum):
     ADCOPEN = 33
     ENCTOANG = 34
     ANGTOENC = 35
+    OVERRIDE = 36
+    PAUSE = 37
+    RESUME = 38
+    KEEP_PATH = 39
+    KEPT = 40
+    RETRACT = 41
     ARCL_CALL = 50
     ARCL_WORD = 51
     REPLY = 100

@@ -7,10 +7,10 @@
         arm.waitfor(arm.completed)
 
 `control` returns a `Channel`; its calls are also functions of this module, for the arm taken last, as in C, and so are
-RCCL's global variables `completed`, `nbrequest`, `how`, `chg`, `park` and `there`. Transforms and position equations
-belong to no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and milliseconds at
-this boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the variable
-QROBOT_BRIDGE ("host:port"), else the default port of this machine.
+RCCL's global variables `completed`, `nbrequest`, `how`, `chg`, `park` and `there`, and `kept`. Transforms and position
+equations belong to no arm: `newtrans`, the `gentr_` family, `makeposition`, `DataBase`. Degrees, millimetres and
+milliseconds at this boundary. Where the robot is, is chosen outside the program: `use` for whoever starts it, else the
+variable QROBOT_BRIDGE ("host:port"), else the default port of this machine.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from qrobot.rccl.program import (
     distance,
     evalfn,
     jposition,
+    keep_path,
     limit,
     lock,
     log_signal,
@@ -41,6 +42,7 @@ from qrobot.rccl.program import (
     pose,
     release,
     resume,
+    retract,
     sample,
     setconf,
     setime,
@@ -106,6 +108,7 @@ __all__ = [
     "hold",
     "invert",
     "jposition",
+    "keep_path",
     "limit",
     "lock",
     "log_signal",
@@ -118,6 +121,7 @@ __all__ = [
     "pose",
     "release",
     "resume",
+    "retract",
     "rot",
     "sample",
     "setconf",

@@ -27,6 +27,7 @@ VARIABLES: Final[dict[str, Callable[[Channel], Any]]] = {
     "nbrequest": lambda arm: arm.nbrequest,
     "how": lambda arm: arm.how,
     "chg": lambda arm: arm.chg,
+    "kept": lambda arm: arm.kept,
     "park": lambda arm: arm.pose("park"),
     "there": lambda arm: arm.there,
 }
@@ -152,6 +153,8 @@ stop = _of_the_arm(Channel.stop)
 override = _of_the_arm(Channel.override)
 pause = _of_the_arm(Channel.pause)
 resume = _of_the_arm(Channel.resume)
+keep_path = _of_the_arm(Channel.keep_path)
+retract = _of_the_arm(Channel.retract)
 nextmove = _of_the_arm(Channel.nextmove)
 waitfor = _of_the_arm(Channel.waitfor)
 waitas = _of_the_arm(Channel.waitas)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qrobot import rccl
@@ -17,6 +19,7 @@ from qrobot.cli import toolchain
 from qrobot.cli.console import run_app
 from qrobot.cli.main import make_app
 from qrobot.errors import ConfigError, LinkLost
+from qrobot.faultcodes import FaultCode
 from qrobot.rccl.c.program import run_executable
 from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
@@ -269,6 +272,38 @@ def test_a_robot_that_goes_away_ends_the_program_at_its_next_call(run: Run, robo
     robot.before_period = gone
     assert run(f"main() {{ {MOVING} waitfor(p->end) return 0; }}") == 1
     assert "program: the bridge has gone" in capfd.readouterr().err
+
+
+@needs_compiler
+def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_confirms(run: Run, robot, capfd) -> None:
+    robot.before_period = lambda seq: robot.break_down(FaultCode.FOLLOWING) if seq == 60 else None
+    text = """
+    main() {
+        control();
+        rccl_override(90.);
+        rccl_retract(20.);
+        rccl_keep_path(YES, 200., 30.);
+        POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
+        move(p);
+        waitas(how.mode == 7 && *rccl_kept())
+        printf("mode %d: %s\\n", how.mode, rccl_kept());
+        rccl_resume();
+        waitas(!*rccl_kept())
+        rccl_pause();
+        rccl_resume();
+        waitfor(completed)
+        printf("code %d, kept '%s'\\n", p->code, rccl_kept());
+        rccl_keep_path(NO, 300., -1.);
+        return 0;
+    }
+    """
+    assert run(text) == 1
+    told = capfd.readouterr()
+    assert re.match(r"mode 7: .*FOLLOWING", told.out)
+    assert told.out.endswith("code -1, kept ''\n")
+    assert "a way back is no shorter than 0" in told.err
+    assert at_rest(robot)
+    assert robot.q[0] == pytest.approx(np.radians(40.0))
 
 
 @needs_compiler

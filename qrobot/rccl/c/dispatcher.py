@@ -180,6 +180,15 @@ class Dispatcher:
         arm.move(self._named(message.refs[0]))
         return None
 
+    def keep_path(self, message: CallMessage) -> CallReply:
+        """Keep the path in a stop of the servo when `n` is not 0, with a way back of so many mm and degrees at most."""
+        self.arm.keep_path(bool(message.n), message.numbers[0], message.numbers[1])
+        return None
+
+    def kept(self, _: CallMessage) -> CallReply:
+        """Reason for which the arm stands off its path."""
+        return CallMessage(Op.REPLY, text=self.arm.kept)
+
     def evalfn(self, message: CallMessage) -> CallReply:
         """A function during the next motion. What it returns is no code: of old it returned nothing."""
         function = message.refs[0]
@@ -216,6 +225,8 @@ class Dispatcher:
             return arm.how.t_ns != begin
 
         arm.waitas(passed)
+        if arm.kept:  # the functions of samples, before which the state is shown else, wait as well
+            self._variables.show(arm)
         return None
 
     # ------------------------------------------------------------------------------------------ people, data base
@@ -307,6 +318,11 @@ def _without_arm(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> Ca
     return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
 
 
+def _plain(call: Callable[[Channel], None]) -> CallRow:
+    """A call of the arm with nothing else."""
+    return CallRow(lambda dispatcher, _: call(dispatcher.arm))
+
+
 def _number(call: Callable[[Channel, float], None], waits: bool = False) -> CallRow:
     """A call of the arm with one number."""
     return CallRow(lambda dispatcher, message: call(dispatcher.arm, message.numbers[0]), waits)
@@ -331,6 +347,10 @@ CALLS: Final[dict[Op, CallRow]] = {
     # the arm: what the method of `Channel` does, with the arguments of the message
     Op.STOP: _number(Channel.stop),
     Op.SAMPLE_PERIOD: _number(Channel.sample, waits=True),
+    Op.OVERRIDE: _number(Channel.override),
+    Op.RETRACT: _number(Channel.retract),
+    Op.PAUSE: _plain(Channel.pause),
+    Op.RESUME: _plain(Channel.resume),
     Op.SETVEL: _two_numbers(Channel.setvel),
     Op.SETIME: _two_numbers(Channel.setime),
     Op.SETMODE: _word(Channel.setmode),
@@ -346,6 +366,8 @@ CALLS: Final[dict[Op, CallRow]] = {
     Op.JPOSITION: CallRow(Dispatcher.jposition),
     Op.MOVE: CallRow(Dispatcher.move),
     Op.EVALFN: CallRow(Dispatcher.evalfn),
+    Op.KEEP_PATH: CallRow(Dispatcher.keep_path),
+    Op.KEPT: CallRow(Dispatcher.kept),
     Op.UPDATE: CallRow(Dispatcher.update),
     Op.HAND: CallRow(Dispatcher.hand),
     Op.ADCOPEN: CallRow(Dispatcher.adcopen),

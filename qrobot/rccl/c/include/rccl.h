@@ -149,6 +149,16 @@ int rccl_comply(char *dirs, int count, double *values);
 void rccl_open_hand(void);
 void rccl_close_hand(void);
 
+/* ------------------------------------------------------------------------------- speed, and going on after a stop */
+
+/* Ours. rccl_ stands before their names, for programs may have functions that are called so. */
+int rccl_override(double percent); /* of the programmed speed, 0 to 100, also of the motion under way */
+int rccl_pause(void);              /* come to a standstill on the path; the queue stays */
+int rccl_resume(void);             /* go on after that, and go back to a path that was kept */
+int rccl_keep_path(int keep, double way_back_mm, double way_back_deg); /* motions outlive a stop of the servo: YES, 300., 45. */
+int rccl_retract(double mm);       /* go back so far after a collision, by the way travelled: 0 to 300 */
+char *rccl_kept(void);             /* why the arm stands off its path, until somebody confirms; "" else */
+
 /* --------------------------------------------------------------------------------------------- synchronization */
 
 extern volatile int nextmove;    /* not 0: ends the present motion, whose position gets it as its code */

@@ -63,6 +63,12 @@ enum op {
     OP_ADCOPEN,
     OP_ENCTOANG,
     OP_ANGTOENC,
+    OP_OVERRIDE,
+    OP_PAUSE,
+    OP_RESUME,
+    OP_KEEP_PATH,
+    OP_KEPT,
+    OP_RETRACT,
     /* of ARCL */
     OP_ARCL_CALL = 50,
     OP_ARCL_WORD,

@@ -131,6 +131,48 @@ API void rccl_close_hand(void)
     ask(OP_HAND, "close", 0, 0);
 }
 
+/* ------------------------------------------------------------------------- speed, and going on after a stop */
+
+API int rccl_override(double percent)
+{
+    return ask(OP_OVERRIDE, "", percent, 0);
+}
+
+API int rccl_pause(void)
+{
+    return ask(OP_PAUSE, "", 0, 0);
+}
+
+API int rccl_resume(void)
+{
+    return ask(OP_RESUME, "", 0, 0);
+}
+
+API int rccl_keep_path(int keep, double way_back_mm, double way_back_deg)
+{
+    struct message m = shim_message(OP_KEEP_PATH, "");
+    m.n = keep;
+    m.numbers[0] = way_back_mm;
+    m.numbers[1] = way_back_deg;
+    shim_call(&m);
+    return YES;
+}
+
+API int rccl_retract(double mm)
+{
+    return ask(OP_RETRACT, "", mm, 0);
+}
+
+/* Each thread has its own text, until it asks again. */
+API char *rccl_kept(void)
+{
+    static __thread char text[SHIM_TEXT];
+    struct message m = shim_message(OP_KEPT, "");
+    shim_call(&m);
+    memcpy(text, m.text, sizeof text);
+    return text;
+}
+
 /* --------------------------------------------------------------------------------------------------- waiting */
 
 static int let_a_sample_pass(const char *wanted)
