@@ -71,20 +71,36 @@ def test_a_task_that_swings_a_joint_in_lockstep_reads_the_very_counts_and_dac_wo
     assert (rows[-1]["mode"], rows["fault"].any()) == (Mode.HOLDING, False)
 
 
-def test_one_arm_mirrors_another_sample_by_sample(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("name", "period_s", "swing", "samples", "late"),
+    [
+        ("16_mirror.py", 0.028, [25.0, 15.0, -20.0, 10.0, 20.0, -15.0], 300, 1),
+        ("27_compiled_mirror.py", 0.004, [5.0, 3.0, -4.0, 2.0, 4.0, -3.0], 400, 2),
+    ],
+)
+def test_one_arm_mirrors_another_sample_by_sample(
+    name: str, period_s: float, swing: list[float], samples: int, late: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the program at 28 ms, and by a compiled function, which is a sample later, at 4 ms."""
+
+    def behind(links: dict[str, LinkFactory]) -> float:
+        with rci.use(links):
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return float(re.findall(r"at most (\S+) degrees", capsys.readouterr().out)[0])
+
     rigs = {name: LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)) for name in ("left", "right")}
-    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}):
-        runpy.run_path(str(EXAMPLES / "16_mirror.py"), run_name="__main__")
+    in_a_sample = swing[0] * np.pi / samples  # degrees, where the swing is fastest
+    assert behind(dict.fromkeys(rigs, OfflineLink)) == pytest.approx(late * in_a_sample, abs=0.006)  # as printed
+    real = behind({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()})
+    # setpoints are played out, and what was measured comes, a sample later each; and the servos' own errors
+    assert late * in_a_sample < real < (late + 2) * in_a_sample + 0.15
     left, right = (rig.rows() for rig in rigs.values())
     assert not left["fault"].any()
     assert not right["fault"].any()
     away = np.abs(left["q"] - PARK).max(axis=1).argmax()
-    assert left["q"][away] - PARK == pytest.approx(np.radians([25.0, 15.0, -20.0, 10.0, 20.0, -15.0]), abs=0.01)
+    assert left["q"][away] - PARK == pytest.approx(np.radians(swing), abs=0.01)
     slave = right["q"][np.abs(right["q"] - PARK).max(axis=1).argmax()]
     assert slave == pytest.approx(MIRROR * left["q"][away], abs=0.01)
-    behind = float(re.findall(r"at most (\S+) degrees", capsys.readouterr().out)[0])
-    # three samples late, a quarter more for the servos' own errors, at 25 degrees * pi / 8.4 s
-    assert 0.1 < behind < 25.0 * np.pi / 8.4 * 0.084 * 1.25
 
 
 def test_a_hybrid_controller_in_the_place_of_the_generator_makes_a_spring_of_one_joint(capsys) -> None:
