@@ -248,6 +248,7 @@ class ObjectFrame(Manip):
             self._generator.follow(goal)
             self.trans.record(tick, goal.pose(tick))
             return
+        self.generator.override = 0.0 if self._group.waits else 1.0
         output = self.generator.update(tick)
         self.trans.record(tick, self._kinematics.forward(output.q))
         if output.events:

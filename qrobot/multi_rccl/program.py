@@ -278,3 +278,10 @@ comply = _parameter(MotionParameters.comply)
 lock = _parameter(MotionParameters.lock)
 pose = _parameter(Channel.pose)
 jposition = _parameter(Channel.jposition)
+keep_path = _parameter(Channel.keep_path)
+resume = _parameter(Channel.resume)
+
+
+def kept(manip: RobotManip) -> str:
+    """Reason for which an arm stands off a path that is kept, until somebody confirms that it may go back; or empty."""
+    return _arm("kept", manip).channel.kept

@@ -318,7 +318,8 @@ class Channel(MotionParameters, HandAndOutputs):
         Instead of ServoFault or LinkLost the program sees them stand still (`kept` tells why). After `resume`, or
         `qrobot ctl resume`, a fault is cleared, the arm gets power and goes back to its path at a tenth of its speed,
         as joints go, and the motions go on where they were left. Not kept are motions to goals that move or give way,
-        those of a group or being stopped, and setpoints that are played; and `stop` and `release` give the path up.
+        those being stopped, and setpoints that are played; and `stop` and `release` give the path up. An arm that stays
+        with a goal which moves goes back to it when that stands. Other arms of the program wait on their paths.
 
         The arm is led back where its flange, straight for the joints, has no more than `way_back_mm` to go (300 when
         left out) and no joint turns by more than `way_back_deg` (45). Else it waits on, and `kept` tells how far it is;

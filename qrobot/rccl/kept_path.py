@@ -4,6 +4,9 @@ the servo stops the arm        the generator's path time stands where it is
 somebody confirms              fault cleared, power, a stream from where the arm stands
 the way back                   a joint motion at reduced speed to the last setpoint of the path
 there                          path time goes on from rest, as after a pause: the same places in the same order
+
+An arm that stayed with a goal that moves, as one that holds an object with others, goes back to where that goal is by
+then, once it stands (followed_goal.py).
 """
 
 from __future__ import annotations
@@ -11,12 +14,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+
 from qrobot.arrays import Floats
 from qrobot.errors import LinkError, MotionError, ServoFault
 from qrobot.motion import EventKind, Generator, MoveRequest, SpeedShare, Termination
+from qrobot.motion.world.kinematics import ArmKinematics
+from qrobot.rccl.followed_goal import FollowedGoal, followed_goal
 from qrobot.wire import RobotState
 
 WAY_BACK_SHARE: Final = 0.1  # [A] of the joints' greatest speeds, on the way back
+THERE: Final = 1e-6  # rad or m: of an arm that is with the goal it followed
 
 
 class KeptPath:
@@ -26,25 +34,32 @@ class KeptPath:
         generator: of the path; stands still on it from now on.
         tick: newest sample.
         fault: that the program is told when it gives the path up.
+        followed: the goal that the arm stayed with, None for an arm on a path.
 
     Attributes:
+        generator: of what is to come; another one when the arm is back at a goal that it followed.
         fault: as given, or what has stopped the arm since.
         refusal: why the arm was not led back when that was confirmed last; None when it was not refused.
         confirmed: the arm may be led back.
         given_up: the program wants to stop, so the path is of no use any more.
     """
 
-    def __init__(self, generator: Generator, tick: int, fault: ServoFault | LinkError) -> None:
-        generator.stand_still(tick)
-        self.fault = fault
+    def __init__(
+        self, generator: Generator, tick: int, fault: ServoFault | LinkError, followed: FollowedGoal | None = None
+    ) -> None:
+        if followed is None:
+            generator.stand_still(tick)
+        self.fault, self.generator, self._followed = fault, generator, followed
         self.refusal: MotionError | None = None
         self.confirmed = self.given_up = False
-        self._generator = generator
         self._back: Generator | None = None
+        self._goal = generator.newest
         self._paused = False
 
-    def hear(self, robot: RobotState) -> None:
-        """Look whether the operator confirms: a pause of theirs ends."""
+    def hear(self, robot: RobotState, tick: int) -> None:
+        """Look whether the operator confirms: a pause of theirs ends; and where what was followed is at this sample."""
+        if self._followed is not None:
+            self._followed.look(tick)
         self.confirmed = self.confirmed or (self._paused and not robot.paused)
         self._paused = robot.paused
 
@@ -58,10 +73,22 @@ class KeptPath:
         return self.fault if self.refusal is None else self.refusal
 
     def judge(self, objection_to: Callable[[Floats], MotionError | None]) -> bool:
-        """Whether an arm that may go back is near enough to the last setpoint; else it waits for another word."""
-        self.refusal = objection_to(self._generator.newest)
+        """Whether an arm that may go back is near enough to its goal, which stands; else it waits for another word."""
+        self.refusal = self._objection() or objection_to(self._goal)
         self.confirmed = self.refusal is None
         return self.confirmed
+
+    def _objection(self) -> MotionError | None:
+        """Reason for which nobody knows where to go back to."""
+        if self._followed is None:
+            return None
+        if not self._followed.still:
+            return MotionError("what the arm stayed with still moves: let it come to rest, and confirm again")
+        try:
+            self._goal = self._followed.q
+        except MotionError as error:
+            return error
+        return None
 
     def give_up(self, seconds: float) -> None:
         """Stop on the way back, in at least `seconds`; what waits on the path will not be done."""
@@ -79,12 +106,17 @@ class KeptPath:
         if self.given_up:
             raise self.fault
         self._back = generator_at(q)
-        self._back.push(MoveRequest("the way back to the path", self._generator.newest, SpeedShare(WAY_BACK_SHARE)))
+        self._go_to_goal(self._back)
+
+    def _go_to_goal(self, back: Generator) -> None:
+        back.push(MoveRequest("the way back to the path", self._goal, SpeedShare(WAY_BACK_SHARE)))
 
     def way_back(self, tick: int, override: float) -> Floats:
         """Setpoint (n,) of a sample on the way back. Raises MotionError: it ended elsewhere; ServoFault: given up."""
         if self._back is None:
             raise self.fault
+        if self._followed is not None:
+            self._followed.look(tick)
         self._back.override = override
         output = self._back.update(tick)
         for event in output.events:
@@ -98,5 +130,29 @@ class KeptPath:
         """True once the arm is back; the path goes on from rest at the sample behind `tick`."""
         if self._back is None or self._back.busy:
             return False
-        self._generator.stand_still(tick)
-        return True
+        if self._followed is None:
+            self.generator.stand_still(tick)
+            return True
+        return self._joined(self._back, self._followed)
+
+    def _joined(self, back: Generator, followed: FollowedGoal) -> bool:
+        """Whether what the arm stayed with stands where the arm is, which follows it then; else it goes there."""
+        if followed.still:
+            before, self._goal = self._goal, followed.q
+            if np.abs(self._goal - before).max() < THERE:
+                self.generator = followed.hand_over(back)
+                return True
+            self._go_to_goal(back)
+        return False
+
+
+def kept_path(
+    generator: Generator, kinematics: ArmKinematics | None, tick: int, fault: ServoFault | LinkError
+) -> KeptPath | None:
+    """The path of an arm that the servo has stopped, None when it cannot be come back to."""
+    if generator.stopping:
+        return None
+    if generator.keepable:
+        return KeptPath(generator, tick, fault)
+    followed = followed_goal(generator, kinematics, tick)
+    return None if followed is None else KeptPath(generator, tick, fault, followed)

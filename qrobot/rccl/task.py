@@ -32,7 +32,7 @@ from qrobot.motion import (
 )
 from qrobot.rccl.callback_timing import CallbackTiming
 from qrobot.rccl.event import Level
-from qrobot.rccl.kept_path import KeptPath
+from qrobot.rccl.kept_path import KeptPath, kept_path
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.retreat import Retreat, TravelledPath, is_collision
@@ -186,7 +186,7 @@ class TrajectoryTask:
     def follows(self) -> bool:
         """The arm has come to a goal that moves, and stays with it."""
         goal = None if self._generator is None else self._generator.goal
-        return goal is not None and not goal.fixed and not self.busy
+        return goal is not None and not goal.fixed and not self.busy and not self.off_path
 
     @property
     def carried(self) -> bool:
@@ -246,6 +246,11 @@ class TrajectoryTask:
         """Reason for which the arm stands off its kept path, until somebody confirms that it may go back."""
         return None if self._kept is None or self._kept.confirmed else self._kept.reason
 
+    @property
+    def off_path(self) -> bool:
+        """The arm is not on a path that is kept: it waits, or is led back to it."""
+        return self._kept is not None
+
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
         self._cycle.leave(power_off)
@@ -255,11 +260,11 @@ class TrajectoryTask:
     def step(self, state: State, now_ns: int) -> Command:
         """Answer a STATE, at `now_ns` of this end's clock.
 
-        Raises:
-            ServoFault: the servo gave up, or power is refused.
-            MotionError: the arm is not calibrated.
+        Raises ServoFault: the servo gave up, or power is refused; MotionError: the arm is not calibrated.
         """
         command = self._cycle.step(state, now_ns, self._track)
+        if self._kept is not None and self.group is not None:
+            self.group.before_sample(self.tick)
         self._cycle.describe()
         return command
 
@@ -319,8 +324,8 @@ class TrajectoryTask:
         if not again and self._may_retract(fault):
             self._retract(fault)
             return
-        if self._kept is None and self._generator is not None and self._may_keep(self._generator):
-            self._kept = KeptPath(self._generator, self.tick, fault)
+        if self._kept is None and self.keeps_path and self._generator is not None and self._player is None:
+            self._kept = kept_path(self._generator, self._kinematics, self.tick, fault)
         if self._kept is None or self._kept.given_up:
             raise fault
         self._kept.wait_again(fault)
@@ -328,7 +333,8 @@ class TrajectoryTask:
         self.chg.path_waits = True
 
     def _may_retract(self, fault: ServoFault | LinkError) -> bool:
-        if self._generator is None or self._generator.stopping:  # it is wanted at rest
+        generator = self._generator
+        if generator is None or generator.stopping:  # it is wanted at rest
             return False
         return is_collision(fault) and self.retract_m > 0.0 and self.group is None and self._kept is None
 
@@ -338,14 +344,11 @@ class TrajectoryTask:
         self._cycle.stand()
         self._cycle.take_again(self.how is not None and self.how.powered)
 
-    def _may_keep(self, generator: Generator) -> bool:
-        return self.keeps_path and self.group is None and self._player is None and generator.keepable
-
     def _wait(self) -> None:
         """Hold whatever can be held, until somebody confirms, or the program gives the path up."""
         if self._kept is None or self.how is None:
             return
-        self._kept.hear(self.how)
+        self._kept.hear(self.how, self.tick)
         self.insist()
         if self._kept.confirmed and self._kept.judge(self._way_objection):
             self._cycle.take_again(self.how.powered)
@@ -363,14 +366,14 @@ class TrajectoryTask:
         if self._retreat is not None:
             self._go_back(self._retreat, how)
             return
+        if self.group is not None:
+            self.group.before_sample(tick)
         if self._kept is not None:
             self._lead_back(self._kept, how)
             return
         if self._player is not None:
             self._play(self._player, how)
             return
-        if self.group is not None:
-            self.group.before_sample(tick)
         generator = self.generator
         seen = ArmSample(np.array(how.q), np.array(how.v), np.array(how.tau), np.array(how.q_setpoint))
         self.force.observe(seen, generator, tick)
@@ -408,11 +411,12 @@ class TrajectoryTask:
     def _lead_back(self, kept: KeptPath, how: RobotState) -> None:
         self._send(kept.way_back(self.tick, self._override_in_force(how)), how)
         if self.follows_setpoints and kept.reached(self.tick):
-            self._kept = None
+            self._kept, self._generator = None, kept.generator
 
     def _override_in_force(self, how: RobotState) -> float:
-        """Product of the program's override and the operator's; 0 for either's pause."""
-        return 0.0 if self.paused else self.override * how.motion_override
+        """Product of the program's override and the operator's; 0 for either's pause, and while another arm waits."""
+        waits = self.group is not None and self.group.waits_for_another(self)
+        return 0.0 if self.paused or waits else self.override * how.motion_override
 
     def _play(self, player: SetpointPlayer, how: RobotState) -> None:
         q = player.step()

@@ -57,8 +57,8 @@ class TaskGroup:
         """
         self.agree_on(task.period_s)
         if task not in self._tasks:
-            task.count_from(self.tick)
             self._tasks.append(task)
+        task.count_from(self.tick)
 
     def agree_on(self, period_s: float) -> None:
         """Have a sample period. Raises MotionError: it is another one already."""
@@ -90,6 +90,15 @@ class TaskGroup:
         for other in self._tasks:
             if not other.follows:
                 other.stop()
+
+    @property
+    def waits(self) -> bool:
+        """True while one of the arms is off a path that it keeps: all else stands still on its own."""
+        return any(task.off_path for task in self._tasks)
+
+    def waits_for_another(self, task: TrajectoryTask) -> bool:
+        """True while an arm other than that of `task`, which keeps its path, is off it."""
+        return any(other.off_path for other in self._tasks if other is not task)
 
     def come_to_rest(self) -> None:
         """Let all that arms follow come to rest."""

@@ -1,0 +1,124 @@
+"""Arms of one program that keep their paths: the others wait for the one that was stopped, and all go on together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from random import Random
+
+import numpy as np
+import pytest
+
+from qrobot import rci
+from qrobot.arrays import Floats
+from qrobot.errors import ServoFault
+from qrobot.faultcodes import FaultCode
+from qrobot.model.transform import inverse
+from qrobot.multi_rccl import RobotManip, jposition, keep_path, kept, move, rccl_control, rccl_open, resume, wait_as
+from qrobot.multi_rccl.program import _program
+from qrobot.rccl.kept_path import WAY_BACK_SHARE
+from qrobot.rccl.program import ending
+from qrobot.rci import VirtualLink
+from qrobot.wire import Mode
+from tests.support.fake_robot import FakeRobot
+from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.two_hands import THERE, TOOL, WORLD, carry, reach
+
+ROUNDING = 1e-9
+NAMES = ("left", "right")
+
+
+@pytest.fixture
+def fakes() -> Iterator[dict[str, FakeRobot]]:
+    robots = {name: FakeRobot(tuple(PARK)) for name in NAMES}
+    token = _program.set(None)
+    links = {name: lambda hello, robot=robot: VirtualLink(hello, robot.transfer) for name, robot in robots.items()}
+    with rci.use(links), ending():
+        yield robots
+    _program.reset(token)
+
+
+def fail(robot: FakeRobot, way: str) -> None:
+    """A stop that leaves the arm under power, or a fault in which it sags a little."""
+    if way == "stop":
+        robot.halt(FaultCode.STREAM_LOST)
+    else:
+        robot.break_down(FaultCode.FOLLOWING)
+        robot.q = tuple(np.array(robot.q) + 0.02)
+
+
+def apart(left: RobotManip, right: RobotManip) -> Floats:
+    """The right hand in the left one, as both are sent. Shape (4, 4)."""
+    hands = [inverse(WORLD[arm.name].value) @ arm.trans.value @ TOOL.value for arm in (left, right)]
+    return np.asarray(inverse(hands[0]) @ hands[1])
+
+
+def gentle(path: Floats) -> bool:
+    """Setpoints (samples, n) keep the limits of speed and acceleration."""
+    speeds, bends = np.abs(np.diff(path, axis=0)) / PERIOD_S, np.abs(np.diff(path, n=2, axis=0)) / PERIOD_S**2
+    return bool((speeds <= LIMITS.v_max * (1.0 + ROUNDING)).all() and (bends <= LIMITS.a_max * 1.01).all())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_hands_wait_with_what_they_carry_for_the_one_that_was_stopped_and_carry_on(
+    fakes: dict[str, FakeRobot], seed: int
+) -> None:
+    random = Random(seed)
+    way, at = random.choice(("stop", "fault")), random.randint(4, 25)
+    obj, (left, right) = reach()
+    for arm in (left, right):
+        keep_path(arm)
+    held = apart(left, right)
+    carry(obj)
+    begin = left.channel.how.t_ns
+    wait_as(lambda: left.channel.how.t_ns >= begin + at * PERIOD_S * 1e9)
+    fail(fakes["left"], way)
+    wait_as(lambda: kept(left))
+    assert "STREAM_LOST" in kept(left) or "FOLLOWING" in kept(left)
+    assert not kept(right)
+    begin = left.channel.how.t_ns
+    wait_as(lambda: left.channel.how.t_ns > begin + 1.5e9)
+    waited = obj.trans.value.copy(), right.j6.copy()
+    back = len(fakes["left"].path)
+    wait_as(lambda: left.channel.how.t_ns > begin + 2e9)
+    assert (obj.trans.value == waited[0]).all()  # all that hangs together stands
+    assert (right.j6 == waited[1]).all()
+    assert not obj.completed.count
+    resume(left)
+    wait_as(lambda: not kept(left) and fakes["left"].mode is Mode.TRACKING)
+    off = []
+    wait_as(lambda: off.append(np.abs(apart(left, right) - held).max()) or obj.completed.count)
+    assert np.abs(obj.trans.value - THERE.value).max() < ROUNDING
+    assert max(off[-20:]) < ROUNDING
+    after = np.array(fakes["left"].path[back:])
+    assert gentle(after[1:])
+    assert gentle(np.array(fakes["right"].path))
+    first = np.abs(np.diff(after[: len(after) // 8], axis=0))
+    assert first.size == 0 or (first <= WAY_BACK_SHARE * LIMITS.v_max * PERIOD_S * (1.0 + ROUNDING)).all()
+
+
+def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends_the_program_s_hold(
+    fakes: dict[str, FakeRobot],
+) -> None:
+    arms = [rccl_open(name) for name in NAMES]
+    goals = []
+    for arm, turn in zip(arms, (40.0, -40.0), strict=True):
+        rccl_control(arm)
+        goals.append(jposition(arm, "END", (np.degrees(PARK) + np.array([turn, 0, 0, 0, 0, 0])).tolist()))
+        move(arm, goals[-1])
+    keep_path(arms[0])
+    wait_as(lambda: goals[0].scal > 0.3)
+    fail(fakes["left"], "fault")
+    wait_as(lambda: kept(arms[0]) and arms[1].channel.rate == 0.0)
+    between = goals[1].scal
+    assert 0.3 < between < 0.9
+    resume(arms[0])
+    wait_as(lambda: arms[0].completed.count and arms[1].completed.count)
+    assert [goal.code for goal in goals] == [-1, -1]
+    for name, goal in zip(NAMES, goals, strict=True):
+        assert fakes[name].q == pytest.approx(goal.q, abs=1e-4)
+    move(arms[0], goals[1])
+    move(arms[1], goals[0])
+    wait_as(lambda: goals[0].scal > 0.3)
+    fail(fakes["right"], "stop")
+    with pytest.raises(ServoFault):
+        wait_as(lambda: False)
