@@ -102,7 +102,7 @@ def check_document(model: type[M], document: Mapping[str, Any], label: str, cont
     except ValidationError as error:
         faults += [_fault(model, e["loc"], e["type"], e["msg"]) for e in error.errors(include_url=False)]
     if faults:
-        raise ConfigError("\n  ".join([f"{label}: {len(faults)} mistake{'s' * (len(faults) > 1)}", *faults]))
+        raise ConfigError(f"{label}: {len(faults)} mistake{'s' * (len(faults) > 1)}:\n  " + ";\n  ".join(faults))
     return made
 
 

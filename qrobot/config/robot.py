@@ -346,7 +346,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
         ConfigError: no such file, or every mistake in it with its path in the file.
     """
     path = robot_path(name_or_path)
-    return robot_of(read_document(path), path.name)
+    return robot_of(read_document(path), str(path))
 
 
 def robot_of(document: dict[str, Any], label: str) -> Robot:

@@ -25,7 +25,7 @@ def document() -> dict[str, Any]:
 def mistakes(document: dict[str, Any]) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         robot_of(document, "x.toml")
-    return [line.strip() for line in str(caught.value).splitlines()[1:]]
+    return [line.strip().rstrip(";") for line in str(caught.value).splitlines()[1:]]
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford"])
