@@ -46,6 +46,7 @@ from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
 from qrobot.realtime.jit import kernel
 from qrobot.realtime.pointer import KernelPointer
+from qrobot.servo.laws.python_calls import refuse_python_calls
 from qrobot.wire.vocabulary import LONGEST_SIGNAL, N_SIGNALS
 
 KP, KV, M0 = range(3)  # rows of `gains`
@@ -171,7 +172,7 @@ def law(
         signals: names of at most 8 numbers for the log, which the law leaves in `memory[SIGNALS_AT:]` in this order.
 
     Raises:
-        ConfigError: it takes something that is no argument of a law, or no `tau`.
+        ConfigError: it takes something that is no argument of a law, or no `tau`; or it prints or raises.
     """
     if function is None:
         return lambda body: _law(body, settings, signals)
@@ -182,6 +183,7 @@ def _law(function: LawBody, settings: tuple[Setting, ...], signals: tuple[str, .
     names = argument_names(function, ARGUMENTS)
     if "tau" not in names:
         raise ConfigError(f"law {function.__name__} takes no tau: that is what it has to fill")
+    refuse_python_calls(function)
     body = kernel(function if names == ARGUMENTS else _with_all_arguments(function))
     return Law(body, settings, signals=signals)
 

@@ -24,6 +24,8 @@ TIMED_CALLS: Final = 1000
 CALLS_IN_MOTION: Final = 20
 MOST_OF_PERIOD: Final = 0.5
 _MAY_CHANGE: Final = ("memory", "tau")
+_SILENT: Final = ("math domain error", "math range error", "expected a ", "complex")
+"""Words of Python's errors where compiled code has NaN: roots and logarithms of negative numbers, a power of one."""
 
 Call = Callable[..., None]
 
@@ -86,8 +88,10 @@ def _call_once(call: Call, name: str, where: str, arguments: Arguments) -> None:
 
 
 def _is_harm(error: Exception) -> bool:
-    """An index out of bounds, or a number that becomes none; a root of -1 is NaN once it is compiled."""
-    return isinstance(error, IndexError) or "to integer" in str(error)
+    """Whether compiled code would fail, too; a quotient by zero and a root of -1 are numbers there."""
+    if isinstance(error, ArithmeticError):
+        return "to integer" in str(error)
+    return isinstance(error, IndexError) or not any(words in str(error) for words in _SILENT)
 
 
 def typical_ns(law: Law, robot: Robot) -> float:

@@ -102,12 +102,18 @@ def test_a_file_that_has_changed_is_read_again_however_soon(tmp_path: Path, monk
 
 
 HEAD = "from qrobot.servo.laws.law import law\nfrom qrobot.servo.laws.casadi_law import casadi_law\n"
+HELPER = "from numba import njit\n@njit\ndef near(q):\n    assert q[0] < 1.0\n"
 BAD = [
     ("def law(:\n", "mine.py, line 1: SyntaxError"),
     ("\nimport no_such_module\n", "mine.py, line 2: ModuleNotFoundError: No module named 'no_such_module'"),
     ("x = 1\n", "has no law 'stiff'; there is none: put @law or @casadi_law above a function"),
     (NUMBA.replace("stiff", "soft"), "has no law 'stiff'; there are: soft"),
     (HEAD + "@law\ndef stiff(wind, tau):\n    pass\n", "line 3: ConfigError: law stiff takes 'wind'"),
+    (
+        HEAD + "@law\ndef stiff(q, tau):\n    tau[:] = q\n    print(q[0])\n",
+        "stiff prints in line 6, and so waits for Python",
+    ),
+    (HEAD + HELPER + "@law\ndef stiff(q, tau):\n    near(q)\n", "near raises in line 6, and so waits for Python"),
     (HEAD + "@casadi_law\ndef stiff(q):\n    return q[0]\n", "law stiff: tau has 1 elements, 6 are wanted"),
     (HEAD + "@casadi_law\ndef stiff(q):\n    return q, q\n", "next_memory has 6 elements, 64 are wanted"),
     (HEAD + "@casadi_law\ndef stiff(q):\n    return q, q, q\n", "it returns 3 expressions"),
@@ -161,6 +167,14 @@ MISTAKES = {
     "no name": "@casadi_law\ndef mine(q_ref, q):\n\n    return q_ref - q + nothing\n",
     "no colon": "@law\ndef mine(q, tau):\n    x = 1\n    for j in range(6)\n",
 }
+
+
+def test_a_law_that_mixes_two_lengths_is_refused_before_it_is_compiled(tmp_path: Path) -> None:
+    text = HEAD + "@law\ndef mine(q, tau):\n    tau[:] = q[1:]\n"
+    name = str(written(tmp_path, text))
+    found: Any = find_law(name, ROBOT)
+    with pytest.raises(ConfigError, match=r"line 5: ValueError: could not broadcast"):
+        prove_harmless(found, name, ROBOT, found.body.py_func)
 
 
 def found_compiled_and_tried(name: str) -> None:
