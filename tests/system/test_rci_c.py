@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot import rci
+from qrobot import rccl, rci
 from qrobot.cli import toolchain
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.errors import ConfigError
 from qrobot.modecodes import Mode
 from qrobot.rccl.c.program import run_executable
@@ -30,6 +32,27 @@ from tests.system.test_rci_programs import TABLE
 
 SUPPORT = Path(__file__).parents[1] / "support"
 STRICT = ("-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", "-g", "-O1")
+BOTH = """
+#include "rccl.h"
+#include "rci.h"
+static RCI_TASK *td;
+static void rest(RCI_TASK *td) { (void) td; }
+static int over(void) { return rci_runs(td) > 2; }
+int main(int n, char **words)
+{
+    (void) words;
+    if (n > 1)
+        control();
+    if ((td = rci_create("watch", "")) == 0 || rci_control(td, rest, 0, 0) || rci_onclock(td, 1, 0))
+        return 6;
+    if (rci_start(td->bit))
+        return 7;
+    if (rci_wait(over))
+        return 8;
+    control();
+    return 9;
+}
+"""
 CONVERSIONS = """
 #include "rci.h"
 #include <stdio.h>
@@ -83,11 +106,30 @@ def test_the_header_is_c89_and_cpp11() -> None:
         subprocess.run([*command, "-fsyntax-only", include], check=True)
 
 
-def test_the_table_of_two_tasks_in_c_is_that_of_the_example_in_python_s10(make: Make) -> None:
+def test_the_table_of_two_tasks_in_c_is_that_of_the_example_in_python_s10(
+    make: Make, capfd: pytest.CaptureFixture[str]
+) -> None:
     program = example(make, "rci_tasks")
-    for _ in range(2):
-        virtual = os.environ | {"QROBOT_RCI_TIME": "virtual"}
-        assert subprocess.run([program], env=virtual, capture_output=True, text=True, check=True).stdout == TABLE
+    virtual = os.environ | {"QROBOT_RCI_TIME": "virtual"}
+    assert subprocess.run([program], env=virtual, capture_output=True, text=True, check=True).stdout == TABLE
+    assert run_app(make_app("run"), ["run", "--lockstep", str(program)]) == 0
+    assert capfd.readouterr().out == TABLE
+
+
+def test_tasks_beside_an_arm_of_rccl_are_refused_on_virtual_time_whichever_comes_first(
+    make: Make, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Each would have a time of its own, which stands still while the program waits for the other."""
+    source = tmp_path / "both.c"
+    source.write_text(BOTH)
+    program = make(source, flags=("-Wall", "-Werror"))
+    with rci.use(OfflineLink), rccl.use(OfflineLink):
+        for words, status, told in (
+            ([], 1, "tasks of RCI are active on virtual time"),
+            (["x"], 7, "rci_start: on virtual"),
+        ):
+            assert run_executable(program, words) == status
+            assert told in capfd.readouterr().err
 
 
 def test_every_call_does_on_virtual_time_what_the_papers_say(make: Make) -> None:

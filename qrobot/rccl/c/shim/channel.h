@@ -21,6 +21,9 @@
 void arcl_obey(void) __attribute__((weak));
 int64_t arcl_cell_place(void) __attribute__((weak));
 
+/* start.c of rci.h, in programs that have tasks of RCI: 1 when those run on virtual time. */
+int rci_is_virtual(void) __attribute__((weak));
+
 /* Weak: a program may have a function of that name itself. */
 #define API __attribute__((weak))
 /* Variables that the engine sees too. */

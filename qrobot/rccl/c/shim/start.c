@@ -211,11 +211,20 @@ static void greet(int channel, int file)
     close(file);
 }
 
+/* For rci.h: 1 when this process has an engine. */
+int shim_has_engine(void)
+{
+    return owner == getpid();
+}
+
 void shim_start(void)
 {
     int channels[2];
     if (owner)
         return;
+    if (rci_is_virtual && rci_is_virtual())
+        shim_die("tasks of RCI are active on virtual time, which would not pass for an arm of RCCL or ARCL; run the program "
+                 "without --lockstep and --offline, against `qrobot up`");
     owner = getpid();
     int file = shim_share();
     find_engine(channels);

@@ -148,6 +148,9 @@ void rci_round(struct seat *seat);
 void rci_take_fifo(struct seat *seat, int above);
 void rci_let_pass(void);
 
+/* rccl/c/shim/start.c, in programs that call RCCL or ARCL: 1 when an arm is to be moved by them. */
+int shim_has_engine(void) __attribute__((weak));
+
 /* share.c */
 struct mailbox *rci_mailbox(void);
 void rci_mailbox_free(struct mailbox *mailbox);

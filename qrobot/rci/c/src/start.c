@@ -236,8 +236,17 @@ static int prepare_start(unsigned long mask)
     return rci_watch_start();
 }
 
+/* For rccl.h and arcl.h: 1 when tasks have been active on virtual time. */
+int rci_is_virtual(void)
+{
+    return rci_program.begun && rci_program.sealed && rci_program.virtual_time;
+}
+
 int rci_start(unsigned long mask)
 {
+    if (rci_program.virtual_time && shim_has_engine && shim_has_engine())
+        return rci_fail("rci_start: on virtual time a program in C has an arm of RCCL or ARCL, or tasks of RCI; run it "
+                        "without --lockstep and --offline, against `qrobot up`");
     if (rci_current != NULL)
         return rci_fail("rci_start: only the planning program may do that");
     if (!rci_are_tasks(mask, "rci_start") || prepare_start(mask) < 0)
