@@ -8,15 +8,39 @@ from contextlib import contextmanager
 from typing import Any
 
 from selenium import webdriver
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+
+from tests.support.patience import wait_until
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--use-gl=angle",
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--force-device-scale-factor=1",
+    "--disable-backgrounding-occluded-windows", "--disable-renderer-backgrounding",
 )  # fmt: skip
-SIZE = (1280, 860)
+SIZE = (1200, 800)
+CLICK = """
+const element = document.querySelector(arguments[0]);
+if (!element || element.disabled || element.offsetParent === null) return false;
+element.scrollIntoView({block: "center"});
+const box = element.getBoundingClientRect();
+if (!element.contains(document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2))) return false;
+element.click();
+return true;
+"""
+SHOWS = """
+const shown = [...document.querySelectorAll(arguments[0])].filter((each) => each.offsetParent !== null);
+return shown.some((each) => each.innerText.includes(arguments[1]));
+"""
+CHOOSE = """
+const element = document.getElementById(arguments[0]);
+element.value = arguments[1];
+element.dispatchEvent(new Event("change"));
+return element.value === arguments[1];
+"""
 
 
 def chromium() -> str | None:
@@ -37,3 +61,79 @@ def open_browser() -> Iterator[Any]:
         yield driver
     finally:
         driver.quit()
+
+
+class Page:
+    """The pendant in a window of a browser. An element is looked up and used at once: any may be drawn anew.
+
+    Args:
+        driver: of the browser.
+        address: of the pendant.
+        window: a window of its own, beside those that there are.
+    """
+
+    def __init__(self, driver: Any, address: str, window: bool = False) -> None:
+        if window:
+            driver.switch_to.new_window("window")
+        self._driver, self._window = driver, driver.current_window_handle
+        driver.get(address)
+        wait_until(lambda: self.run("return window.pendant?.arm?.history.length > 3"), "the page shows the arm")
+
+    def run(self, script: str, *arguments: object) -> Any:
+        """Result of a script, in its window."""
+        return self._in_window().execute_script(script, *arguments)
+
+    def click_at(self, place: str) -> None:
+        """Click on the first element of a selector once it can be seen, is not covered, and may be clicked."""
+        wait_until(lambda: self.run(CLICK, place), f"a click on {place}")
+
+    def click(self, identity: str) -> None:
+        """The same by its id."""
+        self.click_at(f"#{identity}")
+
+    def choose_option(self, identity: str, value: str) -> bool:
+        """Choose an option; False when there is none of that value."""
+        return bool(self.run(CHOOSE, identity, value))
+
+    def shows(self, place: str, text: str) -> bool:
+        """Something that can be seen at a selector has the text."""
+        return bool(self.run(SHOWS, place, text))
+
+    def flag(self, flag: int) -> bool:
+        """A flag of the newest sample."""
+        return bool(self.run("return pendant.arm.state.flags") & flag)
+
+    def press(self, button: int | str) -> None:
+        """Press a button and keep it down: by its number among those to hold, or by its id."""
+        wait_until(lambda: self._pressed(button), f"button {button} is pressed")
+
+    def let_go(self) -> None:
+        """Let go of what is pressed."""
+        ActionChains(self._in_window(), duration=0).release().perform()
+
+    def type(self, keys: str) -> None:
+        """Type at no field."""
+        self._in_window().find_element("tag name", "body").send_keys(keys)
+
+    def picture(self, place: str) -> bytes:
+        """An element as PNG."""
+        return bytes(self._in_window().find_element("css selector", place).screenshot_as_png)
+
+    def complaints(self) -> list[str]:
+        """Errors that the browser has found."""
+        return [entry["message"] for entry in self._in_window().get_log("browser") if entry["level"] == "SEVERE"]
+
+    def _in_window(self) -> Any:
+        if self._driver.current_window_handle != self._window:
+            self._driver.switch_to.window(self._window)
+        return self._driver
+
+    def _pressed(self, button: int | str) -> bool:
+        place = f"#{button}" if isinstance(button, str) else ".hold"
+        try:
+            found = self._in_window().find_elements("css selector", place)[button if isinstance(button, int) else 0]
+            self.run("arguments[0].scrollIntoView({block: 'center'})", found)
+            ActionChains(self._driver, duration=0).click_and_hold(found).perform()
+        except (StaleElementReferenceException, IndexError):
+            return False
+        return True

@@ -7,6 +7,7 @@ import { linkFrame, tip } from "./kinematics.js";
 const TRAIL = 1100; // samples, half a minute
 const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b, CHOSEN = 0xf0a500, OLD = 0x9aa6b2;
 const TAP_PX = 6;
+const SEEN = 2e-4; // rad or m of a joint; what moves less is not drawn anew
 const SEPARATION = 1.6; // m between arms that stand side by side
 
 class ArmFigure {
@@ -73,6 +74,11 @@ class ArmFigure {
     for (let j = 0; j < q.length; j++) linkFrame(this.facts, j, q[j], frames[j + 1].matrix);
   }
 
+  // Whether it would look the same.
+  looksLike(state) {
+    return this.drawn !== undefined && ["q", "setpoint"].every((name) => state[name].every((value, j) => Math.abs(value - this.drawn[name][j]) < SEEN));
+  }
+
   reveal() {
     for (const frames of [this.solid, this.ghost]) frames[0].visible = true;
   }
@@ -82,6 +88,7 @@ class ArmFigure {
     this.pose(this.solid, state.q);
     this.pose(this.ghost, state.setpoint);
     this.q = state.q;
+    this.drawn = state;
     if (follow) this.extend(tip(this.facts, state.q));
   }
 
@@ -209,7 +216,8 @@ export class View {
   }
 
   show(k, state, follow = true) {
-    this.figures[k]?.show(state, follow);
+    if (!this.figures[k] || this.figures[k].looksLike(state)) return;
+    this.figures[k].show(state, follow);
     this.due = true;
   }
 
