@@ -9,7 +9,7 @@ import pytest
 
 from qrobot.rccl.c.program import run_executable
 from qrobot.rccl.trace import Trace
-from tests.support.c_programs import compiled, needs_compiler, offline
+from tests.support.c_programs import compiled, compiled_text, needs_compiler, offline
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
@@ -209,3 +209,59 @@ def test_a_handler_and_what_select_finds_end_the_motion_of_that_instant(way, cod
     assert begun is not None
     assert ended is not None
     assert 0.0 < ended - begun < 1.0
+
+
+SHARING = r"""
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+static int behind[3000], before[3000] = {1}; /* neighbours of the variables of rccl.h */
+static int cut;
+
+static void on_user(int number) { nextmove = 42; }
+
+int ftruncate(int file, off_t size) /* a signal comes just then, once */
+{
+    if (!cut++) {
+        errno = EINTR;
+        return -1;
+    }
+    return syscall(SYS_ftruncate, file, size);
+}
+
+void *mmap(void *where, size_t size, int protection, int flags, int file, off_t place)
+{
+    if (flags & MAP_FIXED) /* as the variables move into shared memory */
+        raise(SIGUSR1);
+    return (void *) syscall(SYS_mmap, where, size, protection, flags, file, place);
+}
+
+int main()
+{
+    signal(SIGUSR1, on_user);
+    newtrans("any", const);
+    if (nextmove != 42)
+        return 3;
+    if (!fork()) {
+        for (int i = 0; i < 3000; i++)
+            behind[i]++, before[i]++;
+        _exit(0);
+    }
+    wait(0);
+    for (int i = 0; i < 3000; i++)
+        if (behind[i] || before[i] != (i == 0))
+            return 4;
+    return cut == 2 ? 0 : 5;
+}
+"""
+
+
+def test_variables_are_shared_whole_whatever_interrupts_and_no_neighbour_with_them(tmp_path: Path) -> None:
+    """What a handler writes meanwhile is kept, and a child of the program has its own copy of all other variables."""
+    status, _ = offline(lambda: run_executable(compiled_text(SHARING, tmp_path)))
+    assert status == 0

@@ -17,7 +17,8 @@ struct cell {
 
 enum form { OF_TRANSFORM = 1, OF_EVENT, OF_END, OF_FEEDBACK, OF_ERROR, OF_PREDICATE, OF_PLACE };
 
-SHARED __attribute__((aligned(64))) struct cell arcl_cell = {0};
+static SHARED WHOLE_PAGES(struct cell) pages = {{0}};
+#define arcl_cell pages.of
 
 int64_t arcl_cell_place(void)
 {

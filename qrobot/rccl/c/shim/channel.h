@@ -26,8 +26,18 @@ int rci_is_virtual(void) __attribute__((weak));
 
 /* Weak: a program may have a function of that name itself. */
 #define API __attribute__((weak))
-/* Variables that the engine sees too. */
-#define SHARED __attribute__((section("rccl_shared")))
+/* Variables that the engine sees too. They fill whole pages of memory, so that none of the program's own lies on one. */
+#if defined __x86_64__ || defined __i386__
+#define SHIM_PAGE 4096
+#else
+#define SHIM_PAGE 65536 /* the largest of any processor */
+#endif
+#define SHARED __attribute__((section("rccl_shared"), aligned(SHIM_PAGE), used))
+#define WHOLE_PAGES(type) \
+    union { \
+        type of; \
+        char room[(sizeof(type) + SHIM_PAGE - 1) / SHIM_PAGE * SHIM_PAGE]; \
+    }
 
 /* What a message says; mirrored in qrobot/c_transport/message.py. */
 enum op {

@@ -4,7 +4,9 @@
  * both change, are changed in this process alone, by atomic instructions.
  */
 #define _GNU_SOURCE
+#include <errno.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stddef.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -18,18 +20,42 @@ static VECT x_axis = {1, 0, 0}, y_axis = {0, 1, 0}, z_axis = {0, 0, 1};
 VECT_PTR xunit = &x_axis, yunit = &y_axis, zunit = &z_axis;
 char *mess = NULL;
 
-SHARED volatile int nextmove = 0;
-SHARED volatile event completed = 1;
-SHARED volatile int nbrequest = 0;
-SHARED volatile int terminate = 0;
-SHARED volatile struct rccl_how how = {0};
-SHARED volatile struct rccl_chg chg = {0};
-SHARED __attribute__((aligned(64))) struct shim_cell shim_cell = {0};
-static SHARED TRSF last_link = {"T6", NULL, 0, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}};
-static SHARED POS park_pose = {"park", 0, 0, 0};
-static SHARED POS present = {"there", 0, 0, 0};
-TRSF_PTR t6 = &last_link;
-POS_PTR park = &park_pose, there = &present;
+struct variables {
+    struct shim_cell shim_cell;
+    volatile int nextmove __attribute__((aligned(64))); /* not in the cache line of the cell, where both sides wait */
+    volatile event completed;
+    volatile int nbrequest, terminate;
+    volatile struct rccl_how how;
+    volatile struct rccl_chg chg;
+    TRSF last_link;
+    POS park, present;
+};
+
+static SHARED WHOLE_PAGES(struct variables) variables = {
+    .of = {.completed = 1,
+           .last_link = {"T6", NULL, 0, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}},
+           .park = {"park", 0, 0, 0},
+           .present = {"there", 0, 0, 0}},
+};
+TRSF_PTR t6 = &variables.of.last_link;
+POS_PTR park = &variables.of.park, there = &variables.of.present;
+
+/* Those that others declare get names of their own here, in assembly; the function is never called. */
+#define NAMED(variable) \
+    __asm__ volatile(".globl " #variable "\n\t.set " #variable ", variables + %c0" \
+                     : \
+                     : "i"(offsetof(struct variables, variable)))
+
+__attribute__((used)) static void name_variables(void)
+{
+    NAMED(shim_cell);
+    NAMED(nextmove);
+    NAMED(completed);
+    NAMED(nbrequest);
+    NAMED(terminate);
+    NAMED(how);
+    NAMED(chg);
+}
 
 extern char __start_rccl_shared[], __stop_rccl_shared[]; /* the linker's names for the section's ends */
 
@@ -57,15 +83,15 @@ __attribute__((no_sanitize("address", "undefined"))) static void copy_pages(char
         ((volatile char *) to)[i] = ((const volatile char *) from)[i];
 }
 
-/* The pages of the variables become pages of a file with the same content; neighbours on them come along unharmed, but
- * what is written to them between the copy and the mapping would be lost: hence the locals. */
-int shim_share(void)
+/* The pages of the variables become pages of a file with the same content. What handlers of signals write to them
+ * meanwhile would be lost: so they wait. */
+static int share_pages(void)
 {
     uintptr_t page = (uintptr_t) sysconf(_SC_PAGESIZE);
     char *first = (char *) ((uintptr_t) __start_rccl_shared / page * page);
     size_t size = ((uintptr_t) __stop_rccl_shared + page - 1) / page * page - (uintptr_t) first;
     int file = memfd_create("rccl", MFD_CLOEXEC);
-    if (file < 0 || ftruncate(file, (off_t) size + ARENA_BYTES))
+    if (file < 0 || TEMP_FAILURE_RETRY(ftruncate(file, (off_t) size + ARENA_BYTES)))
         shim_die("no memory to share with the motion engine");
     char *whole = mmap(NULL, size + ARENA_BYTES, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (whole == MAP_FAILED)
@@ -77,6 +103,16 @@ int shim_share(void)
     pages = (ptrdiff_t) size;
     arena = whole + size;
     fresh = (struct slot *) arena;
+    return file;
+}
+
+int shim_share(void)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    int file = share_pages();
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
     return file;
 }
 
@@ -157,8 +193,7 @@ void shim_free(void *p)
 /* The order is that of message.py. */
 void shim_globals(int64_t *refs)
 {
-    const volatile void *places[] = {&nextmove, &completed, &nbrequest, &terminate, &how, &chg,
-                                     &last_link, &park_pose, &present};
+    const volatile void *places[] = {&nextmove, &completed, &nbrequest, &terminate, &how, &chg, t6, park, there};
     size_t count = sizeof places / sizeof *places;
     for (size_t i = 0; i < count; i++)
         refs[i] = shim_ref(places[i]);
