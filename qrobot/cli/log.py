@@ -80,6 +80,12 @@ def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     print_table(table)
 
 
+def _milli(errors: list[float | None]) -> str:
+    """Tracking errors of the joints, rad or m; None where no cycle had one."""
+    told = ("-" if error is None else f"{1e3 * error:.3f}" for error in errors)
+    return " ".join(told) + "  mrad (mm on a sliding joint)"
+
+
 def _facts(log: Log) -> dict[str, Any]:
     from qrobot.faultcodes import explain
     from qrobot.log.events import log_events
