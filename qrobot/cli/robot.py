@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 
@@ -14,9 +14,7 @@ from qrobot.config.document import packaged_names
 from qrobot.errors import ConfigError
 from qrobot.units import DEG_PER_RAD
 
-app = App(
-    name="robot",
-    help="""
+HELP: Final = """
 Look at robot files, and exchange them with other programs.
 
 For example:
@@ -24,10 +22,9 @@ For example:
   qrobot robot show puma560
   qrobot robot export puma560 --format urdf --output puma560.urdf
   qrobot robot import arm.urdf --like puma560 --output arm.toml
-""",
-    help_format="plaintext",
-    group_commands="Commands",
-)
+"""
+
+app = App(name="robot", help=HELP, help_format="plaintext", group_commands="Commands")
 
 MJCF_STEP_S = 0.25e-3  # [A] that of the emulator at 4 kHz
 Format = Literal["urdf", "mjcf", "dh", "toml"]
