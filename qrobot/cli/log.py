@@ -73,7 +73,7 @@ def _show_facts(file: Path, facts: dict[str, Any]) -> None:
     facts["law"] = ", then ".join(facts.pop("laws"))
     facts["events"] = _first_events(facts["events"], file)
     for error in ("max_abs_error", "rms_error"):
-        facts[error] = " ".join(f"{1e3 * value:.3f}" for value in facts[error]) + "  mrad (mm on a sliding joint)"
+        facts[error] = _milli(facts[error])
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts.items():
         table.add_row(name.replace("_", " "), _plain(value))
