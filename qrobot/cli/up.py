@@ -80,9 +80,11 @@ def _calibrate(arm: DeployedArm) -> None:
 
 def _watch(rig: ProcessRig) -> None:
     """Return never; raise LinkLost when a process has ended that the arm cannot do without."""
+    from qrobot.rig.log_trouble import LogTrouble
     from qrobot.rig.restarts import Restarts
 
-    restarts = Restarts(rig, note)
+    restarts, trouble = Restarts(rig, note), LogTrouble(note)
     while True:
         time.sleep(POLL_S)
         restarts.look()
+        trouble.look([child for child in rig.children.values() if not child.plan.vital])

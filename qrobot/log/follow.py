@@ -16,7 +16,7 @@ from typing import Final
 
 from qrobot.errors import LinkError
 from qrobot.log.record import LogRecorder, RowSink
-from qrobot.log.status import LogStatus
+from qrobot.log.status import LOG_IS_BEHIND, LogStatus
 from qrobot.realtime.shared_memory import SharedMemory
 from qrobot.report import Report
 from qrobot.servo.memory.law_history import JournalReader
@@ -133,7 +133,7 @@ class ServoFollower:
             self._report_at_ns = now_ns + REPORT_NS
             self._reported = status
             disk = f", {status.disk_errors} refusals by the disk ({recorder.last_error})" if status.disk_errors else ""
-            self._report(f"the log is behind: {status.lost} cycles lost{disk}")
+            self._report(f"{LOG_IS_BEHIND}: {status.lost} cycles lost{disk}")
 
 
 def follow(follower: ServoFollower, stop: threading.Event) -> None:

@@ -11,6 +11,9 @@ from qrobot.servo.memory.telemetry import CDR_HEADER
 
 SCHEMA_NAME: Final = "qrobot_msgs/msg/LogStatus"
 
+LOG_IS_BEHIND: Final = "the log is behind"
+"""So begins what a recorder says whose disk refuses, or that loses cycles."""
+
 
 @dataclass(frozen=True)
 class LogStatus:

@@ -10,6 +10,7 @@ import pytest
 from qrobot.config.deployment import load_deployment
 from qrobot.errors import LinkLost
 from qrobot.rig.deployed import ArmProcesses
+from qrobot.rig.log_trouble import LogTrouble
 from qrobot.rig.processes import ProcessPlan
 from qrobot.rig.restarts import WINDOW_S, Restarts
 
@@ -95,3 +96,13 @@ def test_of_an_arm_only_bridge_and_log_are_started_again() -> None:
     processes = ArmProcesses(rig, "emulator", load_deployment("emulator").arm[0])
     plans = [processes.board(), processes.servo(), processes.guardian(), processes.bridge(), processes.log()]
     assert [(plan.restarts, plan.vital) for plan in plans] == [(0, True)] * 3 + [(3, True), (3, False)]
+
+
+def test_a_log_whose_disk_is_full_is_told_once() -> None:
+    told: list[str] = []
+    lines = ["", "the log is behind: 0 cycles lost, 1 refusals by the disk", "the log is behind: 9 cycles lost"]
+    child: Any = SimpleNamespace(name="a-log", output="a-log.txt", complaint=lambda: lines.pop(0))
+    trouble = LogTrouble(told.append)
+    for _ in range(3):
+        trouble.look([child])
+    assert told == ["a-log: the log is behind: 0 cycles lost, 1 refusals by the disk; more of it stands in a-log.txt"]
