@@ -14,7 +14,7 @@ from qrobot.faultcodes import FaultCode
 from tests.fault_matrix.campaign import FAULTS, STRAY_DEG, Fault, conditions, run
 from tests.fault_matrix.trial import Conditions, Trial
 
-EVERY = 61  # of the conditions: a slice in which each value of each comes up
+EVERY = 89  # of the conditions: a slice in which each value of each comes up
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)

@@ -65,7 +65,9 @@ def ways(*chosen: str, of: tuple[str, ...] = tuple(WAYS)) -> list[str]:
     return [way for way in of if ALL_WAYS or way in chosen]
 
 
-FROM_HOLDING = [power_off, power_off_by_another, emergency_stop, shutdown, board_silent, power_lost, garbage]
+FROM_HOLDING = [power_off, emergency_stop, shutdown, power_lost]
+if ALL_WAYS:
+    FROM_HOLDING += [power_off_by_another, board_silent, garbage]
 CASES = [(happens, "memory") for happens in FROM_HOLDING]
 CASES += [(power_off, "port"), (shutdown, "gateway")]
 if ALL_WAYS:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from tests.support.processes import RunningArm
 from tests.support.shared_arm import SharedArm
+
+C_CACHE = Path(__file__).parents[2] / ".pytest_cache" / "libraries of C programs"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -36,8 +39,8 @@ def arm(shared_arm: SharedArm, parked: None) -> Iterator[RunningArm]:
 
 
 @pytest.fixture(scope="module")
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The library of C programs is made anew, in a folder whose name has blanks; the user's cache stays as it is."""
+def own_cache() -> Iterator[None]:
+    """A cache of the tests, whose name has blanks, for the library of C programs; the user's stays as it is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("a cache of its own")))
+        patch.setenv("XDG_CACHE_HOME", str(C_CACHE))
         yield

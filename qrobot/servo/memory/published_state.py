@@ -16,7 +16,7 @@ from qrobot.arrays import Floats, Words
 from qrobot.realtime.flat_record import copy_fields, words_of
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
-from qrobot.realtime.structure import dtype_of, floats, local_record, number, part, view_words, word
+from qrobot.realtime.structure import dtype_of, floats, number, part, word
 from qrobot.wire.robot_state import StateRow, StateTable, rows_of, told
 from qrobot.wire.vocabulary import RobotFlag
 
@@ -90,9 +90,10 @@ def read_state(mail: Any, out: Words) -> bool:
 
 
 def snapshot_of(words: Words, n: int) -> ServoSnapshot:
-    """The state of `n` joints whose block these words are."""
-    record = local_record(state_dtype(n))
-    view_words(record)[:] = words
-    told: dict[str, Any] = {row.name: record[row.source or row.name] for row in ROWS}
-    plain: dict[str, Any] = {name: value if np.ndim(value) else value.item() for name, value in told.items()}
+    """The state of `n` joints whose block these words are; its arrays are views of them."""
+    block = words.view(state_dtype(n))[0]
+    told: dict[str, Any] = {row.name: block[row.source or row.name] for row in ROWS}
+    plain: dict[str, Any] = {
+        name: value if isinstance(value, np.ndarray) else value.item() for name, value in told.items()
+    }
     return ServoSnapshot(**plain)

@@ -40,8 +40,8 @@ def stopped(bench: ServoBench, seconds: float = 3.0) -> None:
 # ------------------------------------------------------------------------------------------------------ good streams
 
 
-@pytest.mark.parametrize("rate_hz", [1000.0, 2000.0, 4000.0])
-@pytest.mark.parametrize("period_ms", [1, 5, 28, 100])
+@pytest.mark.parametrize("rate_hz", [1000.0, 4000.0])
+@pytest.mark.parametrize("period_ms", [1, 28, 100])
 def test_the_reference_is_the_path_two_and_a_half_frames_late(period_ms: int, rate_hz: float) -> None:
     bench = ServoBench(rate_hz=rate_hz).hold()
     period_s = period_ms * 1e-3
@@ -272,7 +272,7 @@ class Stream:
         return {int(seq) for seq in lost}
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_jitter_of_a_quarter_of_a_period_and_single_losses_never_stop_the_arm(seed: int) -> None:
     stream = Stream(SILENCE_MARGIN, seed)
     bench = ServoBench(rate_hz=[1000.0, 4000.0][seed % 2]).hold()
