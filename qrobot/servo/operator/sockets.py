@@ -126,7 +126,7 @@ class ControlSocket:
         for key, _ in self._selector.select(seconds):
             if key.data is None:
                 self._welcome()
-            else:
+            elif not key.data.gone.is_set():  # it may have made room for one who was welcomed a moment ago
                 self._attend(key.data)
 
     def close(self) -> None:

@@ -501,6 +501,26 @@ def test_mute_connections_keep_nobody_out(servo: Bench) -> None:
             one.close()
 
 
+def test_who_speaks_in_the_moment_in_which_it_makes_room_for_another_takes_nothing_away() -> None:
+    arm = f"t{uuid.uuid4().hex[:10]}"
+    with (
+        ControlSocket(arm, lambda _visitor, line: line + b"\n", lambda _: None) as control,
+        contextlib.ExitStack() as stack,
+    ):
+        clients = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(MAX_CLIENTS + 1)]
+        for client in clients[:-1]:
+            connect_to_servo(arm, client)
+            control.serve(0.0)
+        connect_to_servo(arm, clients[-1])
+        clients[0].sendall(b"what now\n")
+        control.serve(0.0)
+        clients[-1].sendall(b"stop\n")
+        control.serve(0.0)
+        assert clients[-1].recv(100) == b"stop\n"
+        with contextlib.suppress(ConnectionResetError):  # hung up on with words of its own unread
+            assert clients[0].recv(100) == b""
+
+
 def test_power_off_of_a_hung_servo_tells_that_the_guardian_has_cut_the_power() -> None:
     process = Bench(ServoBench().hold())
     controls = Controls(process)
