@@ -19,6 +19,7 @@ _ENUMERATIONS: Final = {
     "ROLE": vocabulary.ClientRole,
     "JOINT": vocabulary.JointMode,
     "HAND": vocabulary.Hand,
+    "REACTION": vocabulary.CollisionReaction,
     "MODE": Mode,
     "FLAG": vocabulary.RobotFlag,
     "REQUEST": vocabulary.Request,

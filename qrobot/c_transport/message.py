@@ -62,6 +62,8 @@ class Op(IntEnum):
     KEEP_PATH = 39
     KEPT = 40
     RETRACT = 41
+    COLLISION = 42
+    SETLOAD = 43
     ARCL_CALL = 50
     ARCL_WORD = 51
     REPLY = 100

@@ -20,6 +20,7 @@ from qrobot.multi_rccl.positions import TRANS, make_position
 from qrobot.multi_rccl.program import (
     OBJECT_FRAME,
     cancel,
+    collision,
     comply,
     distance,
     evalfn,
@@ -59,6 +60,7 @@ __all__ = [
     "ObjectFrame",
     "RobotManip",
     "cancel",
+    "collision",
     "comply",
     "distance",
     "evalfn",

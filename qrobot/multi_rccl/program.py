@@ -278,6 +278,7 @@ comply = _parameter(MotionParameters.comply)
 lock = _parameter(MotionParameters.lock)
 pose = _parameter(Channel.pose)
 jposition = _parameter(Channel.jposition)
+collision = _parameter(Channel.collision)
 keep_path = _parameter(Channel.keep_path)
 resume = _parameter(Channel.resume)
 

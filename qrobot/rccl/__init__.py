@@ -26,6 +26,7 @@ from qrobot.rccl.position import EQ, TL, Position, makeposition
 from qrobot.rccl.program import (
     CLOSE,
     OPEN,
+    collision,
     comply,
     control,
     distance,
@@ -95,6 +96,7 @@ __all__ = [
     "Termination",
     "Transform",
     "assigntr",
+    "collision",
     "comply",
     "const",
     "control",

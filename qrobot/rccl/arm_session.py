@@ -6,7 +6,7 @@ import atexit
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
-from typing import ClassVar
+from typing import ClassVar, Final
 from weakref import WeakSet
 
 from qrobot.errors import LinkError, MotionError, QRobotError
@@ -15,8 +15,10 @@ from qrobot.rccl.trace import Trace
 from qrobot.rci import Link
 from qrobot.rci.sample_drivers import driver_for
 from qrobot.rci.sampled_task import SampleDriver
-from qrobot.wire import Payload, Signals
+from qrobot.wire import Collision, Payload, Signals
 from qrobot.wire.codec import check_signal_names
+
+HEARD: Final = 3  # [A] samples in which an answer of the bridge comes
 
 
 class ArmSession:
@@ -44,6 +46,7 @@ class ArmSession:
         self.released = False
         self._error_told = False
         self._signals: tuple[str, ...] = ()
+        self._collision: Collision | None = None
 
     def start(self) -> None:
         """Run until the servo follows our setpoints."""
@@ -88,9 +91,9 @@ class ArmSession:
         """
         with self.task():
             self._link.tell(load)
-        self.wait(lambda: bool(self._link.payload_refusal) or self._carries(load.mass))
-        if self._link.payload_refusal:
-            raise MotionError(f"{self._name} cannot carry that: {self._link.payload_refusal}")
+        self.wait(lambda: bool(self._link.refusal) or self._carries(load.mass))
+        if self._link.refusal:
+            raise MotionError(f"{self._name} cannot carry that: {self._link.refusal}")
         with self.task():
             self._task.carry(load)
 
@@ -110,10 +113,26 @@ class ArmSession:
             numbers[self._signals.index(name)] = value
             self._task.chg.signals = tuple(numbers)
 
+    def set_collision(self, collision: Collision) -> None:
+        """Have the servo tell collisions so, and wait until it has heard that.
+
+        Raises:
+            MotionError: it does not take such thresholds; nothing has changed then.
+        """
+        with self.task():
+            self._link.tell(collision)
+            heard = self._task.tick + HEARD
+        self.wait(lambda: bool(self._link.refusal) or self._task.tick >= heard)
+        if self._link.refusal:
+            raise MotionError(f"{self._name}: {self._link.refusal}")
+        self._collision = collision
+
     def _tell_names(self) -> None:
-        """Tell a bridge that was greeted anew the names of the program's signals."""
+        """Tell a bridge that was greeted anew the names of the program's signals, and what it wants of collisions."""
         if self._signals:
             self._link.tell(Signals(self._signals))
+        if self._collision is not None:
+            self._link.tell(self._collision)
 
     def finish(self, look: Callable[[], object]) -> None:
         """Wait until all motions are done, calling `look` at each sample. Raises what `Channel.finish` raises."""

@@ -31,7 +31,6 @@ from qrobot.units import DEG_PER_RAD, M_PER_MM, MM_PER_M, NS_PER_MS, RAD_PER_DEG
 from qrobot.wire import RobotState
 
 YES: Final = 1
-MOST_BACK_MM: Final = 300.0  # [A] after a collision
 NO: Final = 0
 
 
@@ -335,21 +334,6 @@ class Channel(MotionParameters, HandAndOutputs):
         if way_mm < 0.0 or turn_deg < 0.0:
             raise MotionError(f"keep_path({way_mm:g} mm, {turn_deg:g} deg): a way back is no shorter than 0")
         self._task.keeps_path, self._task.way_back = keep, WayBackLimit(way_mm * M_PER_MM, turn_deg * RAD_PER_DEG)
-
-    def retract(self, mm: float) -> None:
-        """Let the arm go back after a collision, by `mm` of its flange along the path just travelled; 0: stay there.
-
-        When the servo has stopped the arm for COLLISION and holds it, the arm goes back slowly (100 mm/s at most), and
-        comes to rest; then the program is told ServoFault, or its path is kept. It goes back once: what it meets
-        on the way ends that. Arms that move together stay where they are. The path is remembered from this call on.
-
-        Raises:
-            MotionError: no such distance.
-        """
-        (mm,) = numbers("retract", mm)
-        if not 0.0 <= mm <= MOST_BACK_MM:
-            raise MotionError(f"retract({mm:g}): 0 to {MOST_BACK_MM:g} mm are possible")
-        self._task.retract_m = mm * M_PER_MM
 
     @property
     def kept(self) -> str:

@@ -1,22 +1,37 @@
-"""Calls of a program about what its arm does beside its motions: hand, outputs, numbers for the log, payload."""
+"""Calls of a program about what its arm does beside its motions: hand, outputs, log, payload, collisions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isnan
+from typing import Final
 
+from qrobot.config import Robot
+from qrobot.config.collision import threshold_objection
 from qrobot.errors import MotionError
 from qrobot.rccl.arguments import numbers
 from qrobot.rccl.arm_session import ArmSession
 from qrobot.rccl.task import TrajectoryTask
 from qrobot.units import M_PER_MM
-from qrobot.wire import Payload
+from qrobot.wire import Collision, CollisionReaction, Payload
 from qrobot.wire.vocabulary import Hand
+
+REACTIONS: Final = ("stop", "comply", "retract")
+MOST_BACK_MM: Final = 300.0  # [A] after a collision
+
+
+def retract_m(call: str, mm: float) -> float:
+    """A way back, m. Raises MotionError: it is none, or too long."""
+    (mm,) = numbers(call, mm)
+    if not 0.0 <= mm <= MOST_BACK_MM:
+        raise MotionError(f"{call}({mm:g}): 0 to {MOST_BACK_MM:g} mm are possible")
+    return mm * M_PER_MM
 
 
 class HandAndOutputs:
-    """The calls about hand, outputs, log and payload; `Channel` inherits them."""
+    """The calls about hand, outputs, log, payload and collisions; `Channel` inherits them."""
 
+    robot: Robot
     _task: TrajectoryTask
     _session: ArmSession
 
@@ -68,6 +83,45 @@ class HandAndOutputs:
         if len(at) != 3 or len(moments) != 6:
             raise MotionError("setload: a centre has 3 numbers, mm, and an inertia 6, kg m^2: xx yy zz xy xz yz")
         self._session.set_payload(Payload(mass, tuple(M_PER_MM * x for x in at), tuple(moments)))
+
+    def collision(self, reaction: str = "stop", thresholds: Sequence[float] | None = None, mm: float = 20.0) -> None:
+        """Choose what follows a collision, and have collisions told sooner than the robot file does.
+
+        After each the servo stops the arm, which gives way to what it has met; then it is held ("stop"), is soft for
+        two seconds before it is held ("comply"), or goes back by `mm` of its flange along the path just travelled
+        ("retract"). Waits for some samples. Counts until the program lets go of the arm.
+
+        Args:
+            reaction: "stop", "comply" or "retract".
+            thresholds: torque that nobody commanded, N m (N); None for the robot file's, which none may exceed. What
+                accelerations may hide comes on top, so low ones count for slow motions. Shape (n,).
+            mm: of the way back, 0 to 300.
+
+        Raises:
+            MotionError: no such reaction or distance, or thresholds that the arm does not take; nothing has changed.
+        """
+        if reaction not in REACTIONS:
+            raise MotionError(f"collision: {reaction!r} is none of {', '.join(REACTIONS)}")
+        back_m = retract_m("collision", mm) if reaction == "retract" else 0.0
+        asked = numbers("collision", *([0.0] * self.robot.n if thresholds is None else thresholds))
+        objection = "" if thresholds is None or all(asked) else "a threshold is a torque above 0"
+        if objection := objection or threshold_objection(self.robot, asked):
+            raise MotionError(f"collision: {objection}")
+        number = CollisionReaction.COMPLY if reaction == "comply" else CollisionReaction.STOP
+        self._session.set_collision(Collision(tuple(asked), number))
+        self._task.retract_m = back_m
+
+    def retract(self, mm: float) -> None:
+        """Let the arm go back after a collision, by `mm` of its flange along the path just travelled; 0: stay there.
+
+        When the servo has stopped the arm for COLLISION and holds it, the arm goes back slowly (100 mm/s at most), and
+        comes to rest; then the program is told ServoFault, or its path is kept. It goes back once: what it meets
+        on the way ends that. Arms that move together stay where they are. The path is remembered from this call on.
+
+        Raises:
+            MotionError: no such distance.
+        """
+        self._task.retract_m = retract_m("retract", mm)
 
     def _set_hand(self, hand: Hand) -> None:
         with self._session.task():

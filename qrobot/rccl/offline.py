@@ -127,8 +127,8 @@ class OfflineLink:
             self._state = replace(self._state, robot=replace(self._state.robot, payload_mass=packet.mass))
 
     @property
-    def payload_refusal(self) -> str:
-        """See `Link.payload_refusal`: an arm on paper carries what it is told."""
+    def refusal(self) -> str:
+        """See `Link.refusal`: an arm on paper carries what it is told."""
         return ""
 
     def now_ns(self) -> int:

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge.servo_interface import RobotPort, SetpointFrame
-from qrobot.wire import Payload
+from qrobot.wire import Collision, Payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +69,20 @@ class TakePayload:
 
 
 @dataclass(frozen=True, slots=True)
+class TakeCollision:
+    """Thresholds and reaction of collisions from now on."""
+
+    collision: Collision
+
+
+@dataclass(frozen=True, slots=True)
 class Note:
     """A line for the bridge's log."""
 
     text: str
 
 
-ServoAction: TypeAlias = Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload
+ServoAction: TypeAlias = Forward | BareRequest | StopArm | TakePowerAway | NameSignals | TakePayload | TakeCollision
 Action: TypeAlias = SendBytes | ServoAction | Note | Close
 
 
@@ -122,3 +129,5 @@ def _tell_servo(action: ServoAction, port: RobotPort) -> None:
                 port.name_signals(action.names)
             case TakePayload():
                 port.write_payload(action.payload)
+            case TakeCollision():
+                port.write_collision(action.collision)

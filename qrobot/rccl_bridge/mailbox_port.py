@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from qrobot.arrays import Words
+from qrobot.config.collision import threshold_objection
 from qrobot.errors import LinkError
 from qrobot.faultcodes import NO_JOINT
 from qrobot.rccl_bridge.servo_interface import SetpointFrame
@@ -17,7 +18,7 @@ from qrobot.servo.memory.servo_memory import ServoMemory, attach_servo_memory, l
 from qrobot.servo.memory.telemetry import SMALLEST_RING
 from qrobot.servo.payload import PayloadJudge
 from qrobot.units import NS_PER_S
-from qrobot.wire import Payload, RobotState
+from qrobot.wire import Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
 from qrobot.wire.robot_state import rows_of
 
@@ -98,6 +99,14 @@ class MailboxPort:
         """Reckon with `payload` from now on."""
         self._mailbox.request_payload(payload)
 
+    def judge_collision(self, collision: Collision) -> str:
+        """Reason for which the arm does not take such thresholds; "" when it does."""
+        return "" if self._judge is None else threshold_objection(self._judge.robot, collision.thresholds)
+
+    def write_collision(self, collision: Collision) -> None:
+        """Tell collisions so from now on."""
+        self._mailbox.request_collision(collision.thresholds, collision.reaction)
+
 
 class ServoPort:
     """`RobotPort` to the servo process of one arm, which may die, restart or not be there yet.
@@ -176,6 +185,14 @@ class ServoPort:
     def write_payload(self, payload: Payload) -> None:
         """Reckon with `payload` from now on. Raises LinkError when the servo is gone."""
         self._follow().request_payload(payload)
+
+    def judge_collision(self, collision: Collision) -> str:
+        """Reason for which the arm does not take such thresholds; "" when it does."""
+        return "" if self._judge is None else threshold_objection(self._judge.robot, collision.thresholds)
+
+    def write_collision(self, collision: Collision) -> None:
+        """Tell collisions so from now on. Raises LinkError when the servo is gone."""
+        self._follow().request_collision(collision.thresholds, collision.reaction)
 
     def _allowed(self, frame: SetpointFrame) -> SetpointFrame:
         """The frame, without a request for power that was made to the servo before this one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from qrobot.wire import Payload, RobotState
+from qrobot.wire import Collision, Payload, RobotState
 from qrobot.wire.packets import NO_SIGNALS
 
 __all__ = ["RobotPort", "RobotState", "SetpointFrame"]
@@ -98,3 +98,9 @@ class RobotPort(Protocol):
 
     def write_payload(self, payload: Payload) -> None:
         """Reckon with `payload` from now on. Raises LinkError when the servo is gone."""
+
+    def judge_collision(self, collision: Collision) -> str:
+        """Reason for which the arm does not take such thresholds; "" when it does."""
+
+    def write_collision(self, collision: Collision) -> None:
+        """Tell collisions so from now on. Raises LinkError when the servo is gone."""

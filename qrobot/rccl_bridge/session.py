@@ -24,6 +24,7 @@ from qrobot.rccl_bridge.actions import (
     Note,
     SendBytes,
     StopArm,
+    TakeCollision,
     TakePayload,
     TakePowerAway,
 )
@@ -38,6 +39,7 @@ from qrobot.wire import (
     VERSION,
     Bye,
     ClientRole,
+    Collision,
     Command,
     Connection,
     ErrorCode,
@@ -73,6 +75,7 @@ class Session:
         robot_name, n: of the robot. lease: to command it. peer: the client's end. now_ns: the time.
         places: of observers; None keeps no count. token: what a client has to show; empty asks for none.
         judge_payload: tells why the arm cannot carry a payload, "" when it can.
+        judge_collision: tells why it does not take thresholds of a collision, "" when it does.
 
     Attributes:
         label: the client in words for people.
@@ -92,6 +95,7 @@ class Session:
         places: Places | None = None,
         token: bytes = b"",
         judge_payload: Callable[[Payload], str] = lambda _payload: "",
+        judge_collision: Callable[[Collision], str] = lambda _collision: "",
     ) -> None:
         self.label = str(peer)
         self.due_ns = now_ns + settings.handshake_ns
@@ -108,7 +112,8 @@ class Session:
         self._blocked_since_ns: int | None = None
         self._servo_gone = False
         self._warnings, self._stops, self._changes = RateLimit(), RateLimit(), RateLimit()
-        self._judge_payload = judge_payload
+        self._judge_payload, self._judge_collision = judge_payload, judge_collision
+        self._minds_collisions = False  # in its own way, until it leaves
 
     @property
     def ended(self) -> bool:
@@ -183,7 +188,7 @@ class Session:
                 return self._take_command(event, now_ns)
             case InvalidSetpoint():
                 return self._take_invalid(event, now_ns)
-            case Stop() | Signals() | Payload():
+            case Stop() | Signals() | Payload() | Collision():
                 return self._take_beside(event, now_ns)
             case Hello():
                 return self._greet(event, now_ns)
@@ -231,7 +236,7 @@ class Session:
             actions.append(SendBytes(self._connection.send(warning)))
         return actions
 
-    def _take_beside(self, packet: Stop | Signals | Payload, now_ns: int) -> list[Action]:
+    def _take_beside(self, packet: Stop | Signals | Payload | Collision, now_ns: int) -> list[Action]:
         """Take something a client says beside the sample periods."""
         return self._take_stop(packet, now_ns) if isinstance(packet, Stop) else self._take_change(packet, now_ns)
 
@@ -241,17 +246,32 @@ class Session:
         action = TakePowerAway(self.label) if stop.power_off else StopArm(self.label)
         return [action, Note(f"{self.label} {done}")] if self._stops.allows(now_ns) else [action]
 
-    def _take_change(self, change: Signals | Payload, now_ns: int) -> list[Action]:
-        """Take a change the commander makes now and then: of names of signals, of the payload."""
+    def _take_change(self, change: Signals | Payload | Collision, now_ns: int) -> list[Action]:
+        """Take a change the commander makes now and then: of names of signals, of the payload, of collisions."""
         self._heard_ns = now_ns
         if isinstance(change, Signals):
             return [NameSignals(change.names)]
-        refusal = "the servo is away" if self._servo_gone else self._judge_payload(change)
-        if not refusal:
-            return [TakePayload(change), Note(f"{self.label} set a payload of {change.mass:g} kg")]
+        if isinstance(change, Collision):
+            return self._take_collision(change, now_ns)
+        refusal = self._judge_payload(change)
+        if refusal or self._servo_gone:
+            return self._object(ErrorCode.PAYLOAD_REFUSED, refusal, now_ns)
+        return [TakePayload(change), Note(f"{self.label} set a payload of {change.mass:g} kg")]
+
+    def _take_collision(self, change: Collision, now_ns: int) -> list[Action]:
+        refusal = self._judge_collision(change)
+        if refusal or self._servo_gone:
+            return self._object(ErrorCode.COLLISION_REFUSED, refusal, now_ns)
+        self._minds_collisions = True
+        told = " ".join(f"{threshold:g}" for threshold in change.thresholds)
+        return [TakeCollision(change), Note(f"{self.label} set thresholds of a collision: {told}")]
+
+    def _object(self, code: ErrorCode, refusal: str, now_ns: int) -> list[Action]:
+        """Answer what cannot be; of a flood, some."""
         if not self._changes.allows(now_ns):
             return []
-        return [SendBytes(self._connection.send(WireError(ErrorCode.PAYLOAD_REFUSED, refusal, False, now_ns)))]
+        text = "the servo is away" if self._servo_gone else refusal
+        return [SendBytes(self._connection.send(WireError(code, text, False, now_ns)))]
 
     def _take_requests(self, command: Command, now_ns: int) -> list[Action]:
         if self._frames is None or self._servo_gone:
@@ -287,7 +307,10 @@ class Session:
         return self.refuse(ErrorCode.SLOW_READER, "the client does not read", now_ns)
 
     def _give_up_command(self, reason: str) -> list[Action]:
-        return [StopArm(reason), NameSignals(())] if self._lease.release(self) else []
+        if not self._lease.release(self):
+            return []
+        usual = [TakeCollision(Collision((0.0,) * self._n))] if self._minds_collisions else []
+        return [StopArm(reason), NameSignals(()), *usual]
 
 
 def _stop_if_asked(command: Command) -> list[Action]:

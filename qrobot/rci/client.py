@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 from qrobot.errors import LinkBusy, LinkError, LinkLost, LinkTimeout, LocalProtocolError, RemoteProtocolError
 from qrobot.wire import (
     Bye,
+    Collision,
     Command,
     Connection,
     ErrorCode,
@@ -28,7 +29,7 @@ _REFUSALS: Final[dict[int, type[LinkError]]] = {
     ErrorCode.TIMEOUT: LinkTimeout,
 }
 
-Beside: TypeAlias = Stop | Signals | Payload
+Beside: TypeAlias = Stop | Signals | Payload | Collision
 """Packets that a client sends beside the sample periods."""
 
 
@@ -38,12 +39,12 @@ class Client:
     Attributes:
         peer: the server, for people.
         warning: newest complaint of the server that did not end the conversation, "" when there was none.
-        payload_refusal: reason for which the payload told last was refused, "" when it was not.
+        refusal: reason for which what was told last, payload or collision, was refused; "" when it was not.
     """
 
     def __init__(self, hello: Hello, peer: str) -> None:
         self.peer = peer
-        self.warning = self.payload_refusal = ""
+        self.warning = self.refusal = ""
         self._told = deque[Beside]()
         self._hello = hello
         self._connection = Connection(Side.CLIENT)
@@ -56,8 +57,8 @@ class Client:
 
     def tell(self, packet: Beside) -> None:
         """Have a packet sent with the next `say`. May be called from any thread."""
-        if isinstance(packet, Payload):
-            self.payload_refusal = ""
+        if isinstance(packet, Payload | Collision):
+            self.refusal = ""
         self._told.append(packet)
 
     def say(self, command: Command | None) -> bytes:
@@ -116,8 +117,8 @@ class Client:
                 raise _REFUSALS.get(event.code, LinkError)(f"{self.peer} refused: {event.text}")
             case WireError():
                 self.warning = event.text
-                if event.code == ErrorCode.PAYLOAD_REFUSED:
-                    self.payload_refusal = event.text
+                if event.code in (ErrorCode.PAYLOAD_REFUSED, ErrorCode.COLLISION_REFUSED):
+                    self.refusal = event.text
             case Bye():
                 raise LinkLost(f"{self.peer} said goodbye: {event.text or 'no reason given'}")
             case _:  # the state table lets nothing else through from a server

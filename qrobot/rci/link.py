@@ -46,8 +46,8 @@ class Link(Protocol):
         """Send a packet with the next `exchange`. May be called from any thread."""
 
     @property
-    def payload_refusal(self) -> str:
-        """Reason for which the payload told last was refused, "" when it was not, or no answer has come yet."""
+    def refusal(self) -> str:
+        """Reason for which what was told last was refused, "" when it was not, or no answer has come yet."""
 
     def now_ns(self) -> int:
         """This end's clock."""

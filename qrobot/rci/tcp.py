@@ -110,9 +110,9 @@ class TcpLink:
         self._client.tell(packet)
 
     @property
-    def payload_refusal(self) -> str:
-        """See `Link.payload_refusal`."""
-        return self._client.payload_refusal
+    def refusal(self) -> str:
+        """See `Link.refusal`."""
+        return self._client.refusal
 
     def fileno(self) -> int:
         """Descriptor of the socket, which becomes readable when a STATE comes. Raises LinkLost: it is closed."""

@@ -52,9 +52,9 @@ class VirtualLink:
         self._client.tell(packet)
 
     @property
-    def payload_refusal(self) -> str:
-        """See `Link.payload_refusal`."""
-        return self._client.payload_refusal
+    def refusal(self) -> str:
+        """See `Link.refusal`."""
+        return self._client.refusal
 
     def now_ns(self) -> int:
         """Virtual time of the newest packet."""

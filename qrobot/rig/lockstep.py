@@ -201,8 +201,11 @@ class LockstepBridge:
 
     def _new_session(self) -> Session:
         rig = self._rig
-        here, judge = Peer("127.0.0.1", 0), self._port.judge_payload
-        return Session(rig.robot.name, rig.robot.n, rig.lease, self._settings, here, rig.now_ns, judge_payload=judge)
+        here, port = Peer("127.0.0.1", 0), self._port
+        return Session(
+            rig.robot.name, rig.robot.n, rig.lease, self._settings, here, rig.now_ns, judge_payload=port.judge_payload,
+            judge_collision=port.judge_collision,
+        )  # fmt: skip
 
     def transfer(self, data: bytes) -> bytes:
         """Hand over the program's bytes; when nothing answers them at once, let time run until the bridge speaks."""

@@ -23,10 +23,13 @@ class PayloadJudge:
 
     Args:
         robot: the arm.
+
+    Attributes:
+        robot: as given.
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+        self.robot = robot
         rng = np.random.default_rng(SEED)
         random = rng.uniform(robot.limits.q_min, robot.limits.q_max, (POSES, robot.n))
         poses = np.concatenate([random, np.array(list(robot.poses.values()))])
@@ -37,7 +40,7 @@ class PayloadJudge:
 
     def objection(self, payload: Payload) -> str:
         """Reason for which the arm cannot carry `payload`; "" when it can."""
-        robot, centre = self._robot, np.array(payload.centre)
+        robot, centre = self.robot, np.array(payload.centre)
         if not (np.isfinite([payload.mass, *payload.centre, *payload.inertia]).all() and payload.mass >= 0.0):
             return "a payload has a mass of 0 kg or more, a centre and an inertia that are finite numbers"
         if not np.abs(centre).max() <= FARTHEST_M:
@@ -58,13 +61,13 @@ class PayloadJudge:
         """Objection where a joint could not hold the payload at some pose."""
         moments = mass * (centre + self._offset)
         tau = self._bare + mass * self._mass + sum(h * each for h, each in zip(moments, self._moments, strict=True))
-        needed, there = np.abs(tau).max(axis=0), HOLDING_SHARE * self._robot.guard.tau_max
+        needed, there = np.abs(tau).max(axis=0), HOLDING_SHARE * self.robot.guard.tau_max
         if (needed <= there).all():
             return ""
         j = int(np.argmax(needed / there))
-        unit = "N" if self._robot.prismatic[j] else "N m"
+        unit = "N" if self.robot.prismatic[j] else "N m"
         return (
-            f"{mass:g} kg at {centre.tolist()} m is too heavy: {self._robot.joint_names[j]} would have to hold "
+            f"{mass:g} kg at {centre.tolist()} m is too heavy: {self.robot.joint_names[j]} would have to hold "
             f"{needed[j]:.3g} {unit} at the worst pose, {there[j]:.3g} are there; carry less, or nearer to the flange"
         )
 

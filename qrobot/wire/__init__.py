@@ -9,6 +9,7 @@ from qrobot.modecodes import Mode
 from qrobot.wire.connection import Connection, InvalidSetpoint, WireEvent
 from qrobot.wire.packets import (
     Bye,
+    Collision,
     Command,
     Hello,
     Packet,
@@ -28,6 +29,7 @@ from qrobot.wire.vocabulary import (
     SHORTEST_PERIOD_US,
     VERSION,
     ClientRole,
+    CollisionReaction,
     ErrorCode,
     JointMode,
     RobotFlag,
@@ -41,6 +43,8 @@ __all__ = [
     "VERSION",
     "Bye",
     "ClientRole",
+    "Collision",
+    "CollisionReaction",
     "Command",
     "Connection",
     "Conversation",

@@ -21,6 +21,7 @@ from qrobot.wire.framing import (
 )
 from qrobot.wire.packets import (
     Bye,
+    Collision,
     Command,
     Hello,
     Packet,
@@ -40,6 +41,7 @@ from qrobot.wire.vocabulary import (
     N_SIGNALS,
     SHORTEST_PERIOD_US,
     ClientRole,
+    CollisionReaction,
     Hand,
     JointMode,
     Request,
@@ -278,6 +280,21 @@ def _decode_payload(frame: bytes) -> Payload:
     return Payload(mass, tuple(rest[:3]), tuple(rest[3:]), t_ns)
 
 
+def _encode_collision(packet: Collision) -> bytes:
+    n = len(packet.thresholds)
+    if not 1 <= n <= MAX_JOINTS or not 0 <= packet.reaction <= max(CollisionReaction):
+        raise LocalProtocolError(f"COLLISION with {n} thresholds and reaction {packet.reaction}: 0 and 1 exist")
+    return pack(layout.COLLISION, n, 0, 0, packet.t_ns, n, packet.reaction, *packet.thresholds)
+
+
+def _decode_collision(frame: bytes) -> Collision:
+    n = joint_count(layout.COLLISION, frame)
+    t_ns, _, reaction, *thresholds = unpack(layout.COLLISION, n, frame)[_FIRST - 1 :]
+    if reaction > max(CollisionReaction):
+        raise RemoteProtocolError(f"COLLISION with reaction {reaction}: 0 and 1 exist")
+    return Collision(tuple(thresholds), reaction, t_ns)
+
+
 _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     Hello: _encode_hello,
     Welcome: _encode_welcome,
@@ -288,6 +305,7 @@ _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     Stop: _encode_stop,
     Signals: _encode_signals,
     Payload: _encode_payload,
+    Collision: _encode_collision,
 }
 _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.HELLO.kind: _decode_hello,
@@ -299,4 +317,5 @@ _DECODERS: Final[dict[int, Callable[[bytes], Packet]]] = {
     layout.STOP.kind: _decode_stop,
     layout.SIGNALS.kind: _decode_signals,
     layout.PAYLOAD.kind: _decode_payload,
+    layout.COLLISION.kind: _decode_collision,
 }

@@ -236,7 +236,20 @@ PAYLOAD: Final = Layout(
     ),
 )
 
-LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE, STOP, SIGNALS, PAYLOAD)
+COLLISION: Final = Layout(
+    10,
+    "COLLISION",
+    "client",
+    "how collisions are told from now on, and what follows them",
+    (
+        Field("joints", "B", "-", "n of WELCOME"),
+        Field("reaction", "B", "-", "after the stop: 0 hold the arm, 1 be soft for two seconds before"),
+        Field("reserved", "x", "-", "send 0, ignore", 6),
+        Field("threshold", "d", "N·m or N", "torque that nobody commanded; 0 for the robot file's", "n"),
+    ),
+)
+
+LAYOUTS: Final = (HELLO, WELCOME, COMMAND, STATE, ERROR, BYE, STOP, SIGNALS, PAYLOAD, COLLISION)
 _BY_KIND: Final = {shape.kind: shape for shape in LAYOUTS}
 
 

@@ -172,4 +172,18 @@ class Payload:
     t_ns: int = 0
 
 
-Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye | Stop | Signals | Payload
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Thresholds of collisions from now on, and what follows them.
+
+    Attributes:
+        thresholds: torque of each joint that nobody commanded, N m (N); 0 for the robot file's. Shape (n,).
+        reaction: a `CollisionReaction`.
+    """
+
+    thresholds: Values
+    reaction: int = 0
+    t_ns: int = 0
+
+
+Packet: TypeAlias = Hello | Welcome | Command | State | WireError | Bye | Stop | Signals | Payload | Collision

@@ -4,7 +4,7 @@ Rules:
 
 * both ends run the same table on the same conversation; what matters is which side speaks and what it says;
 * the client greets, the server welcomes it as commander or observer, or refuses it with a fatal error;
-* STATE flows from the server to everybody who is in; COMMAND, SIGNALS and PAYLOAD only from the commander;
+* STATE flows from the server to everybody who is in; COMMAND, SIGNALS, PAYLOAD and COLLISION only from the commander;
 * anybody who is in may ask for a STOP;
 * an error that is not fatal changes nothing, a fatal one or a BYE ends the conversation for both;
 * what is not in the table is a protocol error: a local one for the speaker, a remote one for the listener;
@@ -16,7 +16,19 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from qrobot.wire.packets import Bye, Command, Hello, Packet, Payload, Signals, State, Stop, Welcome, WireError
+from qrobot.wire.packets import (
+    Bye,
+    Collision,
+    Command,
+    Hello,
+    Packet,
+    Payload,
+    Signals,
+    State,
+    Stop,
+    Welcome,
+    WireError,
+)
 from qrobot.wire.vocabulary import ClientRole
 
 
@@ -56,6 +68,7 @@ class PacketClass(Enum):
     STOP = "STOP"
     SIGNALS = "SIGNALS"
     PAYLOAD = "PAYLOAD"
+    COLLISION = "COLLISION"
 
 
 _CLIENT_LEAVES: Final = {(Side.CLIENT, PacketClass.BYE): Conversation.ENDED}
@@ -81,6 +94,7 @@ TRANSITIONS: Final[dict[Conversation, dict[tuple[Side, PacketClass], Conversatio
         (Side.CLIENT, PacketClass.STOP): Conversation.COMMANDING,
         (Side.CLIENT, PacketClass.SIGNALS): Conversation.COMMANDING,
         (Side.CLIENT, PacketClass.PAYLOAD): Conversation.COMMANDING,
+        (Side.CLIENT, PacketClass.COLLISION): Conversation.COMMANDING,
         (Side.SERVER, PacketClass.WARNING): Conversation.COMMANDING,
         **_EITHER_ENDS,
     },
@@ -101,6 +115,7 @@ _PLAIN_WORDS: Final[dict[type, PacketClass]] = {
     Stop: PacketClass.STOP,
     Signals: PacketClass.SIGNALS,
     Payload: PacketClass.PAYLOAD,
+    Collision: PacketClass.COLLISION,
 }
 
 

@@ -73,6 +73,13 @@ class Request(IntFlag):
     PATH_WAITS = 32
 
 
+class CollisionReaction(IntEnum):
+    """Behaviour of an arm after the stop that follows a collision."""
+
+    STOP = 0
+    COMPLY = 1  # for two seconds the arm is soft
+
+
 class ErrorCode(IntEnum):
     """Complaints of the bridge. Never renumber, only add."""
 
@@ -88,6 +95,7 @@ class ErrorCode(IntEnum):
     INVALID_SETPOINT = 10
     SLOW_READER = 11
     PAYLOAD_REFUSED = 12
+    COLLISION_REFUSED = 13
 
 
 ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
@@ -103,5 +111,9 @@ ERROR_MEANING: Final[dict[ErrorCode, tuple[bool, str]]] = {
     ErrorCode.INVALID_SETPOINT: (False, "a setpoint is not a finite number of sane size; the frame counts as missing"),
     ErrorCode.SLOW_READER: (True, "the client has read nothing for 10 s"),
     ErrorCode.PAYLOAD_REFUSED: (False, "the arm cannot carry the payload; the one before it is still reckoned with"),
+    ErrorCode.COLLISION_REFUSED: (
+        False,
+        "the arm takes no such thresholds of a collision; those before count",
+    ),
 }
 """Code to (does the connection end, what it means)."""

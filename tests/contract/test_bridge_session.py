@@ -25,6 +25,8 @@ from qrobot.rccl_bridge.session import Peer
 from qrobot.wire import (
     Bye,
     ClientRole,
+    Collision,
+    CollisionReaction,
     Command,
     Connection,
     ErrorCode,
@@ -66,6 +68,7 @@ class Client:
             Peer(host, 40_000),
             START_NS,
             judge_payload=port.judge_payload,
+            judge_collision=port.judge_collision,
         )
         self.closed = ""
         self.notes: list[str] = []
@@ -588,6 +591,23 @@ def test_a_payload_is_taken_or_refused_with_the_reason(port: FakePort, lease: Le
     client.wait(PERIOD_NS)
     client.wait(1_000_000_000)
     assert "the servo is away" in client.say(Payload(1.0))[0].text
+
+
+def test_thresholds_of_a_collision_are_taken_or_refused_until_the_commander_leaves(
+    port: FakePort, lease: Lease
+) -> None:
+    client = Client(port, lease).join()
+    asked = Collision((10.0, 20.0, 5.0, 1.0, 1.0, 1.0), CollisionReaction.COMPLY)
+    assert client.say(asked) == []
+    assert port.collision == asked
+    (refusal,) = client.say(Collision((60.0,) * 6))
+    assert (refusal.code, refusal.fatal) == (ErrorCode.COLLISION_REFUSED, False)
+    assert port.collision == asked
+    client.say(Bye())
+    assert port.collision == Collision((0.0,) * 6)
+    port.collision = asked  # of an operator
+    Client(port, lease).join().say(Bye())
+    assert port.collision == asked
 
 
 def test_control_characters_of_a_client_reach_neither_log_nor_terminal(port: FakePort, lease: Lease) -> None:

@@ -25,6 +25,8 @@ from qrobot.printable import CONTROL_RANGES, printable
 from qrobot.wire import (
     Bye,
     ClientRole,
+    Collision,
+    CollisionReaction,
     Command,
     Connection,
     Conversation,
@@ -174,11 +176,12 @@ def test_a_stop_and_a_power_off_are_sent_whatever_the_setpoint_beside_them(clien
 def test_what_is_said_beside_the_periods_is_what_the_codec_makes_of_it(client: Path) -> None:
     load = Payload(2.5, (0.1, 0.2, 0.3), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), 3)
     names = tuple(str(k) * 30 for k in "abcdefgh")
-    packets = Stop(t_ns=1), load, Signals(names, 2), Stop(power_off=True, t_ns=4)
+    met = Collision((30.0, 40.0, 20.0, 2.0, 2.0, 0.0), CollisionReaction.COMPLY, 5)
+    packets = Stop(t_ns=1), load, met, Signals(names, 2), Stop(power_off=True, t_ns=4)
     lines = ask(client, "others", " ".join(names), "2.5")
     assert lines == [f"made {encode(packet).hex()}" for packet in packets]
     for wrong in ("1st", "two  blanks", " before", "behind ", "grö", "x" * 32, "a b c d e f g h i", "ab a b ab"):
-        assert ask(client, "others", wrong, "1")[2].startswith("refused signals")
+        assert ask(client, "others", wrong, "1")[3].startswith("refused signals")
 
 
 @pytest.mark.parametrize("reason", ["", "done", "x" * 512, "x" * 600, "x" * 511 + "é"])

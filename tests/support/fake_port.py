@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from qrobot.errors import LinkError
 from qrobot.rccl_bridge import RobotState, SetpointFrame
-from qrobot.wire import JointMode, Mode, Payload, RobotFlag
+from qrobot.wire import Collision, JointMode, Mode, Payload, RobotFlag
 from tests.support.packets import resting
 
 
@@ -77,6 +77,14 @@ class FakePort:
         if not self.running:
             raise LinkError("the fake servo is away")
         self.state = replace(self.state, payload_mass=payload.mass)
+
+    def judge_collision(self, collision: Collision) -> str:
+        return "" if max(collision.thresholds) <= 50 else "more than unexplained_torque"
+
+    def write_collision(self, collision: Collision) -> None:
+        if not self.running:
+            raise LinkError("the fake servo is away")
+        self.collision = collision
 
     def restart(self) -> None:
         """As after `kill -9` and a new start: no power, nothing moves."""

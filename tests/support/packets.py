@@ -10,6 +10,7 @@ from qrobot.printable import printable
 from qrobot.wire import (
     Bye,
     ClientRole,
+    Collision,
     Command,
     Connection,
     ErrorCode,
@@ -77,8 +78,20 @@ STOPS = st.builds(Stop, power_off=st.booleans(), t_ns=T_NS)
 SIGNAL_NAMES = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,30}", fullmatch=True)
 SIGNALS = st.builds(Signals, names=st.lists(SIGNAL_NAMES, max_size=N_SIGNALS, unique=True).map(tuple), t_ns=T_NS)
 PAYLOADS = st.builds(Payload, mass=NUMBERS, centre=vectors(3), inertia=vectors(6), t_ns=T_NS)
+COLLISIONS = JOINTS.flatmap(
+    lambda n: st.builds(Collision, thresholds=vectors(n), reaction=st.integers(0, 1), t_ns=T_NS)
+)
 PACKETS = st.one_of(
-    HELLOS, WELCOMES, JOINTS.flatmap(commands), JOINTS.flatmap(states), ERRORS, BYES, STOPS, SIGNALS, PAYLOADS
+    HELLOS,
+    WELCOMES,
+    JOINTS.flatmap(commands),
+    JOINTS.flatmap(states),
+    ERRORS,
+    BYES,
+    STOPS,
+    SIGNALS,
+    PAYLOADS,
+    COLLISIONS,
 )
 
 

@@ -282,6 +282,9 @@ def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_con
         control();
         rccl_override(90.);
         rccl_retract(20.);
+        double soft[] = {30., 40., 20., 2., 2., 2.}, at[] = {0., 0., 50.};
+        rccl_collision("comply", 0., soft);
+        rccl_setload(0., at, NULL);
         rccl_keep_path(YES, 200., 30.);
         POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
         move(p);
@@ -293,7 +296,8 @@ def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_con
         rccl_resume();
         waitfor(completed)
         printf("code %d, kept '%s'\\n", p->code, rccl_kept());
-        rccl_keep_path(NO, 300., -1.);
+        soft[3] = 99.;
+        rccl_collision("retract", 20., soft);
         return 0;
     }
     """
@@ -301,7 +305,7 @@ def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_con
     told = capfd.readouterr()
     assert re.match(r"mode 7: .*FOLLOWING", told.out)
     assert told.out.endswith("code -1, kept ''\n")
-    assert "a way back is no shorter than 0" in told.err
+    assert "threshold of joint 4: 99 is more than unexplained_torque" in told.err
     assert at_rest(robot)
     assert robot.q[0] == pytest.approx(np.radians(40.0))
 

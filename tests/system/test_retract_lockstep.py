@@ -27,9 +27,10 @@ BEGIN, END = (tip_down(X, 0.0, TOP + height, SCENE) for height in (ABOVE, -BELOW
 
 
 class Table(LockstepRig):
-    """A table, and an arm above it whose program is to go straight down into it; each cycle of 1 ms is noted."""
+    """A table, and an arm above it whose program is to go straight down into it; each so many cycles are noted."""
 
-    def __init__(self) -> None:
+    def __init__(self, every: int = 1) -> None:
+        self.every = every
         self.forces: list[float] = []
         self.setpoints: list[Floats] = []
         super().__init__(
@@ -44,9 +45,9 @@ class Table(LockstepRig):
         return plant
 
     def ticks(self, n: int) -> None:
-        """So many cycles, one by one."""
-        for _ in range(n):
-            super().ticks(1)
+        """So many cycles, some by some."""
+        for begin in range(0, n, self.every):
+            super().ticks(min(self.every, n - begin))
             self.forces.append(float(np.linalg.norm(self.plant.contact_force())))
             self.setpoints.append(np.array(self.mailbox.snapshot().q_setpoint))
 
@@ -56,13 +57,13 @@ class Table(LockstepRig):
         return float(T[2, 3] + T[2, 2] * (ROBOT.geometry.flange_m + SCENE.tool.length_m)) - TOP
 
 
-def go_down(arm: rccl.Channel) -> rccl.Position:
-    """Ask for the way into the table, at 150 mm/s."""
+def go_down(arm: rccl.Channel, mm_s: float = 150.0) -> rccl.Position:
+    """Ask for the way into the table."""
     goal = rccl.newtrans("GOAL", "const")
     goal.set(puma().forward(END))
     end = rccl.makeposition("END", rccl.t6, rccl.EQ, goal, rccl.TL, goal)
     arm.setmode("cartesian")
-    arm.setvel(150, 30)
+    arm.setvel(mm_s, 30)
     arm.move(end)
     return end
 
@@ -107,3 +108,26 @@ def test_a_path_that_is_kept_waits_off_what_was_met_and_goes_on_when_that_is_gon
         arm.waitfor(arm.completed)
         assert end.code == Termination.COMPLETED
     assert one.tip_m() == pytest.approx(-BELOW, abs=0.003)
+
+
+LOW = (30.0, 40.0, 20.0, 3.0, 3.0, 3.0)  # N m, below the robot file's
+
+
+@pytest.mark.parametrize("mm_s", [60.0, 250.0])
+@pytest.mark.parametrize("reaction", ["stop", "comply", "retract"])
+def test_a_program_chooses_what_follows_a_collision_and_how_soon_one_is_told(reaction: str, mm_s: float) -> None:
+    one = Table(every=14)
+    with rccl.use(lambda hello: link_factory(one, 28_000, hello)), rccl.control(ROBOT.name) as arm:
+        arm.collision(reaction, LOW, mm=25)
+        assert one.state.watch.asked.tolist() == list(LOW)
+        go_down(arm, mm_s)
+        with pytest.raises(ServoFault, match="COLLISION"):
+            arm.waitfor(arm.completed)
+    one.run_for(0.6)
+    assert one.state.watch.soft.any() == (reaction == "comply")
+    one.run_for(2.0)
+    assert not one.state.watch.soft.any()
+    assert one.forces[-1] < 30.0
+    lowest, highest = (0.018, 0.027) if reaction == "retract" else (-0.001, 0.003)
+    assert lowest < one.tip_m() < highest
+    assert one.state.watch.asked.tolist() == [0.0] * 6  # the next program has the robot file's again

@@ -185,6 +185,17 @@ class Dispatcher:
         self.arm.keep_path(bool(message.n), message.numbers[0], message.numbers[1])
         return None
 
+    def collision(self, message: CallMessage) -> CallReply:
+        """Choose what follows a collision, with a way back, mm, and thresholds of `n` joints, 0 for the file's."""
+        mm, *thresholds = message.numbers[: message.n + 1]
+        self.arm.collision(message.text, thresholds if message.n else None, mm)
+        return None
+
+    def setload(self, message: CallMessage) -> CallReply:
+        """Tell what the hand holds: mass, centre, inertia."""
+        self.arm.setload(message.numbers[0], message.numbers[1:4], message.numbers[4:10])
+        return None
+
     def kept(self, _: CallMessage) -> CallReply:
         """Reason for which the arm stands off its path."""
         return CallMessage(Op.REPLY, text=self.arm.kept)
@@ -368,6 +379,8 @@ CALLS: Final[dict[Op, CallRow]] = {
     Op.EVALFN: CallRow(Dispatcher.evalfn),
     Op.KEEP_PATH: CallRow(Dispatcher.keep_path),
     Op.KEPT: CallRow(Dispatcher.kept),
+    Op.COLLISION: CallRow(Dispatcher.collision, waits=True),
+    Op.SETLOAD: CallRow(Dispatcher.setload, waits=True),
     Op.UPDATE: CallRow(Dispatcher.update),
     Op.HAND: CallRow(Dispatcher.hand),
     Op.ADCOPEN: CallRow(Dispatcher.adcopen),

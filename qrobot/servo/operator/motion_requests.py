@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Final
 
 from qrobot.config import Robot
+from qrobot.config.collision import threshold_objection
 from qrobot.errors import ConfigError, QRobotError
 from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.operator.messages import ChangeCollision, ChangeOverride, ChangePayload, PauseRequest, ResumeRequest
 from qrobot.servo.payload import PayloadJudge
-from qrobot.wire import Payload
+from qrobot.wire import CollisionReaction, Payload
 
-REACTIONS: Final = ("stop", "comply")  # by their numbers in the servo memory
+REACTIONS: Final = tuple(reaction.name.lower() for reaction in CollisionReaction)
 
 
 def set_speed(
@@ -43,15 +44,9 @@ def set_payload(
 
 def set_collision(mailbox: ServoMailbox, request: ChangeCollision, robot: Robot, say: Callable[[str], None]) -> None:
     """Hand thresholds and reaction to the servo. Raises ConfigError for thresholds that would tell of less."""
-    most, asked = robot.guard.unexplained_torque_or_default, request.thresholds
-    if asked and len(asked) != robot.n:
-        raise ConfigError(f"{len(asked)} thresholds for {robot.n} joints")
-    for j, (threshold, allowed) in enumerate(zip(asked, most.tolist(), strict=False)):
-        if threshold > allowed:
-            raise ConfigError(
-                f"threshold of joint {j + 1}: {threshold:g} is more than unexplained_torque of the robot file, "
-                f"{allowed:g}; collisions can only be told sooner"
-            )
+    asked = request.thresholds
+    if asked and (objection := threshold_objection(robot, asked)):
+        raise ConfigError(objection)
     mailbox.request_collision(asked, REACTIONS.index(request.reaction))
     told = " ".join(f"{threshold:g}" for threshold in asked) or "of the robot file"
     say(f"collisions: thresholds {told}, then {request.reaction}")

@@ -75,7 +75,7 @@
 enum {
     QROBOT_KIND_HELLO = 1, QROBOT_KIND_WELCOME = 2, QROBOT_KIND_COMMAND = 3, QROBOT_KIND_STATE = 4,
     QROBOT_KIND_ERROR = 5, QROBOT_KIND_BYE = 6, QROBOT_KIND_STOP = 7, QROBOT_KIND_SIGNALS = 8,
-    QROBOT_KIND_PAYLOAD = 9
+    QROBOT_KIND_PAYLOAD = 9, QROBOT_KIND_COLLISION = 10
 };
 enum {
     QROBOT_ROLE_COMMANDER = 1, QROBOT_ROLE_OBSERVER = 2
@@ -85,6 +85,9 @@ enum {
 };
 enum {
     QROBOT_HAND_RELAXED = 0, QROBOT_HAND_OPEN = 1, QROBOT_HAND_CLOSED = 2
+};
+enum {
+    QROBOT_REACTION_STOP = 0, QROBOT_REACTION_COMPLY = 1
 };
 enum {
     QROBOT_MODE_OFF = 0, QROBOT_MODE_POWERING = 1, QROBOT_MODE_UNCALIBRATED = 2, QROBOT_MODE_CALIBRATING = 3,
@@ -103,7 +106,8 @@ enum {
     QROBOT_ERROR_MALFORMED = 1, QROBOT_ERROR_VERSION = 2, QROBOT_ERROR_WRONG_ROBOT = 3,
     QROBOT_ERROR_COMMANDER_BUSY = 4, QROBOT_ERROR_BAD_PERIOD = 5, QROBOT_ERROR_AUTHENTICATION = 6,
     QROBOT_ERROR_FULL = 7, QROBOT_ERROR_TIMEOUT = 8, QROBOT_ERROR_SERVO_GONE = 9,
-    QROBOT_ERROR_INVALID_SETPOINT = 10, QROBOT_ERROR_SLOW_READER = 11, QROBOT_ERROR_PAYLOAD_REFUSED = 12
+    QROBOT_ERROR_INVALID_SETPOINT = 10, QROBOT_ERROR_SLOW_READER = 11, QROBOT_ERROR_PAYLOAD_REFUSED = 12,
+    QROBOT_ERROR_COLLISION_REFUSED = 13
 };
 
 /* Where the fields lie; n joints. */
@@ -164,6 +168,10 @@ enum {
     QROBOT_AT_PAYLOAD_MASS = 24, QROBOT_AT_PAYLOAD_CENTRE = 32, QROBOT_AT_PAYLOAD_INERTIA = 56
 };
 #define QROBOT_PAYLOAD_BYTES 108
+enum {
+    QROBOT_AT_COLLISION_JOINTS = 24, QROBOT_AT_COLLISION_REACTION = 25, QROBOT_AT_COLLISION_THRESHOLD = 32
+};
+#define QROBOT_COLLISION_BYTES(n) ((32 + 8 * (size_t)(n) + 3) / 4 * 4 + 4)
 
 /* What a fault or an event is, for people. */
 static inline const char *qrobot_fault_text(int code)
@@ -267,6 +275,11 @@ struct qrobot_payload {
     double mass;          /* kg; 0 for nothing */
     double centre[3];     /* its centre of mass in the frame of the flange, m */
     double inertia[6];    /* about that centre, along the axes of the flange, kg m2: xx yy zz xy xz yz */
+};
+
+struct qrobot_collision {
+    int reaction;                        /* QROBOT_REACTION_... */
+    double threshold[QROBOT_MAX_JOINTS]; /* torque that nobody commanded, N m or N; 0 for the robot file's */
 };
 
 struct qrobot_state {
@@ -595,6 +608,23 @@ static inline int qrobot_put_payload(struct qrobot_link *link, const struct qrob
     qrw_put_doubles(out + QROBOT_AT_PAYLOAD_CENTRE, 3, payload->centre);
     qrw_put_doubles(out + QROBOT_AT_PAYLOAD_INERTIA, 6, payload->inertia);
     return (int)qrw_seal(out, QROBOT_KIND_PAYLOAD, QROBOT_PAYLOAD_BYTES, 0, 0, t_ns);
+}
+
+/* A COLLISION as bytes. Returns how many, or QROBOT_INVALID; thresholds that are refused come as link.warning. */
+static inline int qrobot_put_collision(struct qrobot_link *link, const struct qrobot_collision *collision, int64_t t_ns,
+                                       unsigned char out[QROBOT_MAX_PACKET])
+{
+    size_t size = QROBOT_COLLISION_BYTES(link->joints);
+
+    if (link->phase != QROBOT_COMMANDING)
+        return qrw_fail(link, QROBOT_INVALID, "only a commander that was welcomed may send COLLISION");
+    if (collision->reaction != QROBOT_REACTION_STOP && collision->reaction != QROBOT_REACTION_COMPLY)
+        return qrw_fail(link, QROBOT_INVALID, "reaction %d: 0 and 1 exist", collision->reaction);
+    memset(out, 0, size);
+    out[QROBOT_AT_COLLISION_JOINTS] = (unsigned char)link->joints;
+    out[QROBOT_AT_COLLISION_REACTION] = (unsigned char)collision->reaction;
+    qrw_put_doubles(out + QROBOT_AT_COLLISION_THRESHOLD, link->joints, collision->threshold);
+    return (int)qrw_seal(out, QROBOT_KIND_COLLISION, size, 0, 0, t_ns);
 }
 
 /* The BYE that ends a conversation, as bytes. Returns how many; 0 when it is over already. */
@@ -1070,6 +1100,13 @@ static inline int qrobot_set_payload(struct qrobot_link *link, const struct qrob
 {
     unsigned char out[QROBOT_MAX_PACKET];
     return qrw_send(link, out, qrobot_put_payload(link, payload, qrobot_now_ns(), out));
+}
+
+/* Tell how collisions are told, until this conversation ends. A refusal comes as link.warning of a later call. */
+static inline int qrobot_set_collision(struct qrobot_link *link, const struct qrobot_collision *collision)
+{
+    unsigned char out[QROBOT_MAX_PACKET];
+    return qrw_send(link, out, qrobot_put_collision(link, collision, qrobot_now_ns(), out));
 }
 
 /* Send `command`, or nothing when it is NULL, and wait for the newest state: one sample period passes. */

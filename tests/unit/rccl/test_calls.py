@@ -35,6 +35,7 @@ PYTHON_OF_C = {
 ONLY_PYTHON = {
     "pose",
     "setjvel",
+    "collision",
     "setload",
     "signal",
     "log_signal",
@@ -91,4 +92,13 @@ def test_every_message_that_asks_for_something_has_its_row_and_no_other() -> Non
 
 def test_what_waits_in_python_waits_in_c() -> None:
     waiting = {op.name for op, call in CALLS.items() if call.waits}
-    assert waiting == {"CONTROL", "RELEASE", "SAMPLE_PERIOD", "NEXT_SAMPLE", "TEACH", "STEPMODE"}
+    assert waiting == {
+        "CONTROL",
+        "RELEASE",
+        "SAMPLE_PERIOD",
+        "NEXT_SAMPLE",
+        "TEACH",
+        "STEPMODE",
+        "COLLISION",
+        "SETLOAD",
+    }

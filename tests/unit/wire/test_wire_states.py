@@ -8,6 +8,7 @@ from qrobot.errors import LocalProtocolError, RemoteProtocolError
 from qrobot.wire import (
     Bye,
     ClientRole,
+    Collision,
     Command,
     Connection,
     Conversation,
@@ -40,6 +41,7 @@ SPOKEN: dict[PacketClass, Packet] = {
     PacketClass.STOP: Stop(),
     PacketClass.SIGNALS: Signals(("depth",)),
     PacketClass.PAYLOAD: Payload(1.0),
+    PacketClass.COLLISION: Collision((0.0,) * N),
 }
 EVERYTHING_SAID = [(where, side, word) for where in Conversation for side in Side for word in PacketClass]
 
@@ -69,7 +71,7 @@ def test_a_stop_is_anybodys_who_is_in() -> None:
 
 def test_only_a_commander_commands_and_only_the_server_tells_the_state() -> None:
     speakers = {(where, side, word) for where, row in TRANSITIONS.items() for side, word in row}
-    for word in (PacketClass.COMMAND, PacketClass.SIGNALS, PacketClass.PAYLOAD):
+    for word in (PacketClass.COMMAND, PacketClass.SIGNALS, PacketClass.PAYLOAD, PacketClass.COLLISION):
         assert {entry for entry in speakers if entry[2] is word} == {(Conversation.COMMANDING, Side.CLIENT, word)}
     assert {side for _, side, word in speakers if word is PacketClass.STATE} == {Side.SERVER}
 

@@ -157,6 +157,8 @@ int rccl_pause(void);              /* come to a standstill on the path; the queu
 int rccl_resume(void);             /* go on after that, and go back to a path that was kept */
 int rccl_keep_path(int keep, double way_back_mm, double way_back_deg); /* motions outlive a stop of the servo: YES, 300., 45. */
 int rccl_retract(double mm);       /* go back so far after a collision, by the way travelled: 0 to 300 */
+int rccl_collision(char *reaction, double mm, double *thresholds); /* "stop", "comply", "retract"; N m of each joint, or NULL */
+int rccl_setload(double kg, double *centre, double *inertia); /* what the hand holds: mm, kg m2 (xx yy zz xy xz yz), or NULL */
 char *rccl_kept(void);             /* why the arm stands off its path, until somebody confirms; "" else */
 
 /* --------------------------------------------------------------------------------------------- synchronization */

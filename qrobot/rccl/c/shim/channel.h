@@ -82,6 +82,8 @@ enum op {
     OP_KEEP_PATH,
     OP_KEPT,
     OP_RETRACT,
+    OP_COLLISION,
+    OP_SETLOAD,
     /* of ARCL */
     OP_ARCL_CALL = 50,
     OP_ARCL_WORD,

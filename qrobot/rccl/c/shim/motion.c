@@ -163,6 +163,31 @@ API int rccl_retract(double mm)
     return ask(OP_RETRACT, "", mm, 0);
 }
 
+API int rccl_collision(char *reaction, double mm, double *thresholds)
+{
+    struct message m = shim_message(OP_COLLISION, shim_need(reaction, "rccl_collision", "a reaction"));
+    if (!how.n)
+        control();
+    m.n = thresholds ? how.n : 0;
+    m.numbers[0] = mm;
+    if (thresholds)
+        memcpy(m.numbers + 1, thresholds, (size_t) how.n * sizeof *thresholds);
+    shim_call(&m);
+    return YES;
+}
+
+API int rccl_setload(double kg, double *centre, double *inertia)
+{
+    struct message m = shim_message(OP_SETLOAD, "");
+    m.numbers[0] = kg;
+    if (centre)
+        memcpy(m.numbers + 1, centre, 3 * sizeof *centre);
+    if (inertia)
+        memcpy(m.numbers + 4, inertia, 6 * sizeof *inertia);
+    shim_call(&m);
+    return YES;
+}
+
 /* Each thread has its own text, until it asks again. */
 API char *rccl_kept(void)
 {
