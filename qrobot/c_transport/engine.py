@@ -154,7 +154,7 @@ def serve(foreground: socket.socket, background: socket.socket, languages: Seque
 
     Args:
         foreground, background: the two channels.
-        languages: makers of dispatchers: of RCCL, of ARCL.
+        languages: makers of dispatchers: of RCCL, of ARCL, of Multi-RCCL.
 
     Raises:
         ConfigError: it was compiled by another version, or calls a library that is not among the languages.

@@ -66,6 +66,12 @@ class Op(IntEnum):
     SETLOAD = 43
     ARCL_CALL = 50
     ARCL_WORD = 51
+    MANIP_OPEN = 60
+    MAKE_POSITION = 61
+    MAINTAIN = 62
+    TRACKING_MODE = 63
+    CANCEL = 64
+    POSE = 65
     REPLY = 100
     ERROR = 101
     SAY = 102

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -20,6 +20,7 @@ def cc(
     libs: bool = False,
     pkg_config: bool = False,
     robot: tuple[Path, ...] = (),
+    release: Literal["auto", "1.0", "multi"] = "auto",
 ) -> int:
     """Compile a program in C that moves an arm through RCCL or RCI, legacy programs of the eighties included.
 
@@ -46,17 +47,23 @@ def cc(
         Only print a file for pkg-config, to be put into a folder of PKG_CONFIG_PATH as qrobot-rccl.pc.
     robot
         Robot file that tasks of RCI are to know besides the packaged ones; may be given several times.
+    release
+        Of RCCL: 1.0 for one arm, multi for several manipulators (Multi-RCCL), whose rccl.h is another one. When left
+        out the sources tell: those that have a MANIP, or call rccl_open or makePosition, are of Multi-RCCL.
     """
     from qrobot.cli import toolchain
 
     if pkg_config:
         return _print(toolchain.package_file().rstrip())
     if cflags or libs:
-        wanted = [*(toolchain.compile_flags() if cflags else []), *(toolchain.link_flags(robots=robot) if libs else [])]
+        wanted = [
+            *(toolchain.compile_flags(release=release) if cflags else []),
+            *(toolchain.link_flags(robots=robot) if libs else []),
+        ]
         return _print(shlex.join(wanted))
     if not arguments:
         raise ConfigError("nothing to compile: qrobot cc prog.c -o prog")
-    command = toolchain.command_line(arguments, robot)
+    command = toolchain.command_line(arguments, robot, release)
     if show:
         return _print(shlex.join(command))
     return subprocess.run(command, check=False).returncode

@@ -211,7 +211,7 @@ def _start(program: Path, arguments: Sequence[str], robot: str) -> int:
     if is_executable(program):
         from qrobot.rccl.c.program import rccl_dispatcher
 
-        return run_served(program, arguments, [rccl_dispatcher(robot), _arcl_dispatcher])
+        return run_served(program, arguments, [rccl_dispatcher(robot), _arcl_dispatcher, _manip_dispatcher])
     sys.argv = [str(program), *arguments]
     sys.path.insert(0, str(program.resolve().parent))
     with ending(), _arcl_ending():
@@ -224,6 +224,13 @@ def _arcl_dispatcher(memory: ProgramMemory, places: Sequence[int], link: Program
     from qrobot.arcl.c.dispatcher import ArclDispatcher
 
     return ArclDispatcher(memory, places, link)
+
+
+def _manip_dispatcher(memory: ProgramMemory, places: Sequence[int], link: ProgramLink) -> CallDispatcher:
+    """Dispatcher of a program in C of Multi-RCCL, loaded as that of ARCL is."""
+    from qrobot.multi_rccl.c.dispatcher import ManipDispatcher
+
+    return ManipDispatcher(memory, places, link)
 
 
 @contextmanager

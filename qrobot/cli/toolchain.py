@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -15,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 from qrobot.config import robot_path
 from qrobot.errors import ConfigError
@@ -27,6 +28,8 @@ SOURCES: Final = HERE / "rccl" / "c" / "shim"
 RCI: Final = HERE / "rci" / "c"
 ARCL_INCLUDE: Final = HERE / "arcl" / "c" / "include"
 ARCL_SOURCES: Final = HERE / "arcl" / "c" / "shim"
+MULTI_INCLUDE: Final = HERE / "multi_rccl" / "c" / "include"
+MULTI_SOURCES: Final = HERE / "multi_rccl" / "c" / "shim"
 WIRE: Final = HERE / "wire" / "c"
 """Of the header of the wire protocol's client."""
 LEGACY: Final = ("-std=gnu99", "-fgnu89-inline", "-fcommon", "-fwrapv", "-fno-strict-aliasing", "-pthread")
@@ -52,6 +55,11 @@ TOLERATED: Final = (
 STRICT: Final = ("-std=gnu11", "-O2", "-gdwarf-4", "-Wall", "-Wextra", "-fPIC", "-pthread")
 """Of the library. Valgrind before 3.20 gives up at what clang writes for debuggers of today, hence DWARF 4."""
 LIBRARY: Final = "qrobot_rccl"
+Release: TypeAlias = Literal["auto", "1.0", "multi"]
+"""Which rccl.h: of one arm, of several manipulators, or whichever the sources want."""
+_NO_CODE: Final = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.DOTALL)
+_OF_MANIPULATORS: Final = re.compile(r"\b(?:MANIP(?:_PTR)?|rccl_open|makePosition(?:For)?|trackingMode)\b")
+"""Words that only programs of Multi-RCCL have."""
 _INSTRUMENTATION: Final = ("-fsanitize", "-m")
 _NO_LINKING: Final = frozenset(("-c", "-S", "-E", "-M", "-MM", "-fsyntax-only", "--version", "-dumpversion"))
 
@@ -68,10 +76,19 @@ def compiler() -> list[str]:
     return command
 
 
-def compile_flags(arguments: Sequence[str] = ()) -> list[str]:
-    """Compiler options for legacy sources, silent unless `arguments` ask for warnings."""
+def has_manipulators(arguments: Sequence[str]) -> bool:
+    """Whether sources among the arguments of a compiler are of Multi-RCCL: they open manipulators, or name them."""
+    sources = [Path(word) for word in arguments if word.endswith((".c", ".h")) and Path(word).is_file()]
+    codes = (_NO_CODE.sub(" ", source.read_text(errors="replace")) for source in sources)
+    return any(_OF_MANIPULATORS.search(code) for code in codes)
+
+
+def compile_flags(arguments: Sequence[str] = (), release: Release = "auto") -> list[str]:
+    """Compiler options for legacy sources of a release, silent unless `arguments` ask for warnings."""
     asked = any(word.startswith("-W") and not word.startswith("-Wl,") for word in arguments)
-    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), *_includes()]
+    multi = release == "multi" or (release == "auto" and has_manipulators(arguments))
+    first = [f"-I{MULTI_INCLUDE}"] if multi else []
+    return [*LEGACY, *(_as_warnings() if asked else _unsaid()), *first, *_includes()]
 
 
 def _includes() -> list[str]:
@@ -96,18 +113,19 @@ def link_flags(arguments: Sequence[str] = (), robots: Sequence[Path] = ()) -> li
     return [f"-L{library(compiler(), arguments, robots).parent}", f"-l{LIBRARY}", "-pthread", "-lm"]
 
 
-def command_line(arguments: Sequence[str], robots: Sequence[Path] = ()) -> list[str]:
+def command_line(arguments: Sequence[str], robots: Sequence[Path] = (), release: Release = "auto") -> list[str]:
     """The whole command for these arguments of a compiler.
 
     Args:
         arguments: of the compiler.
         robots: files of robots that tasks of RCI are to know besides the packaged ones.
+        release: of RCCL.
 
     Raises:
         ConfigError: no compiler, no library, or a mistake in a robot file.
     """
     linked = [] if _NO_LINKING & set(arguments) else link_flags(arguments, robots)
-    return [*compiler(), *compile_flags(arguments), *arguments, *linked]
+    return [*compiler(), *compile_flags(arguments, release), *arguments, *linked]
 
 
 def package_file() -> str:
@@ -152,7 +170,8 @@ def _build(cc: Sequence[str], flags: Sequence[str], path: Path, robots: Sequence
 
 
 def _sources() -> list[Path]:
-    return [*sorted(SOURCES.glob("*.c")), *sorted(ARCL_SOURCES.glob("*.c")), *sorted(RCI.glob("src/*.c"))]
+    folders = (SOURCES, MULTI_SOURCES, ARCL_SOURCES, RCI / "src")
+    return [source for folder in folders for source in sorted(folder.glob("*.c"))]
 
 
 def _cache() -> Path:
@@ -160,7 +179,7 @@ def _cache() -> Path:
 
 
 def _digest(words: Sequence[str], robots: Sequence[Path]) -> str:
-    folders = (SOURCES, ARCL_SOURCES, INCLUDE, ARCL_INCLUDE, RCI / "src", RCI / "include", WIRE)
+    folders = (SOURCES, ARCL_SOURCES, INCLUDE, MULTI_INCLUDE, ARCL_INCLUDE, RCI / "src", RCI / "include", WIRE)
     headers = [path for folder in folders for path in sorted(folder.glob("*.h"))]
     told = [*words, *map(str, robots)]
     texts = [path.read_bytes() for path in (*_sources(), *headers, TABLE_MAKER, *robots)]

@@ -40,6 +40,15 @@ class Manip(ABC):
     def eventful(self) -> bool:
         """Events of its motions are still to come."""
 
+    @property
+    @abstractmethod
+    def waiting(self) -> int:
+        """Number of motions that wait in its queue."""
+
+    @abstractmethod
+    def skip(self, code: int) -> None:
+        """End its present motion now, with `code` in its position. Raises LinkError before `control`."""
+
     @abstractmethod
     def check(self) -> None:
         """Raise what has ended its control, if anything has."""

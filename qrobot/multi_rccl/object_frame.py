@@ -121,6 +121,16 @@ class ObjectFrame(Manip):
         """See `Manip.eventful`."""
         return self.busy or (self._generator is not None and self._generator.has_events)
 
+    @property
+    def waiting(self) -> int:
+        """See `Manip.waiting`."""
+        return 0 if self._generator is None else self._generator.waiting
+
+    def skip(self, code: int) -> None:
+        """See `Manip.skip`."""
+        with self._group.sampled:
+            self.generator.skip(code)
+
     def check(self) -> None:
         """Raise once what its functions have raised, or that it could not follow what it maintained."""
         if self.error is not None:

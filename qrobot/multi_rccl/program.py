@@ -35,6 +35,16 @@ class ManipProgram:
         self.manips: list[Manip] = []
         self._waiting = False
 
+    def open(self, name: str, robot: str = "", bridge: str = "") -> Manip:
+        """See `rccl_open`."""
+        _check_opening(self, name, robot, bridge)
+        if name.startswith(OBJECT_FRAME):
+            manip: Manip = ObjectFrame(name, self.group)
+        else:
+            manip = _robot(self, KnownRobot(name, robot or _file_of(name), bridge))
+        self.manips.append(manip)
+        return manip
+
     @property
     def over(self) -> bool:
         """True once all arms that it had were let go of."""
@@ -98,14 +108,7 @@ def rccl_open(name: str, robot: str = "", bridge: str = "") -> Manip:
         ConfigError: no such robot, or that is no address.
         MotionError: there is a manipulator of that name, or at that bridge; or that is no name.
     """
-    program = this_program()
-    _check_opening(program, name, robot, bridge)
-    if name.startswith(OBJECT_FRAME):
-        manip: Manip = ObjectFrame(name, program.group)
-    else:
-        manip = _robot(program, KnownRobot(name, robot or _file_of(name), bridge))
-    program.manips.append(manip)
-    return manip
+    return this_program().open(name, robot, bridge)
 
 
 def _check_opening(program: ManipProgram, name: object, robot: object, bridge: object) -> None:

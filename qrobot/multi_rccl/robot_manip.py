@@ -113,6 +113,15 @@ class RobotManip(Manip):
         """See `Manip.eventful`."""
         return self._task is not None and self._task.eventful
 
+    @property
+    def waiting(self) -> int:
+        """See `Manip.waiting`."""
+        return 0 if self._task is None or not self.on else self._task.generator.waiting
+
+    def skip(self, code: int) -> None:
+        """See `Manip.skip`."""
+        self.channel.nextmove(code)
+
     def check(self) -> None:
         """See `Manip.check`."""
         if self._channel is not None and self.on:

@@ -11,14 +11,14 @@ import numpy as np
 from qrobot.c_transport.memory import ProgramMemory
 from qrobot.c_transport.message import CallMessage, Op
 from qrobot.c_transport.program_link import ProgramLink
-from qrobot.errors import ConfigError, MotionError
+from qrobot.errors import MotionError
 from qrobot.model.transmission import transmission_params
 from qrobot.rccl import program
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
+from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedPosition
 from qrobot.rccl.c.variables import Variables
-from qrobot.rccl.channel import YES, Channel
-from qrobot.rccl.database import DataBase
+from qrobot.rccl.channel import Channel
 from qrobot.rccl.jog import STEPPING_HELP, Stepper
 from qrobot.rccl.position import there
 from qrobot.rccl.teach_transform import teach
@@ -48,7 +48,7 @@ class Dispatcher:
         self._variables = Variables(memory, variables, last_link + fields[0])
         self.objects = ObjectRegistry(memory, fields, (last_link, self._variables.t6), self._evaluate, link.signal)
         self.objects.put(present, "there", there().target, ours=True)
-        self._database: DataBase | None = None
+        self.recorded = RecordedTransforms(self.objects, link.say)
         self._functions: tuple[int, ...] = ()
         self._arm: Channel | None = None
         self._leaving = False
@@ -240,12 +240,14 @@ class Dispatcher:
             self._variables.show(arm)
         return None
 
-    # ------------------------------------------------------------------------------------------ people, data base
+    # ---------------------------------------------------------------------------------------------------- people
 
     def teach(self, message: CallMessage) -> CallReply:
         """A person shows a transform; the answer is YES or NO."""
         trans, position = self.objects.transform(message.refs[0]), self._named(message.refs[1])
-        return CallMessage(Op.REPLY, teach(self.arm, trans, position, self._database, self._link.ask, self._link.say))
+        return CallMessage(
+            Op.REPLY, teach(self.arm, trans, position, self.recorded.database, self._link.ask, self._link.say)
+        )
 
     def stepmode(self, _: CallMessage) -> CallReply:
         """A person moves the arm, until `q`."""
@@ -256,33 +258,6 @@ class Dispatcher:
                 say(stepper.obey(line))
         except EOFError:
             pass
-        return None
-
-    def makedb(self, message: CallMessage) -> CallReply:
-        """Use the data base in a file."""
-        self._database = DataBase(message.text)
-        return None
-
-    @property
-    def _base(self) -> DataBase:
-        if self._database is None:
-            raise ConfigError("no data base: name its file with makedb first")
-        return self._database
-
-    def getr(self, message: CallMessage) -> CallReply:
-        """Read a transform by its name; the answer is YES or NO."""
-        return CallMessage(Op.REPLY, int(self._base.read(self.objects.transform(message.refs[0]))))
-
-    def saver(self, message: CallMessage) -> CallReply:
-        """Record a transform under its name."""
-        self._base.record(self.objects.transform(message.refs[0]))
-        return CallMessage(Op.REPLY, YES)
-
-    def dumpdb(self, _: CallMessage) -> CallReply:
-        """Show what is recorded."""
-        for name in self._base.names():
-            x, y, z = self._base.get(name).p
-            self._link.say(f"{name:<14} {x:10.3f} {y:10.3f} {z:10.3f}")
         return None
 
     # --------------------------------------------------------------------------------------- encoders, converter
@@ -327,6 +302,11 @@ class CallRow:
 def _without_arm(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> CallRow:
     """A call about transforms and positions."""
     return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
+
+
+def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> CallRow:
+    """A call about the data base."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
 
 
 def _plain(call: Callable[[Channel], None]) -> CallRow:
@@ -389,10 +369,10 @@ CALLS: Final[dict[Op, CallRow]] = {
     # people, and what they have taught
     Op.TEACH: CallRow(Dispatcher.teach, waits=True),
     Op.STEPMODE: CallRow(Dispatcher.stepmode, waits=True),
-    Op.MAKEDB: CallRow(Dispatcher.makedb),
-    Op.GETR: CallRow(Dispatcher.getr),
-    Op.SAVER: CallRow(Dispatcher.saver),
-    Op.DUMPDB: CallRow(Dispatcher.dumpdb),
+    Op.MAKEDB: _recorded(RecordedTransforms.makedb),
+    Op.GETR: _recorded(RecordedTransforms.getr),
+    Op.SAVER: _recorded(RecordedTransforms.saver),
+    Op.DUMPDB: _recorded(RecordedTransforms.dumpdb),
     # transforms and positions
     Op.NEWTRANS: _without_arm(ObjectRegistry.newtrans),
     Op.FREETRANS: _without_arm(ObjectRegistry.freetrans),

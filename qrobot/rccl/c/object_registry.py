@@ -63,6 +63,7 @@ class ObjectRegistry:
         self._evaluate, self._signal = evaluate, signal
         self._transforms: dict[int, SharedTransform] = dict([last_link])
         self._positions: dict[int, SharedPosition] = {}
+        self._lent: dict[int, Trsf] = {}
         self._ours = {last_link[0]}  # not to be freed
 
     # ------------------------------------------------------------------------------------------------- transforms
@@ -93,6 +94,10 @@ class ObjectRegistry:
         """An inverse."""
         return self._give(message.refs[2], inverse(self._operand(message, 0)))
 
+    def lend(self, place: int, trsf: Trsf) -> None:
+        """A transform at `place` that is not the program's, which may use it and not change it."""
+        self._lent[place] = trsf
+
     def transform(self, place: int) -> SharedTransform:
         """The one at `place`. Raises UnknownError."""
         if place not in self._transforms:
@@ -100,10 +105,13 @@ class ObjectRegistry:
         return self._transforms[place]
 
     def _operand(self, message: CallMessage, i: int) -> Floats:
-        known = self._transforms.get(message.refs[i])
+        place = message.refs[i]
+        known = self._lent.get(place) or self._transforms.get(place)
         return value_of(np.array(message.numbers[12 * i : 12 * i + 12])) if known is None else known.value
 
     def _give(self, place: int, value: Floats) -> CallMessage:
+        if place in self._lent:
+            self._lent[place].set(value)
         if place in self._transforms:
             self._transforms[place].set(value)
         return CallMessage(Op.REPLY, numbers=numbers_of(value).tolist())
@@ -112,7 +120,7 @@ class ObjectRegistry:
 
     def makeposition(self, message: CallMessage) -> None:
         """The position at refs[0], of the n terms behind it."""
-        terms = [self._term(place) for place in message.refs[1 : 1 + message.n]]
+        terms = [self.term(place) for place in message.refs[1 : 1 + message.n]]
         self.put(message.refs[0], message.text, makeposition(message.text, *terms).target)
 
     def freepos(self, message: CallMessage) -> None:
@@ -137,9 +145,15 @@ class ObjectRegistry:
             raise UnknownError("this is no position of makeposition or jposition, or it was freed")
         return self._positions[place]
 
-    def _term(self, place: int) -> Trsf | Separator:
+    def term(self, place: int) -> Trsf | Separator:
+        """The term of an equation that a message names so: a transform at that place, or EQ, TL or t6.
+
+        Raises UnknownError: there is none.
+        """
         if place in _WORDS:
             return _WORDS[place]
+        if place in self._lent:
+            return self._lent[place]
         trsf = self.transform(place)
         return t6 if trsf is self._t6 else trsf
 

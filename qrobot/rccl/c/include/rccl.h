@@ -1,105 +1,21 @@
 /* rccl.h - RCCL 1.0 for programs in C (Hayward & Paul 1986).
  *
  * Millimetres, degrees, milliseconds, newtons, newton metres. The table of all names and where they come from is
- * docs/reference/c-surface.md; later releases of RCCL have other calls. Compile with `qrobot cc`.
+ * docs/reference/c-surface.md; the release for several manipulators has an rccl.h of its own. Compile with `qrobot cc`.
  */
 #ifndef RCCL_H
 #define RCCL_H
 
-#include <stdio.h> /* printr writes to a file */
+#include "rccl_world.h"
 
-#if !defined bool && !defined __cplusplus && !(defined __STDC_VERSION__ && __STDC_VERSION__ >= 202311L)
-typedef int bool;
-#endif
-typedef float real;
-typedef int event;
-
-#define YES 1
-#define NO 0
-
-/* ------------------------------------------------------------------------------------------------- transforms */
-
-typedef struct vector {
-    real x, y, z;
-} VECT, *VECT_PTR;
-
-typedef struct transform {
-    char *name;
-    int (*fn)(); /* of a functional one: called at every sample */
-    int kind;
-    VECT n, o, a, p; /* three axes, and a position in mm */
-} TRSF, *TRSF_PTR;
-
-/* What is a macro here was a function, and may be declared as one: `TRSF_PTR newtrans();` declares, and does nothing else.
- * RCCL_CALL(f, g, ...) is f where there are arguments, and g where there are none. */
-#define RCCL_FIRST(first, ...) first
-#define RCCL_CALL(call, name, ...) RCCL_FIRST(__VA_OPT__(call, ) name, ~)
-
-/* The kinds of newtrans: what is none of them is a function. What the gentr_ functions make is const. These three are for
- * functions of a program that take a kind themselves; const, hold and varb are known to newtrans alone, so that variables
- * may have such names. */
-#define rccl_const ((int (*)()) 1)
-#define rccl_varb ((int (*)()) 2)
-#define rccl_hold ((int (*)()) 3)
-
-/* `const` was an ordinary name when RCCL was written, and is a keyword now. So that it may stand where else a function
- * does, `(type) - 0` is written for it: with a function that is a difference, with const it casts 0 to a const int. */
-#define newtrans(...) RCCL_CALL(RCCL_NEWTRANS, newtrans, __VA_ARGS__)(__VA_ARGS__)
-#define RCCL_NEWTRANS(name, type)                                                                     \
-    __extension__({                                                                                   \
-        char *rccl_name = (name);                                                                     \
-        enum { varb = 2, hold = 3 };                                                                  \
-        _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wimplicit-int\"")           \
-        int (*rccl_kind)() = (int (*)()) (long) ((type) - 0);                                         \
-        _Pragma("GCC diagnostic pop")                                                                 \
-        rccl_newtrans(rccl_name, rccl_kind, #type);                                                   \
-    })
-
-extern VECT_PTR xunit, yunit, zunit;
 extern TRSF_PTR t6; /* where the last link was measured at the newest sample */
-
-TRSF_PTR newtrans();
-TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word);
-TRSF_PTR gentr_trsl(char *name, double px, double py, double pz);
-TRSF_PTR gentr_rot(char *name, double px, double py, double pz, VECT_PTR v, double a);
-TRSF_PTR gentr_eul(char *name, double px, double py, double pz, double phi, double theta, double psi);
-TRSF_PTR gentr_rpy(char *name, double px, double py, double pz, double roll, double pitch, double yaw);
-TRSF_PTR gentr_pao(char *name, double px, double py, double pz, double ax, double ay, double az, double ox, double oy,
-                   double oz);
-int freetrans(TRSF_PTR t);
-
-/* These change their first argument and return it. */
-TRSF_PTR rot(TRSF_PTR t, VECT_PTR v, double angle);
-TRSF_PTR trsl(TRSF_PTR t, double px, double py, double pz);
-TRSF_PTR eul(TRSF_PTR t, double phi, double theta, double psi);
-TRSF_PTR rpy(TRSF_PTR t, double roll, double pitch, double yaw);
-TRSF_PTR assigntr(TRSF_PTR t, TRSF_PTR other);
-TRSF_PTR trmult(TRSF_PTR t, TRSF_PTR left, TRSF_PTR right);
-TRSF_PTR invert(TRSF_PTR t, TRSF_PTR other);
-#define Rot (void) rot
-#define Trsl (void) trsl
-#define Eul (void) eul
-#define Rpy (void) rpy
-#define Assigntr (void) assigntr
-#define Trmult (void) trmult
-#define Invert (void) invert
-int printr(TRSF_PTR t, FILE *file);
 
 /* -------------------------------------------------------------------------------------------------- positions */
 
-typedef struct position {
-    char *name;
-    volatile int code;   /* why the latest motion to it ended: -1 at its goal, or the number given to nextmove; 0 before */
-    volatile float scal; /* 0 from `move` on, grows to 1 during the motion */
-    volatile event end;  /* signalled at the end of each motion */
-} POS, *POS_PTR;
-
-#define EQ ((TRSF_PTR) 1)
-#define TL ((TRSF_PTR) 2)
 #define makeposition(...) \
     RCCL_CALL(rccl_makeposition, makeposition, __VA_ARGS__)(__VA_OPT__(__VA_ARGS__, (TRSF_PTR) 0))
 
-extern POS_PTR park, there; /* there: always where the arm is, so that a move to it is an absolute stop */
+extern POS_PTR park;
 
 POS_PTR makeposition();
 POS_PTR rccl_makeposition(char *name, ...);
@@ -107,7 +23,6 @@ POS_PTR rccl_makeposition(char *name, ...);
 #define RCCL_JPOSITION(name, ...) rccl_jposition(name, RCCL_VALUES(__VA_ARGS__))
 POS_PTR jposition();
 POS_PTR rccl_jposition(char *name, int count, double *degs);
-int freepos(POS_PTR p);
 
 /* ---------------------------------------------------------------------------------------------------- motions */
 
@@ -135,8 +50,6 @@ int comply();
 int lock(char *dirs);
 int update(TRSF_PTR trans, POS_PTR equa);
 
-/* How many numbers there are, and they themselves, integers among them made into floating point. */
-#define RCCL_VALUES(...) ((int) (sizeof((double[]) {__VA_ARGS__}) / sizeof(double))), ((double[]) {__VA_ARGS__})
 #define RCCL_DISTANCE(spec, ...) rccl_distance(spec, RCCL_VALUES(__VA_ARGS__))
 #define RCCL_LIMIT(spec, ...) rccl_limit(spec, RCCL_VALUES(__VA_ARGS__))
 #define RCCL_COMPLY(dirs, ...) rccl_comply(dirs, RCCL_VALUES(__VA_ARGS__))
@@ -174,18 +87,13 @@ void rccl_waitfor(volatile event *e);
 void rccl_sample(void);
 int suspendfg(void);
 
-/* ------------------------------------------------------------------------------------------ teaching, data base */
+/* --------------------------------------------------------------------------------------------------- teaching */
 
 int teach(TRSF_PTR trans, POS_PTR pos);
 int stepmode(void);
-int makedb(char *file);
-int getr(TRSF_PTR t);
-int saver(TRSF_PTR t);
-int dumpdb(void);
 
 /* ---------------------------------------------------------------------------------------------- the real-time layer */
 
-#define RCCL_JOINTS 32
 #define ADC_NONE (-2147483647 - 1) /* of how.adcr: the sensor does not tell, or there is none */
 
 /* The robot at the newest sample: rad, rad/s, N m (m, m/s, N on a sliding joint). */

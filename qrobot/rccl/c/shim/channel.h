@@ -16,10 +16,14 @@
 #define SHIM_TEXT 256
 #define SHIM_NAME 64 /* of a transform or a position; what is longer is cut */
 #define SHIM_ROOM 512 /* of the largest object */
+#define SHIM_MANIP (SHIM_REFS - 1) /* reference to the manipulator of a call */
 
 /* arcl_call.c, in programs that call ARCL: calls the function that the engine names in shared memory; and where. */
 void arcl_obey(void) __attribute__((weak));
 int64_t arcl_cell_place(void) __attribute__((weak));
+
+/* manip.c, in programs of Multi-RCCL. */
+int rccl_has_manipulators(void) __attribute__((weak));
 
 /* start.c of rci.h, in programs that have tasks of RCI: 1 when those run on virtual time. */
 int rci_is_virtual(void) __attribute__((weak));
@@ -87,6 +91,13 @@ enum op {
     /* of ARCL */
     OP_ARCL_CALL = 50,
     OP_ARCL_WORD,
+    /* of Multi-RCCL, whose other calls name their manipulator in the last of the references */
+    OP_MANIP_OPEN = 60,
+    OP_MAKE_POSITION,
+    OP_MAINTAIN,
+    OP_TRACKING_MODE,
+    OP_CANCEL,
+    OP_POSE,
     /* from the engine */
     OP_REPLY = 100,
     OP_ERROR,
@@ -136,6 +147,9 @@ void shim_open(int foreground);
 void shim_serve(int channel); /* Obey the engine until it closes the channel. */
 void shim_close(void); /* Nothing more will be asked. */
 void shim_wait_closed(int timeout_ms);
+
+/* event.c */
+int shim_take(volatile int *event, int stays); /* Use up one signal, if there is one; of what `stays` none is used up. */
 
 /* start.c */
 void shim_start(void); /* Reach the engine; does nothing the second time. */

@@ -215,22 +215,11 @@ API int suspendfg(void)
     return let_a_sample_pass("");
 }
 
-/* Use up one signal, if there is one; `completed` stays true until the next motion. */
-static int take(volatile event *e)
-{
-    event count = __atomic_load_n(e, __ATOMIC_ACQUIRE);
-    while (count > 0)
-        if (e == &completed
-            || __atomic_compare_exchange_n(e, &count, count - 1, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE))
-            return 1;
-    return 0;
-}
-
 /* Events of the program's own are signalled by its background functions, who knows when. */
 API void rccl_waitfor(volatile event *e)
 {
     shim_start();
-    while (!take(e))
+    while (!shim_take(e, e == &completed)) /* which stays true until the next motion */
         let_a_sample_pass(shim_ref(e) < 0 ? "" : e == &completed ? "completed" : "end");
 }
 

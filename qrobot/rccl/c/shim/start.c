@@ -140,6 +140,13 @@ static void start_serving(int channel)
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
+static const char *engine_module(void)
+{
+    if (arcl_obey)
+        return "qrobot.arcl.c";
+    return rccl_has_manipulators ? "qrobot.multi_rccl.c" : "qrobot.rccl.c";
+}
+
 static void become_engine(const int *theirs)
 {
     char foreground[12], background[12];
@@ -152,7 +159,7 @@ static void become_engine(const int *theirs)
     dup2(nothing, STDIN_FILENO);
     snprintf(foreground, sizeof foreground, "%d", theirs[0]);
     snprintf(background, sizeof background, "%d", theirs[1]);
-    execlp(python, python, "-m", arcl_obey ? "qrobot.arcl.c" : "qrobot.rccl.c", foreground, background, (char *) NULL);
+    execlp(python, python, "-m", engine_module(), foreground, background, (char *) NULL);
     fprintf(stderr, "cannot start %s: %s; name the Python that has qrobot in " PYTHON "\n", python, strerror(errno));
     _exit(127);
 }

@@ -8,6 +8,7 @@
 #define VECTOR "a vector"
 
 enum { FUNCTION = 0, MOST_KINDS = 3 };
+enum { WORDS = 4 }; /* EQ, TL and TRANS are 1, 2 and 3 */
 
 /* `word` is what the program has written: the cast of newtrans makes 0 of const. */
 API TRSF_PTR rccl_newtrans(char *name, int (*kind)(), char *word)
@@ -171,10 +172,10 @@ static POS_PTR new_position(struct message *m, char *name)
     return p;
 }
 
-/* EQ and TL go along as they are; the engine says what is wrong with the equation. */
-static int64_t term(TRSF_PTR t)
+/* The engine says what is wrong with the equation. */
+int64_t shim_term(TRSF_PTR t)
 {
-    return t == EQ || t == TL ? -1 - (int64_t) (intptr_t) t : shim_ref(t);
+    return (uintptr_t) t < WORDS ? -1 - (int64_t) (intptr_t) t : shim_ref(t);
 }
 
 API POS_PTR rccl_makeposition(char *name, ...)
@@ -187,7 +188,7 @@ API POS_PTR rccl_makeposition(char *name, ...)
     while ((t = va_arg(terms, TRSF_PTR))) {
         if (m.n == SHIM_REFS - 1)
             shim_die("makeposition: an equation of more terms than fit");
-        m.refs[++m.n] = term(t);
+        m.refs[++m.n] = shim_term(t);
     }
     va_end(terms);
     return new_position(&m, name);

@@ -1,0 +1,338 @@
+"""Dispatcher of the calls of a C program of Multi-RCCL: from each message to `qrobot.multi_rccl`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, TypeAlias
+
+from qrobot.c_transport.memory import ProgramMemory
+from qrobot.c_transport.message import REFS, CallMessage, Op
+from qrobot.c_transport.program_link import ProgramLink
+from qrobot.errors import MotionError, QRobotError
+from qrobot.motion import TransformKind
+from qrobot.multi_rccl import program as calls
+from qrobot.multi_rccl.c.shared_manip import SharedManip
+from qrobot.multi_rccl.manip import Manip
+from qrobot.multi_rccl.positions import TRANS, make_position
+from qrobot.multi_rccl.program import ManipProgram
+from qrobot.multi_rccl.robot_manip import RobotManip
+from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS
+from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
+from qrobot.rccl.c.recorded_transforms import RecordedTransforms
+from qrobot.rccl.c.shared import SharedTransform
+from qrobot.rccl.position import Position, Separator, there
+
+MANIP: Final = REFS - 1  # reference to the manipulator of a call
+TERMINATE: Final = 3  # among the places of variables
+TRANS_WORD: Final = -4  # as EQ and TL go along
+CallReply: TypeAlias = "CallMessage | None"
+
+
+class ManipDispatcher:
+    """Serves one program, which has a world of transforms and positions, and manipulators.
+
+    Args:
+        memory: shared with the program.
+        places: of its global variables, and of the fields in its structures; the order is that of shared.c.
+        link: to the program.
+    """
+
+    def __init__(self, memory: ProgramMemory, places: Sequence[int], link: ProgramLink) -> None:
+        *variables, last_link, _park, present = places[:OBJECTS]
+        fields = places[OBJECTS : OBJECTS + FIELDS]
+        self._memory, self._link = memory, link
+        self._terminate = memory.ints(variables[TERMINATE])
+        t6 = SharedTransform("T6", TransformKind.UNKNOWN, memory.reals(last_link + fields[0], 12))
+        self.objects = ObjectRegistry(memory, fields, (last_link, t6), self._evaluate, link.signal)
+        self.objects.put(present, "there", there().target, ours=True)
+        self.objects.lend(TRANS_WORD, TRANS)
+        self.recorded = RecordedTransforms(self.objects, link.say)
+        self._program = ManipProgram()
+        self._manips: dict[int, SharedManip] = {}
+
+    def answer(self, message: CallMessage, background: bool = False) -> CallMessage:
+        """Do what is asked, in a function that is called at a sample if `background`.
+
+        Raises QRobotError when that cannot be.
+        """
+        op = Op(message.op)
+        if (call := CALLS.get(op)) is None:
+            raise MotionError(f"{op.name.lower()}: {OTHER_RELEASE}")
+        if background and call.waits:
+            raise MotionError("a function that is called at a sample must not wait, nor take or release an arm")
+        if not background and self._terminate[0] and op is not Op.RELEASE:
+            self.let_go()
+            raise MotionError("the program has set `terminate`")
+        try:
+            answer = call.handler(self, message)
+        except UnknownError as error:
+            raise MotionError(f"{op.name.lower()}: {error}") from error
+        self._show()
+        return answer or CallMessage(Op.REPLY)
+
+    def let_go(self) -> None:
+        """Bring the arms to rest and release them. Raises, at the end, what ended control of one before."""
+        program, self._program = self._program, ManipProgram()
+        failed: list[QRobotError] = []
+        for manip in sorted(program.manips, key=lambda manip: not isinstance(manip, RobotManip)):
+            try:
+                calls.rccl_release(manip)
+            except QRobotError as error:
+                failed.append(error)
+        if failed:
+            raise failed[0]
+
+    # -------------------------------------------------------------------------------------------- at every sample
+
+    def _each_sample(self, shared: SharedManip, arm: RobotManip) -> None:
+        """An arm comes to a sample: the program sees it, and what it has changed goes out."""
+        if not arm.on:  # samples pass while it is let go of
+            return
+        self._show()
+        shared.take_outputs(arm)
+        if self._terminate[0]:
+            arm.cancel(0.0)
+        for each in (shared, *self._frames()):
+            if code := each.take_nextmove():
+                each.manip.skip(code)
+
+    def _frames(self) -> list[SharedManip]:
+        return [each for each in list(self._manips.values()) if not isinstance(each.manip, RobotManip)]
+
+    def _show(self) -> None:
+        for shared in list(self._manips.values()):
+            with suppress(QRobotError):  # an arm that is let go of meanwhile keeps what was shown
+                shared.show()
+
+    def _evaluate(self, place: int) -> None:
+        self._call(Op.CALL_TRANSFORM, place)
+
+    def _call(self, op: Op, place: int) -> None:
+        """Call a function of the program, which sees the newest state."""
+        self._show()
+        self._link.call(op, place)
+
+    # ----------------------------------------------------------------------------------------------- manipulators
+
+    def open(self, message: CallMessage) -> CallReply:
+        """A manipulator at refs[0], whose transform is at refs[5]; the text has its name, robot and bridge."""
+        place, *fields, trans = message.refs[:6]
+        if self._program.over:
+            self._program = ManipProgram()
+        manip = self._program.open(*message.text.split("\n"))
+        self._manips[place] = SharedManip(self._memory, place, fields, manip)
+        self.objects.lend(trans, manip.trans)
+        return None
+
+    def _shared(self, message: CallMessage) -> SharedManip:
+        place = message.refs[MANIP]
+        if not place:
+            raise MotionError(f"{Op(message.op).name.lower()}: {OTHER_RELEASE}")
+        if place not in self._manips:
+            raise UnknownError("this is no manipulator of rccl_open")
+        return self._manips[place]
+
+    def manip(self, message: CallMessage) -> Manip:
+        """The manipulator of a call. Raises UnknownError, and MotionError for calls of the other release."""
+        return self._shared(message).manip
+
+    def control(self, message: CallMessage) -> CallReply:
+        """Turn a generator on, with a sample period of numbers[0] ms if that is not 0."""
+        shared = self._shared(message)
+        manip = shared.manip
+        calls.rccl_control(manip, period_ms=message.numbers[0] or None)
+        if isinstance(manip, RobotManip):
+            shared.begin_outputs(manip)
+            manip.channel.each_sample(partial(self._each_sample, shared, manip))
+        return None
+
+    def release(self, message: CallMessage) -> CallReply:
+        """Let go of a manipulator; or of all, when `n` after all motions are done: the program ends."""
+        if message.refs[MANIP]:
+            calls.rccl_release(self.manip(message))
+            return None
+        arms = [arm.channel for arm in self._program.robots]
+        try:
+            for channel in arms if message.n else ():
+                channel.finish(self._link.listen)
+            left = sum(channel.unserved for channel in arms)
+        finally:
+            self.let_go()
+        return CallMessage(Op.REPLY, text=f"{left} motion{'s were' if left > 1 else ' was'} not done" if left else "")
+
+    # -------------------------------------------------------------------------------------------------- positions
+
+    def make_position(self, message: CallMessage) -> CallReply:
+        """The position at refs[0], of the n terms from refs[2] on; solved for refs[1] if that is not 0."""
+        terms = [self.objects.term(place) for place in message.refs[2 : 2 + message.n]]
+        unknown = self.objects.term(message.refs[1]) if message.refs[1] else None
+        if isinstance(unknown, Separator):
+            raise MotionError("makePositionFor: the unknown is a transform, not EQ or TL")
+        return self._put(message, make_position(*terms, unknown=unknown))
+
+    def jposition(self, message: CallMessage) -> CallReply:
+        """The position at refs[0], of n joints."""
+        joints = message.numbers[: message.n]
+        return self._put(message, calls.jposition(self.manip(message), message.text, joints))
+
+    def pose(self, message: CallMessage) -> CallReply:
+        """The position at refs[0], which the robot's file names."""
+        return self._put(message, calls.pose(self.manip(message), message.text))
+
+    def _put(self, message: CallMessage, position: Position) -> CallMessage:
+        self.objects.put(message.refs[0], position.name, position.target)
+        return CallMessage(Op.REPLY, text=position.name)
+
+    # ---------------------------------------------------------------------------------------------------- motions
+
+    def stop(self, message: CallMessage) -> CallReply:
+        """Queue a stop of numbers[0] ms, at the position at refs[0] if `n`."""
+        position = self.objects.position(message.refs[0]) if message.n else None
+        calls.stop(self.manip(message), position, message.numbers[0])
+        return None
+
+    def evalfn(self, message: CallMessage) -> CallReply:
+        """A function during the next motion. What it returns is no code: of old it returned nothing."""
+        function, shared = message.refs[0], self._shared(message)
+
+        def monitor() -> int:
+            self._call(Op.CALL_FUNCTION, function)
+            return shared.take_nextmove()
+
+        calls.evalfn(shared.manip, monitor)
+        return None
+
+    def hand(self, message: CallMessage) -> CallReply:
+        """Open or close it."""
+        (calls.open_hand if message.text == "open" else calls.grasp)(_arm(self, message))
+        return None
+
+    def keep_path(self, message: CallMessage) -> CallReply:
+        """Keep the path in a stop of the servo when `n` is not 0, with a way back of so many mm and degrees at most."""
+        calls.keep_path(self.manip(message), bool(message.n), message.numbers[0], message.numbers[1])
+        return None
+
+    def kept(self, message: CallMessage) -> CallReply:
+        """Reason for which the arm stands off its path."""
+        return CallMessage(Op.REPLY, text=calls.kept(_arm(self, message)))
+
+    def next_sample(self, message: CallMessage) -> CallReply:
+        """Wait for it; `text` names the event of ours that the program waits for."""
+        group, listen = self._program.group, self._link.listen
+        begin = group.tick
+
+        def passed() -> bool:
+            listen()
+            return group.tick != begin
+
+        self._program.wait(passed, message.text)
+        return None
+
+
+def _arm(dispatcher: ManipDispatcher, message: CallMessage) -> Any:
+    """The manipulator of a call; whether it is an arm, the call finds out."""
+    return dispatcher.manip(message)
+
+
+OTHER_RELEASE: Final = (
+    "this is a call of RCCL 1.0 in a program of Multi-RCCL: compile all files of a program for one release "
+    "(`qrobot cc --release`)"
+)
+Handler: TypeAlias = Callable[[ManipDispatcher, CallMessage], CallReply]
+
+
+@dataclass(frozen=True)
+class CallRow:
+    """A row of the table below.
+
+    Attributes:
+        handler: does what is asked.
+        waits: it lets samples pass, or takes or releases an arm, so no function that is called at a sample may ask it.
+    """
+
+    handler: Handler
+    waits: bool = False
+
+
+def _world(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> CallRow:
+    """A call about transforms and positions."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
+
+
+def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> CallRow:
+    """A call about the data base."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
+
+
+def _plain(call: Callable[..., None]) -> CallRow:
+    """A call of a manipulator with nothing else."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message)))
+
+
+def _to(call: Callable[..., None]) -> CallRow:
+    """A call of a manipulator with a position."""
+    return CallRow(lambda dispatcher, message: call(
+        dispatcher.manip(message), dispatcher.objects.position(message.refs[0])
+    ))  # fmt: skip
+
+
+def _numbers(call: Callable[..., None], count: int) -> CallRow:
+    """A call of a manipulator with so many numbers."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), *message.numbers[:count]))
+
+
+def _word(call: Callable[..., None]) -> CallRow:
+    """A call of a manipulator with a text."""
+    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), message.text))
+
+
+def _directions(call: Callable[..., None]) -> CallRow:
+    """A call of a manipulator with names of directions, and a number for each."""
+    return CallRow(lambda dispatcher, message: call(
+        dispatcher.manip(message), message.text, *message.numbers[: message.n]
+    ))  # fmt: skip
+
+
+CALLS: Final[dict[Op, CallRow]] = {
+    # manipulators
+    Op.MANIP_OPEN: CallRow(ManipDispatcher.open, waits=True),
+    Op.CONTROL: CallRow(ManipDispatcher.control, waits=True),
+    Op.RELEASE: CallRow(ManipDispatcher.release, waits=True),
+    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True),
+    Op.MOVE: _to(calls.move),
+    Op.STOP: CallRow(ManipDispatcher.stop),
+    Op.MAINTAIN: _to(calls.maintain),
+    Op.TRACKING_MODE: _plain(calls.tracking_mode),
+    Op.CANCEL: _numbers(calls.cancel, 1),
+    Op.SETVEL: _numbers(calls.setvel, 2),
+    Op.SETIME: _numbers(calls.setime, 2),
+    Op.SETMODE: _word(calls.setmode),
+    Op.SETCONF: _word(calls.setconf),
+    Op.LOCK: _word(calls.lock),
+    Op.DISTANCE: _directions(calls.distance),
+    Op.LIMIT: _directions(calls.limit),
+    Op.COMPLY: _directions(calls.comply),
+    Op.EVALFN: CallRow(ManipDispatcher.evalfn),
+    Op.HAND: CallRow(ManipDispatcher.hand),
+    Op.KEEP_PATH: CallRow(ManipDispatcher.keep_path),
+    Op.KEPT: CallRow(ManipDispatcher.kept),
+    Op.RESUME: _plain(calls.resume),
+    # transforms and positions
+    Op.MAKE_POSITION: CallRow(ManipDispatcher.make_position),
+    Op.JPOSITION: CallRow(ManipDispatcher.jposition),
+    Op.POSE: CallRow(ManipDispatcher.pose),
+    Op.NEWTRANS: _world(ObjectRegistry.newtrans),
+    Op.FREETRANS: _world(ObjectRegistry.freetrans),
+    Op.FREEPOS: _world(ObjectRegistry.freepos),
+    Op.MAKE: _world(ObjectRegistry.make),
+    Op.TRMULT: _world(ObjectRegistry.trmult),
+    Op.INVERT: _world(ObjectRegistry.invert),
+    Op.MAKEDB: _recorded(RecordedTransforms.makedb),
+    Op.GETR: _recorded(RecordedTransforms.getr),
+    Op.SAVER: _recorded(RecordedTransforms.saver),
+    Op.DUMPDB: _recorded(RecordedTransforms.dumpdb),
+}
+"""Every call that a message of a program asks for."""
