@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from qrobot import rccl
+from qrobot import rccl, rci
 from qrobot.arrays import Floats
 from qrobot.cli import toolchain
 from qrobot.rccl.c.program import run_executable
@@ -54,7 +54,7 @@ def under_valgrind(program: Path) -> Path:
 def offline(start: Callable[[], object]) -> tuple[object, list[Trace]]:
     """What a program gives that is run off line, and what it has done with each arm it took."""
     traces: list[Trace] = []
-    with rccl.use(OfflineLink, traces):
+    with rccl.use(OfflineLink, traces), rci.use(OfflineLink):
         try:
             return start(), traces
         finally:

@@ -14,7 +14,7 @@ from tests.support.c_programs import CHECKED, EXAMPLES, compiled, compiled_text,
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 
-HEADER = (toolchain.INCLUDE / "rccl.h").read_text()
+HEADER = "".join((toolchain.INCLUDE / name).read_text() for name in ("rccl.h", "rccl_world.h"))
 KINDS = """
     int hold;
     float varb;

@@ -351,6 +351,7 @@ def test_warnings_are_kept_back_until_they_are_asked_for(tmp_path: Path, capfd) 
 
 @needs_compiler
 def test_its_own_sources_give_the_strictest_compiler_nothing_to_say(tmp_path: Path) -> None:
-    for source in toolchain.SOURCES.glob("*.c"):
-        strict = [*toolchain.STRICT, "-Werror", f"-I{toolchain.INCLUDE}", '-DQROBOT_PYTHON="python"']
+    folders = [f"-I{folder}" for folder in (toolchain.INCLUDE, toolchain.SOURCES)]
+    for source in (*toolchain.SOURCES.glob("*.c"), *toolchain.MULTI_SOURCES.glob("*.c")):
+        strict = [*toolchain.STRICT, "-Werror", *folders, '-DQROBOT_PYTHON="python"']
         subprocess.run([*toolchain.compiler(), *strict, "-c", source, "-o", tmp_path / "it.o"], check=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from qrobot.model.transform import inverse
 from qrobot.multi_rccl import wait_as, wait_for
 from qrobot.rccl.program import ending
 from qrobot.rci import LinkFactory, TcpLink
+from tests.support.c_programs import compiled_text, needs_compiler
 from tests.support.patience import wait_until
 from tests.support.processes import RunningArm, running_arms
 from tests.support.shared_arm import settle
@@ -36,6 +38,22 @@ with rccl.control("puma560") as arm:
         for name in ("end", "park"):
             arm.move(arm.pose(name))
             arm.waitfor(arm.completed)
+"""
+
+TWO_IN_C = """
+main()
+{{
+    MANIP *left = rccl_open("left", "puma560", "{}"), *right = rccl_open("right", "puma560", "{}");
+    int i;
+    rccl_control(left);
+    rccl_control(right);
+    for (i = 0; i < 100; i++) {{
+        move(left, rccl_pose(left, i % 2 ? "park" : "end"));
+        move(right, rccl_pose(right, i % 2 ? "park" : "end"));
+        waitfor(left->completed)
+        waitfor(right->completed)
+    }}
+}}
 """
 
 
@@ -112,6 +130,25 @@ def test_when_one_arm_of_a_program_loses_its_power_the_other_stops_on_its_path(a
     assert not rows["v_ref"][-1].any()
     assert np.linalg.norm((inverse(robots[1].trans.value) @ GOAL)[:3, 3]) > 0.02  # m: it has not arrived
     assert not rows["fault"].any()
+
+
+@needs_compiler
+def test_when_a_program_in_c_of_two_arms_is_killed_both_come_to_rest(
+    arms: list[RunningArm], tmp_path: Path, own_cache: None
+) -> None:
+    addresses = [f"{each.arm.bridge.host}:{each.arm.bridge.port}" for each in arms]
+    program = compiled_text(TWO_IN_C.format(*addresses), tmp_path)
+    before = [arm.snapshot().tick for arm in arms]
+    started = subprocess.Popen([program])
+    try:
+        wait_until(lambda: all(np.abs(arm.snapshot().v).max() > 0.1 for arm in arms), "both move")
+    finally:
+        started.kill()
+        started.wait()
+    for arm, tick in zip(arms, before, strict=True):
+        arm.wait_for(Mode.HOLDING)
+        rows = arm.telemetry()
+        assert not rows["fault"][rows["tick"] > tick].any()
 
 
 def test_one_arm_goes_on_while_the_others_servo_and_bridge_are_killed(arms: list[RunningArm], program: Path) -> None:

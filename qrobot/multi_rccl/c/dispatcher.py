@@ -19,7 +19,7 @@ from qrobot.multi_rccl.manip import Manip
 from qrobot.multi_rccl.positions import TRANS, make_position
 from qrobot.multi_rccl.program import ManipProgram
 from qrobot.multi_rccl.robot_manip import RobotManip
-from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS
+from qrobot.rccl.c.dispatcher import FIELDS, OBJECTS, CallReply
 from qrobot.rccl.c.object_registry import ObjectRegistry, UnknownError
 from qrobot.rccl.c.recorded_transforms import RecordedTransforms
 from qrobot.rccl.c.shared import SharedTransform
@@ -28,7 +28,6 @@ from qrobot.rccl.position import Position, Separator, there
 MANIP: Final = REFS - 1  # reference to the manipulator of a call
 TERMINATE: Final = 3  # among the places of variables
 TRANS_WORD: Final = -4  # as EQ and TL go along
-CallReply: TypeAlias = "CallMessage | None"
 
 
 class ManipDispatcher:
@@ -69,7 +68,9 @@ class ManipDispatcher:
         try:
             answer = call.handler(self, message)
         except UnknownError as error:
-            raise MotionError(f"{op.name.lower()}: {error}") from error
+            raise MotionError(_in_c(f"{op.name.lower()}: {error}")) from error
+        except MotionError as error:
+            raise MotionError(_in_c(str(error))) from error
         self._show()
         return answer or CallMessage(Op.REPLY)
 
@@ -237,15 +238,23 @@ def _arm(dispatcher: ManipDispatcher, message: CallMessage) -> Any:
     return dispatcher.manip(message)
 
 
+def _in_c(text: str) -> str:
+    """A message with the names that calls have in C."""
+    for name, in_c in NAMES_IN_C.items():
+        text = text.replace(name, in_c)
+    return text
+
+
+NAMES_IN_C: Final = {"make_position": "makePosition", "tracking_mode": "trackingMode"}
 OTHER_RELEASE: Final = (
     "this is a call of RCCL 1.0 in a program of Multi-RCCL: compile all files of a program for one release "
     "(`qrobot cc --release`)"
 )
-Handler: TypeAlias = Callable[[ManipDispatcher, CallMessage], CallReply]
+ManipHandler: TypeAlias = Callable[[ManipDispatcher, CallMessage], CallReply]
 
 
 @dataclass(frozen=True)
-class CallRow:
+class ManipCallRow:
     """A row of the table below.
 
     Attributes:
@@ -253,57 +262,57 @@ class CallRow:
         waits: it lets samples pass, or takes or releases an arm, so no function that is called at a sample may ask it.
     """
 
-    handler: Handler
+    handler: ManipHandler
     waits: bool = False
 
 
-def _world(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> CallRow:
+def _world(call: Callable[[ObjectRegistry, CallMessage], CallReply]) -> ManipCallRow:
     """A call about transforms and positions."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.objects, message))
+    return ManipCallRow(lambda dispatcher, message: call(dispatcher.objects, message))
 
 
-def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> CallRow:
+def _recorded(call: Callable[[RecordedTransforms, CallMessage], CallReply]) -> ManipCallRow:
     """A call about the data base."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
+    return ManipCallRow(lambda dispatcher, message: call(dispatcher.recorded, message))
 
 
-def _plain(call: Callable[..., None]) -> CallRow:
+def _plain(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with nothing else."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message)))
+    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message)))
 
 
-def _to(call: Callable[..., None]) -> CallRow:
+def _to(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with a position."""
-    return CallRow(lambda dispatcher, message: call(
+    return ManipCallRow(lambda dispatcher, message: call(
         dispatcher.manip(message), dispatcher.objects.position(message.refs[0])
     ))  # fmt: skip
 
 
-def _numbers(call: Callable[..., None], count: int) -> CallRow:
+def _numbers(call: Callable[..., None], count: int) -> ManipCallRow:
     """A call of a manipulator with so many numbers."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), *message.numbers[:count]))
+    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message), *message.numbers[:count]))
 
 
-def _word(call: Callable[..., None]) -> CallRow:
+def _word(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with a text."""
-    return CallRow(lambda dispatcher, message: call(dispatcher.manip(message), message.text))
+    return ManipCallRow(lambda dispatcher, message: call(dispatcher.manip(message), message.text))
 
 
-def _directions(call: Callable[..., None]) -> CallRow:
+def _directions(call: Callable[..., None]) -> ManipCallRow:
     """A call of a manipulator with names of directions, and a number for each."""
-    return CallRow(lambda dispatcher, message: call(
+    return ManipCallRow(lambda dispatcher, message: call(
         dispatcher.manip(message), message.text, *message.numbers[: message.n]
     ))  # fmt: skip
 
 
-CALLS: Final[dict[Op, CallRow]] = {
+CALLS: Final[dict[Op, ManipCallRow]] = {
     # manipulators
-    Op.MANIP_OPEN: CallRow(ManipDispatcher.open, waits=True),
-    Op.CONTROL: CallRow(ManipDispatcher.control, waits=True),
-    Op.RELEASE: CallRow(ManipDispatcher.release, waits=True),
-    Op.NEXT_SAMPLE: CallRow(ManipDispatcher.next_sample, waits=True),
+    Op.MANIP_OPEN: ManipCallRow(ManipDispatcher.open, waits=True),
+    Op.CONTROL: ManipCallRow(ManipDispatcher.control, waits=True),
+    Op.RELEASE: ManipCallRow(ManipDispatcher.release, waits=True),
+    Op.NEXT_SAMPLE: ManipCallRow(ManipDispatcher.next_sample, waits=True),
     Op.MOVE: _to(calls.move),
-    Op.STOP: CallRow(ManipDispatcher.stop),
+    Op.STOP: ManipCallRow(ManipDispatcher.stop),
     Op.MAINTAIN: _to(calls.maintain),
     Op.TRACKING_MODE: _plain(calls.tracking_mode),
     Op.CANCEL: _numbers(calls.cancel, 1),
@@ -315,15 +324,15 @@ CALLS: Final[dict[Op, CallRow]] = {
     Op.DISTANCE: _directions(calls.distance),
     Op.LIMIT: _directions(calls.limit),
     Op.COMPLY: _directions(calls.comply),
-    Op.EVALFN: CallRow(ManipDispatcher.evalfn),
-    Op.HAND: CallRow(ManipDispatcher.hand),
-    Op.KEEP_PATH: CallRow(ManipDispatcher.keep_path),
-    Op.KEPT: CallRow(ManipDispatcher.kept),
+    Op.EVALFN: ManipCallRow(ManipDispatcher.evalfn),
+    Op.HAND: ManipCallRow(ManipDispatcher.hand),
+    Op.KEEP_PATH: ManipCallRow(ManipDispatcher.keep_path),
+    Op.KEPT: ManipCallRow(ManipDispatcher.kept),
     Op.RESUME: _plain(calls.resume),
     # transforms and positions
-    Op.MAKE_POSITION: CallRow(ManipDispatcher.make_position),
-    Op.JPOSITION: CallRow(ManipDispatcher.jposition),
-    Op.POSE: CallRow(ManipDispatcher.pose),
+    Op.MAKE_POSITION: ManipCallRow(ManipDispatcher.make_position),
+    Op.JPOSITION: ManipCallRow(ManipDispatcher.jposition),
+    Op.POSE: ManipCallRow(ManipDispatcher.pose),
     Op.NEWTRANS: _world(ObjectRegistry.newtrans),
     Op.FREETRANS: _world(ObjectRegistry.freetrans),
     Op.FREEPOS: _world(ObjectRegistry.freepos),

@@ -16,6 +16,7 @@ from qrobot.c_transport.message import Op
 from qrobot.cli import toolchain
 from qrobot.errors import LinkError
 from qrobot.motion import Trsf
+from qrobot.multi_rccl.c import dispatcher as manip_dispatcher
 from qrobot.rccl import Channel, Position, Transform, program
 from qrobot.rccl.c.dispatcher import CALLS
 
@@ -87,7 +88,9 @@ def test_the_prototype_in_c_takes_what_the_method_takes(name) -> None:
 
 def test_every_message_that_asks_for_something_has_its_row_and_no_other() -> None:
     asked = {op for op in Op if Op.HELLO < op < Op.REPLY} - {Op.ARCL_CALL, Op.ARCL_WORD}  # a library of its own
-    assert set(CALLS) == asked
+    of_manipulators = {op for op in asked if op >= Op.MANIP_OPEN}
+    assert set(CALLS) == asked - of_manipulators
+    assert of_manipulators < set(manip_dispatcher.CALLS) < asked
 
 
 def test_what_waits_in_python_waits_in_c() -> None:

@@ -69,13 +69,11 @@ POS_PTR rccl_pose(MANIP_PTR m, char *name); /* ours: "park", or another pose of 
 int move(MANIP_PTR m, POS_PTR p);
 
 /* Come to rest: stop(m, p, ms) at p, for at least so long; both may be left out. Queued as a motion is. */
-struct rccl_stop_at {
-    POS_PTR position;
-    double ms;
-};
 #define stop(...) RCCL_CALL(RCCL_STOP, rccl_manip_stop, __VA_ARGS__)(__VA_ARGS__)
-#define RCCL_STOP(m, ...) rccl_manip_stop(m, (struct rccl_stop_at[1]) {{__VA_ARGS__}})
-int rccl_manip_stop();
+#define RCCL_STOP(m, ...) \
+    rccl_manip_stop(m, RCCL_FIRST(__VA_OPT__(__VA_ARGS__, )(POS_PTR) 0, ~), RCCL_THIRD(~ __VA_OPT__(, __VA_ARGS__), 0., 0., ~))
+#define RCCL_THIRD(first, second, third, ...) third
+int rccl_manip_stop(MANIP_PTR m, POS_PTR p, double ms);
 
 int maintain(MANIP_PTR m, POS_PTR p); /* be there at once, and stay with it */
 int trackingMode(MANIP_PTR m);        /* stay with the goal of the next motion when that goal moves */

@@ -90,7 +90,7 @@ static POS_PTR new_position(struct message *m, const char *name)
     POS_PTR p = shim_new_position(name);
     m->refs[0] = shim_ref(p);
     shim_call(m);
-    strncpy(p->name, m->text, SHIM_NAME - 1); /* as the engine calls it */
+    memcpy(p->name, m->text, SHIM_NAME - 1); /* as the engine calls it */
     return p;
 }
 
@@ -140,12 +140,12 @@ API int rccl_manip_move(MANIP_PTR m, POS_PTR p)
     return go(OP_MOVE, m, "move", p);
 }
 
-API int rccl_manip_stop(MANIP_PTR m, struct rccl_stop_at *at)
+API int rccl_manip_stop(MANIP_PTR m, POS_PTR p, double ms)
 {
     struct message message = call_of(OP_STOP, m, "stop", "");
-    message.n = at->position != NULL;
-    message.refs[0] = at->position ? shim_ref(at->position) : 0;
-    message.numbers[0] = at->ms;
+    message.n = p != NULL;
+    message.refs[0] = p ? shim_ref(p) : 0;
+    message.numbers[0] = ms;
     shim_call(&message);
     return YES;
 }
