@@ -55,7 +55,7 @@ def pendant(
     taught
         File of places by name, as `qrobot teach` has it.
     programs
-        Folder of programs (.py, .c, .v2) that pages list and start; pages start no others.
+        Folder of programs (.py, .c, .v2) that pages list and start, beside what the arm was led through; no others.
     log
         Replay this log, without an arm: the page has the tab of logs alone.
     show
@@ -64,19 +64,20 @@ def pendant(
     import webbrowser
 
     from qrobot.pendant.floor import DriveFloor
+    from qrobot.pendant.free_path import led_name
     from qrobot.pendant.program_folder import ProgramFolder
     from qrobot.pendant.program_runner import ProgramRunner
     from qrobot.pendant.server import address_of, make_app, make_token, open_port, serve
 
     floor, token = DriveFloor(), make_token()
-    folder = ProgramFolder(programs)
 
-    def runner_of(name: str) -> ProgramRunner:
-        return ProgramRunner(name, folder, str(deployment_path(deployment).resolve()), floor.changed)
+    def runner_of(arm: DeployedArm) -> ProgramRunner:
+        folder = ProgramFolder(programs, Path(arm.log.directory or "out"), led_name(arm.name))
+        return ProgramRunner(arm.name, folder, str(deployment_path(deployment).resolve()), floor.changed)
 
     arms = () if log is not None else _arms(deployment, arm)
     for each in arms:
-        _add_station(floor, each, taught, runner_of(each.name))
+        _add_station(floor, each, taught, runner_of(each))
     shelf = _shelf_of_arms(arms) if log is None else _shelf_of(log)
     listener = open_port(port)
     address = address_of(listener, token)

@@ -17,9 +17,9 @@ from qrobot.fences.told_fences import told_fences
 from qrobot.model.arm_shape import link_frames
 from qrobot.pendant.arm_watch import ArmWatch
 from qrobot.pendant.board_access import BoardAccess
-from qrobot.pendant.fence_facts import fence_facts
+from qrobot.pendant.fence_facts import fence_facts, stand_facts
 from qrobot.pendant.frames import arm_facts
-from qrobot.pendant.free_path import free_path
+from qrobot.pendant.free_path import free_path, led_name
 from qrobot.pendant.jog_worker import JogWorker
 from qrobot.pendant.lease import DriverLease
 from qrobot.pendant.procedure_messages import PageProcedureStart
@@ -69,6 +69,7 @@ class ArmStation:
     ) -> None:
         self.arm, self.robot = arm, robot
         self.facts = {**arm_facts(arm.name, robot, tool_m), **fence_facts(told_fences(arm, robot), robot)}
+        self.facts |= stand_facts(arm.stand)
         self.requests = ServoRequests(arm.name, self.tell)
         self.watch = ArmWatch(arm, self._hear, on_change)
         self.places = TaughtPlaces(taught, tuple(robot.poses), self.tell)
@@ -129,7 +130,7 @@ class ArmStation:
 
     def keep_recording(self, smooth_mm: float) -> None:
         """Write what the arm was led through beside its logs, smoothed; told when it is. Raises ConfigError."""
-        path = free_path(self._folder, f"{self.arm.name}-led", ".csv")
+        path = free_path(self._folder, led_name(self.arm.name), ".csv")
         self.worker.say(do="keep", path=str(path), smooth=smooth_mm * M_PER_MM)
 
     def give_arm(self) -> None:
@@ -140,7 +141,10 @@ class ArmStation:
         """The same when no page drives any longer; a program that commands the arm is paused on its path."""
         self.give_arm()
         self.procedures.stop()
-        if self.programs.live:
+        if self.programs.replays:
+            self.programs.end()
+            self.tell("no page drives: the recording is no longer followed")
+        elif self.programs.live:
             self.requests.act("pause")
             self.tell("no page drives: the program is paused; `Drive from here`, and `Go on`")
 

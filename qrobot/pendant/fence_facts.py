@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from qrobot.arrays import Floats
 from qrobot.config import Robot
-from qrobot.config.fences import Fence
+from qrobot.config.fences import Fence, Stand
 from qrobot.errors import ConfigError
 from qrobot.fences.told_fences import ToldFences
 from qrobot.model.transform import rpy
@@ -34,13 +35,22 @@ def fence_facts(told: ToldFences | None, robot: Robot) -> dict[str, Any]:
     }
 
 
+def stand_facts(stand: Stand | None) -> dict[str, Any]:
+    """Base frame of an arm in the hall that the arms of a deployment share, None where that is not told."""
+    return {"stand": None if stand is None else _pose(stand).ravel().tolist()}
+
+
+def _pose(of: Fence | Stand) -> Floats:
+    T = np.eye(4)
+    roll, pitch, yaw = (angle * RAD_PER_DEG for angle in of.rpy_deg)
+    T[:3, :3], T[:3, 3] = rpy(roll, pitch, yaw), of.position_m
+    return T
+
+
 def _fence(fence: Fence) -> dict[str, Any]:
     """Kind, sizes (edges of a box; radius, nothing and length of a cylinder) and pose of one fence."""
-    T = np.eye(4)
-    roll, pitch, yaw = (angle * RAD_PER_DEG for angle in fence.rpy_deg)
-    T[:3, :3], T[:3, 3] = rpy(roll, pitch, yaw), fence.position_m
     size = fence.size_m or (fence.radius_m or 0.0, 0.0, fence.length_m or 0.0)
     return {
         "name": fence.name, "shape": fence.shape, "keep": fence.keep, "bodies": fence.bodies,
-        "margin": fence.margin_m, "size": list(size), "T": T.ravel().tolist(),
+        "margin": fence.margin_m, "size": list(size), "T": _pose(fence).ravel().tolist(),
     }  # fmt: skip

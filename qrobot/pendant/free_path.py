@@ -10,6 +10,11 @@ from qrobot.errors import ConfigError
 MOST_FILES: Final = 1000  # [A]
 
 
+def led_name(arm: str) -> str:
+    """Stem of the files of what an arm was led through."""
+    return f"{arm}-led"
+
+
 def free_path(folder: Path, stem: str, suffix: str) -> Path:
     """A name in a folder that no file has: STEM.SUFFIX, STEM-1.SUFFIX and so on. Makes the folder.
 

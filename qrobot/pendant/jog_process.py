@@ -118,7 +118,7 @@ class JogProcess:
             robot = load_robot(self._robot)
             motion = joined(self._led, robot)
             write_setpoint_table(Path(path), smoothed(motion, robot, smooth) if smooth else motion)
-            self._say("no", f"wrote {path}: `qrobot replay {path} --approach` plays it")
+            self._say("no", f"wrote {path}: the tab Programs plays it, and so does `qrobot replay {path} --approach`")
         except (QRobotError, OSError) as error:
             self._say("no", f"the recording is not written: {error}")
 

@@ -1,4 +1,7 @@
-"""Programs that the pendant may start: those of one folder, by their names in it. No page names a path."""
+"""Programs that the pendant may start: those of one folder, by their names in it. No page names a path.
+
+What the arm was led through, and was written beside its logs, is among them.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from typing import Any, Final
 from qrobot.errors import ConfigError
 
 LANGUAGES: Final = {".py": "Python", ".c": "C", ".v2": "VAL"}
+RECORDING: Final = "recording"  # in the place of a language
+RECORDED: Final = "recorded/"  # before the name of a file of setpoints
 MOST_PROGRAMS: Final = 500
 MOST_LETTERS: Final = 200_000  # of a source
 _VAL_PROGRAM: Final = re.compile(r"^\s*\.PROGRAM\s+([A-Za-z][\w.]*)", re.MULTILINE | re.IGNORECASE)
@@ -20,13 +25,16 @@ class ProgramFolder:
 
     Args:
         path: of the folder; None when the pendant was given none.
+        recordings: where the arm's recordings are, if anywhere.
+        of: their names without number and suffix.
 
     Raises:
         ConfigError: it is no folder, or there are no programs in it.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, recordings: Path | None = None, of: str = "") -> None:
         self._root = None if path is None else _checked(path)
+        self._recordings, self._of = recordings, of
 
     @property
     def where(self) -> str:
@@ -36,7 +44,7 @@ class ProgramFolder:
     def listing(self) -> list[dict[str, Any]]:
         """Each program: its name, language, and the names that VAL knows in it."""
         return [
-            {"name": name, "language": LANGUAGES[path.suffix], "parts": _parts(path)}
+            {"name": name, "language": language_of(path), "parts": _parts(path)}
             for name, path in self._programs().items()
         ]
 
@@ -52,10 +60,23 @@ class ProgramFolder:
         return _text(self.path_of(name))
 
     def _programs(self) -> dict[str, Path]:
-        if self._root is None:
-            return {}
-        found = {str(path.relative_to(self._root)): path for path in sorted(_files(self._root))}
+        found = {RECORDED + path.name: path for path in self._recorded()}
+        if self._root is not None:
+            found |= {str(path.relative_to(self._root)): path for path in sorted(_files(self._root))}
         return dict(list(found.items())[:MOST_PROGRAMS])
+
+    def _recorded(self) -> list[Path]:
+        """Recordings of the arm, newest first."""
+        if self._recordings is None:
+            return []
+        name = re.compile(re.escape(self._of) + r"(-\d+)?\.csv")
+        found = [path for path in self._recordings.glob("*.csv") if name.fullmatch(path.name) and path.is_file()]
+        return sorted(found, key=lambda path: path.stat().st_mtime_ns, reverse=True)
+
+
+def language_of(path: Path) -> str:
+    """Language of a program; what a recording has instead."""
+    return LANGUAGES.get(path.suffix, RECORDING)
 
 
 def _checked(path: Path) -> Path:
@@ -86,7 +107,7 @@ def _is_inside(path: Path, root: Path) -> bool:
 
 def _parts(path: Path) -> list[str]:
     """Programs of a VAL file; empty for the others, and for one that cannot be read."""
-    if LANGUAGES[path.suffix] != "VAL":
+    if language_of(path) != "VAL":
         return []
     try:
         return [name.lower() for name in _VAL_PROGRAM.findall(_text(path))]

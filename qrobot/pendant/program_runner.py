@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from qrobot.errors import MotionError
 from qrobot.pendant.command_run import CommandRun
-from qrobot.pendant.program_folder import LANGUAGES, ProgramFolder
+from qrobot.pendant.program_folder import RECORDED, RECORDING, ProgramFolder, language_of
 from qrobot.pendant.program_messages import PageProgramStart
 
 NICE: Final = 10  # of what moves no arm: it must not take the processor from a servo that runs
@@ -54,6 +54,11 @@ class ProgramRunner:
     def live(self) -> bool:
         """A program runs that commands the arm."""
         return self._running is not None and self._request is not None and self._request.manner == "live"
+
+    @property
+    def replays(self) -> bool:
+        """The arm follows a recording, which no pause holds."""
+        return self.live and self._request is not None and self._request.name.startswith(RECORDED)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -143,12 +148,14 @@ class ProgramRunner:
     def _commands(self, request: PageProgramStart, path: Path, results: Path) -> list[Sequence[str]]:
         """Arguments of `qrobot`, command by command."""
         manner = [] if request.manner == "live" else [f"--{request.manner}"]
-        if LANGUAGES[path.suffix] != "VAL" and request.step:
+        if language_of(path) != "VAL" and request.step:
             raise MotionError("only programs of VAL can be stepped")
         if request.step:
             return [["val", "--load", str(path), *self._place, *manner]]
         place = [*self._place, *manner, "--output", str(results)]
-        match LANGUAGES[path.suffix]:
+        match language_of(path):
+            case kind if kind == RECORDING:
+                return self._replays(request, path, results)
             case "VAL":
                 how = ["--execute", request.execute, "--speed", f"{request.speed:g}"]
                 return [["val", "run", str(path), *how, *place]]
@@ -157,6 +164,18 @@ class ProgramRunner:
                 return [["cc", str(path), "-o", made], ["run", *place, made]]
             case _:
                 return [["run", *place, str(path)]]
+
+    def _replays(self, request: PageProgramStart, path: Path, results: Path) -> list[Sequence[str]]:
+        """The same for a recording: its setpoints for the ghost, and unless that is all, an arm that follows them."""
+        replay = ["replay", str(path), *self._place]
+        judged = [*replay, "--save-as", str(results / RESULTS["setpoints"])]
+        match request.manner:
+            case "offline":
+                return [judged]
+            case "lockstep":
+                return [judged, [*replay, "--lockstep", "--approach"]]
+            case "live":
+                return [judged, [*replay, "--approach"]]
 
     def _error_line(self, run: CommandRun, request: PageProgramStart) -> int | None:
         """Line of the source that the output complains of: the last one, of a compiler the first one."""

@@ -115,6 +115,10 @@ class Page:
         """Type at no field."""
         self._in_window().find_element("tag name", "body").send_keys(keys)
 
+    def window_picture(self) -> bytes:
+        """What the window shows, as PNG."""
+        return bytes(self._in_window().get_screenshot_as_png())
+
     def picture(self, place: str) -> bytes:
         """An element as PNG."""
         return bytes(self._in_window().find_element("css selector", place).screenshot_as_png)

@@ -65,11 +65,16 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def write_deployment(directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "") -> Path:
-    """A deployment file of so many arms with fresh names and ports; `board` are keys of their board tables."""
+def write_deployment(
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = ""
+) -> Path:
+    """A deployment file of so many arms with fresh ports and names, or the `name` of the only one.
+
+    `board` are keys of their board tables.
+    """
     tables = [
         ARM.format(
-            name=f"t{uuid.uuid4().hex[:10]}",
+            name=name or f"t{uuid.uuid4().hex[:10]}",
             guardian_ms=GUARDIAN_MS,
             board_ms=BOARD_MS,
             board=board,
@@ -278,10 +283,10 @@ class RunningArm:
 
 @contextmanager
 def running_arms(
-    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = ""
+    directory: Path, arms: int = 1, period_ms: float = UNHURRIED_MS, board: str = "", name: str = ""
 ) -> Iterator[list[RunningArm]]:
-    """All processes of so many arms, up and ready."""
-    deployment = write_deployment(directory, arms, period_ms, board)
+    """All processes of so many arms, up and ready; see `write_deployment`."""
+    deployment = write_deployment(directory, arms, period_ms, board, name)
     with ProcessRig(directory / "processes") as rig:
         running = [RunningArm(rig, deployment, arm) for arm in load_deployment(deployment).arm]
         for arm in running:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from qrobot.config import load_deployment, load_robot
+from qrobot.config.fences import Stand
 from qrobot.errors import ConfigError
 from qrobot.fences.fence_set import fences_of
 from qrobot.fences.table import CAPSULE_WORDS, CAPSULES, SHAPE_WORDS, SHAPES
 from qrobot.fences.told_fences import told_fences
-from qrobot.pendant.fence_facts import fence_facts
+from qrobot.pendant.fence_facts import fence_facts, stand_facts
 
 CELL = """
 [[arm]]
@@ -56,3 +57,9 @@ def test_an_arm_without_fences_has_none_to_draw_and_one_without_a_body_is_refuse
         fence_facts(told_fences(load_deployment(file).arm[0], stanford), stanford)
     file.write_text(CELL.format(robot="stanford").partition("[arm.fences]")[0])
     assert fence_facts(told_fences(load_deployment(file).arm[0], stanford), stanford)["capsules"] == []
+
+
+def test_a_page_is_told_where_an_arm_stands_as_its_deployment_says() -> None:
+    assert stand_facts(None) == {"stand": None}
+    T = np.reshape(stand_facts(Stand(position_m=(1.0, 0.5, 0.2), rpy_deg=(90.0, 0.0, 0.0)))["stand"], (4, 4))
+    assert pytest.approx(np.array([[0, -1, 0, 1], [1, 0, 0, 0.5], [0, 0, 1, 0.2], [0, 0, 0, 1]]), abs=1e-12) == T

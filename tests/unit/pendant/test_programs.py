@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,36 @@ def test_programs_of_the_folder_are_listed_and_a_page_reaches_no_other_file(fold
     for path in (folder / "none", folder / "a.py", folder / "empty", Path("/")):
         with pytest.raises(ConfigError, match="--programs"):
             ProgramFolder(path)
+
+
+def test_recordings_of_the_arm_are_listed_newest_first_and_are_replayed(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for age, name in enumerate(("puma-led-1.csv", "puma-led.csv", "puma-led-x.csv", "other-led.csv", "puma-led.mcap")):
+        (logs / name).write_text("")
+        os.utime(logs / name, (1000 - age, 1000 - age))
+    programs = ProgramFolder(folder, logs, "puma-led")
+    assert [(each["name"], each["language"]) for each in programs.listing()][:3] == [
+        ("recorded/puma-led-1.csv", "recording"), ("recorded/puma-led.csv", "recording"), ("a.py", "Python"),
+    ]  # fmt: skip
+    assert ProgramFolder(None, tmp_path / "no such folder", "puma-led").listing() == []
+    monkeypatch.setattr(program_runner, "CommandRun", FakeRun)
+    runner = ProgramRunner("puma", programs, "arms.toml")
+    played = ["replay", str(logs / "puma-led.csv"), *PLACE]
+    for manner, moves in (("offline", []), ("lockstep", ["--lockstep", "--approach"]), ("live", ["--approach"])):
+        run = started(runner, "recorded/puma-led.csv", manner)
+        assert [command[: len(played)] for command in run.commands] == [played] * len(run.commands)
+        assert run.commands[0][len(played)] == "--save-as"
+        assert [command[len(played) :] for command in run.commands[1:]] == ([moves] if moves else [])
+        assert runner.replays == (manner == "live")
+        run.state = "done"
+    with pytest.raises(MotionError, match="only programs of VAL"):
+        started(runner, "recorded/puma-led.csv", step=True)
+    with pytest.raises(ConfigError, match="there is no program"):
+        programs.source("recorded/other-led.csv")
+    runner.close()
 
 
 def test_each_language_is_run_by_its_command_and_what_moves_no_arm_gives_way(

@@ -43,7 +43,7 @@ export function makePrograms(root) {
   );
   const player = new Player(scene);
 
-  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false;
+  let programs = [], chosen = null, shown = { arm: -1, run: -1, next: 0, lines: [], loaded: 0 }, looking = false, listed = false;
   const facts = () => link.armStatus?.program ?? { run: 0, state: "none" };
   const say = (line) => link.say({ do: "program say", arm: link.chosen, line });
 
@@ -56,7 +56,7 @@ export function makePrograms(root) {
     sure.hidden = !on;
     if (!on) return;
     sure.replaceChildren(
-      el("p", {}, el("b", {}, `⚠ ${link.arm.facts.name} will move`), ` as ${chosen.name} says. Is everybody out of its reach, and the emergency stop at hand? While no page drives, the program is paused.`),
+      el("p", {}, el("b", {}, `⚠ ${link.arm.facts.name} will move`), ` as ${chosen.name} says. Is everybody out of its reach, and the emergency stop at hand? ${chosen.language === "recording" ? "The arm goes slowly to where the recording begins. While no page drives, it is ended; a pause does not hold it." : "While no page drives, the program is paused."}`),
       el("button", { id: "start-sure", onclick: () => start("live", true) }, "Start it now"),
       el("button", { onclick: () => offer(false) }, "Cancel"),
     );
@@ -67,7 +67,7 @@ export function makePrograms(root) {
     try {
       const answered = await (await ask("programs", { arm: link.chosen })).json();
       programs = answered.programs;
-      setText(where, answered.where ? `in ${answered.where}` : "Start the pendant with --programs FOLDER to have programs here.");
+      setText(where, answered.where ? `in ${answered.where}` : "Start the pendant with --programs FOLDER to have programs here; recordings of an arm led by hand are here anyway.");
       list.replaceChildren(...programs.map((each) => el("button", { role: "option", class: "program", "data-name": each.name, onclick: () => choose(each) }, el("span", {}, each.name), el("small", {}, each.language))));
       if (programs.length && !programs.some((each) => each.name === chosen?.name)) await choose(programs[0]);
       mark();
@@ -113,7 +113,9 @@ export function makePrograms(root) {
   }
 
   async function look() {
+    if (root.hidden) listed = false;
     if (looking || root.hidden || !link.open) return;
+    if (!listed) [listed] = [true, renew()]; // what has been recorded meanwhile
     looking = true;
     try {
       const now = facts(), arm = link.chosen;
@@ -165,6 +167,5 @@ export function makePrograms(root) {
   };
   for (const name of ["hello", "status", "chosen"]) link.addEventListener(name, show);
   for (const name of ["hello", "chosen"]) link.addEventListener(name, () => !root.hidden && renew());
-  new ResizeObserver(() => !root.hidden && root.clientWidth && !programs.length && renew()).observe(root);
   setInterval(look, LOOK_MS);
 }

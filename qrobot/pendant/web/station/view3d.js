@@ -8,13 +8,14 @@ const TRAIL = 1100; // samples, half a minute
 const LINK = 0xd9d4c7, JOINT = 0x3a5f94, GHOST = 0xe08a1e, TRACE = 0x2a9d8f, TOOL = 0xc0392b, CHOSEN = 0xf0a500, OLD = 0x9aa6b2;
 const TAP_PX = 6;
 const SEEN = 2e-4; // rad or m of a joint; what moves less is not drawn anew
-const SEPARATION = 1.6; // m between arms that stand side by side
+const SEPARATION = 1.6; // m between arms that are drawn side by side
 
 class ArmFigure {
-  constructor(facts, x) {
+  // base: its base frame in the picture, whose floor is at z = 0.
+  constructor(facts, base) {
     this.facts = facts;
     this.root = new THREE.Group();
-    this.root.position.set(x, 0, facts.base_height);
+    base.decompose(this.root.position, this.root.quaternion, this.root.scale);
     this.solid = this.build((part) => new THREE.MeshStandardMaterial({ color: part.joint ? JOINT : LINK, roughness: 0.6 }));
     this.ghost = this.build(() => new THREE.MeshBasicMaterial({ color: GHOST, wireframe: true, transparent: true, opacity: 0.18 }));
     this.solid[facts.joints.length].add(marker(facts));
@@ -150,6 +151,14 @@ function label(text) {
   return sprite;
 }
 
+// Base frames of arms: as they stand in their hall when the deployment tells it of all, side by side else.
+function bases(all) {
+  if (!all.every((facts) => facts.stand)) return all.map((facts, k) => new THREE.Matrix4().setPosition(SEPARATION * (k - (all.length - 1) / 2), 0, facts.base_height));
+  const stands = all.map((facts) => new THREE.Matrix4().set(...facts.stand));
+  const lift = Math.max(...all.map((facts, k) => facts.base_height - stands[k].elements[14])); // the lowest floor
+  return stands.map((T) => new THREE.Matrix4().makeTranslation(0, 0, lift).multiply(T));
+}
+
 function ring() {
   return new THREE.Mesh(new THREE.RingGeometry(0.3, 0.34, 48), new THREE.MeshBasicMaterial({ color: CHOSEN, side: THREE.DoubleSide }));
 }
@@ -197,7 +206,8 @@ export class View {
 
   setArms(all) {
     for (const figure of this.figures) this.scene.remove(figure.root);
-    this.figures = all.map((facts, k) => new ArmFigure(facts, SEPARATION * (k - (all.length - 1) / 2)));
+    const frames = bases(all);
+    this.figures = all.map((facts, k) => new ArmFigure(facts, frames[k]));
     for (const figure of this.figures) this.scene.add(figure.root);
     this.turned = false;
     this.stand();
@@ -207,10 +217,13 @@ export class View {
   stand() {
     const count = this.figures.length;
     if (!count || this.turned) return;
-    const height = Math.max(...this.figures.map(({ facts }) => facts.base_height));
+    const places = this.figures.map(({ root }) => root.position);
+    const middle = new THREE.Box3().setFromPoints(places).getCenter(new THREE.Vector3());
+    const spread = Math.max(...places.map((place) => place.distanceTo(middle)));
+    const height = Math.max(...places.map((place) => place.z));
     const back = Math.max(1, (count > 1 ? 1.3 : 0.9) / this.camera.aspect);
-    this.controls.target.set(0.2, 0, height - 0.05);
-    this.camera.position.set(1.5 * back, -2.2 - 0.9 * (count - 1), 0.8).multiply({ x: 1, y: back, z: back }).add(this.controls.target);
+    this.controls.target.set(middle.x + 0.2, middle.y, height - 0.05);
+    this.camera.position.set(1.5 * back, -2.2 - 1.125 * spread, 0.8).multiply({ x: 1, y: back, z: back }).add(this.controls.target);
     this.controls.update();
     this.due = true;
   }
