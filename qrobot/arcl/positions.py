@@ -63,15 +63,17 @@ class Pos:
         return f"Pos({self.name!r}, {self.target})"
 
 
-def makeposition(*terms: str | Trsf | PosMark) -> Pos:
+def makeposition(*terms: str | Trsf | PosMark | int) -> Pos:
     """A position equation: `makeposition(base, T6, tool, EQ, stand, work, TL, tool)` is BASE T6 TOOL = STAND WORK.
 
     T6 stands left of EQ, once; TL is followed by the term, of either side, that ends in the tool's tip. A name for
-    traces may stand before all that.
+    traces may stand before all that, and a 0 behind it, as behind other lists.
 
     Raises:
         MotionError: a term is no transform, EQ or TL is missing or in the wrong place, or the equation makes no sense.
     """
+    if terms and isinstance(terms[-1], int) and terms[-1] == 0:
+        terms = terms[:-1]
     name, *rest = terms if terms and isinstance(terms[0], str) else (DEFAULT_NAME, *terms)
     if strange := [term for term in rest if not isinstance(term, Trsf | PosMark)]:
         raise MotionError(f"makeposition {name}: {strange[0]!r} is no transform")

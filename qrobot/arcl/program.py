@@ -21,6 +21,7 @@ from qrobot.arcl.positions import TL, Pos, PosMark, joints_of
 from qrobot.arcl.robot import ArclRobot
 from qrobot.arcl.switches import say, switches
 from qrobot.arcl.trans import Trans
+from qrobot.arcl.vectors import require_name
 from qrobot.arrays import Floats
 from qrobot.config import Robot, load_robot
 from qrobot.errors import JointLimit, MotionError, QRobotError
@@ -209,7 +210,7 @@ def where(rp: ArclRobot, name: str = "HERE") -> Trans:
     return _opened("where", rp).where(name)
 
 
-def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | PosMark) -> Pos:
+def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | PosMark | int) -> Pos:
     """A position given by its joints, degrees (mm); `TL, tool` behind them names the tool whose speed counts.
 
     Raises:
@@ -218,14 +219,18 @@ def joint_pos(rp: ArclRobot, name: str, degs: Sequence[float], *tool: Trsf | Pos
     return _opened("joint_pos", rp).joint_pos(name, degs, _tool(tool))
 
 
-def robot_pos(rp: ArclRobot, name: str, *tool: Trsf | PosMark) -> Pos:
+def robot_pos(rp: ArclRobot, name: str, *tool: Trsf | PosMark | int) -> Pos:
     """A pose of the robot file, such as "park"; `TL, tool` as for `joint_pos`. Raises ConfigError: there is none."""
+    require_name("robot_pos", name)
     return _opened("robot_pos", rp).pose(name, _tool(tool))
 
 
-def _tool(given: tuple[Trsf | PosMark, ...]) -> Trsf | None:
-    if not given:
+def _tool(given: tuple[Trsf | PosMark | int, ...]) -> Trsf | None:
+    """The tool that stands behind joint positions, with or without the 0 that closes a list."""
+    if not given or given == (0,):
         return None
+    if given[-1] == 0:
+        given = given[:-1]
     if len(given) != 2 or given[0] is not TL or not isinstance(given[1], Trsf):
         raise MotionError("write TL and the transform of the tool behind the joint positions, or nothing")
     return given[1]

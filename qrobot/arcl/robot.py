@@ -87,6 +87,11 @@ class ArclRobot:
         return new_trans_value(name, self.aki.forward(joints_of("fkine", degs, self._units)))
 
     @property
+    def n(self) -> int:
+        """Number of its joints."""
+        return self._robot.n
+
+    @property
     def joints(self) -> Floats:
         """Measured joint positions, degrees (mm). Shape (n,)."""
         q: Floats = self._seen.q / self._units

@@ -7,6 +7,7 @@ from typing import Final
 
 from qrobot.arcl.events import CallbackAnswer
 from qrobot.arcl.opened import open_robots
+from qrobot.arcl.vectors import require_name
 from qrobot.errors import MotionError
 
 _LOOK_S: Final = 0.5
@@ -57,7 +58,8 @@ class Semaphore:
 
 
 def new_sem(name: str = "semaphore", value: bool = True) -> Semaphore:
-    """A semaphore, set at first unless `value` is false."""
+    """A semaphore, set at first unless `value` is false. Raises MotionError: that is no name."""
+    require_name("new_sem", name)
     return Semaphore(name, value)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from qrobot.arcl.switches import say, switches
 from qrobot.arcl.trace import trans_line
-from qrobot.arcl.vectors import TransColumn, VectorLike, three
+from qrobot.arcl.vectors import TransColumn, VectorLike, require_name, three
 from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.model.orientation import axis_angle, euler, rpy_angles
@@ -76,8 +76,11 @@ def new_trans(name: str, kind: TransformKind = VARB, function: TransFunction | N
         function: with FNDEF: called with the transform and its motion at each sample; it changes the transform.
 
     Raises:
-        MotionError: no such kind, or a function is missing or too many.
+        MotionError: no such kind, that is no name or no function, or a function is missing or too many.
     """
+    require_name("new_trans", name)
+    if function is not None and not callable(function):
+        raise MotionError(f"transform {name}: a function is needed, not {function!r}")
     if kind not in (CONST, VARB, HOLD, FNDEF):
         raise MotionError(f"transform {name}: a kind is needed, CONST, VARB, HOLD or FNDEF, not {kind!r}")
     if function is None:
@@ -117,6 +120,7 @@ def new_trans_eul(
 
 def new_trans_value(name: str, value: Floats, kind: TransformKind = CONST) -> Trans:
     """A transform of a pose, shape (4, 4), m, as the layers below use them. Raises MotionError: it is none."""
+    require_name("transform", name)
     return _told(Trans(name, kind, np.asarray(value, dtype=np.float64)))
 
 
@@ -132,18 +136,21 @@ def _told(trans: Trans) -> Trans:
 
 def trans_assign(trans: Trans, other: Trsf) -> Trans:
     """Give `trans` the value that `other` has now; returns it."""
+    _value("trans_assign", trans)
     trans.set(_value("trans_assign", other))
     return trans
 
 
 def trans_mult(trans: Trans, left: Trsf, right: Trsf) -> Trans:
     """Make `trans` the product of two transforms as they are now; returns it."""
+    _value("trans_mult", trans)
     trans.set(_value("trans_mult", left) @ _value("trans_mult", right))
     return trans
 
 
 def trans_invert(trans: Trans, other: Trsf) -> Trans:
     """Make `trans` the inverse that `other` has now; returns it."""
+    _value("trans_invert", trans)
     trans.set(inverse(_value("trans_invert", other)))
     return trans
 

@@ -74,8 +74,14 @@ zunit: Final = CartesianVector(0.0, 0.0, 1.0)
 
 
 def new_vector(x: float, y: float, z: float) -> CartesianVector:
-    """A vector of three coordinates."""
-    return CartesianVector(x, y, z)
+    """A vector of three coordinates. Raises MotionError: one is no finite number."""
+    return CartesianVector(*three("new_vector", (x, y, z)).tolist())
+
+
+def require_name(call: str, name: object) -> None:
+    """Raise MotionError: what was given to a call is no name."""
+    if not isinstance(name, str):
+        raise MotionError(f"{call}: a name is a text, not {name!r}")
 
 
 def three(call: str, given: VectorLike) -> Floats:

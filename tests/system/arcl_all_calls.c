@@ -55,7 +55,7 @@ static int soon(void)
 static void types(const char *file)
 {
     Trans *a = new_trans_rpy("a", 1, 2, 3, 10, 20, 30), *b = new_trans_eul("b", 4, 5, 6, 10, 20, 30);
-    Trans *t = new_trans("t", VARB);
+    Trans *t = new_trans("t", VARB, 0); /* lists may be closed by 0 */
     double rpy[3];
     Vector *v = new_vector(3, 0, 4);
     Quat *q = new_quat_rotvec(zunit, 90), *half = quat_interp(new_quat(1, 0, 0, 0), q, 0.5);
@@ -82,11 +82,11 @@ static void types(const char *file)
 
 static void motions(ROBOT *rp)
 {
-    Trans *swing = new_trans("swing", FNDEF, sway), *goal = new_trans_rpy("goal", 500, 100, 200, 0, 90, 0);
+    Trans *swing = new_trans("swing", FNDEF, sway, 0), *goal = new_trans_rpy("goal", 500, 100, 200, 0, 90, 0);
     Pos *pos = makeposition("place", T6, EQ, goal, swing, TL, goal);
-    Pos *far = makeposition("far", T6, EQ, new_trans_tr("f", 9000, 0, 0), TL, T6);
-    Pos *park = robot_pos(rp, "park");
-    Jacob *j = new_jacob(rp, joint_pos(rp, "j", 0, 45, -90, 0, 45.0f, 0L));
+    Pos *far = makeposition("far", T6, EQ, new_trans_tr("f", 9000, 0, 0), TL, T6, 0);
+    Pos *park = robot_pos(rp, "park", 0);
+    Jacob *j = new_jacob(rp, joint_pos(rp, "j", 0, 45, -90, 0, 45.0f, 0L, 0));
     Semaphore *s = new_sem("s");
     IOD *lines = new_iod(rp, IOD_OUT, 2, 3);
     Motion *m;

@@ -118,7 +118,7 @@ def _move(objects: ObjectTable, place: int, given: CallValues) -> CallMessage:
 
 
 def _new_trans(objects: ObjectTable, place: int, given: CallValues) -> None:
-    name, kind, *function = given
+    name, kind, *function = given if given[-1] != 0 or len(given) == 2 else given[:-1]
     kinds = _KINDS[kind - 1] if isinstance(kind, int) and 1 <= kind <= len(_KINDS) else kind
     if not isinstance(name, str) or not all(callable(one) for one in function):
         raise MotionError("new_trans: a name and a kind are needed, and with FNDEF a function")
@@ -130,7 +130,9 @@ def _joint_pos(objects: ObjectTable, place: int, given: CallValues) -> None:
     rp, name, *rest = given
     at = next((index for index, value in enumerate(rest) if value is arcl.TL), len(rest))
     degs, tool = rest[:at], rest[at:]
-    if len(degs) == 1 and isinstance(degs[0], tuple):
+    if isinstance(rp, ArclRobot) and len(degs) == rp.n + 1 and degs[-1] == 0:  # which closes the list
+        degs.pop()
+    if degs and isinstance(degs[0], tuple) and not any(degs[1:]):
         degs = list(degs[0])
     objects.put(place, arcl.joint_pos(rp, _name("joint_pos", name), degs, *tool))
 
@@ -229,10 +231,10 @@ LISTS: Final = {
     "move": (2, inf),
     "stop": (1, inf),
     "gripper": (2, 3),
-    "new_trans": (2, 3),
+    "new_trans": (2, 4),
     "makeposition": (0, inf),
     "joint_pos": (2, inf),
-    "robot_pos": (2, 4),
+    "robot_pos": (2, 5),
     "arcl_wait": (1, 2),
     "ami_treal": (0, 1),
 }

@@ -58,6 +58,7 @@ from qrobot.arcl.attributes import Attribute
 from qrobot.arcl.options import MotionOptions
 from qrobot.arcl.switches import Switches
 from qrobot.errors import ConfigError, MotionError
+from qrobot.motion import Equation
 
 
 def test_constructors_take_millimetres_and_degrees() -> None:
@@ -268,3 +269,30 @@ def test_what_is_no_transform_is_told(call) -> None:
 def test_a_jacobian_has_six_rows(matrix) -> None:
     with pytest.raises(MotionError, match="six rows"):
         arcl.Jacob(matrix)
+
+
+WRONG = {
+    "a name": lambda: new_trans(5),
+    "another name": lambda: new_trans_tr(None, 1, 0, 0),
+    "no function": lambda: new_trans("x", FNDEF, "no"),
+    "a semaphore": lambda: arcl.new_sem(5),
+    "a product": lambda: trans_mult(5, T6, T6),
+    "a copy": lambda: arcl.trans_assign(None, T6),
+    "an inverse": lambda: trans_invert("x", T6),
+    "a vector": lambda: arcl.new_vector("a", 1, 2),
+    "no vector": lambda: arcl.new_vector(float("nan"), 1, 2),
+    "0 within": lambda: makeposition(T6, 0, EQ, T6, TL, T6),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_no_argument_is_told_as_an_error_of_ours(wrong: str) -> None:
+    with pytest.raises(MotionError, match=r"name|needed|function|no transform"):
+        WRONG[wrong]()
+
+
+def test_a_list_of_terms_may_be_closed_by_0() -> None:
+    base, tool, work = new_trans_tr("base", 0, 0, 300), new_trans_tr("tool", 0, 0, 170), new_trans_tr("work", 1, 2, 3)
+    closed, left_open = (makeposition(base, T6, tool, EQ, work, TL, tool, *end).target for end in ((0,), ()))
+    assert isinstance(closed, Equation)
+    assert str(closed) == str(left_open)
