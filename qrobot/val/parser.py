@@ -15,7 +15,7 @@ from qrobot.val.grammar import DESCRIPTIONS, GRAMMAR
 from qrobot.val.signatures import check_action, check_expression
 from qrobot.val.tree import Expression, ProgramLine, VariableName
 from qrobot.val.tree_builder import TreeBuilder
-from qrobot.val.vocabulary import RESERVED, UNSUPPORTED
+from qrobot.val.vocabulary import RESERVED, UNSUPPORTED, form_of
 
 LONGEST_LINE: Final = 400  # characters [A]; VAL's terminals had 80
 DEEPEST: Final = 40  # parentheses in one another [A]
@@ -25,6 +25,8 @@ _REFUSED: Final = {
     "$": "variables of text ($) are not supported; TYPE and PROMPT take text in double quotes",
     '"': "the text has no closing quote, or text cannot stand here",
 }
+_OPERATORS: Final = {"SIGN", "TIMES", "MOD", "COMPARE", "AND", "OR", "COLON", "BY"}
+_OF_NAMES: Final = {"LPAR", "LSQB"}  # behind a name: a function, an element
 _VALUES: Final = {"NUMBER", "NAME", "PRECISION", "LPAR"}
 
 
@@ -39,7 +41,7 @@ def parse_line(text: str, line: int = 0) -> ProgramLine:
         label, action = _parse(step, "step")
         check_action(action)
     except ProgramError as error:
-        raise ProgramError(error.what, line, max(error.column, column)) from None
+        raise ProgramError(error.what + _form(step), line, max(error.column, column)) from None
     return ProgramLine(action, label, comment, line, column)
 
 
@@ -93,6 +95,13 @@ def _first_column(text: str) -> int:
     return 0 if found is None else found.start(1) + 1
 
 
+def _form(text: str) -> str:
+    """Form of a line that begins with the word that this one begins with; "" where there is nothing to tell."""
+    found = _FIRST_WORD.match(text)
+    form = "" if found is None or found[2] else form_of(found[1].upper())
+    return f"; write {form}" if form else ""
+
+
 def _check_first_word(text: str) -> None:
     """Refuse by name what is no instruction, or one that is not supported."""
     found = _FIRST_WORD.match(text)
@@ -140,7 +149,11 @@ def _expected(terminals: set[str]) -> str:
     elif left >= _VALUES - {"NUMBER", "LPAR"}:
         left -= {"NAME", "PRECISION"}
         words.append("a name")
-    words += sorted({DESCRIPTIONS.get(name, name) for name in left}, key=lambda word: (word.isupper(), word))
+    elif len(left & _OPERATORS) > 0 and left != {"COLON"}:
+        left -= _OPERATORS | (_OF_NAMES if left - _OPERATORS - _OF_NAMES else set())
+        words += ["an operator"]
+    closing = sorted({DESCRIPTIONS.get(name, name) for name in left}, key=lambda word: (word.isupper(), word))
+    words = [*closing, *words] if words == ["an operator"] else [*words, *closing]
     told = words[:MOST_TOLD]
     more = " or something else" if len(words) > MOST_TOLD else ""
     return (" or ".join(told) or "nothing more") + more

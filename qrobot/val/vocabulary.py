@@ -63,6 +63,40 @@ STRUCTURE: Final = (
 RESERVED: Final = frozenset({*INSTRUCTIONS, *MANNERS, *STRUCTURE})
 """Words that begin or divide a line, so that nothing else can be called like them there."""
 
+FORMS: Final[dict[str, str]] = {
+    "IF": "IF value THEN, or IF value GOTO label",
+    "WHILE": "WHILE value DO",
+    "UNTIL": "UNTIL value",
+    "FOR": "FOR variable = first TO last STEP step",
+    "CASE": "CASE value OF",
+    "VALUE": "VALUE number, number:",
+    "GOTO": "GOTO label",
+    "CALL": "CALL program(value, value)",
+    "SET": "SET location variable = location",
+    "SPEED": "SPEED number, then MMPS and ALWAYS if need be",
+    "TIMER": "TIMER number = number",
+    "PARAMETER": "PARAMETER name = number",
+    "ENABLE": "ENABLE switch",
+    "DISABLE": "DISABLE switch",
+    "DECOMPOSE": "DECOMPOSE name[] = location",
+    "TYPE": 'TYPE "text", /F8.2, value',
+    "PROMPT": 'PROMPT "text", variable',
+    "PCEXECUTE": "PCEXECUTE program, cycles",
+    "SIGNAL": "SIGNAL number, number",
+    "REACT": "REACT signal, program, priority",
+    "REACTI": "REACTI signal, program, priority",
+    "REACTE": "REACTE program",
+}
+"""Form of a line that begins with a word, for those whose arguments are no plain list."""
+
+
+def form_of(word: str) -> str:
+    """Form of a line that begins with `word`, in capitals; "" for one that has nothing behind it."""
+    arguments = INSTRUCTIONS.get(word) or MANNERS.get(word) or ()
+    listed = f"{word} {', '.join(kind.removesuffix('?') for kind in arguments)}" if arguments else ""
+    return FORMS.get(word, listed)
+
+
 UNSUPPORTED: Final = frozenset(
     {
         *("GRASP", "DRAW", "MOVET", "MOVEST", "MOVESF", "MOVEF", "NEST", "IFSIG", "ALTER", "ALTOUT", "NOALTER", "DAC"),

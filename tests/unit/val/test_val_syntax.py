@@ -12,7 +12,7 @@ from qrobot.val.parser import parse_line
 from qrobot.val.printer import print_line
 from qrobot.val.source import print_source, read_source
 from qrobot.val.structure import jumps_of
-from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED
+from qrobot.val.vocabulary import INSTRUCTIONS, MANNERS, RESERVED, UNSUPPORTED, form_of
 from tests.support.val_lines import LINES, spoil_lines
 
 
@@ -52,7 +52,7 @@ def test_what_is_not_supported_is_refused_by_name_with_its_line(word: str) -> No
         ("SET a = 3", 5, "expected a location, not a number"),
         ("x = foo(3)", 5, "there is no function FOO"),
         ("x = STATE(3)", 5, "the function STATE is not supported"),
-        ("IF x", 5, "expected GOTO or OR or THEN; the line ends there"),
+        ("IF x", 5, "expected GOTO or THEN or an operator; the line ends there"),
         ("x = 1e999", 5, "too large"),
         ("ENABLE FORCE", 1, "there is no switch FORCE; switches are CP"),
         ("x = " + "(" * 60, 45, "deep in one another"),
@@ -190,3 +190,25 @@ def test_three_thousand_spoilt_lines_are_read_or_refused_with_their_column() -> 
     assert wrong == []
     assert refused + read == 3000
     assert 500 < refused < 2800
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("MOVE p1 p2", "expected ',' or the end of the line or an operator; 'p2' stands there; write MOVE location"),
+        ("APPRO p", "APPRO: expected 2 arguments, not 1; write APPRO location, number"),
+        ("FOR i = 1 TO", "expected a value; the line ends there; write FOR variable = first TO last STEP step"),
+        ("TIMER 1", "expected '=' or an operator; the line ends there; write TIMER number = number"),
+        ("x = 3 +", "expected a value; the line ends there"),
+    ],
+)
+def test_an_error_tells_how_to_write_the_line(text: str, told: str) -> None:
+    with pytest.raises(ProgramError) as refused:
+        parse_line(text)
+    assert refused.value.what == told
+
+
+def test_each_word_that_begins_a_line_has_a_form_unless_it_stands_alone() -> None:
+    alone = {word for word in RESERVED if form_of(word) == ""}
+    bare = {word for word, arguments in {**INSTRUCTIONS, **MANNERS}.items() if not arguments}
+    assert alone == bare | {"THEN", "ELSE", "DO", "TO", "STEP", "OF", "ANY", "END", "AND", "OR", "NOT", "MOD"}
