@@ -34,6 +34,7 @@ GROUPS: Final = (
     "startup",
     "c_programs",
     "move_requests",
+    "multi_rccl",
     "rci",
     "wakeup",
 )
@@ -50,7 +51,7 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     ----------
     groups
         Only these: laws, models, kinematics, trajectory, servo, fences, lockstep, transports, logs, identification,
-        startup, c_programs, move_requests, rci, wakeup.
+        startup, c_programs, move_requests, multi_rccl, rci, wakeup.
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs

@@ -14,6 +14,7 @@ from benchmarks import (
     kinematics,
     laws,
     logs,
+    multi_rccl,
     page,
     pendant,
     sixlaw,
@@ -231,6 +232,12 @@ def test_the_complying_cycle_that_is_timed_does_comply() -> None:
     complying = trajectory.Round(comply=True)
     complying.times_s(20)
     assert complying.yielding == 1
+
+
+def test_two_arms_whose_samples_are_timed_hold_what_they_follow() -> None:
+    followed = multi_rccl.follow(["left", "right"], True, 20)
+    assert followed.times_us.shape == (20,)
+    assert followed.off_m < 1e-9
 
 
 def test_without_its_peer_a_row_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
