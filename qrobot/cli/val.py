@@ -13,7 +13,8 @@ from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, fences_of_arm, insid
 from qrobot.cli.console import FAILURE, SUCCESS, complain, note, out, write_json
 from qrobot.cli.option_types import OutputFolder, OutputLog, Range
 from qrobot.cli.run import bridge_links, offline_links, run_through, run_virtual
-from qrobot.errors import ConfigError
+from qrobot.errors import ConfigError, ProgramError
+from qrobot.printable import printable
 
 if TYPE_CHECKING:
     from qrobot.cli.arm_links import ArmLinks
@@ -114,7 +115,7 @@ def _check_kind(lockstep: bool, offline: bool) -> None:
 def run(
     file: Path,
     *,
-    execute: str = "main",
+    execute: str = "",
     cycles: CycleCount = 1,
     speed: MonitorSpeed = 50.0,
     deployment: str = DEFAULT_DEPLOYMENT,
@@ -136,7 +137,7 @@ def run(
     file
         Programs and locations (.v2).
     execute
-        Name of the program.
+        Name of the program; when left out main, or the only one of the file.
     cycles
         How often.
     speed
@@ -209,7 +210,7 @@ def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) 
     from qrobot.val.interpreter import RunState
 
     interpreter.machine.arm.override = speed
-    state = interpreter.execute(program, cycles)
+    state = interpreter.execute(_chosen(program, list(interpreter.machine.programs)), cycles)
     while state is RunState.PAUSED:
         _ask(f"{interpreter.message}; return goes on ")
         state = interpreter.proceed()
@@ -217,6 +218,15 @@ def _execute(interpreter: Interpreter, program: str, cycles: int, speed: float) 
         return SUCCESS
     complain(interpreter.message)
     return FAILURE
+
+
+def _chosen(name: str, programs: list[str]) -> str:
+    """The program to be run: of that name, or `main`, or the only one. Raises ProgramError: there is none."""
+    wanted = name or (programs[0] if len(programs) == 1 else "main")
+    if wanted not in programs:
+        there = ", ".join(programs) or "none"
+        raise ProgramError(f"there is no program {printable(wanted)} in the file; name one by --execute: {there}")
+    return wanted
 
 
 def _say(line: str) -> None:

@@ -72,6 +72,13 @@ class Interpreter:
 
     # ------------------------------------------------------------------------------------------------------- commands
 
+    @property
+    def unfinished(self) -> str:
+        """Program that could be gone on with, and what became of it, as "main, paused"; "" when there is none."""
+        if self.task is None or self.state not in (RunState.PAUSED, RunState.FAILED):
+            return ""
+        return f"{self.task.name}, {self.state.value},"
+
     def execute(self, program: str, cycles: int = 1, step: int = 1, single: bool = False) -> RunState:
         """Run a program until it ends, pauses or fails; see `state` and `message`.
 

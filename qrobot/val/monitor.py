@@ -36,7 +36,7 @@ HELP: Final[dict[str, str]] = {
     "DELETEP": "p    forget a program",
     "DELETEL": "a    forget a location",
     "DELETER": "x    forget a number",
-    "LOAD": "file    programs and locations, in place of those of the same name",
+    "LOAD": "file    programs and locations, in place of those of the same name; .v2 may be left out",
     "STORE": "file    all there is",
     "SPEED": "n    monitor speed, per cent",
     "IO": "signals that are on",
@@ -139,7 +139,9 @@ class ValMonitor:
         cycles, step = (*map(int, numbers), *[1, 1][len(numbers) :])
         if not cycles:
             raise ProgramError("cycles: expected 1 or more, or a negative number for a program without end", column=1)
-        return self._told(self._run.execute(name.lower(), cycles, step, single))
+        before = self._run.unfinished
+        state = self._told(self._run.execute(name.lower(), cycles, step, single))
+        return f"{before} is given up; {state}" if before else state
 
     def _told(self, state: RunState) -> str:
         return f"{state.value}{': ' + self._run.message if self._run.message else ''}"
@@ -200,14 +202,14 @@ class ValMonitor:
     def _load(self, rest: str) -> str:
         if not rest:
             raise ProgramError("expected LOAD file")
-        source = load_source(Path(rest))
+        source = load_source(_with_suffix(Path(rest)))
         self._machine.load(source)
         return f"{len(source.programs)} programs, {len(source.locations)} locations, {len(source.numbers)} numbers"
 
     def _store(self, rest: str) -> str:
         if not rest:
             raise ProgramError("expected STORE file")
-        store_source(Path(rest), self._machine.source())
+        store_source(_with_suffix(Path(rest)), self._machine.source())
         return ""
 
     def _speed(self, rest: str) -> str:
@@ -226,3 +228,8 @@ class ValMonitor:
             on = [str(number) for number in numbers if self._machine.signal_is_on(number)]
             lines.append(f"{name:9}{' '.join(on) or 'none'}")
         return "\n".join(lines)
+
+
+def _with_suffix(path: Path) -> Path:
+    """The path of a file of programs, with .v2 when its name has no suffix, and no file is called as it stands."""
+    return path if path.suffix or path.exists() else path.with_suffix(".v2")

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qrobot.cli.console import run_app
+from qrobot.cli.main import make_app
 from qrobot.cli.val import check, run
 from qrobot.rccl.connect import open_channel
 from qrobot.rig.lockstep import LockstepRig, link_factory
@@ -111,3 +113,19 @@ def test_an_error_while_it_runs_has_its_line_and_a_status(tmp_path: Path, capsys
     file.write_text(main_program("y = 0", "  x = 1 / y"))
     assert run(file, offline=True) == 1
     assert "program main, line 3, column 9: 1 / 0 is no number" in capsys.readouterr().err
+
+
+def test_the_program_of_a_file_is_the_one_named_or_main_or_the_only_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, two = tmp_path / "one.v2", tmp_path / "two.v2"
+    one.write_text('.PROGRAM lone\n TYPE "lone ran"\n.END\n')
+    two.write_text('.PROGRAM a\n TYPE "a ran"\n.END\n.PROGRAM b\n.END\n')
+    words = ["val", "run", "--offline", "--output", str(tmp_path / "out")]
+    assert run_app(make_app("val"), [*words, str(one)]) == 0
+    assert run_app(make_app("val"), [*words, str(two), "--execute", "A"]) == 0
+    said = capsys.readouterr()
+    assert "lone ran" in said.out
+    assert "a ran" in said.out
+    assert run_app(make_app("val"), [*words, str(two)]) == 1
+    assert "there is no program main in the file; name one by --execute: a, b" in capsys.readouterr().err

@@ -39,6 +39,27 @@ def test_a_paused_program_is_looked_at_and_continued() -> None:
     ]
 
 
+def test_a_program_that_is_executed_in_place_of_a_paused_one_is_told_so() -> None:
+    file = (EXAMPLES / "07_pause_and_proceed.v2").read_text()
+    answers = session(file, "EX main", "EX nobody", "STATUS", "EX main", "ABORT", "EX main")
+    assert answers == [
+        "paused: PAUSE in program main",
+        "error: there is no program nobody",
+        "paused PAUSE in program main",
+        "main, paused, is given up; paused: PAUSE in program main",
+        "aborted",
+        "paused: PAUSE in program main",
+    ]
+
+
+def test_files_are_found_without_their_suffix(tmp_path: Path) -> None:
+    assert session(main_program("x = 1"), f"STORE {tmp_path}/it", "EX main", f"LOAD {tmp_path}/it")[2].startswith(
+        "1 prog"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["it.v2"]
+    assert "cannot read" in session("", f"LOAD {tmp_path}/other")[0]
+
+
 def test_places_are_taught_listed_stored_and_loaded(tmp_path: Path) -> None:
     file = tmp_path / "taught.v2"
     commands = "DO MOVE TRANS(450,150,0,90,90)", "DO BREAK", "HERE a", "TEACH #p", "POINT b = a:TRANS(,,10)"
