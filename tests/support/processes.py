@@ -23,7 +23,7 @@ import numpy as np
 from qrobot.config.deployment import DeployedArm, load_deployment
 from qrobot.hwif.board_memory import attach_board_memory
 from qrobot.hwif.bus import MemoryEndpoint
-from qrobot.hwif.image import IMAGE_INPUTS, make_image
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_INPUTS, make_image
 from qrobot.hwif.registers import DISCRETE_LINES, ENC_COUNT, STATUS, STATUS_POWER
 from qrobot.hwif.trace import read_trace
 from qrobot.modecodes import Mode
@@ -260,10 +260,18 @@ class RunningArm:
             return read_trace(segment.memory)
 
     def _image(self) -> Any:
+        return self._whole_image()[IMAGE_INPUTS:]
+
+    def _whole_image(self) -> Any:
         image = make_image()
         with attach_board_memory(self.name) as segment:
             MemoryEndpoint(segment.memory).read_image(image)
-        return image[IMAGE_INPUTS:]
+        return image
+
+    @property
+    def image_count(self) -> int:
+        """Number of the newest image that a board has shown."""
+        return int(self._whole_image()[IMAGE_COUNT])
 
     @property
     def powered(self) -> bool:

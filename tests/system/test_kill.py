@@ -276,7 +276,9 @@ def test_a_servo_without_its_board_faults_and_takes_a_new_board_as_it_is(arm: Ru
         assert arm.snapshot().fault in (FaultCode.BOARD_GONE, FaultCode.FOLLOWING)
         assert_the_rest_runs(arm, before, "board")
         assert program.wait(PATIENCE_S) == 1
+    last = arm.image_count
     arm.processes.start("board")
+    wait_until(lambda: arm.image_count != last, "an image of the new board, whose counters begin anew")
     assert_nothing_moves(arm)
     assert arm.mode is Mode.FAULT
     assert not arm.powered
