@@ -36,6 +36,7 @@ from qrobot.val.vocabulary import (
     NUMBER_VALUES,
     OUTPUTS,
     moves_nothing,
+    taken,
 )
 from qrobot.val.workspace import Workspace
 
@@ -116,10 +117,15 @@ class _Checker:
         return stored | parameters | self._changed | {*LOCATION_VALUES, *NUMBER_VALUES}
 
     def _mistakes_of(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        yield from self._words(action)
         yield from self._calls(action)
         yield from self._signals(action)
         yield from self._places(action)
         yield from self._values(action)
+
+    def _words(self, action: tree.StepAction) -> Iterator[ProgramError]:
+        if not isinstance(action, tree.ProgramCall):  # a program may be handed PI, and leave it as it is
+            yield from (ProgramError(refusal, column=1) for name in _names_given(action) if (refusal := taken(name)))
 
     def _moves(self, program: tree.ValProgram, action: tree.StepAction) -> Iterator[ProgramError]:
         if program.name in self._beside and isinstance(action, tree.Instruction) and action.word in MOVING:

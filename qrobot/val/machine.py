@@ -15,7 +15,7 @@ from qrobot.val.parser import parse_variable
 from qrobot.val.source import SourceFile, stored_name
 from qrobot.val.tree import NumberLiteral, ValProgram, VariableName
 from qrobot.val.values import JointLocation, Transformation, ValValue, joint_location, stored_numbers, transformation
-from qrobot.val.vocabulary import INPUTS, INTERNAL, LOCATION_VALUES, NUMBER_VALUES, OUTPUTS, SWITCHES
+from qrobot.val.vocabulary import INPUTS, INTERNAL, OUTPUTS, SWITCHES, taken
 from qrobot.val.workspace import Workspace
 
 DEFAULT_MONITOR_SPEED: Final = 50.0  # percent; V+'s, recalled
@@ -82,8 +82,8 @@ class Machine:
     def store(self, key: CellKey, value: ValValue) -> None:
         """Give a variable a value. Raises ProgramError: it is a name of the language, or of the other kind."""
         name, precise = key[0], key[0].rpartition(":")[2].startswith("#")
-        if name in LOCATION_VALUES or name in NUMBER_VALUES:
-            raise ProgramError(f"{name.upper()} cannot be given a value")
+        if refusal := taken(name):
+            raise ProgramError(refusal)
         if precise != isinstance(value, JointLocation):
             raise ProgramError("a precision point has a # in front, other locations and numbers have none")
         self.values[key] = value

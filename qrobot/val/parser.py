@@ -41,7 +41,8 @@ def parse_line(text: str, line: int = 0) -> ProgramLine:
         label, action = _parse(step, "step")
         check_action(action)
     except ProgramError as error:
-        raise ProgramError(error.what + _form(step), line, max(error.column, column)) from None
+        form = _form(step) if "expected" in error.what else ""
+        raise ProgramError(error.what + form, line, max(error.column, column)) from None
     return ProgramLine(action, label, comment, line, column)
 
 

@@ -90,6 +90,13 @@ FORMS: Final[dict[str, str]] = {
 """Form of a line that begins with a word, for those whose arguments are no plain list."""
 
 
+def taken(name: str) -> str:
+    """Reason for which `name` is no variable; "" when it may be one."""
+    if name in LOCATION_VALUES or name in NUMBER_VALUES:
+        return f"{name.upper()} is a word of VAL and cannot be given a value: choose another name"
+    return ""
+
+
 def form_of(word: str) -> str:
     """Form of a line that begins with `word`, in capitals; "" for one that has nothing behind it."""
     arguments = INSTRUCTIONS.get(word) or MANNERS.get(word) or ()
