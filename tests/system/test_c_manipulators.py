@@ -18,7 +18,7 @@ from qrobot.multi_rccl.c.dispatcher import ManipDispatcher
 from qrobot.multi_rccl.program import _program
 from qrobot.rccl.program import ending
 from qrobot.rccl.trace import Trace
-from tests.support.c_programs import CHECKED, EXAMPLES, compiled, compiled_text, needs_compiler, offline
+from tests.support.c_programs import CHECKED, EXAMPLES, compiled, compiled_text, needs_compiler, offline, way_of_c
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("own_cache")]
 ROUNDING = 2e-6  # rad: fields of C programs are single precision
@@ -103,6 +103,42 @@ def test_under_sanitizers_two_hands_are_sent_where_those_of_their_twin_are_c22(t
     for in_c, in_python in zip(ways(traces), twin(), strict=True):
         assert in_c.shape == in_python.shape
         assert np.abs(in_c - in_python).max() < ROUNDING
+
+
+EDITS = (
+    (r"\bmain\(\)\n{", 'MANIP *arm;\n\nmain()\n{\n    arm = rccl_open("puma560");\n    rccl_control(arm);'),
+    (r"\b(move|setmode|setvel|setime|distance)\(", r"\1(arm, "),
+    (r'\bmakeposition\("\w+", ', "makePosition("),
+    (r"\bt6\b", "TRANS"),
+    (r"\bpark\b", 'rccl_pose(arm, "park")'),
+    (r"\bcompleted\b", "arm->completed"),
+    (r"\bOPEN\b", "OPEN(arm);"),
+    (r"\bCLOSE\b", "GRASP(arm);"),
+    (r"\bhow\.time\b", "0."),  # there is no clock of the program's
+)
+"""What a program of one arm needs, as docs/how-to/two-arms.md says."""
+
+
+@pytest.mark.parametrize("name", ["s01_four_corners", "s02_grasp", "s07_stack_blocks"])
+def test_a_program_of_one_arm_runs_with_small_edits_and_sends_the_same_setpoints(name: str, tmp_path: Path) -> None:
+    text = (EXAMPLES / "c" / f"{name}.c").read_text()
+    for old, new in EDITS:
+        text = re.sub(old, new, text)
+    source = tmp_path / "edited.c"
+    source.write_text(text)
+    status, traces = run(compiled(source, tmp_path))
+    assert status == 0
+    (edited,), before = ways(traces), way_of_c(compiled(EXAMPLES / "c" / f"{name}.c", tmp_path))
+    assert [request.code for request in traces[0].requests].count(-1) == len(traces[0].requests)
+    edited, before = under_way(edited), under_way(before)
+    assert edited.shape == before.shape
+    assert np.array_equal(edited, before)
+
+
+def under_way(q: Floats) -> Floats:
+    """Setpoints from the first that moves to the last. Shape (samples, n)."""
+    moving = np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1))
+    return q[moving[0] : moving[-1] + 2]
 
 
 def test_every_call_does_what_it_says(tmp_path: Path, capfd) -> None:
