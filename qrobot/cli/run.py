@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, choose_arms, inside_fences, robot_of_arm
+from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arms, inside_fences, robot_of_arm
 from qrobot.cli.console import FAILURE, complain, err, note
 from qrobot.cli.option_types import OutputFolder, OutputLog, RateHz, checked_folder
 from qrobot.cli.program_errors import own_place, own_traceback
@@ -71,8 +71,8 @@ def run(
     deployment
         Deployment file, or the name of a packaged one: tells where the bridge is.
     arm
-        Which arm of the file; may be left out when there is only one. With --lockstep or --offline it may be left out
-        for a program of several arms, which takes them by their names or the addresses of their bridges.
+        Which arm of the file; may be left out when there is only one, and for a program of several arms, which takes
+        them by their names or the addresses of their bridges.
     lockstep
         On virtual time, without processes.
     offline
@@ -101,7 +101,7 @@ def run(
     _check(program, given, lockstep, offline)
     from qrobot.cli.arm_links import links_of
 
-    arms = choose_arms(deployment, arm) if lockstep or offline else (choose_arm(deployment, arm),)
+    arms = choose_arms(deployment, arm)
     start = partial(_start, program, arguments, arms[0].robot)
     folder = output
     if offline and folder is None:
@@ -112,7 +112,7 @@ def run(
             return run_virtual(links_of(arms, offline_links), start, folder, ideal=True)
         if not lockstep:
             _tell_scene(program)
-            return run_through(bridge_links(arms[0]), start, folder)
+            return run_live(arms, start, folder)
         from qrobot.cli.run_lockstep import LockstepRun
 
         return LockstepRun(arms, program, plant, scene, law, model, rate).perform(
@@ -189,6 +189,20 @@ def run_virtual(links: ArmLinks, start: Callable[[], int], output: Path | None =
             return run_through(the_only(links), start, output, ideal)
         finally:
             rci.rci_close()
+
+
+def run_live(arms: Sequence[DeployedArm], start: Callable[[], int], output: Path | None = None) -> int:
+    """`run_through` the bridge of an arm, or those of several, which the program names."""
+    if len(arms) == 1:
+        return run_through(bridge_links(arms[0]), start, output)
+    from qrobot import rci
+    from qrobot.cli.arm_links import links_of, the_only
+    from qrobot.realtime.startup_order import await_turn
+
+    await_turn()
+    links = links_of(arms, lambda arm: partial(rci.TcpLink, address=(arm.bridge.host, arm.bridge.port)))
+    with rci.use(links, virtual_time=False):
+        return run_through(the_only(links), start, output)
 
 
 def run_through(factory: LinkFactory, start: Callable[[], int], output: Path | None = None, ideal: bool = False) -> int:

@@ -16,6 +16,7 @@ from qrobot.cli.main import make_app
 from qrobot.model.arm import Arm
 from qrobot.model.transform import inverse, so3_log
 from qrobot.multi_rccl import RobotManip, wait_as
+from qrobot.multi_rccl.program import _program
 from qrobot.rccl.program import ending
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
@@ -56,7 +57,12 @@ def test_the_dual_arm_program_grasps_and_carries_what_its_camera_tracks_s08(caps
         (("--lockstep", "22_two_hands.py"), "the one emulated arm, already.* --deployment two_arms"),
         (("--lockstep", "--deployment", "two_arms", "--log", "x.mcap", "22_two_hands.py"), "give a folder"),
         (("--offline", "--deployment", "two_arms", "01_park_and_return.py"), "several arms.* with --arm"),
-        (("--deployment", "two_arms", "22_two_hands.py"), r"with --arm \(left, right\)"),
+        (("--deployment", "two_arms", "01_park_and_return.py"), "several arms.* with --arm"),
+        (
+            ("--deployment", "two_arms", "arcl/s11_first_program.py"),
+            "no way to robot 'puma560'.* left, right, .* --arm",
+        ),
+        (("--deployment", "two_arms", "22_two_hands.py"), r"no bridge at 127\.0\.0\.1:5600"),
     ],
 )
 def test_a_run_whose_arms_are_not_clear_says_what_to_give(
@@ -67,7 +73,9 @@ def test_a_run_whose_arms_are_not_clear_says_what_to_give(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    token = _program.set(None)  # what this one opens is not for the programs of other tests
     assert run(*words[:-1], str(EXAMPLES / words[-1])) == 1
+    _program.reset(token)
     assert re.search(told, capsys.readouterr().err)
 
 
