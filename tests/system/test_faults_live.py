@@ -75,6 +75,7 @@ def repair(arm: RunningArm) -> Injected:
 def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_back(
     arm: RunningArm, program: Path, line: str, code: FaultCode
 ) -> None:
+    known = _recordings(arm, code)
     with arm.moving(program, FAST):
         injected_ns = inject(arm, line)
         arm.wait_for(Mode.FAULT)
@@ -83,7 +84,7 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
     assert 0 <= safe_ns - injected_ns < SOON_NS
     assert repair(arm).acted > 0
     wait_until(lambda: not arm.powered, "power off")
-    wait_until(lambda: _saved(arm, code, injected_ns), "the flight recorder's file")
+    wait_until(lambda: _saved(arm, code, known), "the flight recorder's file")
     before = np.array(arm.encoders())
     with attach_servo_memory(arm.name) as segment:
         ServoMailbox(segment.words).request_power(False)
@@ -95,18 +96,20 @@ def test_a_fault_on_the_way_takes_torque_and_power_and_a_clear_brings_neither_ba
         assert arm.mode is Mode.TRACKING
 
 
-def _saved(arm: RunningArm, code: FaultCode, since_ns: int) -> bool:
+def _recordings(arm: RunningArm, code: FaultCode) -> set[Path]:
+    """Files of the flight recorder about a fault."""
+    return set((arm.deployment.parent / "log" / "incidents").glob(f"{arm.name}-{code.name}-*.mcap"))
+
+
+def _saved(arm: RunningArm, code: FaultCode, known: set[Path]) -> bool:
     """The flight recorder has written a whole file about a new fault `code`, with what happened in it."""
-    folder = arm.deployment.parent / "log" / "incidents"
-    names = sorted(folder.glob(f"{arm.name}-{code.name}-*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-    for path in names[-1:]:
+    for path in _recordings(arm, code) - known:
         with suppress(LogError):  # it has just been begun
             log = read_log(path)
-            if log.torn or log.rows["t_ns"][-1] < since_ns:
+            if log.torn:
                 return False
             [incident] = incidents_of(log)
             assert log.rows["t_ns"][0] < incident.t_ns < log.rows["t_ns"][-1]
-            assert incident.t_ns > since_ns
             return incident.code == code
     return False
 
