@@ -5,9 +5,9 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager
 from typing import ClassVar, Final
-from weakref import WeakSet
+from weakref import WeakKeyDictionary
 
 from qrobot.errors import LinkError, MotionError, QRobotError
 from qrobot.rccl.task import TrajectoryTask
@@ -36,7 +36,7 @@ class ArmSession:
         released: the arm was let go of.
     """
 
-    _holds: ClassVar[WeakSet[ArmSession]] = WeakSet()
+    _holds: ClassVar[WeakKeyDictionary[ArmSession, None]] = WeakKeyDictionary()  # in the order they were taken
 
     def __init__(self, name: str, link: Link, task: TrajectoryTask) -> None:
         self._name = name
@@ -56,7 +56,7 @@ class ArmSession:
             self._driver.end()
             raise
         atexit.register(self._at_exit)
-        self._holds.add(self)
+        self._holds[self] = None
 
     def _new_driver(self, before: SampleDriver | None) -> SampleDriver:
         task = self._task
@@ -153,7 +153,7 @@ class ArmSession:
         if self.released:
             return
         self.released = True
-        self._holds.discard(self)
+        self._holds.pop(self, None)
         atexit.unregister(self._at_exit)
         try:
             if self._driver.error is None:
@@ -218,10 +218,15 @@ class ArmSession:
 
     @classmethod
     def end_all(cls, well: bool) -> None:
-        """`end` those of all arms; raises errors of a program that ended well."""
+        """`end` those of all arms, in the order they were taken; raises a program's first error if it ended well."""
+        failed: list[QRobotError] = []
         for hold in list(cls._holds):
-            with nullcontext() if well else suppress(QRobotError):
-                hold.end(well)
+            try:
+                hold.end(well and not failed)
+            except QRobotError as error:
+                failed.append(error)
+        if failed and well:
+            raise failed[0]
 
     def _at_exit(self) -> None:
         """The interpreter ends: well, unless something has been raised that nobody has handled."""

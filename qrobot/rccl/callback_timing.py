@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from weakref import WeakSet
+from weakref import WeakKeyDictionary
 
 from qrobot.motion import Equation
 from qrobot.rccl.transforms import Transform
@@ -22,17 +22,17 @@ class CallbackTiming:
     def __init__(self, period_ms: float) -> None:
         self.share: InterpreterShare | None = None
         self._period_ms = period_ms
-        self._watched: WeakSet[Transform] = WeakSet()
+        self._watched: WeakKeyDictionary[Transform, None] = WeakKeyDictionary()  # in the order of the motions
 
     def watch(self, equation: Equation | None) -> None:
         """Its transforms count from now on."""
         if equation is not None:
-            self._watched.update(term for term in equation.terms if isinstance(term, Transform))
+            self._watched.update({term: None for term in equation.terms if isinstance(term, Transform)})
 
     @property
     def overruns(self) -> dict[str, float]:
         """The longest time of each function that took longer than a sample, ms, by the name of its transform."""
-        return {trsf.name: trsf.longest_ms for trsf in self._watched if trsf.longest_ms > self._period_ms}
+        return {trsf.name: trsf.longest_ms for trsf in list(self._watched) if trsf.longest_ms > self._period_ms}
 
     def complaint(self) -> str:
         """Remark for a stop that the program itself may have caused; empty when nothing of it took too long."""

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import count
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from qrobot.motion import Termination
 from qrobot.rccl import EQ, TL, gentr_rot, gentr_trsl, makeposition, newtrans, t6, yunit
 from qrobot.rccl.program import ending
 from qrobot.rci import VirtualLink
+from qrobot.wire import Hello
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import PARK
 
@@ -109,6 +111,51 @@ def test_a_last_motion_that_cannot_be_done_is_an_error_and_the_arm_is_let_go(rob
     with pytest.raises(MotionError, match=r"puma560: the program has ended, but not all its motions were done: AWAY"):
         goes_out_of_reach()
     assert robot.goodbyes == 1
+
+
+ARMS = 8
+
+
+@pytest.fixture
+def left() -> Iterator[list[int]]:
+    """Numbers of arms, in the order in which a program that takes `ARMS` of them has let go of them."""
+    gone: list[int] = []
+
+    def link(hello: Hello) -> VirtualLink:
+        number, fake = next(numbers), FakeRobot(tuple(PARK))
+
+        def transfer(data: bytes) -> bytes:
+            before, answer = fake.goodbyes, fake.transfer(data)
+            gone.extend([number] * (fake.goodbyes - before))
+            return answer
+
+        return VirtualLink(hello, transfer)
+
+    numbers = count()
+    with rccl.use(link):
+        yield gone
+
+
+def test_several_arms_end_in_the_order_in_which_they_were_taken(left: list[int]) -> None:
+    with ending():
+        for arm in [rccl.control() for _ in range(ARMS)]:
+            arm.move(rccl.jposition("GOAL", GOAL_DEG))
+    assert left == list(range(ARMS))
+
+
+def test_when_one_arm_cannot_do_its_motions_all_are_let_go_of_and_its_error_is_told(left: list[int]) -> None:
+    def program() -> None:
+        with ending():
+            arms = [rccl.control() for _ in range(3)]
+            away = newtrans("OUT", lambda t: setattr(t.p, "x", 400.0 + 0.5 * arms[0].time))
+            e, table = gentr_trsl("E", 0, 0, 100), gentr_rot("T", 0, 50, -300, yunit, 180)
+            arms[0].setmode("cartesian")
+            arms[0].setvel(100, 90)
+            arms[0].move(makeposition("AWAY", t6, e, EQ, table, away, TL, e))
+
+    with pytest.raises(MotionError, match="not all its motions were done: AWAY"):
+        program()
+    assert left == [0, 1, 2]
 
 
 SCRIPT = """
