@@ -85,11 +85,15 @@ class Page:
 
     def click_at(self, place: str) -> None:
         """Click on the first element of a selector once it can be seen, is not covered, and may be clicked."""
-        wait_until(lambda: self.run(CLICK, place), f"a click on {place}")
+        wait_until(lambda: self.click_if(place), f"a click on {place}")
 
     def click(self, identity: str) -> None:
         """The same by its id."""
         self.click_at(f"#{identity}")
+
+    def click_if(self, place: str) -> bool:
+        """Click on the first element of a selector if that can be done now."""
+        return bool(self.run(CLICK, place))
 
     def choose_option(self, identity: str, value: str) -> bool:
         """Choose an option; False when there is none of that value."""

@@ -69,8 +69,11 @@ class SharedArm:
 
 
 def settle(arm: RunningArm) -> None:
-    """Start what has ended, repair the board, clear the fault, take power away, let the wrist fall."""
+    """Start what has ended, repair the board, clear the fault, take power away, let the wrist fall; at full speed."""
     arm.start_missing()
+    with attach_servo_memory(arm.name) as servo:
+        ServoMailbox(servo.words).request_override(1.0)
+        ServoMailbox(servo.words).request_pause(False)
     with attach_board_memory(arm.name) as board:
         FaultPanel(board.memory).clear()
     wait_until(lambda: _off(arm), "the arm is off, without a fault")

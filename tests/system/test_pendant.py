@@ -317,8 +317,7 @@ def let_it_go_on(page: Page, arm: RunningArm) -> None:
     """Confirm, and once more when the servo has stopped the arm again: a machine that stalls loses its stream."""
 
     def moves() -> bool:
-        if page.flag(RobotFlag.PAUSED) or page.flag(RobotFlag.PATH_WAITS):
-            page.click("program-pause")
+        page.click_if("#program-pause[data-on]")  # a click on what it is without that would pause the motions again
         assert state_of_program(page) == "running", page.run("return document.getElementById('output').textContent")
         return not is_at_rest(arm)
 

@@ -12,6 +12,7 @@ const SHOWN = [0, 1, 2, 5, 4, 3]; // of x y z roll pitch yaw (about z, y, x), in
 const AXIS_KEYS = { x: 0, y: 1, z: 2, u: 3, v: 4, w: 5 };
 const TYPING = "input, textarea, select, [contenteditable]";
 const PAUSED = 64, PATH_WAITS = 1024; // of the flags
+const ANSWER_MS = 1000; // [A] in which the arm shows that it goes on
 const MAY_POWER = ["OFF"], MAY_CLEAR = ["FAULT"];
 
 export function makeDrive(root) {
@@ -135,10 +136,15 @@ function axisRow(title, axisUnit, a, ask) {
 export function speedCard(prefix = "") {
   const slider = el("input", { type: "range", id: `${prefix}override`, min: "0", max: "100", step: "5", value: "100", "aria-label": "speed override, percent" });
   const told = el("output", { class: "number", id: `${prefix}override-told` });
-  const pause = el("button", { id: `${prefix}pause`, onclick: () => link.act(paused() || waits() ? "resume" : "pause") });
+  const pause = el("button", { id: `${prefix}pause`, onclick: () => press() });
   const flag = (bit) => Boolean((link.arm?.state?.flags ?? 0) & bit);
   const paused = () => flag(PAUSED), waits = () => flag(PATH_WAITS);
-  let asked = -Infinity;
+  let asked = -Infinity, offered = "pause", resumed = -Infinity;
+  const press = () => { // what the button shows, not what the newest sample would make of it
+    if (offered === "resume") resumed = performance.now();
+    link.act(offered);
+    show();
+  };
   slider.addEventListener("input", () => (asked = performance.now()));
   slider.addEventListener("change", () => {
     asked = performance.now();
@@ -147,9 +153,11 @@ export function speedCard(prefix = "") {
   const show = () => {
     const state = link.arm && link.fresh(link.arm) ? link.arm.state : null;
     slider.disabled = !link.driving || !state;
-    pause.disabled = !state || ((paused() || waits()) && !link.driving);
+    offered = paused() || waits() ? "resume" : "pause";
+    const answered = offered === "pause" || performance.now() - resumed > ANSWER_MS;
+    pause.disabled = !state || !answered || (offered === "resume" && !link.driving);
     setText(pause, waits() ? "▶ Go back to the path" : paused() ? "▶ Go on" : "‖ Pause motions");
-    setAttribute(pause, "data-on", paused() || waits());
+    setAttribute(pause, "data-on", offered === "resume");
     setText(told, state ? `${Math.round(100 * state.override)} %` : "?");
     if (state && performance.now() - asked > 1000) slider.value = String(Math.round(100 * state.override));
   };
