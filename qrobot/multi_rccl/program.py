@@ -8,15 +8,21 @@ from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 from qrobot.config import robot_path
 from qrobot.errors import ConfigError, LinkError, MotionError
+from qrobot.motion import Trsf
 from qrobot.multi_rccl.manip import Manip
 from qrobot.multi_rccl.object_frame import ObjectFrame
+from qrobot.multi_rccl.positions import goal_for
 from qrobot.multi_rccl.robot_manip import RobotManip
 from qrobot.rccl.arguments import numbers, require_function
 from qrobot.rccl.channel import Channel
+from qrobot.rccl.database import DataBase
 from qrobot.rccl.event import Event
 from qrobot.rccl.parameters import MotionParameters
 from qrobot.rccl.position import Position
 from qrobot.rccl.task_group import TaskGroup
+from qrobot.rccl.teach_transform import Prompt, Say
+from qrobot.rccl.teach_transform import teach as teach_arm
+from qrobot.rccl.transforms import Transform
 from qrobot.rci.environment import environment
 from qrobot.rci.link import Link
 from qrobot.rci.robot_data import KnownRobot
@@ -256,6 +262,29 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+def update(manip: Manip, trsf: Trsf, position: Position) -> None:
+    """Give `trsf`, when the arm's next motion ends, the value that makes the equation of `position` true there.
+
+    Raises:
+        MotionError: see `rccl.update`; or the position is solved for another manipulator.
+    """
+    arm = _arm("update", manip)
+    arm.channel.update(trsf, goal_for("update", position, arm.trans, arm.name))
+
+
+def teach(manip: Manip, trsf: Transform, position: Position, database: DataBase | None = None) -> int:
+    """Let a person show a transform with one of the arms, in the terminal; see `teach_transform.teach`."""
+    return teach_by(manip, trsf, position, database, input, print)
+
+
+def teach_by(
+    manip: Manip, trsf: Transform, position: Position, database: DataBase | None, ask: Prompt, say: Say
+) -> int:
+    """The same in a terminal of another process."""
+    arm = _arm("teach", manip)
+    return teach_arm(arm.channel, trsf, goal_for("teach", position, arm.trans, arm.name), database, ask, say)
+
+
 def _parameter(call: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Manip, P], R]:
     """A call of RCCL for the motions of one manipulator."""
 
@@ -282,6 +311,9 @@ lock = _parameter(MotionParameters.lock)
 pose = _parameter(Channel.pose)
 jposition = _parameter(Channel.jposition)
 collision = _parameter(Channel.collision)
+setload = _parameter(Channel.setload)
+override = _parameter(Channel.override)
+pause = _parameter(Channel.pause)
 keep_path = _parameter(Channel.keep_path)
 resume = _parameter(Channel.resume)
 

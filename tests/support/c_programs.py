@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -23,6 +24,21 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 CHECKED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")  # a leak or a stray access: status 1
 FOUND = 99  # exit status of a program in which valgrind has found something
 VALGRIND = f"valgrind --quiet --leak-check=full --errors-for-leak-kinds=definite,possible --error-exitcode={FOUND}"
+EDITS = (
+    (r'#include "rccl.h"\n', '#include "rccl.h"\n\nMANIP *arm;\n'),
+    (r"\bmain\(\)\n{([^=(]*;\n)?", r'main()\n{\1\n    arm = rccl_open("puma560");\n    rccl_control(arm);'),
+    (r"\bmove\((p1|p2)\)", r"trackingMode(arm); move(\1)"),  # S-05: where a sensor moves the goal
+    (r"\b(move|setmode|setvel|setime|distance|update|comply|lock)\(", r"\1(arm, "),
+    (r'\bmakeposition\("\w+", ', "makePosition("),
+    (r"\bt6->", "arm->trans."),
+    (r"\bt6\b", "TRANS"),
+    (r"\bpark\b", 'rccl_pose(arm, "park")'),
+    (r"\b(completed|nbrequest|nextmove)\b", r"arm->\1"),
+    (r"\bOPEN\b", "OPEN(arm);"),
+    (r"\bCLOSE\b", "GRASP(arm);"),
+    (r"\bhow\.time\b", "0."),  # there is no clock of the program's
+)
+"""What a program of one arm needs in Multi-RCCL, as docs/how-to/two-arms.md says."""
 needs_compiler = pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: apt install gcc libc6-dev")
 
 needs_valgrind = pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind: apt install valgrind")
@@ -34,6 +50,14 @@ def compiled(source: Path, folder: Path, *flags: str) -> Path:
     command = toolchain.command_line([*flags, str(source), "-o", str(target)])
     subprocess.run(command, check=True)
     return target
+
+
+def edited_for_manipulators(source: Path) -> str:
+    """A program of RCCL 1.0 with the small edits that make it one of Multi-RCCL."""
+    text = source.read_text()
+    for old, new in EDITS:
+        text = re.sub(old, new, text)
+    return text
 
 
 def compiled_text(text: str, folder: Path, *flags: str, name: str = "program") -> Path:

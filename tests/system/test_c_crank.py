@@ -10,13 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qrobot import rccl
+from qrobot import rccl, rci
+from qrobot.c_transport.program import run_served
 from qrobot.config.scene import Scene
+from qrobot.multi_rccl.c.__main__ import other_release
+from qrobot.multi_rccl.c.dispatcher import ManipDispatcher
 from qrobot.rccl.c.program import run_executable
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
-from tests.support.c_programs import CHECKED, EXAMPLES, compiled, needs_compiler, needs_valgrind, under_valgrind
+from tests.support.c_programs import (
+    CHECKED,
+    EXAMPLES,
+    compiled,
+    edited_for_manipulators,
+    needs_compiler,
+    needs_valgrind,
+    under_valgrind,
+)
 from tests.support.puma import ROBOT
 from tests.support.tables import crank_angle
 
@@ -55,6 +66,18 @@ def test_in_c_the_crank_is_turned_on_the_way_of_its_twin_to_rounding_and_in_cont
     assert off.max() < APART
     angles = np.degrees([crank_angle(rig.emulator) for rig in (in_c, in_python)])
     assert np.abs(angles - 4 * 360.0).max() < 2.0
+
+
+def test_the_crank_is_turned_by_a_manipulator_too_after_small_edits_s06(tmp_path: Path, capfd) -> None:
+    source = tmp_path / "edited.c"
+    source.write_text(edited_for_manipulators(EXAMPLES / "c" / "s06_crank.c"))
+    program = compiled(source, tmp_path)
+    rig = LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, scene=Scene(kind="crank")))
+    with rci.use(partial(link_factory, rig, SAMPLE_US)):
+        assert run_served(program, (), [other_release, other_release, ManipDispatcher]) == 0
+    assert capfd.readouterr().out.startswith("turned 4 times")
+    assert not rig.rows()["fault"].any()
+    assert abs(np.degrees(crank_angle(rig.emulator)) - 4 * 360.0) < 2.0
 
 
 @needs_valgrind

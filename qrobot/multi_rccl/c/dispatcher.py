@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -65,6 +65,8 @@ class ManipDispatcher:
         if not background and self._terminate[0] and op is not Op.RELEASE:
             self.let_go()
             raise MotionError("the program has set `terminate`")
+        if not background:
+            _skip([each for each in self._manips.values() if not isinstance(each.manip, RobotManip) or each.manip.on])
         try:
             answer = call.handler(self, message)
         except UnknownError as error:
@@ -96,12 +98,7 @@ class ManipDispatcher:
         shared.take_outputs(arm)
         if self._terminate[0]:
             arm.cancel(0.0)
-        for each in (shared, *self._frames()):
-            if code := each.take_nextmove():
-                each.manip.skip(code)
-
-    def _frames(self) -> list[SharedManip]:
-        return [each for each in list(self._manips.values()) if not isinstance(each.manip, RobotManip)]
+        _skip([shared, *(each for each in list(self._manips.values()) if not isinstance(each.manip, RobotManip))])
 
     def _show(self) -> None:
         for shared in list(self._manips.values()):
@@ -211,6 +208,31 @@ class ManipDispatcher:
         (calls.open_hand if message.text == "open" else calls.grasp)(_arm(self, message))
         return None
 
+    def collision(self, message: CallMessage) -> CallReply:
+        """Choose what follows a collision, with a way back, mm, and thresholds of `n` joints, 0 for the file's."""
+        mm, *thresholds = message.numbers[: message.n + 1]
+        calls.collision(self.manip(message), message.text, thresholds if message.n else None, mm)
+        return None
+
+    def setload(self, message: CallMessage) -> CallReply:
+        """Tell what the hand holds: mass, centre, inertia."""
+        calls.setload(self.manip(message), message.numbers[0], message.numbers[1:4], message.numbers[4:10])
+        return None
+
+    def update(self, message: CallMessage) -> CallReply:
+        """Measure the transform at refs[0] when the next motion ends, by the position at refs[1]."""
+        trans, position = self.objects.transform(message.refs[0]), self.objects.position(message.refs[1])
+        calls.update(self.manip(message), trans, position)
+        return None
+
+    def teach(self, message: CallMessage) -> CallReply:
+        """A person shows the transform at refs[0] with an arm, by the position at refs[1]; the answer is YES or NO."""
+        trans, position = self.objects.transform(message.refs[0]), self.objects.position(message.refs[1])
+        data_base, link = self.recorded.database, self._link
+        return CallMessage(
+            Op.REPLY, calls.teach_by(_arm(self, message), trans, position, data_base, link.ask, link.say)
+        )
+
     def keep_path(self, message: CallMessage) -> CallReply:
         """Keep the path in a stop of the servo when `n` is not 0, with a way back of so many mm and degrees at most."""
         calls.keep_path(self.manip(message), bool(message.n), message.numbers[0], message.numbers[1])
@@ -236,6 +258,13 @@ class ManipDispatcher:
 def _arm(dispatcher: ManipDispatcher, message: CallMessage) -> Any:
     """The manipulator of a call; whether it is an arm, the call finds out."""
     return dispatcher.manip(message)
+
+
+def _skip(manips: Iterable[SharedManip]) -> None:
+    """End the motions that the program wants to be ended."""
+    for each in manips:
+        if code := each.take_nextmove():
+            each.manip.skip(code)
 
 
 def _in_c(text: str) -> str:
@@ -326,6 +355,12 @@ CALLS: Final[dict[Op, ManipCallRow]] = {
     Op.COMPLY: _directions(calls.comply),
     Op.EVALFN: ManipCallRow(ManipDispatcher.evalfn),
     Op.HAND: ManipCallRow(ManipDispatcher.hand),
+    Op.OVERRIDE: _numbers(calls.override, 1),
+    Op.PAUSE: _plain(calls.pause),
+    Op.COLLISION: ManipCallRow(ManipDispatcher.collision, waits=True),
+    Op.SETLOAD: ManipCallRow(ManipDispatcher.setload, waits=True),
+    Op.UPDATE: ManipCallRow(ManipDispatcher.update),
+    Op.TEACH: ManipCallRow(ManipDispatcher.teach, waits=True),
     Op.KEEP_PATH: ManipCallRow(ManipDispatcher.keep_path),
     Op.KEPT: ManipCallRow(ManipDispatcher.kept),
     Op.RESUME: _plain(calls.resume),

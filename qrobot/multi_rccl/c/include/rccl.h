@@ -106,14 +106,30 @@ int rccl_manip_distance();
 int rccl_manip_limit();
 int rccl_manip_comply();
 
+/* When the next motion of an arm ends, trans gets the value that makes the equation of p true there. */
+#define update rccl_manip_update
+int update(MANIP_PTR m, TRSF_PTR trans, POS_PTR p);
+
+/* A person moves an arm in the terminal and records trans; NO if it was not. */
+#define teach rccl_manip_teach
+int teach(MANIP_PTR m, TRSF_PTR trans, POS_PTR p);
+
 /* The hand of an arm, now. */
 #define GRASP(m) rccl_manip_hand(m, YES)
 #define OPEN(m) rccl_manip_hand(m, NO)
 int rccl_manip_hand(MANIP_PTR m, int closed);
 
-/* -------------------------------------------------------------------------------------- going on after a stop */
+/* ---------------------------------------------------------- speed, collisions, load, and going on after a stop */
 
 /* Ours: as in RCCL 1.0, of one arm. */
+#define rccl_override rccl_manip_override
+#define rccl_pause rccl_manip_pause
+#define rccl_collision rccl_manip_collision
+#define rccl_setload rccl_manip_setload
+int rccl_override(MANIP_PTR m, double percent);
+int rccl_pause(MANIP_PTR m);
+int rccl_collision(MANIP_PTR m, char *reaction, double mm, double *thresholds);
+int rccl_setload(MANIP_PTR m, double kg, double *centre, double *inertia);
 #define rccl_keep_path rccl_manip_keep_path
 #define rccl_resume rccl_manip_resume
 #define rccl_kept rccl_manip_kept

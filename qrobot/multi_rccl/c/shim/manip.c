@@ -229,6 +229,55 @@ API int rccl_manip_hand(MANIP_PTR m, int closed)
     return ask(OP_HAND, m, closed ? "GRASP" : "OPEN", closed ? "close" : "open", 0, 0);
 }
 
+API int rccl_manip_override(MANIP_PTR m, double percent)
+{
+    return ask(OP_OVERRIDE, m, "rccl_override", "", percent, 0);
+}
+
+API int rccl_manip_pause(MANIP_PTR m)
+{
+    return ask(OP_PAUSE, m, "rccl_pause", "", 0, 0);
+}
+
+API int rccl_manip_collision(MANIP_PTR m, char *reaction, double mm, double *thresholds)
+{
+    struct message message = call_of(OP_COLLISION, m, "rccl_collision", shim_need(reaction, "rccl_collision", "a reaction"));
+    message.n = thresholds ? m->n : 0;
+    message.numbers[0] = mm;
+    if (thresholds)
+        memcpy(message.numbers + 1, thresholds, (size_t) m->n * sizeof *thresholds);
+    shim_call(&message);
+    return YES;
+}
+
+API int rccl_manip_setload(MANIP_PTR m, double kg, double *centre, double *inertia)
+{
+    struct message message = call_of(OP_SETLOAD, m, "rccl_setload", "");
+    shim_load(&message, kg, centre, inertia);
+    shim_call(&message);
+    return YES;
+}
+
+static struct message with_transform(enum op op, MANIP_PTR m, const char *call, TRSF_PTR trans, POS_PTR p)
+{
+    struct message message = call_of(op, m, call, "");
+    message.refs[0] = shim_ref(shim_need(trans, call, "a transform"));
+    message.refs[1] = shim_ref(shim_need(p, call, "a position"));
+    shim_call(&message);
+    return message;
+}
+
+API int rccl_manip_update(MANIP_PTR m, TRSF_PTR trans, POS_PTR p)
+{
+    with_transform(OP_UPDATE, m, "update", trans, p);
+    return YES;
+}
+
+API int rccl_manip_teach(MANIP_PTR m, TRSF_PTR trans, POS_PTR p)
+{
+    return with_transform(OP_TEACH, m, "teach", trans, p).n;
+}
+
 API int rccl_manip_keep_path(MANIP_PTR m, int keep, double way_back_mm, double way_back_deg)
 {
     struct message message = call_of(OP_KEEP_PATH, m, "rccl_keep_path", "");

@@ -151,6 +151,9 @@ void shim_wait_closed(int timeout_ms);
 /* event.c */
 int shim_take(volatile int *event, int stays); /* Use up one signal, if there is one; of what `stays` none is used up. */
 
+/* motion.c: what a hand holds: kg, mm, kg m2; NULL for a centre or an inertia of zeros. */
+void shim_load(struct message *m, double kg, const double *centre, const double *inertia);
+
 /* start.c */
 void shim_start(void); /* Reach the engine; does nothing the second time. */
 void shim_die(const char *text) __attribute__((noreturn)); /* Say why, and exit with status 1. */

@@ -176,14 +176,19 @@ API int rccl_collision(char *reaction, double mm, double *thresholds)
     return YES;
 }
 
+void shim_load(struct message *m, double kg, const double *centre, const double *inertia)
+{
+    m->numbers[0] = kg;
+    if (centre)
+        memcpy(m->numbers + 1, centre, 3 * sizeof *centre);
+    if (inertia)
+        memcpy(m->numbers + 4, inertia, 6 * sizeof *inertia);
+}
+
 API int rccl_setload(double kg, double *centre, double *inertia)
 {
     struct message m = shim_message(OP_SETLOAD, "");
-    m.numbers[0] = kg;
-    if (centre)
-        memcpy(m.numbers + 1, centre, 3 * sizeof *centre);
-    if (inertia)
-        memcpy(m.numbers + 4, inertia, 6 * sizeof *inertia);
+    shim_load(&m, kg, centre, inertia);
     shim_call(&m);
     return YES;
 }
