@@ -139,16 +139,18 @@ class ArmSession:
         if self.released or self._driver.error is not None:
             return
         failures = self._task.motions.failures
-        failures.clear()
-        group = self._task.group
+        before, group = len(failures), self._task.group
         self.wait(lambda: (look(), not self._task.eventful and not (group and group.busy))[1], ours=False)
-        if failures:
-            raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {failures[0]}")
+        if len(failures) > before:
+            last = failures[before]
+            del failures[before:]
+            raise MotionError(f"{self._name}: the program has ended, but not all its motions were done: {last}")
 
     def release(self, power_off: bool) -> None:
         """Bring the arm to rest, let go of it and close the link; a second call does nothing.
 
-        Raises what ended the hold before, if the program has not heard of it yet.
+        Motions that turned out to be impossible are told on stderr: a program that has not looked at the `code` of its
+        positions knows nothing of them. Raises what ended the hold before, if the program has not heard of it yet.
         """
         if self.released:
             return
@@ -163,6 +165,8 @@ class ArmSession:
             self._driver.end()
             if self._task.group is not None:
                 self._task.group.leave(self._task)
+        if failures := self._task.motions.failures:
+            print(f"{self._name}: could not be done on the way: {'; '.join(failures)}", file=sys.stderr)
         self._tell_error()
 
     def wait(self, predicate: Callable[[], bool], ours: bool = True) -> None:

@@ -98,6 +98,19 @@ def test_a_joint_is_at_its_limit_while_it_can_still_stop_before_it(side, joint) 
         assert judged(q, v, NOTHING) is code
 
 
+@pytest.mark.parametrize(("side", "joint"), [("q_min", 0), ("q_max", 0), ("q_min", 1), ("q_max", 1)])
+def test_a_joint_beyond_its_limit_may_stand_there_and_come_back_and_goes_no_farther(side, joint) -> None:
+    """A wrist without power falls, and a goal that moves is judged from where it has fallen to."""
+    out, q = np.sign(getattr(LIMITS, side)[joint]), MIDDLE.copy()
+    q[joint] = getattr(LIMITS, side)[joint] + 0.01 * out
+    inwards, outwards = np.zeros(2), np.zeros(2)
+    inwards[joint], outwards[joint] = -0.1 * out, 0.1 * out
+    assert judged(q, NOTHING, NOTHING) is Termination.NONE
+    assert judged(q, inwards, NOTHING) is Termination.NONE
+    assert judged(q, 1e-3 * outwards, NOTHING) is Termination.JOINT_LIMIT
+    assert judged(q, outwards, NOTHING) is Termination.JOINT_LIMIT
+
+
 def test_a_turn_of_more_than_half_a_circle_between_samples_is_a_joint_at_its_limit() -> None:
     points = [(1, np.array([-1.6, 0.0])), (2, np.array([1.6, 0.0]))]
     assert judge_next(points, PERIOD_S, LIMITS, Blend.QUARTIC) is Termination.JOINT_LIMIT

@@ -22,7 +22,7 @@ from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
 from qrobot.sim_board.emulator import Emulator
 from qrobot.sim_board.mismatch import PlantMismatch
-from tests.support.two_hands import ROBOT, TOOL, WORLD, carry, reach
+from tests.support.two_hands import GRIP, ROBOT, TOOL, WORLD, carry, reach
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ARM = Arm(ROBOT)
@@ -77,6 +77,23 @@ def test_a_run_whose_arms_are_not_clear_says_what_to_give(
     assert run(*words[:-1], str(EXAMPLES / words[-1])) == 1
     _program.reset(token)
     assert re.search(told, capsys.readouterr().err)
+
+
+def test_an_arm_whose_wrist_has_fallen_beyond_its_range_takes_part_as_well() -> None:
+    """Its goal moves, so that every setpoint is judged, from the first one on."""
+    start = np.radians([63.2, -57.3, 157.8, 21.7, 100.01, -38.6])
+    rigs = {
+        "left": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, start=start)),
+        "right": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)),
+    }
+    token = _program.set(None)
+    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}), ending():
+        obj, robots = reach()
+        left, right = (hand(robot, tuple(robot.channel.how.q)) for robot in robots)
+        for place, grip in ((left, GRIP["left"]), (right, GRIP["right"])):
+            assert off(obj.trans.value @ grip.value, place)[0] < 0.002
+    _program.reset(token)
+    assert not any(rig.rows()["fault"].any() for rig in rigs.values())
 
 
 def test_two_hands_keep_their_distance_within_the_sum_of_their_tracking_errors() -> None:

@@ -24,6 +24,7 @@ from qrobot.rccl.offline import OfflineLink
 from qrobot.rci.robot_data import RobotData
 from qrobot.rig.lockstep import LockstepRig, link_factory
 from qrobot.servo.settings import ServoSettings
+from qrobot.sim_board.emulator import Emulator
 from tests.support.c_programs import CHECKED, EXAMPLES, FOUND, VALGRIND, needs_compiler, needs_valgrind
 from tests.support.patience import PATIENCE_S, wait_until
 from tests.support.processes import RunningArm
@@ -174,6 +175,21 @@ def test_one_arm_mirrors_another_in_c(make: Make, capfd: pytest.CaptureFixture[s
         assert run_executable(example(make, "rci_mirror")) == 0
     behind = float(re.findall(r"at most (\S+) degrees", capfd.readouterr().out)[0])
     assert 0.1 < behind < 25.0 * np.pi / 8.4 * 0.084  # no more than three samples at the fastest of the swing
+
+
+def test_a_mirror_in_c_begins_wherever_the_arms_stand(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    start = np.radians([50.0, -70.0, 170.0, 20.0, 60.0, -40.0])
+    rigs = {
+        "left": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0), Emulator(ROBOT, start=start)),
+        "right": LockstepRig(ROBOT, ServoSettings(rate_hz=1000.0)),
+    }
+    with rci.use({name: partial(link_factory, rig, 28_000) for name, rig in rigs.items()}):
+        assert run_executable(example(make, "rci_mirror")) == 0
+    assert float(re.findall(r"at most (\S+) degrees", capfd.readouterr().out)[0]) < 1.5
+    left, right = (rig.rows() for rig in rigs.values())
+    assert not left["fault"].any()
+    assert not right["fault"].any()
+    assert right["q"][-1] == pytest.approx(np.array([-1, 1, 1, -1, 1, -1]) * left["q"][-1], abs=0.02)
 
 
 def test_a_hybrid_controller_in_c_makes_a_spring_of_one_joint(make: Make) -> None:

@@ -35,7 +35,8 @@ def judge_next(points: History, period_s: float, limits: MotionLimits, blend: Bl
     """Judge the newest of some setpoints: NONE, JOINT_LIMIT or TOO_FAST.
 
     Right is one from which the arm can be halted (joint_stop.py) without passing a limit of position, speed or
-    acceleration. A joint that could go on a whole turn away only is at its limit, too.
+    acceleration. A joint that could go on a whole turn away only is at its limit, too. One that begins beyond its
+    limit, as a wrist without power may, comes back or stays where it is.
     """
     rows, near_s, far_s = rows_of(points, period_s)
     return Termination(judge_rows(rows, near_s, far_s, limits.table, PEAK[blend]))
@@ -62,6 +63,6 @@ def judge_rows(rows: Floats, near_s: float, far_s: float, limits: Floats, peak: 
             rows[0, j] + min(run_out, 0.0) + min(lift, 0.0),
             rows[0, j] + max(run_out, 0.0) + max(lift, 0.0),
         )
-        if not (limits[0, j] <= low and high <= limits[1, j]):
+        if not (min(limits[0, j], rows[1, j]) <= low and high <= max(limits[1, j], rows[1, j])):
             return JOINT_LIMIT
     return NONE
