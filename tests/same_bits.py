@@ -37,6 +37,7 @@ LEFT_OUT = {
     "15_rci_tasks",
     "16_mirror",
     "17_spring",
+    "18_four_places",
     "22_two_hands",
     "s08_all_calls",
     "s09_assembly_cell",

@@ -94,13 +94,13 @@ def ways(traces: list[Trace]) -> list[Floats]:
     return [trace.setpoints.q for trace in traces]
 
 
-def twin() -> list[Floats]:
+def twin(example: str = "22_two_hands.py") -> list[Floats]:
     """Those of the example in Python."""
     token = _program.set(None)
 
     def start() -> None:
         with ending():
-            runpy.run_path(str(EXAMPLES / "22_two_hands.py"), run_name="__main__")
+            runpy.run_path(str(EXAMPLES / example), run_name="__main__")
 
     _, traces = offline(start)
     _program.reset(token)
@@ -114,6 +114,18 @@ def test_under_sanitizers_two_hands_are_sent_where_those_of_their_twin_are_c22(t
     for in_c, in_python in zip(ways(traces), twin(), strict=True):
         assert in_c.shape == in_python.shape
         assert np.abs(in_c - in_python).max() < ROUNDING
+
+
+def test_one_equation_leads_to_four_places_as_in_python_s09(tmp_path: Path, capfd) -> None:
+    status, traces = run(compiled(EXAMPLES / "c" / "four_places.c", tmp_path, *CHECKED))
+    assert status == 0
+    in_c = capfd.readouterr().out
+    (of_c,), (of_python,) = ways(traces), twin("18_four_places.py")
+    assert capfd.readouterr().out == in_c
+    assert np.abs(of_c - of_python).max() < ROUNDING
+    near = [re.findall(r"-?\d+\.\d", line) for line in in_c.splitlines()]
+    for (x, y), (px, py) in zip(near, ((0, -60), (80, -60), (80, 60), (0, 60)), strict=True):
+        assert np.hypot(float(x) - 480, float(y) - 60) == pytest.approx(np.hypot(px, py), abs=15)  # passed, and turned
 
 
 EDITED = [
