@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from qrobot.arrays import Words
 from qrobot.errors import LinkBusy, LinkError
-from qrobot.hwif.image import IMAGE_WORDS
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_WORDS
 from qrobot.hwif.registers import N_ADCS, N_ENCODERS
 from qrobot.realtime.jit import lean_kernel
 from qrobot.realtime.seqlock import begin_write, end_write, seqlock_read
@@ -218,3 +218,9 @@ def publish_image(memory: BoardMemory, image: Any) -> None:
 def fetch_image(memory: BoardMemory, image: Any) -> bool:
     """Controller side: copy the newest whole image into `image` (int64[IMAGE_WORDS]); False when none could be had."""
     return seqlock_read(memory.shown, memory.shown.image, image)
+
+
+@lean_kernel
+def newest_count(memory: BoardMemory) -> int:
+    """Controller side: count of the image that is shown, or being shown, at this moment."""
+    return int(memory.shown.image[IMAGE_COUNT])

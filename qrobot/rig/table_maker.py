@@ -23,6 +23,7 @@ from qrobot.hwif.image import (
     IMAGE_ENC_COUNT,
     IMAGE_ENC_INDEX,
     IMAGE_STATUS,
+    IMAGE_T_NS,
     make_image,
 )
 from qrobot.hwif.lanes import post_operations
@@ -75,7 +76,8 @@ class _Recorder:
             self._step(q)
             raw = int(self.image[IMAGE_ENC_COUNT + joint])
             count = int(signed_word(raw)) - int(transmission.count_offset[joint])
-            if collect_sample(adc, self.volts, self.image, self.memory.facts.revision, PATIENCE) == channel:
+            revision, taken_ns = self.memory.facts.revision, self.image[IMAGE_T_NS]
+            if collect_sample(adc, self.volts, self.image, taken_ns, revision, PATIENCE) == channel:
                 residues.append(pot_units(self.volts[channel]) - slope * count)
             n_ops, seen = 0, self.image[IMAGE_STATUS] & bit == 0
             if valid_at >= 0 and seen and self.image[IMAGE_COUNT] >= valid_at:
@@ -90,9 +92,7 @@ class _Recorder:
                 n_ops = put_write(self.ops, n_ops, DISCRETE, DISCRETE_ADC | bit)
                 valid_at = int(self.image[IMAGE_COUNT]) + IMAGES_TO_ANSWER
             word, wanted = DISCRETE_ADC | bit, 1 << channel
-            n_ops = start_sample(
-                adc, self.ops, n_ops, word, wanted, self.image[IMAGE_COUNT], self.memory.facts.revision
-            )
+            n_ops = start_sample(adc, self.ops, n_ops, word, wanted, self.image[IMAGE_COUNT], revision)
             post_operations(self.memory, int(Lane.SERVO), self.ops, n_ops)
         return pots, counts
 

@@ -159,6 +159,7 @@ class ServoState:
     armed: int = 1  # 1: the guardian is to act should the servo fall silent, see `servo.checks.guardian_arming`
     safe_head: int = -1  # end of the first list of the lane after which nothing is driven, -1 for none
     safe_image: int = -1  # count of the image in which that list was seen taken, -1 before
+    image_taken_ns: int = 0  # when the image fetched for this tick was taken, on the same clock
     image_age_ns: int = 0  # of the image fetched for this tick, on the clock of the servo
     dt: float = 0.0
     sample_dt: float = 0.0

@@ -124,9 +124,20 @@ def drive(page: Page) -> None:
 
 
 def take(page: Page) -> None:
-    """Take the arm."""
-    page.click("take")
-    wait_until(lambda: page.run("return pendant.ready"), "the arm follows")
+    """Take the arm, and before it the lease, or a fault away: a machine that stalls may have cost either."""
+
+    def taken() -> bool:
+        if page.run("return pendant.ready"):
+            return True
+        if not page.run("return pendant.driving"):
+            page.click_if("#drive")
+        if page.run("return pendant.armStatus.session === 'no'"):
+            page.click_if("#clear")
+            page.click_if("#take")
+        give_time(STILL_S)
+        return False
+
+    wait_until(taken, "the arm follows")
 
 
 def take_to_lead(page: Page) -> None:

@@ -10,6 +10,9 @@ Mask 0 presets the done flag, so the flag of the last conversion is never taken 
 shows what the operations did. The first image of which that is certain is the second one after they were posted: its
 sampling began when they were there. One conversion takes two images, or one cycle of a servo slower than that.
 
+Images are counted from the one that the board shows when the operations are posted, not from the one that the cycle has
+seen: a machine may stall in between. And an image that an emulated board makes up after a stall is as old as it says.
+
 The vendor's driver polls without end. Here a conversion that is not done in `patience` cycles is given up and counted,
 and its channel reads NaN until one succeeds: a law that needs it stops the arm (LAW_NAN), the others go on.
 """
@@ -52,6 +55,7 @@ class AdcState:
     channel: int = N_ADCS - 1  # being converted, or the one before
     busy: int = 0  # 1 while a conversion is under way
     answer_at: int = 0  # count of the first image that can answer
+    posted_ns: int = 0  # when its operations were posted: an image taken before cannot answer
     waited: int = 0  # cycles this conversion has taken
     timeouts: int = 0  # conversions given up
 
@@ -62,11 +66,12 @@ def make_adc_state() -> AdcState:
 
 
 @lean_kernel
-def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: int) -> int:
+def collect_sample(adc: Any, sensors: Any, image: Any, taken_ns: int, revision: int, patience: int) -> int:
     """Take the conversion under way out of the newest image, or give it up after `patience` cycles.
 
     Args:
         adc: `AdcState`. sensors: volts of the channels, float64[8] (out). image: int64[IMAGE_WORDS].
+        taken_ns: when it was taken.
         revision: the board's, as it says it: ord("E") or ord("F").
 
     Returns:
@@ -76,7 +81,7 @@ def collect_sample(adc: Any, sensors: Any, image: Any, revision: int, patience: 
         return -1
     adc.waited += 1
     channel = adc.channel
-    answered = image[IMAGE_COUNT] >= adc.answer_at
+    answered = image[IMAGE_COUNT] >= adc.answer_at and taken_ns > adc.posted_ns
     if answered and image[IMAGE_STATUS] & STATUS_ADC_BUSY == 0:
         sensors[channel] = code_volts(image[IMAGE_ADC_VALUE], revision)
         adc.done[channel] += 1
@@ -117,6 +122,14 @@ def start_sample(adc: Any, ops: Any, n: int, word: int, wanted: int, count: int,
         return put_write(ops, n, DISCRETE, word)
     n = put_write(ops, n, DISCRETE, word)
     return put_write(ops, n, ADC_MUX, channel << ADC_F_CHANNEL_SHIFT | ADC_F_COMMAND)
+
+
+@lean_kernel
+def note_post(adc: Any, count: int, now_ns: int) -> None:
+    """Take note that a conversion which begins in this cycle is posted, while the board shows image number `count`."""
+    if adc.busy != 0 and adc.waited == 0:
+        adc.answer_at = max(adc.answer_at, count + IMAGES_TO_ANSWER)
+        adc.posted_ns = now_ns
 
 
 @lean_kernel

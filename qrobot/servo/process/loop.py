@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from qrobot.hwif.arm_clock import await_board, slipped_ns
-from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image
+from qrobot.hwif.board_memory import BoardMemory, Lane, fetch_image, newest_count
 from qrobot.hwif.image import IMAGE_T_NS
 from qrobot.hwif.isa.card import CARD_KIND, NO_CARD, serve_card, show_card
 from qrobot.hwif.lanes import post_operations
@@ -20,6 +20,7 @@ from qrobot.realtime.clock import monotonic_ns, pause, sleep_until_ns
 from qrobot.realtime.jit import lean_kernel
 from qrobot.servo.checks.guardian_arming import disarm_when_safe, stands_down
 from qrobot.servo.cycle import cycle
+from qrobot.servo.kernels.converter import note_post
 from qrobot.servo.memory.telemetry import append_telemetry
 from qrobot.servo.modes import wants_power
 from qrobot.servo.parameters import ServoParameters
@@ -86,11 +87,12 @@ def one_cycle(
 ) -> None:
     """Image in, cycle, operations out, telemetry: the same for every clock."""
     state.image_ok = 1 if fetch_image(board, state.image) else 0
-    taken_ns = board.facts.taken_ns if board.facts.taken_ns != 0 else state.image[IMAGE_T_NS]
-    state.image_age_ns = now_ns + late_ns - taken_ns
+    state.image_taken_ns = board.facts.taken_ns if board.facts.taken_ns != 0 else state.image[IMAGE_T_NS]
+    state.image_age_ns = now_ns + late_ns - state.image_taken_ns
     state.revision, state.module_losses = board.facts.revision, board.facts.module_losses
     n_ops = cycle(params, state, mail, now_ns, late_ns)
     posted = post_operations(board, SERVO_LANE, state.ops, n_ops, now_ns)
+    note_post(state.adc, newest_count(board), now_ns)
     if not posted:
         state.discrete_sent = -1  # the board takes nothing at present: to be said again
     disarm_when_safe(state, mail, board, posted)

@@ -76,7 +76,8 @@ def read(params: ServoParameters, state: ServoState) -> None:
         state.adopt = ADOPT_BOARD  # it may come back as another one
     if fresh and state.image_ok != 0:
         read_encoders(params, state)
-    channel = collect_sample(state.adc, state.sensors, state.image, state.revision, params.adc_patience)
+    taken_ns, patience = state.image_taken_ns, params.adc_patience
+    channel = collect_sample(state.adc, state.sensors, state.image, taken_ns, state.revision, patience)
     seen = state.image_ok != 0
     measure_wrench(params.wrench.matrix, state.force_zero, state.sensors, state.adc.done, seen, state.force)
     if state.started != 0:

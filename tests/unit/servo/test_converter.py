@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from qrobot.errors import ConfigError
-from qrobot.hwif.board_memory import Lane, fetch_image
-from qrobot.hwif.image import IMAGE_COUNT, make_image
+from qrobot.hwif.board_memory import Lane, fetch_image, newest_count
+from qrobot.hwif.image import IMAGE_COUNT, IMAGE_T_NS, make_image
 from qrobot.hwif.lanes import post_operations
 from qrobot.hwif.operations import OP_FIELDS
 from qrobot.hwif.registers import (
@@ -24,6 +24,7 @@ from qrobot.servo.kernels.converter import (
     collect_sample,
     make_adc_state,
     next_channel,
+    note_post,
     start_sample,
 )
 from qrobot.servo.settings import ServoSettings
@@ -50,15 +51,17 @@ class Sampler:
     def look(self) -> None:
         """The first half of a cycle: the newest image."""
         assert fetch_image(self.bench.memory, self.image)
-        channel = collect_sample(self.adc, self.volts, self.image, self.revision, PATIENCE)
+        channel = collect_sample(self.adc, self.volts, self.image, self.image[IMAGE_T_NS], self.revision, PATIENCE)
         if channel >= 0:
             self.sampled.append(channel)
 
-    def post(self) -> None:
-        """The second half: what is to be done."""
+    def post(self, late_ns: int = 0) -> None:
+        """The second half: what is to be done, `late_ns` after the board's newest sample."""
         count = self.image[IMAGE_COUNT]
         n = start_sample(self.adc, self.ops, 0, DISCRETE_ADC, self.wanted, count, self.revision)
-        assert post_operations(self.bench.memory, Lane.SERVO, self.ops, n)
+        now_ns = self.bench.t_ns + late_ns
+        assert post_operations(self.bench.memory, Lane.SERVO, self.ops, n, now_ns)
+        note_post(self.adc, newest_count(self.bench.memory), now_ns)
 
     def cycles(self, n: int, ticks: int) -> Sampler:
         """Cycles with so many board ticks after each."""
@@ -106,6 +109,36 @@ def test_operations_that_arrive_while_the_board_is_sampling_are_never_answered_b
         sampler.post()  # too late for this tick
         bench.t_ns += PERIOD_NS
         publish_sample(bench.board, bench.memory, bench.shaft, bench.t_ns)
+        for channel in set(sampler.sampled):
+            assert sampler.volts[channel] == pytest.approx(sampler.expected(channel), abs=0.01)
+    assert set(sampler.sampled) == {6, 7}
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_a_servo_that_stalls_before_it_posts_takes_no_conversion_for_another(revision: int) -> None:
+    """The board has shown images meanwhile that know nothing of what is posted then."""
+    sampler = Sampler(0b11000000, revision)
+    bench = sampler.bench
+    for number in range(60):
+        sampler.look()
+        bench.tick(number % 7)
+        accept_operations(bench.board, bench.memory, bench.t_ns)
+        sampler.post()  # too late for this tick
+        bench.t_ns += PERIOD_NS
+        publish_sample(bench.board, bench.memory, bench.shaft, bench.t_ns)
+        for channel in set(sampler.sampled):
+            assert sampler.volts[channel] == pytest.approx(sampler.expected(channel), abs=0.01)
+    assert set(sampler.sampled) == {6, 7}
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_images_that_a_late_board_makes_up_for_answer_nothing_that_was_posted_after_them(revision: int) -> None:
+    """Operations count from when they were posted: a board that lives its past first shows images without them."""
+    sampler = Sampler(0b11000000, revision)
+    for number in range(60):
+        sampler.look()
+        sampler.post(late_ns=number % 7 * PERIOD_NS)
+        sampler.bench.tick(4)
         for channel in set(sampler.sampled):
             assert sampler.volts[channel] == pytest.approx(sampler.expected(channel), abs=0.01)
     assert set(sampler.sampled) == {6, 7}
