@@ -370,6 +370,8 @@ def _gains(robot: Robot, now: ServoStatus) -> Table:
 def watch(*, seconds: Seconds = float("inf"), where: Where | None = None) -> int:
     """Print a line whenever mode, fault, law or commander change, until Ctrl-C.
 
+    It looks every 20 ms; what lasts for less time is in the log (`qrobot log events`).
+
     Parameters
     ----------
     seconds

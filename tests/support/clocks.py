@@ -32,6 +32,7 @@ CALLERS: Final[dict[str, str]] = {
     "qrobot/servo/process/daemon.py": "its main thread owns a clock; each look at the priority is told the time",
     "qrobot/servo/operator/requests.py": "tells the age of the board's image, and decides nothing by it",
     "qrobot/servo/laws/trial.py": "measures how long a law takes",
+    "qrobot/hwif/bus.py": "pauses between two tries of a read of the board's image, which another thread writes",
     "qrobot/hwif/gateway.py": "its loop owns a clock; each step of a gateway is told the time",
     "qrobot/rccl_bridge/server.py": "its loop owns a clock; a session is told the time, and tests make it patient",
     "qrobot/rci/tcp.py": "a program on a real socket lives on the wall clock; its motion goes by the states it gets",

@@ -10,7 +10,7 @@ import socket
 import threading
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
@@ -104,17 +104,23 @@ def test_the_hand_keeps_a_program_away_and_a_killed_bridge_keeps_nothing(arm: Ru
 
 
 def test_watch_follows_what_happens(arm: RunningArm) -> None:
-    watch = qrobot("ctl", "watch", "--seconds", "20", "--deployment", arm.deployment, "--arm", arm.name)
+    watch = qrobot("ctl", "watch", "--seconds", f"{PATIENCE_S}", "--deployment", arm.deployment, "--arm", arm.name)
     try:
         assert watch.stdout is not None
         assert f"{arm.name}: OFF" in watch.stdout.readline()
         assert ctl(arm, "power", "on")[0] == 0
+        read_until(watch.stdout, f"{arm.name}: HOLDING")  # it looks every 20 ms: on and off may lie between two looks
         assert ctl(arm, "power", "off")[0] == 0
+        read_until(watch.stdout, f"{arm.name}: OFF")
     finally:
         watch.send_signal(signal.SIGINT)
-        printed, _ = watch.communicate(timeout=PATIENCE_S)
+        watch.communicate(timeout=PATIENCE_S)
     assert watch.returncode in (0, 130)
-    assert f"{arm.name}: HOLDING" in printed
+
+
+def read_until(printed: IO[str], wanted: str) -> None:
+    """Read lines up to the one that tells what is wanted."""
+    assert any(wanted in line for line in printed), f"ended without {wanted!r}"
 
 
 def test_a_servo_whose_terminal_is_closed_puts_the_arm_away(arm: RunningArm) -> None:
