@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_format
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -55,13 +56,20 @@ def bench(*groups: str, quick: bool = False, write_docs: bool = False, output: P
     quick
         A few seconds: shows that everything runs, not how fast.
     write_docs
-        Put the tables into docs/performance.md as well.
+        Put the tables into docs/performance.md as well: of all benchmarks, or of those with a part of their own there.
     output
         The JSON file.
     """
     unknown = [name for name in groups if name not in GROUPS]
     if unknown:
         console.print(f"no benchmark {unknown[0]!r}; there are: {', '.join(GROUPS)}")
+        return 2
+    own = page.own_parts(page.PAGE.read_text())
+    if write_docs and groups and (shared := set(groups) - own):
+        console.print(
+            f"{', '.join(sorted(shared))}: shares its part of the page with others, and they are measured together; "
+            f"with --write-docs name none, or of {', '.join(sorted(own))}"
+        )
         return 2
     facts, rows = machine(), list[Row]()
     for row in measured(groups or GROUPS, QUICK if quick else FULL):
@@ -202,11 +210,11 @@ def measured(groups: tuple[str, ...], effort: Effort) -> Iterator[Row]:
     """All rows of these groups."""
     for name in groups:
         rows: Callable[[Effort], Iterator[Row]] = import_module(f"benchmarks.{name}").rows
-        yield from rows(effort)
+        yield from (replace(each, group=name) for each in rows(effort))
 
 
 def results_table(rows: list[Row], title: str) -> Table:
-    """The rows for people; of the wake-ups only those with a goal."""
+    """The rows for people; of those with a table of their own only those with a goal."""
     table = Table(title=title, title_justify="left")
     for heading in ("figure", "value", "against", "ratio", "goal", "met"):
         table.add_column(heading)

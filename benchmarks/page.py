@@ -11,44 +11,59 @@ from benchmarks.machine import described
 from benchmarks.rows import Row
 
 PAGE: Final = Path(__file__).parents[1] / "docs" / "performance.md"
-_PART: Final = re.compile(r"(<!-- measured -->\n).*?(<!-- end -->)", re.DOTALL)
-WAKE_UP_FIGURES: Final = ("p50", "p99", "p99.9", "> T/2", "> T", "CPU")
+_PART: Final = re.compile(r"(<!-- measured(?:: (\w+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+COLUMNS: Final = {"Wake-up": ("p50", "p99", "p99.9", "> T/2", "> T", "CPU"), "RCI": ("p50", "p99", "missed")}
+
+
+def own_parts(page: str) -> set[str]:
+    """Benchmarks whose rows have a part of the page to themselves; all others share one, and are measured together."""
+    return {group for _, group, _ in _PART.findall(page) if group}
 
 
 def rewrite(page: str, rows: Sequence[Row], machine: Mapping[str, Any]) -> str:
-    """The page with its measured part made anew. Raises ValueError when it has none."""
-    part = "\n\n".join([f"Measured on {described(dict(machine))}.", figures(rows), *wake_ups(rows)])
-    page, found = _PART.subn(lambda match: f"{match[1]}\n{part}\n\n{match[2]}", page)
-    if not found:
+    """The page with each measured part made anew for which there are rows.
+
+    Raises ValueError when it has no part for some of them.
+    """
+    own, parts = own_parts(page), dict[str, list[Row]]()
+    for each in rows:
+        parts.setdefault(each.group if each.group in own else "", []).append(each)
+    if parts.keys() - {group for _, group, _ in _PART.findall(page)}:
         raise ValueError("the page has no part between <!-- measured --> and <!-- end -->")
-    return page
+
+    def anew(found: re.Match[str]) -> str:
+        if not (of_part := parts.get(found[2] or "")):
+            return found[0]
+        part = "\n\n".join([f"Measured on {described(dict(machine))}.", *figures(of_part), *cases(of_part)])
+        return f"{found[1]}\n{part}\n\n{found[3]}"
+
+    return _PART.sub(anew, page)
 
 
-def figures(rows: Iterable[Row]) -> str:
-    """Everything but the wake-ups, a line each."""
-    lines = [["figure", "value", "against", "ratio", "goal", "met"]]
-    lines += [[r.name, _value(r.value, r.unit), _peer(r), _ratio(r), r.goal, _met(r)] for r in rows if not r.labels]
-    return table(lines)
+def figures(rows: Iterable[Row]) -> list[str]:
+    """A table of everything but what has one of its own, a line each; none for nothing."""
+    lines = [[r.name, _value(r.value, r.unit), _peer(r), _ratio(r), r.goal, _met(r)] for r in rows if not r.labels]
+    return [table([["figure", "value", "against", "ratio", "goal", "met"], *lines])] if lines else []
 
 
-def wake_ups(rows: Iterable[Row]) -> list[str]:
-    """One table for each load: a line for each rate and loop, a column for each figure."""
-    cases: dict[str, dict[tuple[str, str], dict[str, Row]]] = {}
+def cases(rows: Iterable[Row]) -> list[str]:
+    """One table for each kind and load: a line for each rate and loop, a column for each figure."""
+    found: dict[tuple[str, str], dict[tuple[str, str], dict[str, Row]]] = {}
     for r in rows:
         if r.labels:
-            case = cases.setdefault(r.labels["load"], {}).setdefault((r.labels["rate"], r.labels["loop"]), {})
-            case[r.labels["figure"]] = r
-    return [f"Wake-up, {load}:\n\n{table(_lines(of_load))}" for load, of_load in cases.items()]
+            of = found.setdefault((r.labels["table"], r.labels["load"]), {})
+            of.setdefault((r.labels["rate"], r.labels["loop"]), {})[r.labels["figure"]] = r
+    return [f"{name}, {load}:\n\n{table(_lines(COLUMNS[name], of))}" for (name, load), of in found.items()]
 
 
-def _lines(cases: Mapping[tuple[str, str], Mapping[str, Row]]) -> list[list[str]]:
-    lines = [["rate", "loop", *WAKE_UP_FIGURES, "goals met"]]
+def _lines(columns: Sequence[str], cases: Mapping[tuple[str, str], Mapping[str, Row]]) -> list[list[str]]:
+    """Lines of a table; the judgement is left out where no line has a goal."""
+    lines = [["rate", "loop", *columns, "goals met"]]
     for (rate, loop), found in cases.items():
-        cells = [_value(found[name].value, found[name].unit) if name in found else "" for name in WAKE_UP_FIGURES]
+        cells = [_value(found[name].value, found[name].unit) if name in found else "" for name in columns]
         judged = [r for r in found.values() if r.met is not None]
-        met = f"{sum(bool(r.met) for r in judged)} of {len(judged)}" if judged else ""
-        lines.append([rate, loop, *cells, met])
-    return lines
+        lines.append([rate, loop, *cells, f"{sum(bool(r.met) for r in judged)} of {len(judged)}" if judged else ""])
+    return lines if any(line[-1] for line in lines[1:]) else [line[:-1] for line in lines]
 
 
 def table(lines: Sequence[Sequence[str]]) -> str:

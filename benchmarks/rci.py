@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from benchmarks.c_programs import made
 from benchmarks.ctwin import compiler
+from benchmarks.rci_answers import answers
 from benchmarks.rci_pairs import latencies
-from benchmarks.rows import Row, against, row
+from benchmarks.rows import Goal, Row, against, row
 from benchmarks.timing import Effort
 from benchmarks.wakeup import BUSY, CYCLICTEST, IDLE, busy_thread, cyclictest_turn
 from qrobot import rci
@@ -27,9 +28,11 @@ from qrobot.rci.compiled import time_of_tick
 from qrobot.realtime.clock import monotonic_ns
 from qrobot.realtime.jit import lean_kernel
 
+LAST: Final = 0.99
 RATES_HZ: Final = (36, 100, 250, 1000)
 TASKS: Final = (1, 3, 5)
-QUANTILES: Final = {"p50": 0.5, "p99": 0.99}
+QUANTILES: Final = {"p50": 0.5, "p99": LAST}
+ANSWER: Final = Goal(100.0)  # us, beside an idle machine
 TWIN: Final = "C loop"
 NOTES: Final = 3  # words of a compiled task in front of its notes
 CLOSE_NS: Final = 5000  # to which the instant of a tick is found
@@ -47,6 +50,8 @@ def rows(effort: Effort) -> Iterator[Row]:
             for what in ("messages", "memory"):
                 late, _ = measured_in_c(program, what, 1000, 1, max(100, round(5000 * effort.wake_up_s)))
                 yield from lone(f"RCI in C, {what} from one processor to another", late)
+            late, _ = answers(program, max(100, round(5000 * effort.wake_up_s)))
+            yield from lone("RCI in C, from a STATE sent to its COMMAND received, at 1000 Hz", late, ANSWER)
         for what in ("messages", "memory"):
             late = latencies(what, max(20, round(1000 * effort.wake_up_s)))
             yield from lone(f"RCI in Python, {what} from one processor to another", late)
@@ -56,18 +61,24 @@ def rate_rows(program: Path | None, rate: int, runs: int) -> Iterator[Row]:
     """One to five tasks at a rate: in C, and in Python and compiled beside an interpreter at rest or at work."""
     peer = None if program is None else measured_in_c(program, "twin", rate, 1, runs)[0]
     if (turn := cyclictest_turn(NS_PER_S // rate, runs / rate)) is not None:
-        yield from beside(f"RCI at {rate} Hz, {CYCLICTEST}", turn.late_us, peer)
+        yield from beside(case(rate, IDLE, CYCLICTEST), turn.late_us, peer)
+    if peer is not None:
+        yield from beside(case(rate, IDLE, TWIN), peer, None)
     for count in TASKS:
-        name = f"RCI at {rate} Hz, tasks: {count}"
         if program is not None and peer is not None:
             late, missed = measured_in_c(program, "tasks", rate, count, runs)
-            yield from beside(f"{name}, C", late, peer, missed)
+            yield from beside(case(rate, IDLE, f"C, tasks: {count}"), late, peer, missed)
         for load in (IDLE, BUSY):
             with busy_thread(load == BUSY):
                 measured = {"Python": measured_in_python(rate, count, runs)}
                 measured["compiled"] = measured_compiled(rate, count, runs)
             for kind, (late, missed) in measured.items():
-                yield from beside(f"{name}, {kind}, {load}", late, peer, missed)
+                yield from beside(case(rate, load, f"{kind}, tasks: {count}"), late, peer, missed)
+
+
+def case(rate: int, load: str, loop: str) -> dict[str, str]:
+    """Labels of a line of the page's table."""
+    return {"table": "RCI", "rate": f"{rate} Hz", "load": load, "loop": loop}
 
 
 def measured_in_c(program: Path, what: str, rate: int, count: int, runs: int) -> tuple[Latencies, int]:
@@ -135,19 +146,20 @@ def _epoch_ns(rate: int) -> int:
     return (earliest + latest) // 2
 
 
-def beside(name: str, late: Latencies, peer: Latencies | None, missed: int | None = None) -> Iterator[Row]:
+def beside(case: dict[str, str], late: Latencies, peer: Latencies | None, missed: int | None = None) -> Iterator[Row]:
     """Quantiles beside those of the bare loop, and what was missed where that is counted."""
+    name = f"RCI at {case['rate']}, {case['loop']}, {case['load']}"
     for label, share in QUANTILES.items():
         value = float(np.quantile(late, share))
         if peer is None:
-            yield row(f"{name}, {label}", value, "us")
+            yield row(f"{name}, {label}", value, "us", figure=label, **case)
         else:
-            yield against(f"{name}, {label}", value, "us", TWIN, float(np.quantile(peer, share)))
+            yield against(f"{name}, {label}", value, "us", TWIN, float(np.quantile(peer, share)), figure=label, **case)
     if missed is not None:
-        yield row(f"{name}, missed", missed, "")
+        yield row(f"{name}, missed", missed, "", figure="missed", **case)
 
 
-def lone(name: str, late: Latencies) -> Iterator[Row]:
-    """Quantiles."""
+def lone(name: str, late: Latencies, goal: Goal | None = None) -> Iterator[Row]:
+    """Quantiles; a goal is one of the last."""
     for label, share in QUANTILES.items():
-        yield row(f"{name}, {label}", float(np.quantile(late, share)), "us")
+        yield row(f"{name}, {label}", float(np.quantile(late, share)), "us", goal if share == LAST else None)

@@ -42,6 +42,7 @@ class Row:
         goal: in words, "" for none.
         met: whether the goal was reached, None without one.
         labels: for tables with a row per case and a column per `figure`.
+        group: the benchmark that it belongs to.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Row:
     goal: str = ""
     met: bool | None = None
     labels: Mapping[str, str] = field(default_factory=dict)
+    group: str = ""
 
 
 def row(name: str, value: float, unit: str, goal: Goal | None = None, **labels: str) -> Row:

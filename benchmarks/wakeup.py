@@ -184,7 +184,7 @@ def figures(rate_hz: int, load: str, turns: dict[str, list[Turn]]) -> Iterator[R
     peer = CYCLICTEST if CYCLICTEST in turns else PYTHON
     theirs = _quantiles(turns[peer])
     for loop, taken in turns.items():
-        case = {"rate": f"{rate_hz} Hz", "load": load, "loop": loop}
+        case = {"table": "Wake-up", "rate": f"{rate_hz} Hz", "load": load, "loop": loop}
         name = f"wake-up at {rate_hz} Hz, {load}, {loop}"
         for label, value in _quantiles(taken).items():
             goal = GOALS.get((loop, label)) if peer == CYCLICTEST else None

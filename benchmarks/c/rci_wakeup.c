@@ -4,6 +4,7 @@
  *     rci_wakeup twin RATE 1 RUNS             a bare loop of the same priority
  *     rci_wakeup messages 1000 1 RUNS         from a task to another that a pipe wakes
  *     rci_wakeup memory 1000 1 RUNS           to another that looks all the time
+ *     rci_wakeup answers RATE 1 RUNS BRIDGE   a task with a robot, which a bridge times: nothing but the missed
  *
  * Writes a line of each duration in ns, and last the number of wake-ups that were missed. */
 #define _GNU_SOURCE
@@ -83,6 +84,11 @@ static void look(RCI_TASK *td)
     before = at;
 }
 
+static void stay(RCI_TASK *td)
+{
+    rci_goto(td, td->how.q_setpoint);
+}
+
 static int over(void)
 {
     return rci_runs(tasks[0]) >= runs + 5;
@@ -109,6 +115,17 @@ static void *twin(void *none)
         late[0][k] = now_ns() - deadline;
     }
     return none;
+}
+
+static long answer(const char *bridge)
+{
+    long missed;
+    if (rci_clock(rate) || rci_robot("arm", "puma560", bridge) || (tasks[0] = rci_create("arm", "aux")) == 0 ||
+        rci_control(tasks[0], stay, 0, 0) || rci_onclock(tasks[0], 1, 0) || rci_start(tasks[0]->bit) || rci_wait(over))
+        exit(1);
+    missed = rci_missed(tasks[0]);
+    rci_close();
+    return missed;
 }
 
 static long run_tasks(const char *what)
@@ -141,7 +158,7 @@ int main(int argc, char **argv)
 {
     pthread_t thread;
     long missed = 0;
-    if (argc != 5 || (rate = atol(argv[2])) < 1 || (count = atol(argv[3])) < 1 || count > MOST)
+    if ((argc != 5 && argc != 6) || (rate = atol(argv[2])) < 1 || (count = atol(argv[3])) < 1 || count > MOST)
         return 2;
     runs = atol(argv[4]);
     for (int k = 0; k < MOST; k++)
@@ -149,7 +166,7 @@ int main(int argc, char **argv)
     if (strcmp(argv[1], "twin") == 0)
         pthread_create(&thread, NULL, twin, NULL), pthread_join(thread, NULL);
     else
-        missed = run_tasks(argv[1]);
+        missed = argc == 6 ? answer(argv[5]) : run_tasks(argv[1]);
     for (int k = 0; k < count; k++)
         for (long i = 0; i < runs; i++)
             if (late[k][i] != 0)

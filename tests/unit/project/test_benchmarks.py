@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from benchmarks import (
     multi_rccl,
     page,
     pendant,
+    rci,
     sixlaw,
     trajectory,
     transports,
@@ -96,10 +98,14 @@ def wake_up_rows() -> list[Row]:
 
 
 def test_the_page_has_a_line_per_figure_and_a_table_per_load() -> None:
-    rows = [against("law", 30.0, "ns", "C", 40.0, Goal(1.1, "ratio")), *wake_up_rows()]
+    tasks = list(rci.beside(rci.case(250, wakeup.BUSY, "compiled, tasks: 3"), np.full(9, 12.5), None, 2))
+    rows = [against("law", 30.0, "ns", "C", 40.0, Goal(1.1, "ratio")), *wake_up_rows(), *tasks]
     text = page.rewrite("# P\n\n<!-- measured -->\nold\n<!-- end -->\ntail\n", rows, machine())
     assert "| law | 30 ns | 40 ns (C) | 0.75 | ratio ≤ 1.1 | yes |" in text
     assert "| 4000 Hz | sleep then spin | 0.01 us | 0.01 us | 0.01 us | 0 ppm | 0 ppm | 30 % | 4 of 4 |" in text
+    assert "| rate | loop | p50 | p99 | missed |" in text
+    assert "RCI, busy Python thread:" in text
+    assert "| 250 Hz | compiled, tasks: 3 | 12.5 us | 12.5 us | 2 |" in text
     assert described(machine())[:40] in text
     assert "old" not in text
     assert text.endswith("tail\n")
@@ -107,12 +113,26 @@ def test_the_page_has_a_line_per_figure_and_a_table_per_load() -> None:
 
 def test_a_page_without_a_place_for_the_figures_is_refused() -> None:
     with pytest.raises(ValueError, match="measured"):
-        page.rewrite("# P\n", [], machine())
+        page.rewrite("# P\n", wake_up_rows(), machine())
 
 
 def test_the_projects_page_has_its_place() -> None:
     text = page.PAGE.read_text()
     assert page.rewrite(text, wake_up_rows(), machine()) != text
+    assert {"rci", "multi_rccl"} <= page.own_parts(text)
+
+
+def test_a_benchmark_with_a_part_of_its_own_leaves_the_others_as_they_are() -> None:
+    text = "<!-- measured -->\nall\n<!-- end -->\n<!-- measured: rci -->\nold\n<!-- end -->\n"
+    of_rci = [replace(row("answer", 50.0, "us"), group="rci")]
+    anew = page.rewrite(text, of_rci, machine())
+    assert "all" in anew
+    assert "old" not in anew
+    assert "| answer | 50 us |" in anew
+    both = page.rewrite(text, [*of_rci, replace(row("law", 1.0, "s"), group="laws")], machine())
+    assert both.index("| law |") < both.index("| answer |")
+    with pytest.raises(ValueError, match="no part between"):
+        page.rewrite(text.replace("measured -->", "", 1), [row("law", 1.0, "s")], machine())
 
 
 @pytest.mark.parametrize(
