@@ -83,6 +83,13 @@ def pytest_runtest_teardown() -> Generator[None, object, object]:
     return result
 
 
+def pytest_sessionfinish() -> None:
+    """Bridges that tests have killed leave their tokens; the next bridge would remove them, and there is none."""
+    from qrobot.realtime.bridge_token import remove_dead_tokens  # not before the clocks are checked
+
+    remove_dead_tokens()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Name every test that was run again, and what it had failed by: a quiet machine needs none."""
     again = terminalreporter.stats.get("rerun", [])

@@ -1,7 +1,8 @@
 """The token of a bridge: whoever can read it in the runtime folder may command the arm.
 
-A bridge makes a new one at each start, in a file named after its port. A client on this machine finds it there; one
-that comes through a tunnel is given it in `$QROBOT_TOKEN`. What an account cannot read it cannot send.
+A bridge makes a new one at each start, in a file named after its port, and removes what killed bridges have left. A
+client on this machine finds it there; one that comes through a tunnel is given it in `$QROBOT_TOKEN`. What an account
+cannot read it cannot send.
 """
 
 from __future__ import annotations
@@ -9,17 +10,19 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from typing import Final
 
 from qrobot.errors import LinkBusy, LinkError
 from qrobot.realtime.loopback import is_loopback
-from qrobot.realtime.runtime_folder import look_into_folder, open_served, serve_in_folder, tidy_folder
+from qrobot.realtime.runtime_folder import RuntimeFolder, look_into_folder, open_served, serve_in_folder, tidy_folder
 
 VARIABLE: Final = "QROBOT_TOKEN"
 RANDOM_BYTES: Final = 32
 LONGEST_BYTES: Final = 128
+_TOKEN: Final = re.compile(r"bridge-\d+\.token")
 _SHARED: Final = 0o040  # the folder's group may read
 
 
@@ -38,6 +41,7 @@ def offered_token(port: int) -> Iterator[bytes]:
     Raises LinkBusy when a living bridge offers its token there, LinkError, see `runtime_folder`.
     """
     token = secrets.token_hex(RANDOM_BYTES).encode()
+    remove_dead_tokens()
     fd = _owned_file(port)
     try:
         os.ftruncate(fd, 0)
@@ -68,18 +72,49 @@ def token_for(host: str, port: int) -> bytes:
         return file.read(LONGEST_BYTES)
 
 
+def remove_dead_tokens() -> None:
+    """Remove the files of bridges that were killed: those that nobody holds locked."""
+    with contextlib.suppress(OSError, LinkError), look_into_folder() as folder, _alone(folder):
+        for name in filter(_TOKEN.fullmatch, os.listdir(folder.fd)):
+            with contextlib.suppress(OSError, LinkError):  # it lives, has gone meanwhile, or is none of ours
+                _remove_dead(folder, name)
+        tidy_folder(folder.path)
+
+
+def _remove_dead(folder: RuntimeFolder, name: str) -> None:
+    fd = folder.open_file(name, os.O_RDONLY)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _remove(name, fd)
+    finally:
+        os.close(fd)
+
+
 def _owned_file(port: int) -> int:
     """Descriptor of the token's file, locked by us and still the one of that name."""
     while True:
-        fd = open_served(token_name(port), os.O_WRONLY)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_current(token_name(port), fd):
-                return fd
-        except BlockingIOError:
-            os.close(fd)
-            raise LinkBusy(f"another bridge runs at port {port} and offers its token: choose another port") from None
-        os.close(fd)  # the one before us removed it between our opening and our locking
+        with contextlib.suppress(FileNotFoundError), serve_in_folder() as folder, _alone(folder):
+            fd = open_served(token_name(port), os.O_WRONLY)
+            try:
+                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_current(token_name(port), fd):
+                    return fd
+            except BlockingIOError:
+                os.close(fd)
+                raise LinkBusy(
+                    f"another bridge runs at port {port} and offers its token: choose another port"
+                ) from None
+            os.close(fd)  # the one before us removed it between our opening and our locking
+
+
+@contextlib.contextmanager
+def _alone(folder: RuntimeFolder) -> Iterator[None]:
+    """No other bridge looks for dead tokens, or takes one, meanwhile: a moment."""
+    fcntl.flock(folder.fd, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        fcntl.flock(folder.fd, fcntl.LOCK_UN)
 
 
 def _is_current(name: str, fd: int) -> bool:

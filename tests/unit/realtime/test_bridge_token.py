@@ -60,6 +60,17 @@ def test_a_token_of_a_living_bridge_is_neither_replaced_nor_removed(folder: Path
     assert not list(folder.iterdir())
 
 
+def test_a_bridge_removes_what_killed_ones_have_left_and_nothing_else(folder: Path) -> None:
+    for name in ("bridge-1.token", "bridge-22.token", "bridge-22.token.old", "puma560-board"):
+        (folder / name).write_text("left")
+        (folder / name).chmod(0o600)
+    (folder / "bridge-3.token").symlink_to(folder / "puma560-board")
+    with offered_token(44), offered_token(PORT):
+        kept = {"bridge-22.token.old", "puma560-board", "bridge-3.token"}
+        assert set(os.listdir(folder)) == {token_name(44), token_name(PORT)} | kept
+    assert set(os.listdir(folder)) == kept
+
+
 def test_a_file_that_another_program_put_in_its_place_stays(folder: Path) -> None:
     with offered_token(PORT):
         (folder / token_name(PORT)).unlink()
