@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qrobot.cli.arms import DEFAULT_DEPLOYMENT, choose_arm, robot_of_arm
 from qrobot.cli.console import note
 from qrobot.cli.option_types import Port
+
+if TYPE_CHECKING:
+    from qrobot.config.bridge import LinkChoice
+    from qrobot.rccl_bridge.isolated_link import IsolatedLink
 
 PRIORITY = 30  # below board and servo, above the programs' trajectory threads
 
@@ -37,7 +43,12 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     chosen = choose_arm(deployment, arm)
     robot, choice = robot_of_arm(chosen), chosen.bridge
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    settings = BridgeSettings(choice.host, choice.port if port is None else port, round(choice.period_ms * 1000))
+    settings = BridgeSettings(
+        choice.host,
+        choice.port if port is None else port,
+        round(choice.period_ms * 1000),
+        link=_maybe_link(choice.link),
+    )
     warm_up()
     freeze_garbage()  # a search among all modules' objects would hold up frames
     await_turn()
@@ -45,7 +56,22 @@ def bridge(deployment: str = DEFAULT_DEPLOYMENT, *, arm: str | None = None, port
     run_bridge(
         ServoPort(chosen.name, robot.name, robot.n, PayloadJudge(robot)),
         settings,
-        lambda host, number: note(f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}"),
+        lambda host, number: note(
+            f"bridge of {chosen.name} ({robot.name}) listens on {host}:{number}{_by_link(settings.link)}"
+        ),
         Authority(chosen.name),
     )
     leave_fifo()
+
+
+def _maybe_link(choice: LinkChoice | None) -> IsolatedLink | None:
+    """The link of a deployment with its token. Raises ConfigError for a token that is none."""
+    from qrobot.rccl_bridge.isolated_link import IsolatedLink, read_link_token
+
+    if choice is None:
+        return None
+    return IsolatedLink(choice.interface, choice.address, choice.peers, read_link_token(Path(choice.token_file)))
+
+
+def _by_link(link: IsolatedLink | None) -> str:
+    return "" if link is None else f", and on {link.address} ({link.interface}) for {', '.join(link.peers)}"

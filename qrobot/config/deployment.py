@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from qrobot.config.bridge import BridgeChoice
 from qrobot.config.can import CanTransport
 from qrobot.config.can_sensor import CanSensor
 from qrobot.config.document import Table, check_document, config_path, read_document
@@ -25,7 +26,6 @@ from qrobot.config.scene import ForceSensor, Scene
 from qrobot.config.signals import NamedSignal
 from qrobot.config.transport import PortTransport
 
-FIRST_PORT = 1024
 TRANSPORTS = (
     "port",
     "can",
@@ -199,14 +199,6 @@ class ServoChoice(Table):
     force_sensor: ForceCalibration | None = None
 
 
-class BridgeChoice(Table):
-    """Address at which programs connect, and the default sample period."""
-
-    host: str = "127.0.0.1"
-    port: int = Field(ge=FIRST_PORT, le=65535)
-    period_ms: float = Field(default=28.0, ge=1, le=100, allow_inf_nan=False)
-
-
 class LogChoice(Table):
     """Folder of the logs; an empty directory name switches them off.
 
@@ -340,8 +332,16 @@ def _with_whole_paths(arm: DeployedArm, folder: Path) -> DeployedArm:
             "robot": _whole(arm.robot, ".toml", folder),
             "servo": servo.model_copy(update=files),
             "board": board.model_copy(update={"calibration_table": table}),
+            "bridge": _with_whole_token_path(arm.bridge, folder),
         }
     )
+
+
+def _with_whole_token_path(bridge: BridgeChoice, folder: Path) -> BridgeChoice:
+    if bridge.link is None:
+        return bridge
+    link = bridge.link.model_copy(update={"token_file": str(folder / bridge.link.token_file)})
+    return bridge.model_copy(update={"link": link})
 
 
 def _whole(path: str | None, ending: str, folder: Path) -> str | None:

@@ -15,13 +15,15 @@ from qrobot.wire import LONGEST_PERIOD_US, SHORTEST_PERIOD_US, ClientRole, Error
 class HandshakeRequest:
     """A greeting: the HELLO, the address it came from, the robot that is here, and the token that lets one in.
 
-    An empty token lets everybody in who comes by loopback.
+    `peers` are the hosts of an isolated link by which it came; None for the loopback interface, where an empty token
+    lets everybody in.
     """
 
     hello: Hello
     host: str
     robot_name: str
     token: bytes = b""
+    peers: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,16 +52,21 @@ def judge_period(visitor: HandshakeRequest) -> Refusal | None:
 
 
 def judge_authentication(visitor: HandshakeRequest) -> Refusal | None:
-    """A client comes by loopback, where nobody listens in, and shows the token of this bridge."""
-    if not is_loopback(visitor.host):
+    """A client comes by loopback, where nobody listens in, or from a peer of a link, and shows the token for that."""
+    if visitor.peers is None and not is_loopback(visitor.host):
         where = "come through a tunnel to its loopback interface"
         return Refusal(ErrorCode.AUTHENTICATION, f"{visitor.host} is not this machine; {where}")
-    if not compare_digest(visitor.hello.auth, visitor.token) and visitor.token:
+    if visitor.peers is not None and visitor.host not in visitor.peers:
+        known = f"is no peer of this link; {', '.join(visitor.peers)} may come"
+        return Refusal(ErrorCode.AUTHENTICATION, f"{visitor.host} {known}")
+    if not compare_digest(visitor.hello.auth, visitor.token) and (visitor.token or visitor.peers is not None):
         shown = "another bridge's token" if visitor.hello.auth else "no token"
-        return Refusal(ErrorCode.AUTHENTICATION, f"this program has shown {shown}; {_REMEDY}")
+        remedy = _REMEDY if visitor.peers is None else _LINK_REMEDY
+        return Refusal(ErrorCode.AUTHENTICATION, f"this program has shown {shown}; {remedy}")
     return None
 
 
+_LINK_REMEDY: Final = "give it the token of the link, from its file, in QROBOT_TOKEN"
 _REMEDY: Final = (
     "run it under the account that serves the arm or in its group qrobot, with the same QROBOT_RUNTIME_DIR, "
     "or give it the bridge's token in QROBOT_TOKEN"

@@ -44,22 +44,27 @@ class Listener:
     Args:
         host, port: where; port 0 takes a free one.
         welcome: called with each connection and its far end.
+        interface: the network interface of an isolated link, by which alone anybody comes; "" for no such link.
 
     Raises:
         LinkBusy: the port is taken. LinkError: it cannot be had. `open` as well.
     """
 
-    def __init__(self, host: str, port: int, welcome: AcceptConnection) -> None:
+    def __init__(self, host: str, port: int, welcome: AcceptConnection, interface: str = "") -> None:
         self._welcome = welcome
+        self._by_link = bool(interface)
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None
         self._socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        where = f"{host}:{port}" + f" of interface {interface}" * self._by_link
         try:
+            if interface:
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
             self._socket.bind((host, port))
         except OSError as error:
             self._socket.close()
-            raise _explain(error, f"{host}:{port}") from error
+            raise _explain(error, where) from error
         self._socket.setblocking(False)
 
     def open(self) -> None:
@@ -97,7 +102,7 @@ class Listener:
                 connection, address = self._socket.accept()
             except OSError:  # no more, or gone again, or too many open files
                 return
-            self._welcome(connection, Peer(*address[:2]))
+            self._welcome(connection, Peer(address[0], address[1], self._by_link))
 
 
 def _explain(error: OSError, where: str) -> LinkError:

@@ -54,6 +54,7 @@ class BridgeServer:
         self.token = b""
         self.clients: dict[_Client, None] = {}  # in the order in which they came
         self._listener: Listener | None = None
+        self._link_listener: Listener | None = None
         self._messages = RateLimit()
 
     @property
@@ -67,18 +68,23 @@ class BridgeServer:
         """Take the port; nobody can connect yet. Raises LinkBusy when it is taken, LinkError when it cannot be had."""
         if self._listener is None:
             self._listener = Listener(self.settings.host, self.settings.port, self._welcome)
+            if (link := self.settings.link) is not None:
+                self._link_listener = Listener(link.address, self.address[1], self._welcome, link.interface)
         return self._listener
 
     async def start(self) -> None:
         """Listen. Raises what `take_address` raises."""
         self.take_address().open()
+        if self._link_listener is not None:
+            self._link_listener.open()
 
     async def close(self) -> None:
         """Say BYE to everybody, stop the arm if somebody commands it, and stop listening."""
         for client in list(self.clients):
             client.dismiss("the bridge ends")
-        if self._listener is not None:
-            self._listener.close()
+        for listener in (self._listener, self._link_listener):
+            if listener is not None:
+                listener.close()
         while self.clients:
             await asyncio.sleep(LINGER_S / 100)
 

@@ -59,10 +59,11 @@ from qrobot.wire.sequence import wrapped
 
 @dataclass(frozen=True)
 class Peer:
-    """The far end of a socket."""
+    """The far end of a socket; `by_link`: on the isolated link of the settings, not on the loopback interface."""
 
     host: str
     port: int
+    by_link: bool = False
 
     def __str__(self) -> str:
         return f"{self.host}:{self.port}"
@@ -199,7 +200,9 @@ class Session:
                 return []
 
     def _greet(self, hello: Hello, now_ns: int) -> list[Action]:
-        refusal = judge(HandshakeRequest(hello, self._peer.host, self._robot_name, self._token))
+        link = self._settings.link if self._peer.by_link else None
+        token, peers = (self._token, None) if link is None else (link.token, link.peers)
+        refusal = judge(HandshakeRequest(hello, self._peer.host, self._robot_name, token, peers))
         if refusal is not None:
             return self.refuse(refusal.code, refusal.text, now_ns)
         self.label = f"{hello.program or 'a program'} at {self._peer}"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from qrobot.errors import ConfigError
+from qrobot.rccl_bridge.isolated_link import IsolatedLink
 from qrobot.wire import DEFAULT_PORT, LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 from qrobot.wire.vocabulary import DEFAULT_PERIOD_US
 
@@ -24,6 +25,7 @@ class BridgeSettings:
         handshake_ns: a client that has not greeted by then is sent away.
         silence_ns: a commander that sends nothing for so long is taken for dead.
         blocked_ns: a client that reads nothing for so long is sent away.
+        link: an isolated network link on which it listens too, at the same port.
     """
 
     host: str = "127.0.0.1"
@@ -34,6 +36,7 @@ class BridgeSettings:
     handshake_ns: int = 2 * SECOND_NS
     silence_ns: int = SECOND_NS
     blocked_ns: int = 10 * SECOND_NS
+    link: IsolatedLink | None = None
 
     def __post_init__(self) -> None:
         if not SHORTEST_PERIOD_US <= self.period_us <= LONGEST_PERIOD_US:

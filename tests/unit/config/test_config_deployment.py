@@ -80,6 +80,34 @@ def test_mistakes_carry_their_path(tmp_path: Path, extra: str, says: str) -> Non
         load(tmp_path, ONE + extra)
 
 
+LINK = '{ interface = "eth1", address = "10.7.0.1", peers = ["10.7.0.2"], token_file = "link.token" }'
+
+
+@pytest.mark.parametrize(
+    ("bridge", "says"),
+    [
+        ('host = "0.0.0.0"', r"arm\.0\.bridge\.host: .*beyond the loopback interface.*tunnel or a link"),
+        ('host = "robot-pc"', r"arm\.0\.bridge\.host: "),
+        (
+            f"link = {LINK.replace('10.7.0.1', '0.0.0.0')}",
+            r"bridge\.link\.address: .*0\.0\.0\.0 is no address of one mach",
+        ),
+        (
+            f"link = {LINK.replace('10.7.0.2', '127.0.0.1')}",
+            r"bridge\.link\.peers: .*127\.0\.0\.1 is no address of one",
+        ),
+        (f"link = {LINK.replace('10.7.0.2', 'sun')}", r"bridge\.link\.peers: .*'sun'"),
+        (f"link = {LINK.replace('eth1', 'eth/1')}", r"bridge\.link\.interface: "),
+        ("link = {}", r"bridge\.link\.token_file: missing"),
+    ],
+)
+def test_a_bridge_listens_on_the_loopback_interface_and_a_link_alone(tmp_path: Path, bridge: str, says: str) -> None:
+    one = ONE.replace("{ port", "{ %s, port")
+    assert load(tmp_path, one % f"link = {LINK}").arm[0].bridge.link.token_file == str(tmp_path / "link.token")
+    with pytest.raises(ConfigError, match=says):
+        load(tmp_path, one % bridge)
+
+
 @pytest.mark.parametrize("name", ["Left", "a/b", "", "../x", "x" * 33])
 def test_an_arm_name_is_fit_for_a_file_name(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"arm\.0\.name"):
