@@ -314,6 +314,7 @@ collision = _parameter(Channel.collision)
 setload = _parameter(Channel.setload)
 override = _parameter(Channel.override)
 pause = _parameter(Channel.pause)
+retract = _parameter(Channel.retract)
 keep_path = _parameter(Channel.keep_path)
 resume = _parameter(Channel.resume)
 

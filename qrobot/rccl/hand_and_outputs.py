@@ -116,7 +116,10 @@ class HandAndOutputs:
 
         When the servo has stopped the arm for COLLISION and holds it, the arm goes back slowly (100 mm/s at most), and
         comes to rest; then the program is told ServoFault, or its path is kept. It goes back once: what it meets
-        on the way ends that. Arms that move together stay where they are. The path is remembered from this call on.
+        on the way ends that. The path is remembered from this call on.
+
+        In a program of several arms the others stand still on their paths meanwhile. While one of them goes to a goal
+        that moves, or stays with one, no arm goes back: two may hold one thing.
 
         Raises:
             MotionError: no such distance.

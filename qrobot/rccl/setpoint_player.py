@@ -10,8 +10,18 @@ from qrobot.arrays import Floats
 from qrobot.errors import MotionError
 from qrobot.fences.fence_set import FenceSet
 from qrobot.motion.world.limits import MotionLimits
+from qrobot.rccl.setpoints import Setpoints
 
 START_TOLERANCE: Final = 1e-4  # rad or m, between the arm's setpoint and the first of a list
+
+
+def check_fit(setpoints: Setpoints, robot: str, period_s: float, label: str) -> None:
+    """Raise MotionError when setpoints are for another robot, or another sample period."""
+    if setpoints.robot != robot:
+        raise MotionError(f"{label}: made for {setpoints.robot}, this is {robot}")
+    if setpoints.period_us != round(period_s * 1e6):
+        periods = f"{setpoints.period_us / 1e3:g} ms from one to the next, the sample period is"
+        raise MotionError(f"{label}: {periods} {period_s * 1e3:g} ms")
 
 
 def check_start(q: Floats, here: Floats, limits: MotionLimits, label: str) -> None:

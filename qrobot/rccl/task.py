@@ -36,7 +36,7 @@ from qrobot.rccl.kept_path import KeptPath, kept_path
 from qrobot.rccl.open_motions import OpenMotions
 from qrobot.rccl.parameters import MoveOrder
 from qrobot.rccl.retreat import Retreat, TravelledPath, is_collision
-from qrobot.rccl.setpoint_player import SetpointPlayer, check_fences, check_start
+from qrobot.rccl.setpoint_player import SetpointPlayer, check_fences, check_fit, check_start
 from qrobot.rccl.setpoints import Setpoints
 from qrobot.rccl.task_group import TaskGroup
 from qrobot.rccl.trace import Trace
@@ -102,11 +102,10 @@ class TrajectoryTask:
         self._retreat: Retreat | None = None
         self.each_sample: Callable[[], object] | None = None
         self._moved = False  # joints, by that function in the sample before
-        self._robot = robot
+        self._robot, self._blend = robot, blend
         self._limits = self._full_limits = motion_limits(robot)
         arm = Arm(robot)
         self._kinematics = kinematics_of(arm)
-        self._blend = blend
         self.fences = fences
         self.motions = OpenMotions(arm)
         self._load = Payload(0.0)
@@ -185,8 +184,7 @@ class TrajectoryTask:
     @property
     def follows(self) -> bool:
         """The arm has come to a goal that moves, and stays with it."""
-        goal = None if self._generator is None else self._generator.goal
-        return goal is not None and not goal.fixed and not self.busy and not self.off_path
+        return self.tied and not self.busy and not self.off_path
 
     @property
     def carried(self) -> bool:
@@ -211,11 +209,7 @@ class TrajectoryTask:
 
     def play(self, setpoints: Setpoints, label: str) -> None:
         """Send setpoints one each sample. Raises what `Channel.play` raises."""
-        if setpoints.robot != self._robot.name:
-            raise MotionError(f"{label}: made for {setpoints.robot}, this is {self._robot.name}")
-        if setpoints.period_us != round(self.period_s * 1e6):
-            periods = f"{setpoints.period_us / 1e3:g} ms from one to the next, the sample period is"
-            raise MotionError(f"{label}: {periods} {self.period_s * 1e3:g} ms")
+        check_fit(setpoints, self._robot.name, self.period_s, label)
         if self.busy:
             raise MotionError(f"{label}: the arm still moves; wait for `completed` first")
         setpoints.check(self._limits, label)
@@ -224,10 +218,11 @@ class TrajectoryTask:
         self._player = SetpointPlayer(setpoints.q, self.period_s, self._limits)
         self.completed.count = 0
 
-    def stop(self, seconds: float = 0.0) -> None:
+    def stop(self, seconds: float = 0.0, retreat_too: bool = True) -> None:
         """Drop all motions and come to an absolute rest, in at least `seconds`; does nothing before the arm holds."""
         if self._retreat is not None:
-            self._retreat.stop()
+            if retreat_too:
+                self._retreat.stop()
         elif self._kept is not None:
             self._kept.give_up(seconds)
         elif self._player is not None:
@@ -248,8 +243,14 @@ class TrajectoryTask:
 
     @property
     def off_path(self) -> bool:
-        """The arm is not on a path that is kept: it waits, or is led back to it."""
-        return self._kept is not None
+        """The arm is not on its path: it goes back from what it met, waits, or is led to a path that is kept."""
+        return self._kept is not None or self._retreat is not None
+
+    @property
+    def tied(self) -> bool:
+        """The arm goes to a goal that moves, or stays with it."""
+        goal = None if self._generator is None else self._generator.goal
+        return goal is not None and not goal.fixed
 
     def leave(self, power_off: bool) -> None:
         """Begin to let go of the arm, which is at rest."""
@@ -263,7 +264,7 @@ class TrajectoryTask:
         Raises ServoFault: the servo gave up, or power is refused; MotionError: the arm is not calibrated.
         """
         command = self._cycle.step(state, now_ns, self._track)
-        if self._kept is not None and self.group is not None:
+        if self.off_path and self.group is not None:
             self.group.before_sample(self.tick)
         self._cycle.describe()
         return command
@@ -333,10 +334,9 @@ class TrajectoryTask:
         self.chg.path_waits = True
 
     def _may_retract(self, fault: ServoFault | LinkError) -> bool:
-        generator = self._generator
-        if generator is None or generator.stopping:  # it is wanted at rest
-            return False
-        return is_collision(fault) and self.retract_m > 0.0 and self.group is None and self._kept is None
+        if self._generator is None or self._generator.stopping or (self.group is not None and self.group.tied):
+            return False  # it is wanted at rest, or may hold what another one holds
+        return is_collision(fault) and self.retract_m > 0.0 and self._kept is None
 
     def _retract(self, fault: ServoFault | LinkError) -> None:
         """Take the arm again, to lead it a little back."""

@@ -83,21 +83,27 @@ class TaskGroup:
     def lose(self, task: TrajectoryTask) -> None:
         """Control of one arm was lost: the others come to rest on their paths, or with what they hold.
 
-        An arm that follows a frame goes on doing so, for that frame comes to rest.
+        An arm that follows a frame goes on doing so, for that frame comes to rest; and one that goes back from what it
+        met as well.
         """
         self.leave(task)
         self.come_to_rest()
         for other in self._tasks:
             if not other.follows:
-                other.stop()
+                other.stop(retreat_too=False)
+
+    @property
+    def tied(self) -> bool:
+        """True while an arm goes to a goal that moves or stays with it: what it holds, another may hold as well."""
+        return any(task.tied for task in self._tasks)
 
     @property
     def waits(self) -> bool:
-        """True while one of the arms is off a path that it keeps: all else stands still on its own."""
+        """True while one of the arms is off its path: all else stands still on its own."""
         return any(task.off_path for task in self._tasks)
 
     def waits_for_another(self, task: TrajectoryTask) -> bool:
-        """True while an arm other than that of `task`, which keeps its path, is off it."""
+        """True while an arm other than that of `task` is off its path."""
         return any(other.off_path for other in self._tasks if other is not task)
 
     def come_to_rest(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from random import Random
 
 import numpy as np
@@ -13,7 +14,19 @@ from qrobot.arrays import Floats
 from qrobot.errors import ServoFault
 from qrobot.faultcodes import FaultCode
 from qrobot.model.transform import inverse
-from qrobot.multi_rccl import RobotManip, jposition, keep_path, kept, move, rccl_control, rccl_open, resume, wait_as
+from qrobot.multi_rccl import (
+    RobotManip,
+    jposition,
+    keep_path,
+    kept,
+    move,
+    rccl_control,
+    rccl_open,
+    rccl_release,
+    resume,
+    retract,
+    wait_as,
+)
 from qrobot.multi_rccl.program import _program
 from qrobot.rccl.kept_path import WAY_BACK_SHARE
 from qrobot.rccl.program import ending
@@ -21,6 +34,7 @@ from qrobot.rci import VirtualLink
 from qrobot.wire import Mode
 from tests.support.fake_robot import FakeRobot
 from tests.support.puma import LIMITS, PARK, PERIOD_S
+from tests.support.puma import arm as puma
 from tests.support.two_hands import THERE, TOOL, WORLD, carry, reach
 
 ROUNDING = 1e-9
@@ -122,3 +136,52 @@ def test_an_arm_on_a_path_of_its_own_waits_on_it_and_one_that_keeps_no_path_ends
     fail(fakes["right"], "stop")
     with pytest.raises(ServoFault):
         wait_as(lambda: False)
+
+
+@pytest.mark.parametrize("both", [False, True], ids=["one", "one another"])
+def test_an_arm_goes_back_from_what_it_met_while_the_other_stands(fakes: dict[str, FakeRobot], both: bool) -> None:
+    arms = [rccl_open(name) for name in NAMES]
+    for arm, turn in zip(arms, (40.0, -40.0), strict=True):
+        rccl_control(arm)
+        retract(arm, 50.0)
+        move(arm, jposition(arm, "END", (np.degrees(PARK) + np.array([turn, 0, 0, 0, 0, 0])).tolist()))
+    wait_as(lambda: fakes["left"].q[0] > 0.2)
+    met = [name for name in NAMES if both or name == "left"]
+    for name in met:
+        fakes[name].halt(FaultCode.COLLISION)
+    far = {name: len(fakes[name].path) for name in NAMES}
+    with pytest.raises(ServoFault, match="COLLISION"):
+        wait_as(lambda: False)
+    for name in met:
+        before, back = np.array(fakes[name].path[: far[name]]), np.array(fakes[name].path[far[name] :])
+        assert flange_m(back) == pytest.approx(0.05, abs=0.003)
+        assert (
+            np.abs(back[:, None] - before[None]).max(axis=2).min(axis=1).max() < 0.0065
+        )  # rad; setpoints lie 0.012 apart
+    if not both:
+        other = np.array(fakes["right"].path)
+        assert gentle(other)
+        assert np.ptp(other[-10:], axis=0).max() == 0.0  # it stood before the left one was there
+        assert 0.2 < abs(other[-1][0] - PARK[0]) < 0.6
+    with suppress(ServoFault):  # of the other one, which the program has not heard of
+        rccl_release(arms[1])
+
+
+def test_no_arm_goes_back_with_what_another_one_holds_as_well(fakes: dict[str, FakeRobot]) -> None:
+    obj, hands = reach()
+    for arm in hands:
+        retract(arm, 50.0)
+    carry(obj)
+    begin = len(fakes["left"].path)
+    wait_as(lambda: len(fakes["left"].path) > begin + 15)
+    assert not obj.completed.count
+    fakes["left"].halt(FaultCode.COLLISION)
+    held = fakes["left"].q
+    with pytest.raises(ServoFault, match="COLLISION"):
+        wait_as(lambda: False)
+    assert fakes["left"].q == held
+
+
+def flange_m(path: Floats) -> float:
+    """How far the flange travels along setpoints (samples, n)."""
+    return float(np.linalg.norm(np.diff([puma().forward(q)[:3, 3] for q in path], axis=0), axis=1).sum())

@@ -276,18 +276,27 @@ def test_a_robot_that_goes_away_ends_the_program_at_its_next_call(run: Run, robo
 
 @needs_compiler
 def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_confirms(run: Run, robot, capfd) -> None:
-    robot.before_period = lambda seq: robot.break_down(FaultCode.FOLLOWING) if seq == 60 else None
+    stops = [(10.0, lambda: robot.halt(FaultCode.COLLISION)), (30.0, lambda: robot.break_down(FaultCode.FOLLOWING))]
+
+    def stop_it(_: int) -> None:
+        if stops and robot.q[0] > np.radians(stops[0][0]):
+            stops.pop(0)[1]()
+
+    robot.before_period = stop_it
     text = """
     main() {
         control();
         rccl_override(90.);
-        rccl_retract(20.);
         double soft[] = {30., 40., 20., 2., 2., 2.}, at[] = {0., 0., 50.};
         rccl_collision("comply", 0., soft);
+        rccl_retract(20.);
         rccl_setload(0., at, NULL);
         rccl_keep_path(YES, 200., 30.);
         POS_PTR p = jposition("P", 40., -90., 180., 0., 0., 0.);
         move(p);
+        waitas(*rccl_kept())
+        printf("%s at %d\\n", strstr(rccl_kept(), "COLLISION") ? "COLLISION" : rccl_kept(), (int) (how.q[0] * 1e3));
+        rccl_resume();
         waitas(how.mode == 7 && *rccl_kept())
         printf("mode %d: %s\\n", how.mode, rccl_kept());
         rccl_resume();
@@ -303,7 +312,10 @@ def test_a_program_that_keeps_its_path_sees_why_it_waits_and_goes_on_when_it_con
     """
     assert run(text) == 1
     told = capfd.readouterr()
-    assert re.match(r"mode 7: .*FOLLOWING", told.out)
+    waited = re.match(r"COLLISION at (\d+)\n", told.out)
+    assert waited
+    assert 155 < int(waited[1]) < 168  # mrad of joint 1, by 20 mm of the flange: it met something at 182
+    assert re.search(r"\nmode 7: .*FOLLOWING", told.out)
     assert told.out.endswith("code -1, kept ''\n")
     assert "threshold of joint 4: 99 is more than unexplained_torque" in told.err
     assert at_rest(robot)

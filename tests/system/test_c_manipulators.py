@@ -235,6 +235,7 @@ main()
     check("updated", fabs(copy->p.z - left->trans.p.z) < 0.01 && fabs(copy->p.x - 500) < 0.01);
     rccl_setload(left, 1., NULL, NULL);
     rccl_keep_path(left, YES, 300., 45.);
+    rccl_retract(left, 20.);
     check("kept nothing", rccl_kept(left)[0] == 0);
     rccl_resume(left);
 
@@ -294,6 +295,11 @@ MISTAKES = {
         "is solved for right.trans: it is no goal of left",
     ),
     "no reaction": ('begin(); rccl_collision(left, "dance", 0., NULL)', "dance"),
+    "too far back": ("begin(); rccl_retract(left, 400.)", "retract(400): 0 to 300 mm are possible"),
+    "a frame's way back": (
+        'obj = rccl_open("OBJECT_FRAME"); rccl_control(obj); rccl_retract(obj, 20.)',
+        "retract: OBJECT_FRAME is an object frame; an arm is",
+    ),
     "too fast": ("begin(); rccl_override(left, 200.)", "0 to 100 per cent are possible"),
     "no arm": ('obj = rccl_open("OBJECT_FRAME"); rccl_control(obj); rccl_manip_sample()', "no arm is under control"),
     "no motion": ('begin(); POS *p = rccl_pose(left, "park"); wait_for(p->end)', "no motion is left that could signal"),

@@ -357,6 +357,7 @@ CALLS: Final[dict[Op, ManipCallRow]] = {
     Op.HAND: ManipCallRow(ManipDispatcher.hand),
     Op.OVERRIDE: _numbers(calls.override, 1),
     Op.PAUSE: _plain(calls.pause),
+    Op.RETRACT: _numbers(calls.retract, 1),
     Op.COLLISION: ManipCallRow(ManipDispatcher.collision, waits=True),
     Op.SETLOAD: ManipCallRow(ManipDispatcher.setload, waits=True),
     Op.UPDATE: ManipCallRow(ManipDispatcher.update),

@@ -126,10 +126,12 @@ int rccl_manip_hand(MANIP_PTR m, int closed);
 #define rccl_pause rccl_manip_pause
 #define rccl_collision rccl_manip_collision
 #define rccl_setload rccl_manip_setload
+#define rccl_retract rccl_manip_retract
 int rccl_override(MANIP_PTR m, double percent);
 int rccl_pause(MANIP_PTR m);
 int rccl_collision(MANIP_PTR m, char *reaction, double mm, double *thresholds);
 int rccl_setload(MANIP_PTR m, double kg, double *centre, double *inertia);
+int rccl_retract(MANIP_PTR m, double mm);
 #define rccl_keep_path rccl_manip_keep_path
 #define rccl_resume rccl_manip_resume
 #define rccl_kept rccl_manip_kept

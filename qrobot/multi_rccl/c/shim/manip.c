@@ -239,6 +239,11 @@ API int rccl_manip_pause(MANIP_PTR m)
     return ask(OP_PAUSE, m, "rccl_pause", "", 0, 0);
 }
 
+API int rccl_manip_retract(MANIP_PTR m, double mm)
+{
+    return ask(OP_RETRACT, m, "rccl_retract", "", mm, 0);
+}
+
 API int rccl_manip_collision(MANIP_PTR m, char *reaction, double mm, double *thresholds)
 {
     struct message message = call_of(OP_COLLISION, m, "rccl_collision", shim_need(reaction, "rccl_collision", "a reaction"));
