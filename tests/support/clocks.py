@@ -30,7 +30,7 @@ CALLERS: Final[dict[str, str]] = {
     "tests/support/patience.py": "bounds a wait for an event of another thread or process, by a minute",
     "qrobot/realtime/deadline.py": "bounds a wait for another process or thread, and pauses between two looks at it",
     "qrobot/servo/process/daemon.py": "its main thread owns a clock; each look at the priority is told the time",
-    "qrobot/servo/operator/requests.py": "tells the age of the board's image, and decides nothing by it",
+    "qrobot/servo/operator/status.py": "tells the age of the board's image, and decides nothing by it",
     "qrobot/servo/laws/trial.py": "measures how long a law takes",
     "qrobot/hwif/bus.py": "pauses between two tries of a read of the board's image, which another thread writes",
     "qrobot/hwif/gateway.py": "its loop owns a clock; each step of a gateway is told the time",

@@ -34,7 +34,7 @@ from qrobot.servo.memory.mailbox import ServoMailbox
 from qrobot.servo.memory.servo_memory import journal_base
 from qrobot.servo.memory.stop_record import Incident, read_incident
 from qrobot.servo.operator import client as client_module
-from qrobot.servo.operator import requests
+from qrobot.servo.operator import law_changes, loop_wait
 from qrobot.servo.operator.board_status import board_status
 from qrobot.servo.operator.client import ServoClient
 from qrobot.servo.operator.messages import MAX_LINE_BYTES, ChangeGains, ChangeLaw, decode_reply, decode_request
@@ -96,7 +96,7 @@ class Bench:
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The servo's loop is a thread of ours, which may stall."""
-    monkeypatch.setattr(requests, "LOOP_PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(loop_wait, "LOOP_PATIENCE_S", PATIENCE_S)
     monkeypatch.setattr(client_module, "STOP_PATIENCE_S", PATIENCE_S)
 
 
@@ -338,7 +338,7 @@ def test_a_mistake_of_ours_is_an_answer_and_the_servo_goes_on(
 ) -> None:
     client.power_on()
     with monkeypatch.context() as patch:
-        patch.setattr(requests, "tried_law", lambda *_: 1 / 0)
+        patch.setattr(law_changes, "tried_law", lambda *_: 1 / 0)
         with pytest.raises(QRobotError, match="a mistake of this program, told by the servo: ZeroDivisionError"):
             client.change_law("pd")
     assert "Traceback" in servo.said[-1]
@@ -360,7 +360,7 @@ def test_a_stop_that_does_not_come_sends_people_to_the_emergency_stop(
 def test_a_law_is_not_even_loaded_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     process = Bench(ServoBench().hold())
     moving(process.bench)
-    monkeypatch.setattr(requests, "tried_law", lambda *_: pytest.fail("loaded"))
+    monkeypatch.setattr(law_changes, "tried_law", lambda *_: pytest.fail("loaded"))
     with pytest.raises(QRobotError, match="not in mode TRACKING"):
         Controls(process)._obey(ChangeLaw(name="pd"))
 
@@ -471,7 +471,7 @@ def test_whoever_hangs_up_takes_their_law_back_and_frees_the_command(
         return find_law("pd" if before != "pd" else "qrobot", servo.robot)
 
     with socket.socket(socket.AF_UNIX) as raw, monkeypatch.context() as patch:
-        patch.setattr(requests, "tried_law", tried)
+        patch.setattr(law_changes, "tried_law", tried)
         connect_to_servo(servo.arm, raw)
         raw.sendall(b'{"command": "law", "name": "pd"}\n')
         assert began.wait(PATIENCE_S)

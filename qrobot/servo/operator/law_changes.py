@@ -1,0 +1,134 @@
+"""Another law, other gains, other settings of a law: asked for by an operator, taken by the loop between two ticks."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from qrobot.errors import LinkLost, QRobotError
+from qrobot.modecodes import Mode
+from qrobot.servo.laws import law_label
+from qrobot.servo.laws.law import KP, KV, M0, Law
+from qrobot.servo.laws.law_swap import (
+    NO_TORQUE,
+    NOT_NOW,
+    OUT_OF_BOUNDS,
+    SwapState,
+    ask_for_law,
+    ask_for_settings,
+    maybe_swap_result,
+)
+from qrobot.servo.laws.stability import check_gains
+from qrobot.servo.laws.trial_process import tried_law
+from qrobot.servo.memory.law_history import LawInForce, settings_text, write_entry
+from qrobot.servo.memory.servo_memory import describe_law, journal_base
+from qrobot.servo.modes import mode_name
+from qrobot.servo.operator.controlled import Controlled
+from qrobot.servo.operator.gain_rows import Matrix, changed_gains
+from qrobot.servo.operator.loop_wait import await_loop
+from qrobot.servo.operator.messages import ChangeGains, ChangeLaw
+from qrobot.servo.operator.status import floats
+
+
+class LawChanges:
+    """The laws of a servo since it began, of which one is in force."""
+
+    def __init__(self, servo: Controlled) -> None:
+        self._servo = servo
+        self._kept = [(servo.law, servo.law_name)]  # the loop may still be in one: none is ever let go
+        self._names_told = 0
+        self._note()
+
+    def change_law(self, request: ChangeLaw, given_up: threading.Event) -> None:
+        """Try the law beside the loop, which goes on, then ask for the swap, unless whoever wanted it has gone."""
+        servo = self._servo
+        if servo.law.compliant and request.name == servo.law_name:
+            self._change_settings(request)
+            return
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the law is loaded: that may take seconds
+            raise _not_now(mode)
+        law = tried_law(request.name, servo.robot, request.settings, servo.mailbox.info.period_ns, given_up)
+        if given_up.is_set():
+            raise LinkLost("whoever asked for the law has gone: it has not been taken")
+        self._swap(law, request.name, np.array(servo.swap.gains))
+
+    def _change_settings(self, request: ChangeLaw) -> None:
+        """Give a compliant law other settings, in any mode; those left out stay."""
+        servo = self._servo
+        law = servo.law.with_settings(request.settings)
+        check_gains(servo.robot, servo.settings, servo.law_name, np.array(servo.swap.gains), law.chosen)
+        ask_for_settings(servo.swap, law.values)
+        _wait_for_swap(servo.swap)
+        servo.law = law
+        self._kept.append((law, servo.law_name))
+        self._note()
+        servo.say(f"law {servo.law_name}: {settings_text(law.chosen)}")
+
+    def change_gains(self, request: ChangeGains) -> None:
+        """Take other gains for the law in force, as that takes a law. Raises QRobotError for gains that do not fit."""
+        servo = self._servo
+        gains = changed_gains(servo.robot.control, np.array(servo.swap.gains), request)
+        self._swap(servo.law, servo.law_name, gains)
+
+    def _swap(self, law: Law, name: str, gains: Matrix) -> None:
+        servo = self._servo
+        mode = servo.mailbox.snapshot().mode
+        if mode not in (Mode.OFF, Mode.HOLDING):  # before the gains are judged: that takes a moment
+            raise _not_now(mode)
+        check_gains(servo.robot, servo.settings, name, gains, law.chosen)
+        self._kept.append((law, name))
+        ask_for_law(servo.swap, law, gains)
+        result = _wait_for_swap(servo.swap)
+        if result == NOT_NOW:
+            raise _not_now(servo.mailbox.snapshot().mode)
+        if result == NO_TORQUE:
+            raise QRobotError(f"law {name} gives no finite torque where the arm stands: it has not been taken")
+        if result == OUT_OF_BOUNDS:
+            raise QRobotError(f"law {name} writes past the end of an array where the arm stands: it has not been taken")
+        servo.law, servo.law_name = law, name
+        describe_law(servo.mailbox.words, law_label(name))
+        self._note()
+        servo.say(f"law {name}, gains Kp {_listed(gains[KP])} Kv {_listed(gains[KV])}")
+
+    def note_fallback(self) -> None:
+        """Tell people and readers once the servo has gone back to the law before, because the one in force failed.
+
+        Readers also hear of new names of a program's numbers. To be called while no law is being changed.
+        """
+        told = int(self._servo.mailbox.memory.command.names_told)
+        if told != self._names_told:
+            self._names_told = told
+            self._note()
+        servo, address = self._servo, int(self._servo.swap.law_at)
+        if address == servo.law.address:
+            return
+        servo.law, servo.law_name = next(kept for kept in reversed(self._kept) if kept[0].address == address)
+        describe_law(servo.mailbox.words, law_label(servo.law_name))
+        self._note()
+        servo.say(f"law {servo.law_name} is in force again: the one after it has failed")
+
+    def _note(self) -> None:
+        """Tell whoever keeps a log what is in force since the last swap, or from the start."""
+        servo, swap = self._servo, self._servo.swap
+        kp, kv, inertia = (floats(swap.gains[row]) for row in (KP, KV, M0))
+        t_ns, tick, label = int(swap.done_t_ns), int(swap.done_tick), law_label(servo.law_name)
+        settings = settings_text(servo.law.chosen)
+        signals, program = " ".join(servo.law.signals), " ".join(servo.mailbox.signal_names())
+        entry = LawInForce(t_ns, tick, label, settings, kp, kv, inertia, signals, program)
+        write_entry(servo.mailbox.words, journal_base(servo.mailbox.info.n), entry)
+
+
+def _not_now(mode: int) -> QRobotError:
+    return QRobotError(f"not in mode {mode_name(mode)}: laws and gains change while the arm holds, or without power")
+
+
+def _wait_for_swap(swap: SwapState) -> int | None:
+    await_loop(lambda: maybe_swap_result(swap) is not None)
+    return maybe_swap_result(swap)
+
+
+def _listed(vector: Any) -> str:
+    return " ".join(f"{value:g}" for value in np.asarray(vector).tolist())

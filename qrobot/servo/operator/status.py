@@ -1,0 +1,88 @@
+"""Status of the servo, as an operator is told it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from qrobot.faultcodes import NO_JOINT, FaultCode, explain
+from qrobot.hwif.arm_clock import arm_time_ns
+from qrobot.modecodes import Mode
+from qrobot.servo.laws.law import KP, KV, M0
+from qrobot.servo.memory.mailbox import ServoMailbox
+from qrobot.servo.memory.published_state import FLAG_CALIBRATED, FLAG_ESTOP_OK, FLAG_GUARDED, FLAG_POWERED
+from qrobot.servo.modes import mode_name
+from qrobot.servo.operator.board_status import board_status
+from qrobot.servo.operator.controlled import Controlled
+from qrobot.servo.operator.messages import ServoStatus
+
+GUARD_TRIP: Final = int(FaultCode.GUARD_TRIP)
+HANDS: Final = ("relaxed", "open", "closed")  # by COMMAND_HAND
+INPUTS: Final = range(1, 6)  # input 0 is the emergency stop's
+
+
+def guardian_acts(mailbox: ServoMailbox) -> bool:
+    """The guardian has taken torque and power away, and the servo writes nothing any more."""
+    return bool(mailbox.memory.guardian.takeover)
+
+
+def servo_status(servo: Controlled, commander: str) -> ServoStatus:
+    """Status of the servo now, which `commander` commands, "" for nobody. Raises LinkError when it died."""
+    snapshot, taken_over = servo.mailbox.snapshot(), guardian_acts(servo.mailbox)
+    gains = servo.swap.gains
+    mode, fault = (Mode.FAULT, GUARD_TRIP) if taken_over else (snapshot.mode, snapshot.fault)
+    code = fault or snapshot.event
+    joint = snapshot.event_joint if code == snapshot.event else NO_JOINT
+    return ServoStatus(
+        arm=servo.arm,
+        robot=servo.robot.name,
+        rate_hz=servo.mailbox.info.rate_hz,
+        law=servo.law_name,
+        law_settings=servo.law.chosen,
+        mode=mode_name(mode),
+        fault=fault,
+        event=snapshot.event,
+        event_joint=snapshot.event_joint,
+        text=_text(servo, code, joint),
+        powered=bool(snapshot.flags & FLAG_POWERED) and not taken_over,
+        calibrated=bool(snapshot.flags & FLAG_CALIBRATED),
+        estop_ok=bool(snapshot.flags & FLAG_ESTOP_OK),
+        guarded=bool(snapshot.flags & FLAG_GUARDED),
+        commander=commander,
+        tick=snapshot.tick,
+        late_cycles=snapshot.late_cycles,
+        page_faults=servo.page_faults,
+        missed_frames=snapshot.missed_frames,
+        hand=HANDS[snapshot.hand] if 0 <= snapshot.hand < len(HANDS) else "",
+        inputs=tuple(k for k in INPUTS if snapshot.inputs >> k & 1),
+        outputs={wire.name: bool(snapshot.outputs & wire.mask) for wire in servo.settings.outputs},
+        force=tuple(None if math.isnan(value) else value for value in snapshot.force.tolist()),
+        override=snapshot.override,
+        paused=snapshot.paused,
+        path_waits=servo.mailbox.path_waits(snapshot.t_ns),
+        speed_limit=snapshot.speed_limit,
+        tool_speed_limit=snapshot.tool_speed_limit,
+        payload_mass=snapshot.payload_mass,
+        q=floats(snapshot.q),
+        v=floats(snapshot.v),
+        tau=floats(snapshot.tau),
+        kp=floats(gains[KP]),
+        kv=floats(gains[KV]),
+        inertia=floats(gains[M0]),
+        board=board_status(servo.board.memory, lambda: arm_time_ns(servo.board.memory, servo.settings.board_slips)),
+    )
+
+
+def floats(vector: Any) -> tuple[float, ...]:
+    """Numbers of a vector, for a message."""
+    return tuple(np.asarray(vector).tolist())
+
+
+def _text(servo: Controlled, code: int, joint: int) -> str:
+    """Meaning of a code, with the value measured if it is the reason for which the servo last left a mode."""
+    incident = servo.incident
+    if incident is not None and incident.code == code:
+        return incident.why(servo.robot.prismatic)
+    return explain(code, joint) if code else ""
