@@ -8,6 +8,7 @@ keeps it there, also when the goal moves.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Final, Protocol
 
 import numpy as np
@@ -21,7 +22,17 @@ from qrobot.arcl.trans import Trans
 from qrobot.arrays import Floats
 from qrobot.errors import FenceCrossed, JointLimit, MotionError, Singular, Unreachable
 from qrobot.fences.fence_set import FenceSet
-from qrobot.motion import Blend, EventKind, Generator, MotionEvent, MoveRequest, Output, Termination, whole_samples
+from qrobot.motion import (
+    FULL_SPEED,
+    Blend,
+    EventKind,
+    Generator,
+    MotionEvent,
+    MoveRequest,
+    Output,
+    Termination,
+    whole_samples,
+)
 from qrobot.units import S_PER_MS
 
 QUEUE_SIZE: Final = 64
@@ -73,6 +84,9 @@ class MotionQueue:
         q: where it stands. Shape (n,).
         reporter: is told what happens.
         fences: that the arm keeps off, None for none.
+
+    Attributes:
+        override: speed override of the program, 0 to 1; that of the operator counts besides.
     """
 
     def __init__(
@@ -94,6 +108,7 @@ class MotionQueue:
         self._current: Motion | None = None
         self._skip = False
         self._tick = 0
+        self.override = FULL_SPEED
 
     @property
     def waiting(self) -> int:
@@ -116,6 +131,11 @@ class MotionQueue:
             raise MotionError(f"move to {motion.name}: {QUEUE_SIZE} motions are waiting already, no room for more")
         self._waiting.append(motion)
 
+    def judge(self, motion: Motion) -> None:
+        """Raise what the motion would end with; one behind others that wait is judged when its turn comes."""
+        if not self._waiting:
+            self._try(motion, self._engine.judge)
+
     def stop(self, seconds: float) -> None:
         """Drop what waits, and come to rest in at least `seconds`."""
         self._engine.stop(seconds)
@@ -132,7 +152,7 @@ class MotionQueue:
         self._dequeue(seen)
         self._take_skip()
         self._bind()
-        self._engine.override = seen.override
+        self._engine.override = self.override * seen.override
         output = self._engine.update(self._tick)
         for event in output.events:
             self._told(event, seen)
@@ -153,7 +173,7 @@ class MotionQueue:
         self._waiting.popleft()
         motion.t0 = seen.t_ms
         try:
-            self._push(motion)
+            self._open[self._try(motion, self._engine.push)] = motion
         except MotionError as error:
             self._fail(_event_of(error), motion, error, seen)
 
@@ -161,26 +181,26 @@ class MotionQueue:
         lead_s = motion.options.ta_ms * S_PER_MS + LOOK_AHEAD_S + SETTLING * self._period_s
         return self._skip or self._engine.remaining * self._period_s <= lead_s
 
-    def _push(self, motion: Motion) -> None:
-        """Hand a motion to the engine; a transition that nobody asked for is as long as the arm needs."""
+    def _try(self, motion: Motion, give: Callable[[MoveRequest], object]) -> MoveRequest:
+        """Give a motion to the engine; a transition that nobody asked for is as long as the arm needs."""
         longest = _LONGER[-1] if motion.options.tacc_ms is None else 1.0
         for longer in _LONGER:
+            request = self._request(motion, longer * motion.options.ta_ms)
             try:
-                self._ask(motion, longer * motion.options.ta_ms)
+                give(request)
             except (JointLimit, Unreachable, Singular):
                 raise
             except MotionError:
                 if longer >= longest:
                     raise
             else:
-                return
+                break
+        return request
 
-    def _ask(self, motion: Motion, ta_ms: float) -> None:
+    def _request(self, motion: Motion, ta_ms: float) -> MoveRequest:
         to_rest = not self._waiting
         speed = segment_time(motion.options, motion.pos, self._kinematics, ta_ms, to_rest)
-        request = motion.request(speed, ta_ms * S_PER_MS)
-        self._engine.push(request)
-        self._open[request] = motion
+        return motion.request(speed, ta_ms * S_PER_MS)
 
     def _take_skip(self) -> None:
         if self._skip:

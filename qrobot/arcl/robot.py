@@ -132,6 +132,25 @@ class ArclRobot:
             self.wait(lambda: motion.over)
         return motion
 
+    def judge(self, pos: Pos, *attributes: Any) -> None:
+        """Raise what `move` raises, or the motion would end with; it is not queued.
+
+        One behind others that wait is judged when its turn comes, and so is a goal that moves.
+        """
+        options = self._options.changed_by("move", attributes)
+        with self._lock():
+            self._motions.judge(Motion(pos, options))
+
+    def override(self, percent: float) -> None:
+        """Let motions go at `percent` of their speed, above 0 to 100, that under way too; places stay the same.
+
+        The operator's override (`qrobot ctl override`) counts besides. Raises MotionError: no such percentage.
+        """
+        if isinstance(percent, bool) or not isinstance(percent, int | float) or not 0.0 < percent <= 100.0:
+            raise MotionError(f"override: above 0 to 100 per cent are possible, not {percent!r}")
+        with self._lock():
+            self._motions.override = percent / 100.0
+
     def stop(self, *attributes: Any) -> None:
         """Drop all motions and come to rest, in at least Tseg: 300 ms, or what MOV_TIME says."""
         options = self._options.changed_by("stop", attributes)

@@ -120,13 +120,13 @@ def run(
         )
 
     def perform_as_chosen() -> int:
-        with _machine(arms, "offline" if offline else "bridge", folder), _fences(arms):
+        with machine_of(arms, "offline" if offline else "bridge", folder), _fences(arms):
             return perform()
 
     return _told(perform_as_chosen, traceback)
 
 
-def _machine(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> AbstractContextManager[None]:
+def machine_of(arms: Sequence[DeployedArm], ami: str, folder: Path | None) -> AbstractContextManager[None]:
     """Block in which programs of ARCL have that machine; only a single arm stands for the robot of its name."""
     from qrobot.cli.teach_pendant import terminal_pendant
     from qrobot.rci.machine_choice import MachineChoice, use_machine

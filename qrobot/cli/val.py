@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
 
 from cyclopts import App, Parameter
 
@@ -19,6 +20,7 @@ from qrobot.printable import printable
 if TYPE_CHECKING:
     from qrobot.cli.arm_links import ArmLinks
     from qrobot.config.deployment import DeployedArm
+    from qrobot.val.arm import ValArm
     from qrobot.val.interpreter import Interpreter
 
 HELP: Final = """
@@ -26,6 +28,7 @@ VAL II, the language that PUMA arms came with: its monitor, and programs checked
 """
 CycleCount = Annotated[int, Parameter(validator=Range(1))]
 MonitorSpeed = Annotated[float, Parameter(validator=Range(0.1, 100.0, "%"))]
+Library: TypeAlias = Literal["rccl", "arcl"]
 
 app = App(name="val", help=HELP, help_format="plaintext", group_commands="Commands")
 
@@ -77,6 +80,7 @@ def monitor(
     load: Path | None = None,
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
+    library: Library = "rccl",
     lockstep: bool = False,
     offline: bool = False,
 ) -> int:
@@ -95,6 +99,8 @@ def monitor(
         Deployment file, or the name of a packaged one: tells where the bridge is.
     arm
         Which arm of the file; may be left out when there is only one.
+    library
+        What moves the arm below the interpreter.
     lockstep
         On virtual time, without processes.
     offline
@@ -102,7 +108,8 @@ def monitor(
     """
     _check_kind(lockstep, offline)
     chosen = choose_arm(deployment, arm)
-    start = partial(_start, load, chosen.robot, _serve)
+    control = partial(_control, library, chosen, offline, None)
+    start = partial(_start, load, control, _serve)
     return _perform(chosen, start, load or Path(__file__), deployment, lockstep, offline, None, None)
 
 
@@ -120,6 +127,7 @@ def run(
     speed: MonitorSpeed = 50.0,
     deployment: str = DEFAULT_DEPLOYMENT,
     arm: str | None = None,
+    library: Library = "rccl",
     lockstep: bool = False,
     offline: bool = False,
     output: OutputFolder | None = None,
@@ -146,6 +154,8 @@ def run(
         Deployment file, or the name of a packaged one: tells where the bridge is.
     arm
         Which arm of the file; may be left out when there is only one.
+    library
+        What moves the arm below the interpreter.
     lockstep
         On virtual time, without processes.
     offline
@@ -161,7 +171,8 @@ def run(
     chosen = choose_arm(deployment, arm)
     if (status := _check(file, chosen, board=not offline)) != SUCCESS:
         return status
-    start = partial(_start, file, chosen.robot, lambda it: _execute(it, execute.lower(), cycles, speed))
+    control = partial(_control, library, chosen, offline, output)
+    start = partial(_start, file, control, lambda it: _execute(it, execute.lower(), cycles, speed))
     return _perform(chosen, start, file, deployment, lockstep, offline, output, log)
 
 
@@ -183,19 +194,39 @@ def _perform(
         return LockstepRun((chosen,), file).perform(perform, deployment, log)
 
 
-def _start(file: Path | None, robot: str, act: Callable[[Interpreter], int]) -> int:
+def _start(
+    file: Path | None, control: Callable[[], AbstractContextManager[ValArm]], act: Callable[[Interpreter], int]
+) -> int:
     """Take control of the arm, load the file, and `act`."""
-    from qrobot.rccl import control
     from qrobot.val.interpreter import Interpreter
-    from qrobot.val.rccl_arm import RcclArm
     from qrobot.val.source import load_source
 
     source = None if file is None else load_source(file)
-    with control(robot) as channel:
-        interpreter = Interpreter(RcclArm(channel), _say, _ask)
+    with control() as arm:
+        interpreter = Interpreter(arm, _say, _ask)
         if source is not None:
             interpreter.machine.load(source)
         return act(interpreter)
+
+
+@contextmanager
+def _control(library: Library, chosen: DeployedArm, offline: bool, output: Path | None) -> Iterator[ValArm]:
+    """Control of the arm by a library; a stream of ARCL goes to `output`."""
+    if library == "rccl":
+        from qrobot.rccl import control
+        from qrobot.val.rccl_arm import RcclArm
+
+        with control(chosen.robot) as channel:
+            yield RcclArm(channel)
+        return
+    from qrobot.cli.run import machine_of
+    from qrobot.val.arcl_arm import arcl_arm
+
+    with (
+        machine_of((chosen,), "offline" if offline else "bridge", output),
+        arcl_arm(robot_of_arm(chosen), chosen.bridge.period_ms if offline else None) as arm,
+    ):
+        yield arm
 
 
 def _serve(interpreter: Interpreter) -> int:

@@ -174,6 +174,10 @@ class Generator:
         self._queue.push(self._planner.prepare(request, start, near, self._trajectory.tick))
         self._sequencer.events.expect()
 
+    def judge(self, request: MoveRequest) -> None:
+        """Raise what `push` would raise for a request but for a full queue; it is not queued."""
+        self._planner.prepare(request, self._sequencer.last_end(), self._trajectory.newest, self._trajectory.tick)
+
     def follow(self, goal: Goal) -> None:
         """Stand at `goal` from now on, and go where it goes: of a generator that was made where `goal` is now.
 

@@ -11,10 +11,8 @@ from qrobot.arrays import Floats
 from qrobot.motion import Termination
 from qrobot.rccl import EQ, TL, Channel, Position, Transform, makeposition, newtrans, t6
 from qrobot.units import DEG_PER_RAD, S_PER_MS
-from qrobot.val.arm import Destination
+from qrobot.val.arm import SETTLING_S, TURN_PER_MM, Destination
 
-TURN_PER_MM: Final = 0.5  # degrees/s for each mm/s of a SPEED in MMPS [A]
-SETTLING_S: Final = 0.15  # the servo has then come after its last setpoints [A]
 _WORDS: Final = {
     Termination.JOINT_LIMIT: "a joint would leave its range",
     Termination.UNREACHABLE: "out of reach",

@@ -1,4 +1,4 @@
-"""VAL II programs run off line: an ideal arm on virtual time, what is typed kept in a list."""
+"""VAL II programs run off line: an ideal arm on virtual time, by RCCL or ARCL, what is typed kept in a list."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from qrobot.config import load_robot
 from qrobot.rccl.connect import open_channel
 from qrobot.rccl.offline import OfflineLink
+from qrobot.rci.machine_choice import MachineChoice, use_machine
+from qrobot.val.arcl_arm import arcl_arm
+from qrobot.val.arm import ValArm
 from qrobot.val.interpreter import Interpreter
 from qrobot.val.rccl_arm import RcclArm
 from qrobot.val.source import read_source
@@ -27,13 +31,24 @@ class Typed(list[str]):
 
 
 @contextmanager
-def interpreter(text: str = "", *answers: str) -> Iterator[tuple[Interpreter, Typed]]:
+def ideal_arm(library: str = "rccl") -> Iterator[ValArm]:
+    """A PUMA 560 that is where it was told to be."""
+    if library == "rccl":
+        with open_channel(OfflineLink, "puma560") as channel:
+            yield RcclArm(channel)
+    else:
+        with use_machine(MachineChoice("offline")), arcl_arm(load_robot("puma560"), 28.0) as arm:
+            yield arm
+
+
+@contextmanager
+def interpreter(text: str = "", *answers: str, library: str = "rccl") -> Iterator[tuple[Interpreter, Typed]]:
     """An interpreter with the programs of `text`, without their first blanks, on an ideal arm."""
     source, errors = read_source(text)
     assert errors == []
     typed = Typed(*answers)
-    with open_channel(OfflineLink, "puma560") as channel:
-        run = Interpreter(RcclArm(channel), typed.append, typed.ask)
+    with ideal_arm(library) as arm:
+        run = Interpreter(arm, typed.append, typed.ask)
         run.machine.arm.override = 100.0
         run.machine.load(source)
         yield run, typed

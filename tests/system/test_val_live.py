@@ -23,6 +23,7 @@ from tests.support.val_runs import EXAMPLES, interpreter
 pytestmark = pytest.mark.realtime
 
 PROGRAMS = "06_process_control", "07_pause_and_proceed", "10_recover"
+BY_ARCL = "07_pause_and_proceed.v2"
 QUESTION = "PAUSE in program main; return goes on "
 THERE_RAD = 0.01
 OFF_MM = 12.0  # the servo is about 6 mm beside the way at full speed
@@ -45,6 +46,7 @@ def test_three_programs_do_on_a_running_arm_what_they_do_off_line(
     for file, way in zip(files, asked, strict=True):
         monkeypatch.setattr("sys.stdin", io.StringIO("\n"))  # the answer to PAUSE
         words = ["val", "run", "--deployment", str(arm.deployment), "--speed", "100", str(file)]
+        words += ["--library", "arcl"] if file.name == BY_ARCL else []
         assert run_app(make_app("val"), words) == 0, capsys.readouterr().err
         assert arm.snapshot().q == pytest.approx(way[-1], abs=THERE_RAD)
     assert capsys.readouterr().out.replace(QUESTION, "").splitlines() == typed

@@ -20,14 +20,15 @@ from tests.support.puma import ROBOT
 from tests.support.val_runs import EXAMPLES, main_program
 
 
-def test_an_example_runs_on_the_emulated_arm(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(EXAMPLES / "03_light_curtain.v2", lockstep=True, speed=100.0) == 0
+def test_an_example_runs_on_the_emulated_arm_by_arcl(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(EXAMPLES / "03_light_curtain.v2", library="arcl", lockstep=True, speed=100.0) == 0
     assert "the curtain has stopped the arm 1 time" in capsys.readouterr().out
 
 
 SAID = {
     "01_pick_and_place": ["the part has been moved by 412 mm"],
     "02_palletise": ["6 parts are on the pallet"],
+    "03_light_curtain": ["somebody is there", "nobody is there", "the curtain has stopped the arm 1 time"],
     "04_touch_a_seam": ["the table is 12.0 mm below"],
     "05_machine_handshake": ["loaded"],
     "07_pause_and_proceed": ["done"],

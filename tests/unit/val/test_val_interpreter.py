@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,13 +52,33 @@ TYPED = {
 
 @pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.v2")), ids=lambda file: file.stem)
 def test_an_example_runs_to_its_end_and_types_what_it_has_done(file) -> None:
-    with interpreter(file.read_text()) as (run, typed):
+    """On RCCL and on ARCL, where it comes to rest at the same places but where it is stopped on its way."""
+    rests = {library: _rests(file, library) for library in ("rccl", "arcl")}
+    if file.stem not in ("03_light_curtain", "10_recover"):
+        assert len(rests["arcl"]) == len(rests["rccl"]) > 0
+        assert np.array(rests["arcl"]) == pytest.approx(np.array(rests["rccl"]), abs=1e-6)
+    assert rests["arcl"][-1] == pytest.approx(rests["rccl"][-1], abs=1e-6)
+
+
+def _rests(file: Path, library: str) -> list[np.ndarray]:
+    """Run an example, and tell the joint positions at which its arm came to rest."""
+    with interpreter(file.read_text(), library=library) as (run, typed):
+        arm, rests = run.machine.arm, [run.machine.arm.q]
+        sample = arm.sample
+
+        def look() -> None:
+            sample()
+            if arm.idle and np.abs(arm.q - rests[-1]).max() > 1e-4:
+                rests.append(arm.q)
+
+        arm.sample = look
         state = run.execute("main")
         if file.stem.startswith("07"):
             assert state is RunState.PAUSED
             state = run.proceed()
-        assert state is RunState.COMPLETED
+        assert state is RunState.COMPLETED, run.message
         assert typed == TYPED[file.stem]
+        return [*rests, arm.q]
 
 
 def result(*lines: str, rest: str = "") -> float:
@@ -166,8 +187,9 @@ def test_monitor_speed_is_a_factor_of_every_speed() -> None:
     assert 3.5 < times[1] / times[0] < 4.2  # but for the rest behind a motion
 
 
-def test_monitor_speed_acts_on_the_line_under_way_which_stays_straight() -> None:
-    with interpreter(main_program("MOVES b", rest=PLACES)) as (run, _):
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_monitor_speed_acts_on_the_line_under_way_which_stays_straight(library: str) -> None:
+    with interpreter(main_program("MOVES b", rest=PLACES), library=library) as (run, _):
         arm, line = run.machine.arm, []
         run.do("MOVE a")
         sample, begin = arm.sample, arm.time_s
@@ -255,9 +277,10 @@ def test_a_speed_that_no_joint_has_is_told_with_one_that_gets_there(word: str) -
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
 
 
-def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
+@pytest.mark.parametrize("library", ["rccl", "arcl"])
+def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step(library: str) -> None:
     program = main_program("MOVE a", "MOVES far", "MOVE b", "BREAK", 'TYPE "end"', rest=PLACES)
-    with interpreter(program) as (run, typed):
+    with interpreter(program, library=library) as (run, typed):
         assert run.execute("main") is RunState.FAILED
         assert run.message.startswith("program main, line 3, column 1: ")
         assert run.machine.arm.idle
@@ -267,11 +290,13 @@ def test_an_error_stops_the_arm_and_retry_goes_on_from_the_step() -> None:
         assert run.machine.frame("here")[:3, 3] == pytest.approx([0.45, -0.15, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize(("single", "times"), [(False, 1), (False, 4), (True, 2)])
-def test_a_motion_that_is_interrupted_is_taken_up_by_proceed(single: bool, times: int) -> None:
+@pytest.mark.parametrize(
+    ("single", "times", "library"), [(False, 1, "rccl"), (False, 4, "rccl"), (True, 2, "rccl"), (False, 4, "arcl")]
+)
+def test_a_motion_that_is_interrupted_is_taken_up_by_proceed(single: bool, times: int, library: str) -> None:
     """Also by Ctrl-C again while the arm comes to rest, and by one while NEXT waits for its motion's end."""
     lines = "MOVE a", "BREAK", "SPEED 20", "MOVES b", "BREAK", "x = y", 'TYPE "end"'
-    with interpreter(main_program(*lines, rest=PLACES)) as (run, typed):
+    with interpreter(main_program(*lines, rest=PLACES), library=library) as (run, typed):
         count = iter(range(1000))
         sample = run.machine.arm.sample
 

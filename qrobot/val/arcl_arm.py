@@ -1,0 +1,224 @@
+"""An arm of ARCL below the interpreter: `MOVE` is `move` with TRAJ_JOINT, `MOVES` with TRAJ_CART."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+from qrobot.arcl import (
+    ARCL_PERIOD,
+    ARCL_ROBOT,
+    EQ,
+    GRIP_CLOSE,
+    GRIP_OPEN,
+    MOV_CONFIG,
+    MOV_SHARE,
+    MOV_TIME,
+    MOV_TRAJ,
+    MOV_VR,
+    MOV_VT,
+    T6,
+    TL,
+    TRAJ_CART,
+    TRAJ_JOINT,
+    Event,
+    Motion,
+    Pos,
+    arcl_errproc,
+    arcl_open,
+    makeposition,
+)
+from qrobot.arcl.events import CallbackAnswer
+from qrobot.arcl.machine import MachineSample
+from qrobot.arcl.opened import forget
+from qrobot.arcl.robot import ArclRobot
+from qrobot.arcl.trans import new_trans_value
+from qrobot.arrays import Floats
+from qrobot.config import Robot
+from qrobot.errors import LinkError, QRobotError
+from qrobot.model.arm import Arm
+from qrobot.model.transform import inverse
+from qrobot.units import S_PER_MS
+from qrobot.val.arm import SETTLING_S, TURN_PER_MM, Destination
+
+STOP_MS: Final = 1  # as soon as the arm can
+
+
+@dataclass(frozen=True, eq=False)
+class _Going:
+    destination: Destination
+    motion: Motion
+
+
+class ArclArm:
+    """A `ValArm` over a robot that ARCL has opened; its errors come here, by `arcl_errproc`.
+
+    Args:
+        robot: the arm.
+        rp: open.
+    """
+
+    def __init__(self, robot: Robot, rp: ArclRobot) -> None:
+        self.robot = robot
+        self._rp, self._zero = rp, rp.aki.zero
+        self._T_arcl_base = rp.aki.forward(rp.aki.zero * 0.0) @ inverse(Arm(robot).forward(rp.aki.zero))
+        self._outputs = rp.lines[1]
+        self._going: list[_Going] = []
+        self._stopped: list[Destination] = []
+        self._failure = ""
+        self._rest_since_s: float | None = None
+        self._override = 100.0
+        arcl_errproc(self._note)
+
+    @property
+    def time_s(self) -> float:
+        """See `ValArm`."""
+        return self._rp.treal * S_PER_MS
+
+    @property
+    def q(self) -> Floats:
+        """See `ValArm`; setpoints of ARCL count from joint positions of its own."""
+        q: Floats = self._seen.q + self._zero
+        return q
+
+    @property
+    def inputs(self) -> int:
+        """See `ValArm`."""
+        return self._seen.inputs
+
+    @property
+    def outputs(self) -> int:
+        """See `ValArm`; those that were switched last are not in the newest sample yet."""
+        return self._outputs
+
+    @property
+    def kept(self) -> str:
+        """See `ValArm`; an arm that the servo has stopped is lost."""
+        return ""
+
+    @property
+    def waiting(self) -> int:
+        """See `ValArm`."""
+        self._look()
+        return sum(not going.motion.begun for going in self._going)
+
+    @property
+    def idle(self) -> bool:
+        """See `ValArm`; the last setpoints are still under way when a motion is completed."""
+        if self._rp.busy:
+            self._rest_since_s = None
+        elif self._rest_since_s is None:
+            self._rest_since_s = self.time_s
+        return self._rest_since_s is not None and self.time_s - self._rest_since_s >= SETTLING_S
+
+    @property
+    def override(self) -> float:
+        """See `ValArm`."""
+        return self._override
+
+    @override.setter
+    def override(self, percent: float) -> None:
+        """Raises MotionError: that is no percentage."""
+        self._rp.override(percent)
+        self._override = percent
+
+    def move(self, destination: Destination) -> None:
+        """See `ValArm`. ARCL tells what cannot be done when its turn comes, so it is asked before."""
+        pos, attributes = self._position(destination), _attributes(destination)
+        self._rp.judge(pos, *attributes)
+        self._rest_since_s = None
+        self._look()
+        self._going.append(_Going(destination, self._rp.move(pos, *attributes)))
+
+    def unfinished(self) -> list[Destination]:
+        """See `ValArm`."""
+        self._look()
+        stopped, self._stopped = self._stopped, []
+        going, self._going = self._going, []
+        return stopped + [each.destination for each in going]
+
+    def failure(self) -> str:
+        """See `ValArm`."""
+        failure, self._failure = self._failure, ""
+        return failure
+
+    def stop(self) -> None:
+        """See `ValArm`."""
+        self._rest_since_s = None
+        self._rp.stop(MOV_TIME, STOP_MS)
+
+    def resume(self) -> None:
+        """See `ValArm`; there is no path to go back to."""
+
+    def hand(self, opened: bool) -> None:
+        """See `ValArm`."""
+        self._rp.gripper(GRIP_OPEN if opened else GRIP_CLOSE)
+
+    def signal(self, *lines: int) -> None:
+        """See `ValArm`."""
+        for line in lines:
+            self._rp.write_outputs(abs(line), 1, int(line > 0))
+            bit = 1 << (abs(line) - 1)
+            self._outputs = self._outputs | bit if line > 0 else self._outputs & ~bit
+
+    def sample(self) -> None:
+        """See `ValArm`."""
+        before = self._rp.ami.sample
+        self._rp.wait(lambda: self._rp.ami.sample is not before)
+
+    @property
+    def _seen(self) -> MachineSample:
+        if self._rp.ami.sample is None:
+            raise LinkError(f"{self.robot.name}: nothing was heard of the robot yet")
+        return self._rp.ami.sample
+
+    def _position(self, destination: Destination) -> Pos:
+        tool = new_trans_value("TOOL", destination.T_last_tool)
+        if destination.q is not None:
+            return Pos(destination.name, destination.q - self._zero, tool)
+        if destination.T_robot_tool is None:
+            raise ValueError(f"{destination.name} has neither joints nor a pose")
+        goal = new_trans_value(destination.name, self._T_arcl_base @ destination.T_robot_tool)
+        return makeposition(destination.name, T6, tool, EQ, goal, TL, tool)
+
+    def _look(self) -> None:
+        """Take note of motions that have ended."""
+        ended = [each for each in self._going if each.motion.code is not None]
+        self._going = [each for each in self._going if each.motion.code is None]
+        self._stopped += [each.destination for each in ended if each.motion.code is not Event.EVENT_DONE]
+
+    def _note(self, event: Event, _rp: ArclRobot, error: QRobotError) -> CallbackAnswer:
+        """Take note of an error, as ARCL's handler of errors; the arm comes to a halt."""
+        if event is not Event.EVENT_FAULT:
+            self._failure = self._failure or str(error)
+        return CallbackAnswer.MOVE_STOP
+
+
+def _attributes(destination: Destination) -> tuple[Any, ...]:
+    """The attributes of a motion, as ARCL takes them."""
+    traj = MOV_TRAJ, TRAJ_CART if destination.straight else TRAJ_JOINT
+    mm_s = destination.speed_mm_s
+    speed = (MOV_SHARE, 100.0 * destination.share) if mm_s is None else (MOV_VT, mm_s, MOV_VR, TURN_PER_MM * mm_s)
+    return *traj, *speed, *((MOV_CONFIG, destination.letters) if destination.letters else ()), 0
+
+
+@contextmanager
+def arcl_arm(robot: Robot, period_ms: float | None = None) -> Iterator[ArclArm]:
+    """Control of an arm by ARCL, on the machine that is chosen outside (`use_machine`).
+
+    Args:
+        robot: the arm.
+        period_ms: sample period, None for the machine's own.
+
+    Raises:
+        ConfigError, LinkError, ServoFault: the arm cannot be taken. MotionError: no such sample period.
+    """
+    rp = arcl_open(ARCL_ROBOT, robot, *(() if period_ms is None else (ARCL_PERIOD, period_ms)))
+    try:
+        yield ArclArm(robot, rp)
+    finally:
+        arcl_errproc(None)
+        forget(rp)
+        rp.abandon()
