@@ -13,6 +13,7 @@ from qrobot.config import Robot, load_robot
 from qrobot.config.document import packaged_names
 from qrobot.errors import ConfigError
 from qrobot.units import DEG_PER_RAD
+from qrobot.whole_file import replace_file
 
 HELP: Final = """
 Look at robot files, and exchange them with other programs.
@@ -113,7 +114,7 @@ def export(
     if output is None:
         out.print(text.rstrip("\n"), soft_wrap=True, markup=False, highlight=False)
         return
-    output.write_text(text, encoding="utf-8")
+    replace_file(output, text)
     note(f"wrote {output}")
 
 

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final
 
 import numpy as np
 
 from qrobot.arrays import Floats
 from qrobot.errors import ConfigError
-from qrobot.exchange.urdf_document import LinkBody, UrdfJoint, UrdfTree
+from qrobot.exchange.urdf_document import LinkBody, UrdfJoint, UrdfTree, listed
 from qrobot.model.transform import inverse, so3_exp, transform
+from qrobot.wire.vocabulary import MAX_JOINTS
 
 _NO_BODY: Final = LinkBody(0.0, np.zeros(3), np.zeros((3, 3)))
 
@@ -54,15 +56,18 @@ def serial_chain(tree: UrdfTree, tip: str | None = None) -> SerialChain:
     """The chain from the root to `tip`, or to the only link that carries no other.
 
     Raises:
-        ConfigError: no such link, several tips to choose from, no joint moves, or one of them follows another.
+        ConfigError: no such link, several tips to choose from, none or too many joints that move, or one that follows
+            another.
     """
     joints = _joints_to(tree, _tip(tree, tip))
-    if not any(joint.moves for joint in joints):
-        raise ConfigError(f"{tree.name}: no joint moves between {tree.root!r} and the tip")
+    moving = sum(joint.moves for joint in joints)
+    if not 0 < moving <= MAX_JOINTS:
+        how_many = f"{moving} joints move" if moving else "no joint moves"
+        raise ConfigError(f"{tree.name}: {how_many} between {tree.root!r} and the tip; 1 to {MAX_JOINTS} can")
     chain_names = {joint.name for joint in joints}
     _refuse_mimics(tree, joints)
     first = next(number for number, joint in enumerate(joints) if joint.moves)
-    T_root_base = np.linalg.multi_dot([np.eye(4), *(joint.T_parent_child for joint in joints[:first]), np.eye(4)])
+    T_root_base = reduce(np.matmul, (joint.T_parent_child for joint in joints[:first]), np.eye(4))
     links: list[ChainLink] = []
     place = np.eye(4)  # of the link at hand in the frame of the last moving joint
     for joint in joints[first:]:
@@ -90,9 +95,9 @@ def _tip(tree: UrdfTree, tip: str | None) -> str:
     if tip is None:
         if len(tree.leaves) == 1:
             return tree.leaves[0]
-        raise ConfigError(f"{tree.name} has several ends; name one with --tip: {', '.join(tree.leaves)}")
+        raise ConfigError(f"{tree.name} has several ends; name one with --tip: {listed(tree.leaves)}")
     if tip not in tree.bodies:
-        raise ConfigError(f"{tree.name} has no link {tip!r}; its ends are {', '.join(tree.leaves)}")
+        raise ConfigError(f"{tree.name} has no link {tip!r}; its ends are {listed(tree.leaves)}")
     return tip
 
 
@@ -118,11 +123,13 @@ def _merged(tree: UrdfTree, link: str, place: Floats, chain: set[str]) -> LinkBo
 
 
 def _bodies(tree: UrdfTree, link: str, place: Floats, chain: set[str]) -> Iterator[LinkBody]:
-    own, R = tree.bodies[link], place[:3, :3]
-    yield LinkBody(own.mass, R @ own.com + place[:3, 3], R @ own.inertia @ R.T)
-    for joint in tree.below(link):
-        if not (joint.moves and joint.name in chain):
-            yield from _bodies(tree, joint.child, place @ joint.T_parent_child, chain)
+    waiting = [(link, place)]
+    while waiting:
+        link, place = waiting.pop()
+        own, R = tree.bodies[link], place[:3, :3]
+        yield LinkBody(own.mass, R @ own.com + place[:3, 3], R @ own.inertia @ R.T)
+        below = [joint for joint in tree.below.get(link, ()) if not (joint.moves and joint.name in chain)]
+        waiting += [(joint.child, place @ joint.T_parent_child) for joint in reversed(below)]
 
 
 def _steiner(mass: float, arm: Floats) -> Floats:

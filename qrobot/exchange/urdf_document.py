@@ -7,7 +7,10 @@ Facts of the format: the pages urdf/XML/link and urdf/XML/joint of wiki.ros.org.
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -24,6 +27,9 @@ TURNING: Final = ("revolute", "continuous")
 MOVING: Final = (*TURNING, "prismatic")
 KNOWN_KINDS: Final = (*MOVING, "fixed")
 LARGEST_FILE: Final = 16_000_000  # [A] bytes
+LARGEST_NUMBER: Final = 1e20  # [A]; some files have ranges of 1e16
+LONGEST_NAME: Final = 100  # [A] characters
+MOST_LISTED: Final = 20  # [A] names in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +83,28 @@ class UrdfTree:
     bodies: dict[str, LinkBody]
     joints: tuple[UrdfJoint, ...]
 
-    def below(self, link: str) -> tuple[UrdfJoint, ...]:
-        """The joints whose parent is `link`."""
-        return tuple(joint for joint in self.joints if joint.parent == link)
+    @cached_property
+    def below(self) -> dict[str, list[UrdfJoint]]:
+        """The joints below each link that has some."""
+        return _below(self.joints)
 
     @property
     def leaves(self) -> tuple[str, ...]:
         """Links that carry no other."""
-        parents = {joint.parent for joint in self.joints}
-        return tuple(link for link in self.bodies if link not in parents)
+        return tuple(link for link in self.bodies if link not in self.below)
+
+
+class _PlainBuilder(ElementTree.TreeBuilder):
+    """Builds the elements of a file without a document type: entities that it declares may have no end."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def doctype(self, name: str, *_: str | None) -> None:
+        """Raise ConfigError; the parser calls this before it reads what is declared."""
+        what = f"declares a document type, <!DOCTYPE {name[:60]} ...>"
+        raise ConfigError(f"{self._path}: {what}; a URDF needs none: take it out")
 
 
 def read_urdf(path: Path) -> UrdfTree:
@@ -95,9 +114,11 @@ def read_urdf(path: Path) -> UrdfTree:
         ConfigError: it cannot be read, is no URDF, or its links are no tree; names the element.
     """
     try:
-        if path.stat().st_size > LARGEST_FILE:
+        with path.open("rb") as file:
+            text = file.read(LARGEST_FILE + 1)
+        if len(text) > LARGEST_FILE:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE // 1_000_000} MB; is it a URDF?")
-        root = ElementTree.fromstring(path.read_bytes())
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_PlainBuilder(path)))
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows
@@ -118,8 +139,8 @@ def _tree(root: Element, path: Path) -> UrdfTree:
     links, joints = root.findall("link"), root.findall("joint")
     for what, elements in (("link", links), ("joint", joints)):
         names = [_name(element, path) for element in elements]
-        if twice := {name for name in names if names.count(name) > 1}:
-            raise ConfigError(f"{path}: two {what}s are called {sorted(twice)[0]!r}")
+        if twice := [name for name, times in Counter(names).items() if times > 1]:
+            raise ConfigError(f"{path}: two {what}s are called {min(twice)!r}")
     bodies = {_name(link, path): _body(link, path) for link in links}
     made = tuple(_joint(joint, path) for joint in joints)
     return UrdfTree(root.get("name", path.stem), _root(path, bodies, made), bodies, made)
@@ -127,17 +148,16 @@ def _tree(root: Element, path: Path) -> UrdfTree:
 
 def _root(path: Path, bodies: dict[str, LinkBody], joints: tuple[UrdfJoint, ...]) -> str:
     """The one link that hangs on no joint, from which every other one is reached."""
-    children = [joint.child for joint in joints]
+    children = Counter(joint.child for joint in joints)
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in bodies:
                 raise ConfigError(f"{path}: joint {joint.name!r} speaks of link {link!r}, which is not in the file")
-        if children.count(joint.child) > 1:
+        if children[joint.child] > 1:
             raise ConfigError(f"{path}: link {joint.child!r} hangs on two joints: a closed chain is no serial arm")
     roots = [link for link in bodies if link not in children]
     if len(roots) != 1:
-        found = ", ".join(roots) or "none"
-        raise ConfigError(f"{path}: one link must hang on no joint, here there are: {found}")
+        raise ConfigError(f"{path}: one link must hang on no joint, here there are: {listed(roots) or 'none'}")
     if circle := set(bodies) - _reached(roots[0], joints):
         raise ConfigError(f"{path}: joints go round in a circle, so that {sorted(circle)[0]!r} hangs on itself")
     return roots[0]
@@ -145,10 +165,25 @@ def _root(path: Path, bodies: dict[str, LinkBody], joints: tuple[UrdfJoint, ...]
 
 def _reached(root: str, joints: tuple[UrdfJoint, ...]) -> set[str]:
     """The links below `root`, itself too."""
-    reached, newest = {root}, {root}
-    while newest := {joint.child for joint in joints if joint.parent in newest} - reached:
-        reached |= newest
+    below, reached, newest = _below(joints), {root}, [root]
+    while newest:
+        newest = [joint.child for link in newest for joint in below.get(link, ()) if joint.child not in reached]
+        reached.update(newest)
     return reached
+
+
+def _below(joints: tuple[UrdfJoint, ...]) -> dict[str, list[UrdfJoint]]:
+    """The joints by the names of their parents."""
+    below: dict[str, list[UrdfJoint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    return below
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, the first of them if they are many."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(name[:60] for name in names[:MOST_LISTED]) + more
 
 
 def _body(link: Element, path: Path) -> LinkBody:
@@ -175,6 +210,7 @@ def _joint(joint: Element, path: Path) -> UrdfJoint:
     if (kind := joint.get("type", "")) not in KNOWN_KINDS:
         raise ConfigError(f"{path}: {where} is {kind or 'of no type'}; a serial arm has {', '.join(KNOWN_KINDS)}")
     axis = np.array([1.0, 0.0, 0.0]) if (given := joint.find("axis")) is None else _vector(given, "xyz", path, where)
+    axis = axis / (np.abs(axis).max() or 1.0)  # the square of what is very large or small is no number
     if kind in MOVING and not (length := float(np.linalg.norm(axis))) > 0.0:
         raise ConfigError(f"{path}: {where}: its axis has no direction")
     limit, dynamics, mimic = joint.find("limit"), joint.find("dynamics"), joint.find("mimic")
@@ -198,6 +234,8 @@ def _joint(joint: Element, path: Path) -> UrdfJoint:
 def _name(element: Element, path: Path) -> str:
     if not (name := element.get("name", "").strip()):
         raise ConfigError(f"{path}: a <{element.tag}> has no name")
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise ConfigError(f"{path}: a <{element.tag}> is called {name[:60]!r}, which is too long or cannot be printed")
     return name
 
 
@@ -221,7 +259,9 @@ def _vector(element: Element, key: str, path: Path, where: str) -> Floats:
     words = element.get(key, "").split()
     numbers = [_finite(word) for word in words]
     if len(numbers) != 3 or any(number is None for number in numbers):
-        raise ConfigError(f"{path}: {where}: {key} must be three numbers, is {' '.join(words)[:60]!r}")
+        raise ConfigError(
+            f"{path}: {where}: {key} must be three numbers, up to {LARGEST_NUMBER:g}, is {' '.join(words)[:60]!r}"
+        )
     return np.array(numbers, dtype=np.float64)
 
 
@@ -237,13 +277,14 @@ def _optional(element: Element | None, key: str, path: Path, where: str) -> floa
     if word is None:
         return None
     if (number := _finite(word)) is None:
-        raise ConfigError(f"{path}: {where}: {key} must be a number, is {word[:60]!r}")
+        raise ConfigError(f"{path}: {where}: {key} must be a number, up to {LARGEST_NUMBER:g}, is {word[:60]!r}")
     return number
 
 
 def _finite(word: str) -> float | None:
+    """The number of a word as XML writes them; None for others, and for what squares of lengths would make infinite."""
     try:
-        number = float(word)
+        number = float(word) if word.isascii() and "_" not in word else math.nan
     except ValueError:
         return None
-    return number if math.isfinite(number) else None
+    return number if abs(number) <= LARGEST_NUMBER else None

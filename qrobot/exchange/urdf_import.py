@@ -6,6 +6,7 @@ or what the guard should allow; nobody can guess these for an arm of metal, so t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -204,8 +205,21 @@ def _merged_document(told: _Told, like: str | None, beside: Path | None) -> Docu
     document["about"] = f"made of {told.source}" + ("" if like is None else f", drives and gains as {like}")
     for section, table in told.sections.items():
         _overlay(document, section.split("."), table)
-    for section, table in ({} if beside is None else read_document(beside)).items():
+    for section, table in ({} if beside is None else _sections_beside(beside)).items():
         _overlay(document, [section], table)
+    return document
+
+
+def _sections_beside(path: Path) -> Document:
+    """Sections of the user's file. Raises ConfigError where a single value stands in the place of a table."""
+    document: Document = read_document(path)
+    for section, table in document.items():
+        if section in ("name", "about"):
+            continue
+        if not isinstance(table, dict):
+            raise ConfigError(f"{path}: {section} must be a section of a robot file, [{section}], with values in it")
+        if not isinstance(table.get("source", {}), dict):
+            raise ConfigError(f"{path}: {section}.source must name the source of each value")
     return document
 
 
@@ -248,10 +262,10 @@ def _robot_name(stem: str) -> str:
 def _fit_torque_limits(document: Document, chain: SerialChain) -> None:
     """Limits of torque from the URDF's efforts, no higher than the converters can ask for."""
     efforts = [link.joint.effort for link in chain.links]
-    scales = document.get("transmission", {}).get("dac_per_Nm")
-    if not all(efforts) or scales is None or np.shape(scales) != (len(efforts),) or not all(scales):
+    scales = _row(document.get("transmission", {}).get("dac_per_Nm"))
+    if not all(efforts) or scales is None or len(scales) != len(efforts) or not (np.abs(scales) > 0.0).all():
         return
-    most = np.minimum(np.array(efforts, dtype=np.float64), DAC_HALF_RANGE / np.abs(np.array(scales, dtype=np.float64)))
+    most = np.minimum(np.array(efforts, dtype=np.float64), DAC_HALF_RANGE / np.abs(scales))
     guard = document.setdefault("guard", {"source": {}})
     guard["tau_max"] = _plain(most)
     guard.setdefault("source", {})["tau_max"] = "URDF: effort, at most what the converters can ask for"
@@ -260,20 +274,28 @@ def _fit_torque_limits(document: Document, chain: SerialChain) -> None:
 def _complete_poses(document: Document, notes: list[str]) -> None:
     """Poses that the range of another arm allowed, and this one's does not, become the middle of its range."""
     limits = document.get("limits", {})
-    low, high = limits.get("q_min_deg"), limits.get("q_max_deg")
-    if not (isinstance(low, list) and isinstance(high, list) and len(low) == len(high)):
+    low, high = _row(limits.get("q_min_deg")), _row(limits.get("q_max_deg"))
+    if low is None or high is None or len(low) != len(high):
         return
     poses = document.setdefault("poses", {"source": {}})
-    middle = _plain(np.clip(0.0, *np.array([low, high], dtype=np.float64)))
+    middle = _plain(np.clip(0.0, low, high))
     for name in [*NEEDED_POSES, *(key for key in poses if key not in (*NEEDED_POSES, "source"))]:
-        if name not in poses or not _inside(poses[name], low, high):
+        if name not in poses or _outside(_row(poses[name]), low, high):
             poses[name] = middle
             poses.setdefault("source", {})[name] = "[A] zero, or the end of the range that is nearest to it"
             notes.append(f"pose {name} is made up: give it a better one")
 
 
-def _inside(pose: Any, low: list[float], high: list[float]) -> bool:
-    return np.shape(pose) == np.shape(low) and bool(np.all((np.array(low) <= pose) & (np.array(pose) <= high)))
+def _outside(pose: Floats | None, low: Floats, high: Floats) -> bool:
+    """True of a pose out of range; one that is none at all is refused with the rest of the file."""
+    return pose is not None and len(pose) == len(low) and bool(((pose < low) | (pose > high)).any())
+
+
+def _row(value: Any) -> Floats | None:
+    """Finite numbers of a list, None of anything else: whoever checks the whole file says what is wrong with it."""
+    if not isinstance(value, list) or not all(isinstance(x, int | float) and math.isfinite(x) for x in value):
+        return None
+    return np.array(value, dtype=np.float64)
 
 
 def _robot(document: Document, path: Path, like: str | None) -> Robot:

@@ -6,7 +6,7 @@ joints' own names. A Parquet file of ours tells robot and period besides, as met
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +15,16 @@ import numpy as np
 from qrobot.arrays import Floats
 from qrobot.config.robot import Robot
 from qrobot.errors import ConfigError
-from qrobot.rccl.setpoints import FIRST_LINE, Setpoints, read_setpoints, write_setpoints
+from qrobot.rccl.setpoints import (
+    ENCODING,
+    FIRST_LINE,
+    Setpoints,
+    is_name,
+    read_setpoints,
+    told_period_us,
+    write_setpoints,
+)
+from qrobot.whole_file import replace_bytes
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
 TIME: Final = "t_s"
@@ -33,7 +42,7 @@ def read_setpoint_table(path: Path, robot: Robot) -> Setpoints:
     if path.suffix.lower() == PARQUET:
         return _read_parquet(path, robot)
     try:
-        lines = path.read_text(encoding="utf-8").split("\n")
+        lines = path.read_text(encoding=ENCODING).split("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
     return read_setpoints(path) if lines[0].startswith(FIRST_LINE[0]) else _read_csv(path, lines, robot)
@@ -45,24 +54,39 @@ def write_setpoint_table(path: Path, setpoints: Setpoints) -> None:
         write_setpoints(path, setpoints)
         return
     pa, pq = _pyarrow()
+    whole = pa.BufferOutputStream()
     columns = {TIME: setpoints.t} | {f"q{j + 1}": np.ascontiguousarray(q) for j, q in enumerate(setpoints.q.T)}
     metadata = {_ROBOT: setpoints.robot.encode(), _PERIOD: str(setpoints.period_us).encode()}
     try:
-        pq.write_table(pa.table(columns).replace_schema_metadata(metadata), path)
+        pq.write_table(pa.table(columns).replace_schema_metadata(metadata), whole)
+        replace_bytes(path, whole.getvalue().to_pybytes())
     except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error}") from None
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _read_parquet(path: Path, robot: Robot) -> Setpoints:
     pa, pq = _pyarrow()
     try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            table = parquet.read()
+        names = table.column_names
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
-    columns = {name: table.column(name).to_numpy() for name in table.column_names if _wanted(name, robot)}
+    columns = dict(_parquet_columns(path, pa, table, _chosen(path, names, robot)))
     told = table.schema.metadata or {}
     period = told.get(_PERIOD, b"").decode(errors="replace")
     return _setpoints(path, columns, told.get(_ROBOT, b"").decode(errors="replace"), period, robot)
+
+
+def _parquet_columns(path: Path, pa: Any, table: Any, places: Mapping[str, int]) -> Iterator[tuple[str, Any]]:
+    """Columns of numbers. Raises ConfigError for others: a date or a truth value is no position."""
+    for name, place in places.items():
+        column = table.column(place)
+        if not any(
+            of_type(column.type) for of_type in (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal)
+        ):
+            raise ConfigError(f"{path}: its columns are not all numbers: {name} is of {column.type}")
+        yield name, column.to_numpy()
 
 
 def _pyarrow() -> tuple[Any, Any]:
@@ -77,19 +101,23 @@ def _read_csv(path: Path, lines: list[str], robot: Robot) -> Setpoints:
     if not rest:
         raise ConfigError(f"{path}: no setpoints")
     try:
-        numbers = np.loadtxt(rest, delimiter=",", ndmin=2)
+        numbers = np.loadtxt(rest, delimiter=",", ndmin=2, comments=None)
     except ValueError as error:
         raise ConfigError(
             f"{path}: {str(error).rstrip('.')}; wanted are a line of names and lines of numbers"
         ) from None
     if numbers.shape[1] != len(names):
         raise ConfigError(f"{path}: {len(names)} names, but {numbers.shape[1]} numbers in a line")
-    columns = {name: column for name, column in zip(names, numbers.T, strict=True) if _wanted(name, robot)}
+    columns = {name: numbers[:, place] for name, place in _chosen(path, names, robot).items()}
     return _setpoints(path, columns, "", "", robot)
 
 
-def _wanted(name: str, robot: Robot) -> bool:
-    return name == TIME or name in robot.joint_names or name in _numbered(robot)
+def _chosen(path: Path, names: Sequence[str], robot: Robot) -> dict[str, int]:
+    """Places of the columns that setpoints may be made of. Raises ConfigError: two have one name."""
+    wanted = {TIME, *robot.joint_names, *_numbered(robot)} & set(names)
+    if twice := sorted(name for name in wanted if names.count(name) > 1):
+        raise ConfigError(f"{path}: two columns are called {twice[0]}")
+    return {name: names.index(name) for name in names if name in wanted}
 
 
 def _numbered(robot: Robot) -> list[str]:
@@ -111,6 +139,8 @@ def _setpoints(path: Path, columns: Mapping[str, Any], name: str, period: str, r
         raise ConfigError(f"{path}: its columns are not all numbers") from None
     if not (np.isfinite(q).all() and np.isfinite(t).all()):
         raise ConfigError(f"{path}: every number must be finite")
+    if name and not is_name(name):
+        raise ConfigError(f"{path}: it is for a robot called {name!r}, which is no name")
     return Setpoints(name or robot.name, _period_us(path, t, period), q)
 
 
@@ -118,11 +148,13 @@ def _period_us(path: Path, t: Floats, told: str) -> int:
     """The period told, or that of the times. Raises ConfigError when times are uneven or too near or far."""
     if t.size < 2:
         raise ConfigError(f"{path}: two setpoints at least are needed to know their period")
-    period_us = int(told) if told.isdecimal() else round(float(t[-1] - t[0]) / (t.size - 1) * 1e6)
+    with np.errstate(over="ignore"):
+        step_us, since = float(t[-1] - t[0]) / (t.size - 1) * 1e6, t - t[0]
+    period_us = told_period_us(told) or (round(step_us) if abs(step_us) < 2 * LONGEST_PERIOD_US else 0)
     if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
         allowed = f"{SHORTEST_PERIOD_US} to {LONGEST_PERIOD_US} us are possible"
-        raise ConfigError(f"{path}: its setpoints are {period_us} us apart; {allowed}")
-    off = np.abs(t - t[0] - np.arange(t.size) * (period_us * 1e-6))
+        raise ConfigError(f"{path}: its setpoints are {period_us or step_us:.6g} us apart; {allowed}")
+    off = np.abs(since - np.arange(t.size) * (period_us * 1e-6))
     if (uneven := int(np.argmax(off > _UNEVEN * period_us * 1e-6))) or off[0] > 0.0:
         raise ConfigError(f"{path}: setpoint {uneven + 1} is at {t[uneven]:g} s, off the even steps of {period_us} us")
     return period_us

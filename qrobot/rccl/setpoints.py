@@ -26,8 +26,11 @@ from qrobot.motion.world.limits import MotionLimits
 from qrobot.whole_file import replace_file
 from qrobot.wire.vocabulary import LONGEST_PERIOD_US, SHORTEST_PERIOD_US
 
+ENCODING: Final = "utf-8-sig"  # spreadsheets put a mark of the byte order in front
 FIRST_LINE: Final = "# qrobot setpoints 1"
 HEAD_LINES: Final = 4
+LONGEST_NAME: Final = 100  # [A] characters
+MOST_DIGITS: Final = 9  # [A] of a period
 _ROOM: Final = 1.01  # the generator itself allows this much where goals move; digits are rounded besides
 
 
@@ -102,19 +105,29 @@ def read_setpoints(path: Path) -> Setpoints:
         ConfigError: it cannot be read, or a line is not what it should be; the message has its number.
     """
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding=ENCODING).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
     if not lines or lines[0].strip() != FIRST_LINE:
         raise ConfigError(f"{path}, line 1: not a setpoint file; it should begin with {FIRST_LINE!r}")
     robot, period_text = _head(path, lines, 1, "robot"), _head(path, lines, 2, "period_us")
-    period_us = int(period_text) if period_text.isdecimal() else 0
+    period_us = told_period_us(period_text)
     if not SHORTEST_PERIOD_US <= period_us <= LONGEST_PERIOD_US:
         allowed = f"{SHORTEST_PERIOD_US} to {LONGEST_PERIOD_US}"
-        raise ConfigError(f"{path}, line 3: the period must be a whole number from {allowed}, not {period_text!r}")
+        raise ConfigError(f"{path}, line 3: the period must be a whole number from {allowed}, not {period_text[:20]!r}")
     n = _joint_count(path, lines)
     rows = list(_rows(path, lines[HEAD_LINES:], n, period_us * 1e-6))
     return Setpoints(robot, period_us, np.array(rows).reshape(-1, n))
+
+
+def is_name(text: str) -> bool:
+    """Whether it can stand for a robot in the head of a file: one word of characters that can be seen."""
+    return text.isprintable() and len(text.split()) == 1 and len(text) <= LONGEST_NAME
+
+
+def told_period_us(text: str) -> int:
+    """A period that a file tells; 0 for none or one that cannot be."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= MOST_DIGITS else 0
 
 
 def _head(path: Path, lines: list[str], index: int, key: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from random import Random
 from typing import Any, Final
 
 import mujoco
@@ -236,6 +238,17 @@ PLAIN: Final = (
             "xacro FILE",
         ),
         ('<parent link="b"/>', '<parent link="a"/>', "several ends.*--tip"),
+        (
+            '<robot name="r">',
+            '<!DOCTYPE r [<!ENTITY a "ha">]><robot name="&a;">',
+            "declares a document type, <!DOCTYPE r",
+        ),
+        ('<robot name="r">', '<!DOCTYPE r SYSTEM "/etc/passwd"><robot name="r">', "declares a document type"),
+        ('lower="-1"', 'lower="-1e308"', r"a number, up to 1e\+20, is '-1e308'"),
+        ('lower="-1"', 'lower="1_0"', "a number, up to"),
+        ('xyz="0 0 1"', 'xyz="0 0 1e200"', "three numbers, up to"),
+        ('name="j"', 'name="a&#9;b"', "cannot be printed"),
+        ('name="j"', f'name="{"j" * 101}"', "too long"),
     ],
 )
 def test_what_is_no_serial_arm_is_refused_with_its_place(tmp_path: Path, old: str, new: str, told: str) -> None:
@@ -243,6 +256,98 @@ def test_what_is_no_serial_arm_is_refused_with_its_place(tmp_path: Path, old: st
     path.write_text(PLAIN.replace(old, new, 1))
     with pytest.raises(ConfigError, match=told):
         serial_chain(read_urdf(path))
+
+
+def fan(count: int, kind: str, parent: str) -> str:
+    """A URDF of so many joints of a kind; `parent` has the number of the one before as {}, or none."""
+    links = "".join(f'<link name="l{k}"/>' for k in range(count + 1))
+    joint = f'<joint name="j{{0}}" type="{kind}"><parent link="{parent}"/><child link="l{{1}}"/></joint>'
+    return f'<robot name="r">{links}{"".join(joint.format(k, k + 1) for k in range(count))}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('<robot name="r">' + "".join(f'<link name="l{k}"/>' for k in range(20_000)) + "</robot>", "and 19980 more"),
+        (fan(5000, "revolute", "l0"), "several ends; name one with --tip: l1, .* and 4980 more"),
+        (fan(2000, "revolute", "l{0}"), "2000 joints move .*; 1 to 32 can"),
+        (fan(2000, "fixed", "l{0}").replace('"fixed"', '"revolute"', 1), "puma560 is not like it"),
+        ("<a>" * 50_000 + "</a>" * 50_000, "a URDF begins with <robot>"),
+        (" " * 16_000_001, "larger than 16 MB"),
+    ],
+    ids=["links", "ends", "joints", "bolted on", "depth", "bytes"],
+)
+def test_a_urdf_of_absurd_size_is_refused_soon(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(ConfigError, match=told):
+        import_urdf(tmp_path / "arm.urdf", like="puma560")
+
+
+@pytest.mark.parametrize(
+    ("beside", "told"),
+    [
+        ("joints = 3", r"must be a section .*\[joints\]"),
+        ("limits = 5", r"must be a section .*\[limits\]"),
+        ("poses = []", r"must be a section .*\[poses\]"),
+        ("[guard]\nsource = 3", "guard.source must name"),
+        ("[friction]\nurdf = 3", "friction.urdf: "),
+        ("[limits]\nq_min_deg = ['a', 'b', 'c', 'd', 'e', 'f']", "limits.q_min_deg"),
+        ("[limits]\nq_min_deg = [[1], [2], [3], [4], [5], [6]]", "limits.q_min_deg"),
+        ("[limits]\nq_max_deg = [nan, nan, nan, nan, nan, nan]", "limits.q_max_deg: must be finite"),
+        ("[transmission]\ndac_per_Nm = ['a', 1, 1, 1, 1, 1]", "transmission.dac_per_Nm"),
+        ("[poses]\npark = ['x', 0, 0, 0, 0, 0]", "poses.park"),
+        ("[poses]\npark = 'x'", "poses.park"),
+        ("=", "Invalid statement"),
+    ],
+)
+@pytest.mark.parametrize("like", ["puma560", None])
+def test_a_file_beside_with_values_of_other_kinds_is_refused(
+    tmp_path: Path, beside: str, told: str, like: str | None
+) -> None:
+    arm, sections = tmp_path / "arm.urdf", tmp_path / "more.toml"
+    arm.write_text(urdf_text(load_robot("puma560")))
+    sections.write_text(beside)
+    with pytest.raises(ConfigError, match=told):
+        import_urdf(arm, like=like, beside=sections)
+
+
+ODD: Final = (
+    "",
+    "1e999",
+    "nan",
+    "-1e-320",
+    "1e19",
+    "0x1",
+    "-0",
+    "1 2 3",
+    "\u0661",
+    "a&#10;b",
+    "mimic",
+    "l0",
+    "revolute",
+)
+
+
+def test_urdfs_with_other_values_and_elements_are_refused_or_make_a_file_that_is_read(tmp_path: Path) -> None:
+    path, made, draw = tmp_path / "arm.urdf", tmp_path / "arm.toml", Random(4)
+    whole = urdf_text(load_robot("puma560"))
+    values, elements = list(re.finditer('="([^"]*)"', whole)), list(re.finditer("<[^>]*/>", whole))
+    read = 0
+    for _ in range(150):
+        text = whole
+        for place in sorted(draw.sample(values, draw.randint(1, 2)), key=lambda match: -match.start()):
+            text = f"{text[: place.start(1)]}{draw.choice(ODD)}{text[place.end(1) :]}"
+        if draw.random() < 0.3:
+            left_out = draw.choice(elements)[0]
+            text = text.replace(left_out, draw.choice(["", left_out * 2, f"{left_out}<mimic joint='waist'/>"]), 1)
+        path.write_text(text)
+        try:
+            write_robot(made, import_urdf(path, like="puma560").document)
+        except ConfigError:
+            continue
+        read += 1
+        assert load_robot(made).n == 6
+    assert 10 < read < 140
 
 
 def test_damaged_urdfs_get_an_error_of_ours_or_are_read(tmp_path: Path) -> None:
