@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.c_programs import made
-from benchmarks.rci import beside, measured_compiled, measured_in_c, measured_in_python
+from benchmarks.rci import beside, case, measured_compiled, measured_in_c, measured_in_python
+from benchmarks.rci_answers import answers
 from benchmarks.rci_pairs import latencies
+from benchmarks.wakeup import IDLE
 from tests.support.c_programs import needs_compiler
 
 pytestmark = pytest.mark.realtime
@@ -28,9 +30,17 @@ def test_each_wake_up_of_two_tasks_is_measured_and_none_is_early(measured) -> No
 def test_tasks_in_c_stand_beside_their_bare_loop(tmp_path: Path, own_cache: Path) -> None:
     program = made("rci_wakeup", tmp_path)
     (late, missed), (peer, _) = (measured_in_c(program, what, 1000, 1, 10) for what in ("tasks", "twin"))
-    rows = list(beside("RCI", late, peer, missed))
-    assert [row.name for row in rows] == ["RCI, p50", "RCI, p99", "RCI, missed"]
+    rows = list(beside(case(1000, IDLE, "C"), late, peer, missed))
+    assert [row.labels["figure"] for row in rows] == ["p50", "p99", "missed"]
     assert rows[0].ratio == pytest.approx(np.quantile(late, 0.5) / np.quantile(peer, 0.5))
+
+
+@needs_compiler
+def test_a_task_in_c_with_a_robot_answers_each_state(tmp_path: Path, own_cache: Path) -> None:
+    late, missed = answers(made("rci_wakeup", tmp_path), 20)
+    assert late.shape == (20,)
+    assert (late > 0.0).all()
+    assert missed >= 0
 
 
 def test_messages_between_processors_that_are_processes_are_timed() -> None:
